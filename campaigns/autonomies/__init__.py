@@ -1,0 +1,1 @@
+"""Example autonomies, each the system under test of a shipped campaign."""

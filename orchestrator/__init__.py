@@ -1,0 +1,1 @@
+"""The orchestrator: one run from start to verdict, the command line, recording and results."""

@@ -1,0 +1,1 @@
+"""Recipes: how the readings of two worlds become one (transform, filter, merge, publish). Pure."""

@@ -1,0 +1,1 @@
+"""Safety: oracles that judge, the geofence, contingency actions and the guard."""

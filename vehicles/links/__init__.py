@@ -1,0 +1,1 @@
+"""Links that carry MAVLink bytes: in memory and UDP, behind one interface."""
