@@ -1,0 +1,41 @@
+"""What a link is: bytes out, bytes in with their time, open and close."""
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import Protocol, Self
+
+Receiver = Callable[[bytes, float], None]
+"""Takes whole datagrams or stream pieces as they come, and the run clock's time of arrival."""
+
+
+class LinkError(Exception):
+    """A link that cannot be had or was lost; says which and what to do."""
+
+
+class Link(Protocol):
+    """One end of a byte link to a vehicle; an async context manager.
+
+    `write` never blocks and never raises for a peer that is away (that shows as silence);
+    bytes arrive by the receiver given to `receive`, called from the event loop.
+    """
+
+    @property
+    def name(self) -> str:
+        """Return what people know it by, for messages ("udpin://127.0.0.1:14540")."""
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set who is handed what arrives; called once, before opening."""
+
+    def write(self, data: bytes) -> None:
+        """Send bytes."""
+
+    async def __aenter__(self) -> Self:
+        """Open. Raises LinkError when it cannot be had."""
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close; nothing arrives afterwards."""

@@ -1,0 +1,28 @@
+"""What an autonomy asks of its vehicle, in the world's local frame."""
+
+from dataclasses import dataclass
+
+from worlds.frames import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class PositionSetpoint:
+    """Go to a position (NED metres, world frame) and heading (radians; None keeps the present)."""
+
+    position_ned_m: Vec3
+    yaw_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class VelocitySetpoint:
+    """Fly a velocity (NED m/s, world frame) and a heading (radians) or heading rate (rad/s).
+
+    At most one of yaw_rad and yaw_rate_rad_s is given; neither keeps the present heading.
+    """
+
+    velocity_ned_m_s: Vec3
+    yaw_rad: float | None = None
+    yaw_rate_rad_s: float | None = None
+
+
+Setpoint = PositionSetpoint | VelocitySetpoint
