@@ -1,0 +1,206 @@
+"""Worker processes: each flies one run at a time, in a process of its own.
+
+The parent owns Ctrl-C and the terminal. A worker that dies takes one run with it, never more:
+the caller is told and a new worker takes the next run. A worker whose parent has died treats
+that as an operator's abort: it lands, writes its result, and ends.
+"""
+
+import asyncio
+import contextlib
+import multiprocessing as mp
+import os
+import signal
+import sys
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, Generic, TypeVar
+
+from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.progress import Progress, Report
+
+Order = TypeVar("Order")
+Outcome = TypeVar("Outcome")
+Fly = Callable[[Order, Report, Inbox], Outcome]
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerLost:
+    """Why an order has no outcome of its own: its process died or raised."""
+
+    reason: str
+    details: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Done(Generic[Outcome]):
+    outcome: Outcome | WorkerLost
+
+
+class PipeInbox:
+    """Operator commands that the parent process sends; the parent's death is an abort."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._orphaned = False
+
+    def poll(self) -> OperatorCommand | None:
+        """Return the next command that has come, or None."""
+        if self._orphaned:
+            return None
+        try:
+            if not self._connection.poll(0):
+                return None
+            command = self._connection.recv()
+        except (EOFError, OSError):
+            self._orphaned = True
+            return OperatorCommand("abort", "wil-campaign", "the parent process died")
+        return command if isinstance(command, OperatorCommand) else None
+
+
+def _work(connection: Connection, fly: "Fly[Any, Any]") -> None:
+    """Fly orders as they come until the parent closes the pipe."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.dup2(2, 1)  # stdout is the parent's document; whatever a library prints goes to stderr
+    inbox = PipeInbox(connection)
+
+    def report(progress: Progress) -> None:
+        with contextlib.suppress(OSError):
+            connection.send(progress)
+
+    while True:
+        try:
+            order = connection.recv()
+        except (EOFError, OSError):
+            return
+        if isinstance(order, OperatorCommand):
+            continue  # it came after the run that it was meant for
+        try:
+            outcome = fly(order, report, inbox)
+        except Exception as error:  # noqa: BLE001  # a worker must tell, whatever it was
+            outcome = WorkerLost(f"{type(error).__name__}: {error}", traceback.format_exc())
+        try:
+            connection.send(_Done(outcome))
+        except OSError:
+            return
+
+
+@dataclass(slots=True)
+class _Worker:
+    process: mp.process.BaseProcess
+    connection: Connection
+
+
+class Pool(Generic[Order, Outcome]):
+    """Flies orders on up to `jobs` processes; outcomes come back as they are done."""
+
+    def __init__(
+        self,
+        *,
+        jobs: int,
+        fly: "Fly[Order, Outcome]",
+        report: Report,
+        done: Callable[[Order, Outcome | WorkerLost], None],
+    ) -> None:
+        self._jobs = jobs
+        self._fly = fly
+        self._report = report
+        self._done = done
+        self._context = mp.get_context("spawn")
+        self._busy: list[_Worker] = []
+        self._stopped: OperatorCommand | None = None
+
+    def abort(self, command: OperatorCommand) -> None:
+        """Have every run in flight land as aborted; orders not begun are not flown."""
+        self._stopped = command
+        for worker in self._busy:
+            with contextlib.suppress(OSError):
+                worker.connection.send(command)
+
+    async def fly(self, orders: Iterable[Order]) -> None:
+        """Fly all orders, in their order of start; returns when no worker is left."""
+        waiting = deque(orders)
+        async with asyncio.TaskGroup() as group:
+            for number in range(min(self._jobs, len(waiting))):
+                group.create_task(self._serve(waiting), name=f"worker {number}")
+
+    async def _serve(self, waiting: "deque[Order]") -> None:
+        worker: _Worker | None = None
+        try:
+            while waiting and self._stopped is None:
+                order = waiting.popleft()
+                worker = worker or self._start()
+                outcome = await self._fly_one(worker, order)
+                if not worker.process.is_alive() or isinstance(outcome, WorkerLost):
+                    await self._end(worker)
+                    worker = None
+                self._done(order, outcome)
+        finally:
+            if worker is not None:
+                await asyncio.shield(self._end(worker))
+
+    def _start(self) -> _Worker:
+        ours, theirs = self._context.Pipe()
+        process = self._context.Process(
+            target=_work, args=(theirs, self._fly), name="wil-campaign run", daemon=False
+        )
+        process.start()
+        theirs.close()
+        return _Worker(process, ours)
+
+    async def _fly_one(self, worker: _Worker, order: Order) -> Outcome | WorkerLost:
+        self._busy.append(worker)
+        try:
+            worker.connection.send(order)
+            while True:
+                message = await _receive(worker.connection)
+                if isinstance(message, Progress):
+                    self._report(message)
+                elif isinstance(message, _Done):
+                    outcome: Outcome | WorkerLost = message.outcome
+                    return outcome
+        except (EOFError, OSError):
+            worker.process.join(5.0)
+            return WorkerLost(_how_it_ended(worker.process.exitcode))
+        finally:
+            self._busy.remove(worker)
+
+    async def _end(self, worker: _Worker) -> None:
+        worker.connection.close()
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(None, worker.process.join, 20.0)
+        if worker.process.is_alive():
+            print(  # noqa: T201  # the last word to a person about a process that hangs
+                f"worker process {worker.process.pid} did not end; it is killed", file=sys.stderr
+            )
+            worker.process.kill()
+            await loop.run_in_executor(None, worker.process.join)
+
+
+async def _receive(connection: Connection) -> object:
+    """Return the next message of a pipe without blocking the loop."""
+    loop = asyncio.get_running_loop()
+    if not connection.poll(0):
+        ready: asyncio.Future[None] = loop.create_future()
+        loop.add_reader(connection.fileno(), _set_once, ready)
+        try:
+            await ready
+        finally:
+            loop.remove_reader(connection.fileno())
+    message: object = connection.recv()
+    return message
+
+
+def _set_once(ready: "asyncio.Future[None]") -> None:
+    if not ready.done():
+        ready.set_result(None)
+
+
+def _how_it_ended(exitcode: int | None) -> str:
+    if exitcode is None:
+        return "its process stopped answering"
+    if exitcode < 0:
+        return f"its process was ended by {signal.Signals(-exitcode).name}"
+    return f"its process ended with exit status {exitcode} before it had a verdict"

@@ -1,0 +1,11 @@
+"""Wall-clock stamps of recordings: the run clock on a fixed epoch under virtual time."""
+
+from datetime import UTC, datetime
+
+VIRTUAL_EPOCH_S = 1_767_225_600.0
+"""2026-01-01T00:00:00Z: runs in virtual time are stamped from here, so that repeats are equal."""
+
+
+def utc_text(epoch_s: float) -> str:
+    """Return a UTC time as people and files write it, to the second."""
+    return datetime.fromtimestamp(epoch_s, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

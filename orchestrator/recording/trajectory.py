@@ -1,0 +1,110 @@
+"""trajectory.csv: where both vehicles were, thought they were, and were asked to be."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from worlds.frames import Pose, Vec3, euler_from_quat
+
+_POSE = ("north_m", "east_m", "down_m", "roll_rad", "pitch_rad", "yaw_rad")
+COLUMNS = (
+    "t_s",
+    "vehicle",
+    "stage",
+    "mode",
+    "armed",
+    *(f"est_{name}" for name in _POSE),
+    "est_v_north_m_s",
+    "est_v_east_m_s",
+    "est_v_down_m_s",
+    *(f"true_{name}" for name in _POSE),
+    "sp_kind",
+    "sp_north",
+    "sp_east",
+    "sp_down",
+    "sp_yaw_rad",
+    "note",
+)
+"""World frame, NED. Setpoint components are metres (position) or m/s (velocity) by sp_kind.
+
+A value that is not known (no truth of attached hardware, no setpoint yet) is empty.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryRow:
+    """One moment of one vehicle."""
+
+    t_s: float
+    vehicle: str
+    stage: str
+    mode: str
+    armed: bool
+    estimate: Pose | None
+    velocity_ned_m_s: Vec3 | None
+    truth: Pose | None
+    setpoint: Setpoint | None
+    note: str
+
+
+class TrajectoryWriter:
+    """Appends rows to a CSV file; a context manager."""
+
+    def __init__(self, *, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> Self:
+        self._file = self._path.open("x", encoding="utf-8", newline="")
+        self._file.write(",".join(COLUMNS) + "\n")
+        self._last_flush_s = 0.0
+        return self
+
+    def write(self, row: TrajectoryRow) -> None:
+        """Append one row."""
+        velocity = _numbers(row.velocity_ned_m_s, 3)
+        cells = (
+            f"{row.t_s:.4f},{row.vehicle},{row.stage},{row.mode},{int(row.armed)}",
+            _pose(row.estimate),
+            velocity,
+            _pose(row.truth),
+            _setpoint(row.setpoint),
+            row.note,
+        )
+        self._file.write(",".join(cells) + "\n")
+        if row.t_s - self._last_flush_s >= 1.0:
+            self._last_flush_s = row.t_s
+            self._file.flush()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()
+
+
+def _numbers(values: tuple[float, ...] | None, count: int) -> str:
+    if values is None:
+        return "," * (count - 1)
+    return ",".join(f"{value:.6f}" for value in values)
+
+
+def _pose(pose: Pose | None) -> str:
+    if pose is None:
+        return _numbers(None, 6)
+    return _numbers((*pose.position_ned_m, *euler_from_quat(pose.q_wxyz)), 6)
+
+
+def _setpoint(setpoint: Setpoint | None) -> str:
+    match setpoint:
+        case PositionSetpoint(position, yaw_rad):
+            kind, vector = "position", position
+        case VelocitySetpoint(velocity, yaw_rad, _):
+            kind, vector = "velocity", velocity
+        case None:
+            return ",,,,"
+    yaw = "" if yaw_rad is None else f"{yaw_rad:.6f}"
+    return f"{kind},{_numbers(vector, 3)},{yaw}"

@@ -1,0 +1,79 @@
+"""mixed.mp4: the pictures that the autonomy perceived, playable even when cut short."""
+
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import av
+import cv2
+
+from vehicles.readings import BgrImage
+
+_TIME_BASE = Fraction(1, 90_000)
+
+
+class VideoWriter:
+    """Encodes pictures of one size as H.264 in fragmented MP4; a context manager.
+
+    Each second is a fragment of its own, so that a file whose writer was killed plays up to
+    there. One encoder thread: the bytes depend on the pictures and their times alone.
+    """
+
+    def __init__(self, *, path: Path, rate_hz: float) -> None:
+        self._path = path
+        self._rate_hz = rate_hz
+        self._stream: Any = None
+        self._last_pts = -1
+
+    def __enter__(self) -> Self:
+        self._container: Any = av.open(
+            str(self._path),
+            "w",
+            format="mp4",
+            options={"movflags": "frag_keyframe+empty_moov+default_base_moof"},
+        )
+        return self
+
+    def write(self, t_s: float, image_bgr: BgrImage) -> None:
+        """Append a picture (height, width, 3) exposed at t_s; later than the one before."""
+        if self._stream is None:
+            self._open_stream(image_bgr.shape[1], image_bgr.shape[0])
+        pts = round(t_s / _TIME_BASE)
+        if pts <= self._last_pts:
+            return
+        self._last_pts = pts
+        even = image_bgr[: image_bgr.shape[0] & ~1, : image_bgr.shape[1] & ~1]
+        planar = cv2.cvtColor(even, cv2.COLOR_BGR2YUV_I420)
+        frame = av.VideoFrame.from_ndarray(planar, format="yuv420p")
+        frame.pts, frame.time_base = pts, _TIME_BASE
+        self._container.mux(self._stream.encode(frame))
+
+    def _open_stream(self, width_px: int, height_px: int) -> None:
+        rate = Fraction(self._rate_hz).limit_denominator(1000)
+        stream: Any = self._container.add_stream("libx264", rate=rate)
+        stream.width, stream.height = width_px & ~1, height_px & ~1
+        stream.pix_fmt = "yuv420p"
+        stream.time_base = _TIME_BASE
+        stream.codec_context.thread_count = 1
+        stream.options = {
+            "preset": "ultrafast",
+            "tune": "zerolatency",
+            "crf": "26",
+            "g": str(max(1, round(self._rate_hz))),
+        }
+        self._stream = stream
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if self._stream is not None:
+                self._container.mux(self._stream.encode(None))
+        finally:
+            self._container.close()
+            if self._stream is None:
+                self._path.unlink(missing_ok=True)
