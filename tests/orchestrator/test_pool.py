@@ -1,0 +1,79 @@
+"""The pool: real processes, real deaths."""
+
+import asyncio
+import os
+import signal
+import time
+
+import pytest
+
+from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.pool import Pool, WorkerLost
+from orchestrator.progress import Progress, Report
+
+Outcomes = dict[str, "str | WorkerLost"]
+
+
+def fly(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for a run; lives in the worker process."""
+    report(Progress(order, "sim", 1, "takeoff", 0.0))
+    match order:
+        case "die":
+            os.kill(os.getpid(), signal.SIGKILL)
+        case "exit":
+            os._exit(7)
+        case "raise":
+            raise ValueError("bad luck")
+        case "noise":
+            os.write(1, b"a library prints to stdout")
+        case "wait":
+            while (command := inbox.poll()) is None:
+                time.sleep(0.01)
+            return f"aborted by {command.who}"
+    return f"flown {order}"
+
+
+def fly_all(orders: list[str], jobs: int = 2) -> tuple[Outcomes, list[Progress]]:
+    outcomes: Outcomes = {}
+    seen: list[Progress] = []
+    pool = Pool[str, str](jobs=jobs, fly=fly, report=seen.append, done=outcomes.__setitem__)
+    asyncio.run(pool.fly(orders))
+    return outcomes, seen
+
+
+def test_every_order_has_an_outcome_whatever_happens_to_the_others() -> None:
+    outcomes, seen = fly_all(["a", "die", "b", "raise", "exit", "c"])
+    assert {name: out for name, out in outcomes.items() if isinstance(out, str)} == {
+        "a": "flown a",
+        "b": "flown b",
+        "c": "flown c",
+    }
+    lost = {name: out.reason for name, out in outcomes.items() if isinstance(out, WorkerLost)}
+    assert "SIGKILL" in lost["die"]
+    assert "exit status 7" in lost["exit"]
+    assert lost["raise"] == "ValueError: bad luck"
+    assert {progress.case for progress in seen} >= {"a", "b", "c", "raise"}
+
+
+def test_what_a_worker_prints_stays_off_stdout(capfd: pytest.CaptureFixture[str]) -> None:
+    fly_all(["noise"], jobs=1)
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "a library prints" in err
+
+
+def test_abort_reaches_the_run_in_flight_and_stops_those_that_wait() -> None:
+    outcomes: Outcomes = {}
+
+    async def main() -> None:
+        flying = asyncio.Event()
+        pool = Pool[str, str](
+            jobs=1, fly=fly, report=lambda _: flying.set(), done=outcomes.__setitem__
+        )
+        async with asyncio.TaskGroup() as group:
+            group.create_task(pool.fly(["wait", "never"]))
+            await flying.wait()
+            pool.abort(OperatorCommand("abort", "tester"))
+
+    asyncio.run(main())
+    assert outcomes == {"wait": "aborted by tester"}
