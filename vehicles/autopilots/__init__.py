@@ -1,1 +1,1 @@
-"""What differs between PX4 and ArduCopter, one class each, pure: messages in, meanings and messages out."""
+"""What differs between PX4 and ArduCopter, one class each; pure."""

@@ -1,10 +1,15 @@
 """What every autopilot strategy offers; pure: MAVLink messages in and out, no sockets, no clock."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar, Literal
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.readiness import Readiness, ReadinessRules
+from vehicles.errors import VehicleError
 from worlds.frames import Vec3
 
 AutopilotName = Literal["px4", "ardupilot"]
@@ -33,6 +38,51 @@ class Target:
     component: int = 1
 
 
+@dataclass(frozen=True, slots=True)
+class TelemetryRates:
+    """How often telemetry is asked for, in Hz."""
+
+    position_hz: float = 50.0
+    attitude_hz: float = 50.0
+    state_hz: float = 5.0
+    """Landed state: the time off the ground is known to 1 / state_hz."""
+    status_hz: float = 2.0
+    """System and estimator status, global position."""
+    home_hz: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class MessageRate:
+    """One line of a telemetry plan. What is not `required` may stay away."""
+
+    message_id: int
+    rate_hz: float
+    required: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class FailsafeParameter:
+    """A parameter that says what the autopilot does by itself when something is lost."""
+
+    name: str
+    meaning: str
+
+
+def command_long(target: Target, command: int, *parameters: float) -> Any:
+    """Return a COMMAND_LONG; parameters that are not given are 0."""
+    padded = (*parameters, *([0.0] * (7 - len(parameters))))
+    return mavlink.MAVLink_command_long_message(
+        target.system, target.component, command, 0, *padded
+    )
+
+
+def own_heartbeat() -> Any:
+    """Return the heartbeat that we send: a ground station's, else PX4 sends no STATUSTEXT."""
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+    )
+
+
 class Autopilot(ABC):
     """Builds the messages that make one kind of autopilot do a thing, and reads its answers.
 
@@ -41,10 +91,26 @@ class Autopilot(ABC):
     """
 
     name: ClassVar[AutopilotName]
+    label: ClassVar[str]
+    """What people call it."""
     mav_autopilot: ClassVar[int]
     """MAV_AUTOPILOT of its heartbeat."""
     setpoint_rate_hz: ClassVar[float]
     """At least how often it wants setpoints to stay in its guided mode."""
+    streams_before_guided_s: ClassVar[float]
+    """How long setpoints must have come before it takes the guided mode; 0 for not at all."""
+    arming_mode: ClassVar[Mode]
+    """The mode to arm in, from which a takeoff command is taken at once."""
+    takeoff_needs_amsl: ClassVar[bool]
+    """Whether the takeoff command carries a height above mean sea level."""
+    parameters_bytewise: ClassVar[bool]
+    """Whether integers stand in PARAM_VALUE as their bytes rather than as a float."""
+    changes_mode_on_disarm: ClassVar[bool]
+    """Whether it leaves LAND or RTL by itself once disarmed."""
+    refusal_prefixes: ClassVar[tuple[str, ...]]
+    """How a STATUSTEXT begins that says why it does not arm."""
+    readiness_rules: ClassVar[ReadinessRules]
+    failsafes: ClassVar[tuple[FailsafeParameter, ...]]
 
     @abstractmethod
     def mode_of(self, custom_mode: int) -> Mode:
@@ -56,7 +122,22 @@ class Autopilot(ABC):
 
     @abstractmethod
     def set_mode(self, target: Target, mode: Mode) -> Any:
-        """Return the COMMAND_LONG (MAV_CMD_DO_SET_MODE) that asks for HOLD, GUIDED, LAND or RTL."""
+        """Return the COMMAND_LONG (MAV_CMD_DO_SET_MODE) that asks for HOLD, GUIDED, LAND or RTL.
+
+        Raises ValueError for a mode that is not asked for by us.
+        """
+
+    @abstractmethod
+    def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
+        """Return the NAV_TAKEOFF to `altitude_m` above the ground that it stands on.
+
+        ground_amsl_m: the autopilot's own estimate of that ground above mean sea level. Raises
+        VehicleError when the autopilot needs it and it is None.
+        """
+
+    @abstractmethod
+    def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
+        """Return which messages to ask for, and how often."""
 
     @abstractmethod
     def velocity_setpoint(
@@ -68,10 +149,93 @@ class Autopilot(ABC):
         yaw_rad: float | None = None,
         yaw_rate_rad_s: float | None = None,
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a velocity."""
+        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a velocity.
+
+        Neither yaw nor yaw rate keeps the present heading. Raises ValueError for both.
+        """
 
     @abstractmethod
     def position_setpoint(
         self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
     ) -> Any:
         """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a position."""
+
+    def arm(self, target: Target) -> Any:
+        """Return the command that arms, with all of the autopilot's checks."""
+        return command_long(target, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+
+    def disarm(self, target: Target) -> Any:
+        """Return the command that disarms; an autopilot in the air refuses it."""
+        return command_long(target, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+
+    def terminate(self, target: Target) -> Any:
+        """Return the command that stops the motors at once, in the air too."""
+        return command_long(target, mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1.0)
+
+    def ask_interval(self, target: Target, rate: MessageRate) -> Any:
+        """Return the MAV_CMD_SET_MESSAGE_INTERVAL for one line of a plan."""
+        interval_us = round(1e6 / rate.rate_hz) if rate.rate_hz > 0 else -1
+        return command_long(
+            target, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(rate.message_id), float(interval_us)
+        )
+
+    def ask_message(self, target: Target, message_id: int) -> Any:
+        """Return the MAV_CMD_REQUEST_MESSAGE for one message."""
+        return command_long(target, mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id))
+
+    def readiness(self) -> Readiness:
+        """Return a fresh judge of whether the vehicle can arm and take off."""
+        return Readiness(self.readiness_rules)
+
+    def refusal_reasons(self, texts: Iterable[str]) -> tuple[str, ...]:
+        """Return what STATUSTEXTs say against arming, each once, without their prefixes."""
+        reasons: dict[str, None] = {}
+        for text in texts:
+            for prefix in self.refusal_prefixes:
+                if text.startswith(prefix):
+                    reasons[text.removeprefix(prefix).strip()] = None
+                    break
+        return tuple(reasons)
+
+    def _needed_amsl(self, ground_amsl_m: float | None) -> float:
+        if ground_amsl_m is None:
+            raise VehicleError(
+                f"{self.label} takes off to a height above sea level, and none is known: it sent "
+                "neither GLOBAL_POSITION_INT nor HOME_POSITION; wait for its GPS"
+            )
+        return ground_amsl_m
+
+
+IGNORE_POSITION = 0b111
+IGNORE_VELOCITY = 0b111 << 3
+IGNORE_ACCELERATION = 0b111 << 6
+IGNORE_YAW = 1 << 10
+IGNORE_YAW_RATE = 1 << 11
+"""POSITION_TARGET_TYPEMASK of SET_POSITION_TARGET_LOCAL_NED."""
+
+
+def local_target(
+    target: Target,
+    *,
+    t_boot_ms: int,
+    type_mask: int,
+    position_ned_m: Vec3 = (0.0, 0.0, 0.0),
+    velocity_ned_m_s: Vec3 = (0.0, 0.0, 0.0),
+    yaw_rad: float = 0.0,
+    yaw_rate_rad_s: float = 0.0,
+) -> Any:
+    """Return a SET_POSITION_TARGET_LOCAL_NED in MAV_FRAME_LOCAL_NED with this type mask."""
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        t_boot_ms & 0xFFFFFFFF,
+        target.system,
+        target.component,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        type_mask,
+        *position_ned_m,
+        *velocity_ned_m_s,
+        0.0,
+        0.0,
+        0.0,
+        yaw_rad,
+        yaw_rate_rad_s,
+    )

@@ -2,13 +2,15 @@
 
 from collections.abc import Callable
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
+
+from vehicles.errors import VehicleError
 
 Receiver = Callable[[bytes, float], None]
 """Takes whole datagrams or stream pieces as they come, and the run clock's time of arrival."""
 
 
-class LinkError(Exception):
+class LinkError(VehicleError):
     """A link that cannot be had or was lost; says which and what to do."""
 
 
@@ -39,3 +41,12 @@ class Link(Protocol):
         trace: TracebackType | None,
     ) -> None:
         """Close; nothing arrives afterwards."""
+
+
+@runtime_checkable
+class TellsTrouble(Protocol):
+    """A link that knows what its operating system last complained about."""
+
+    @property
+    def trouble(self) -> str:
+        """Return the last complaint in words; empty when there was none."""

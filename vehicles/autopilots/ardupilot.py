@@ -1,0 +1,173 @@
+"""ArduPilot's ArduCopter 4.5 and later.
+
+Modes: ArduCopter/mode.h (Mode::Number).
+"""
+
+from typing import Any, ClassVar
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.base import (
+    IGNORE_ACCELERATION,
+    IGNORE_POSITION,
+    IGNORE_VELOCITY,
+    IGNORE_YAW,
+    IGNORE_YAW_RATE,
+    Autopilot,
+    AutopilotName,
+    FailsafeParameter,
+    MessageRate,
+    Mode,
+    Target,
+    TelemetryRates,
+    command_long,
+    local_target,
+)
+from vehicles.autopilots.readiness import ReadinessRules
+from worlds.frames import Vec3
+
+_ASKED: dict[Mode, int] = {
+    # BRAKE stops and stays by itself and obeys neither sticks nor late setpoints. LOITER sinks
+    # when no remote control holds its throttle in the middle; GUIDED would obey setpoints.
+    Mode.HOLD: 17,
+    Mode.GUIDED: 4,
+    Mode.LAND: 9,
+    Mode.RTL: 6,
+    Mode.MISSION: 3,
+}
+_MODES: dict[int, tuple[str, Mode]] = {
+    0: ("STABILIZE", Mode.PILOT),
+    1: ("ACRO", Mode.PILOT),
+    2: ("ALT_HOLD", Mode.PILOT),
+    3: ("AUTO", Mode.MISSION),
+    4: ("GUIDED", Mode.GUIDED),
+    5: ("LOITER", Mode.PILOT),
+    6: ("RTL", Mode.RTL),
+    7: ("CIRCLE", Mode.PILOT),
+    9: ("LAND", Mode.LAND),
+    11: ("DRIFT", Mode.PILOT),
+    13: ("SPORT", Mode.PILOT),
+    14: ("FLIP", Mode.PILOT),
+    15: ("AUTOTUNE", Mode.PILOT),
+    16: ("POSHOLD", Mode.PILOT),
+    17: ("BRAKE", Mode.HOLD),
+    18: ("THROW", Mode.OTHER),
+    19: ("AVOID_ADSB", Mode.OTHER),
+    20: ("GUIDED_NOGPS", Mode.OTHER),
+    21: ("SMART_RTL", Mode.RTL),
+    22: ("FLOWHOLD", Mode.PILOT),
+    23: ("FOLLOW", Mode.OTHER),
+    24: ("ZIGZAG", Mode.PILOT),
+    25: ("SYSTEMID", Mode.PILOT),
+    26: ("AUTOROTATE", Mode.OTHER),
+    27: ("AUTO_RTL", Mode.RTL),
+    28: ("TURTLE", Mode.PILOT),
+}
+
+
+class ArduCopter(Autopilot):
+    """ArduCopter: arms and flies in GUIDED; heights are relative; stops 3 s after setpoints do."""
+
+    name: ClassVar[AutopilotName] = "ardupilot"
+    label: ClassVar[str] = "ArduCopter"
+    mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    # GUID_TIMEOUT is 3 s; at 10 Hz its own interpolation stays smooth.
+    setpoint_rate_hz: ClassVar[float] = 10.0
+    streams_before_guided_s: ClassVar[float] = 0.0
+    # NAV_TAKEOFF over MAVLink is taken in GUIDED only.
+    arming_mode: ClassVar[Mode] = Mode.GUIDED
+    takeoff_needs_amsl: ClassVar[bool] = False
+    parameters_bytewise: ClassVar[bool] = False
+    changes_mode_on_disarm: ClassVar[bool] = False
+    refusal_prefixes: ClassVar[tuple[str, ...]] = ("PreArm:", "Arm:")
+    readiness_rules: ClassVar[ReadinessRules] = ReadinessRules(
+        estimator_message="EKF_STATUS_REPORT",
+        forbidden_flags=mavlink.ESTIMATOR_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED,
+        needs_home=False,
+    )
+    failsafes: ClassVar[tuple[FailsafeParameter, ...]] = (
+        FailsafeParameter("GUID_TIMEOUT", "seconds without setpoints until GUIDED stops"),
+        FailsafeParameter("FS_GCS_ENABLE", "what it does when no ground station is heard; 0 off"),
+        FailsafeParameter("FS_GCS_TIMEOUT", "seconds until the ground station counts as lost"),
+        FailsafeParameter("FS_THR_ENABLE", "what it does when the remote control is lost"),
+        FailsafeParameter("FS_EKF_ACTION", "what it does when its estimator fails"),
+        FailsafeParameter("FS_OPTIONS", "modes that go on in spite of a failsafe"),
+        FailsafeParameter("BATT_FS_LOW_ACT", "what it does on a low battery"),
+        FailsafeParameter("DISARM_DELAY", "seconds after arming until it disarms again"),
+        FailsafeParameter("FENCE_ENABLE", "whether its own fence is on"),
+        FailsafeParameter("FENCE_ACTION", "what it does on a breach of its own fence"),
+        FailsafeParameter("RTL_ALT", "centimetres above home that RTL climbs to"),
+    )
+
+    def mode_of(self, custom_mode: int) -> Mode:
+        """Return what the mode of a HEARTBEAT means."""
+        return _MODES.get(custom_mode, ("", Mode.OTHER))[1]
+
+    def mode_name(self, custom_mode: int) -> str:
+        """Return ArduCopter's word for the mode."""
+        return _MODES.get(custom_mode, (f"mode {custom_mode}", Mode.OTHER))[0]
+
+    def set_mode(self, target: Target, mode: Mode) -> Any:
+        """Return the DO_SET_MODE; raises ValueError for other modes."""
+        if mode not in _ASKED:
+            raise ValueError(f"{mode} is not asked of ArduCopter")
+        custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+        return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(_ASKED[mode]))
+
+    def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
+        """Return the NAV_TAKEOFF; its height is relative, so that the ground's does not matter."""
+        del ground_amsl_m
+        unused = (0.0,) * 6
+        return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, altitude_m)
+
+    def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
+        """Return which messages to ask for, and how often."""
+        return (
+            MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, rates.state_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_SYS_STATUS, rates.status_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, rates.status_hz),
+            MessageRate(
+                mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, rates.status_hz, required=False
+            ),
+            MessageRate(mavlink.MAVLINK_MSG_ID_HOME_POSITION, rates.home_hz, required=False),
+        )
+
+    def velocity_setpoint(
+        self,
+        target: Target,
+        *,
+        t_boot_ms: int,
+        velocity_ned_m_s: Vec3,
+        yaw_rad: float | None = None,
+        yaw_rate_rad_s: float | None = None,
+    ) -> Any:
+        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a velocity."""
+        if yaw_rad is not None and yaw_rate_rad_s is not None:
+            raise ValueError("a setpoint has a heading or a heading rate, not both")
+        mask = IGNORE_POSITION | IGNORE_ACCELERATION
+        # With both ignored it turns to where it flies (WP_YAW_BEHAVIOR): a rate of 0 keeps it.
+        mask |= IGNORE_YAW if yaw_rad is None else IGNORE_YAW_RATE
+        return local_target(
+            target,
+            t_boot_ms=t_boot_ms,
+            type_mask=mask,
+            velocity_ned_m_s=velocity_ned_m_s,
+            yaw_rad=yaw_rad or 0.0,
+            yaw_rate_rad_s=yaw_rate_rad_s or 0.0,
+        )
+
+    def position_setpoint(
+        self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
+    ) -> Any:
+        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a position."""
+        mask = IGNORE_VELOCITY | IGNORE_ACCELERATION
+        mask |= IGNORE_YAW if yaw_rad is None else IGNORE_YAW_RATE
+        return local_target(
+            target,
+            t_boot_ms=t_boot_ms,
+            type_mask=mask,
+            position_ned_m=position_ned_m,
+            yaw_rad=yaw_rad or 0.0,
+        )

@@ -1,0 +1,189 @@
+"""PX4 1.15 and later, multicopters.
+
+Modes: px4_custom_mode.h (main mode in bits 16 to 23, sub mode in bits 24 to 31).
+"""
+
+import math
+from typing import Any, ClassVar
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.base import (
+    IGNORE_ACCELERATION,
+    IGNORE_POSITION,
+    IGNORE_VELOCITY,
+    IGNORE_YAW,
+    IGNORE_YAW_RATE,
+    Autopilot,
+    AutopilotName,
+    FailsafeParameter,
+    MessageRate,
+    Mode,
+    Target,
+    TelemetryRates,
+    command_long,
+    local_target,
+)
+from vehicles.autopilots.readiness import ReadinessRules
+from worlds.frames import Vec3
+
+_AUTO = 4
+_ASKED: dict[Mode, tuple[int, int]] = {
+    Mode.HOLD: (_AUTO, 3),
+    Mode.GUIDED: (6, 0),
+    Mode.LAND: (_AUTO, 6),
+    Mode.RTL: (_AUTO, 5),
+    Mode.MISSION: (_AUTO, 4),
+}
+_MAIN: dict[int, tuple[str, Mode]] = {
+    1: ("MANUAL", Mode.PILOT),
+    2: ("ALTCTL", Mode.PILOT),
+    3: ("POSCTL", Mode.PILOT),
+    5: ("ACRO", Mode.PILOT),
+    6: ("OFFBOARD", Mode.GUIDED),
+    7: ("STABILIZED", Mode.PILOT),
+    8: ("RATTITUDE", Mode.PILOT),
+    9: ("SIMPLE", Mode.PILOT),
+    10: ("TERMINATION", Mode.OTHER),
+    11: ("ALTITUDE_CRUISE", Mode.PILOT),
+}
+_AUTO_SUB: dict[int, tuple[str, Mode]] = {
+    1: ("READY", Mode.OTHER),
+    2: ("TAKEOFF", Mode.TAKEOFF),
+    3: ("HOLD", Mode.HOLD),
+    4: ("MISSION", Mode.MISSION),
+    5: ("RTL", Mode.RTL),
+    6: ("LAND", Mode.LAND),
+    8: ("FOLLOW_TARGET", Mode.OTHER),
+    9: ("PRECLAND", Mode.LAND),
+    10: ("VTOL_TAKEOFF", Mode.TAKEOFF),
+}
+
+
+def px4_custom_mode(main: int, sub: int = 0) -> int:
+    """Return HEARTBEAT.custom_mode of a main and sub mode."""
+    return main << 16 | sub << 24
+
+
+def _described(custom_mode: int) -> tuple[str, Mode]:
+    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+    if main == _AUTO:
+        return _AUTO_SUB.get(sub, (f"AUTO {sub}", Mode.OTHER))
+    if main == 3 and sub == 1:
+        return ("ORBIT", Mode.OTHER)
+    return _MAIN.get(main, (f"mode {main}/{sub}", Mode.OTHER))
+
+
+class Px4(Autopilot):
+    """PX4: setpoints must stream before and during OFFBOARD; takes off to a height above sea."""
+
+    name: ClassVar[AutopilotName] = "px4"
+    label: ClassVar[str] = "PX4"
+    mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
+    # It must be above 2 Hz, and COM_OF_LOSS_T is 1 s.
+    setpoint_rate_hz: ClassVar[float] = 20.0
+    # "for at least a second": docs.px4.io, Offboard Mode.
+    streams_before_guided_s: ClassVar[float] = 1.0
+    # A takeoff armed in AUTO.TAKEOFF leaves the ground at once: a barrier needs to wait armed.
+    arming_mode: ClassVar[Mode] = Mode.HOLD
+    takeoff_needs_amsl: ClassVar[bool] = True
+    parameters_bytewise: ClassVar[bool] = True
+    changes_mode_on_disarm: ClassVar[bool] = True
+    refusal_prefixes: ClassVar[tuple[str, ...]] = (
+        "Preflight Fail:",
+        "Arming denied:",
+        "Arming denied!",
+        "Takeoff denied!",
+    )
+    # Its flags keep CONST_POS_MODE set on the ground (1023): that bit says nothing here.
+    readiness_rules: ClassVar[ReadinessRules] = ReadinessRules(
+        estimator_message="ESTIMATOR_STATUS", forbidden_flags=0, needs_home=True
+    )
+    failsafes: ClassVar[tuple[FailsafeParameter, ...]] = (
+        FailsafeParameter("COM_OF_LOSS_T", "seconds without setpoints until OFFBOARD is lost"),
+        FailsafeParameter("COM_OBL_RC_ACT", "what it does when OFFBOARD is lost"),
+        FailsafeParameter("NAV_DLL_ACT", "what it does when no ground station is heard"),
+        FailsafeParameter("COM_DL_LOSS_T", "seconds until the ground station counts as lost"),
+        FailsafeParameter("NAV_RCL_ACT", "what it does when the remote control is lost"),
+        FailsafeParameter("COM_RCL_EXCEPT", "modes in which a lost remote control is ignored"),
+        FailsafeParameter("COM_LOW_BAT_ACT", "what it does on a low battery"),
+        FailsafeParameter("COM_DISARM_PRFLT", "seconds after arming until it disarms again"),
+        FailsafeParameter("GF_ACTION", "what it does on a breach of its own fence"),
+        FailsafeParameter("RTL_RETURN_ALT", "metres above home that RTL climbs to"),
+        FailsafeParameter("CBRK_FLIGHTTERM", "121212 blocks the automatic flight termination"),
+    )
+
+    def mode_of(self, custom_mode: int) -> Mode:
+        """Return what the mode of a HEARTBEAT means."""
+        return _described(custom_mode)[1]
+
+    def mode_name(self, custom_mode: int) -> str:
+        """Return PX4's word for the mode."""
+        return _described(custom_mode)[0]
+
+    def set_mode(self, target: Target, mode: Mode) -> Any:
+        """Return the DO_SET_MODE (main mode, sub mode); raises ValueError for other modes."""
+        if mode not in _ASKED:
+            raise ValueError(f"{mode} is not asked of PX4")
+        main, sub = _ASKED[mode]
+        custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+        return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(main), float(sub))
+
+    def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
+        """Return the NAV_TAKEOFF, here and with the present heading."""
+        amsl_m = self._needed_amsl(ground_amsl_m) + altitude_m
+        unused = (math.nan,) * 6
+        return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, amsl_m)
+
+    def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
+        """Return which messages to ask for, and how often."""
+        return (
+            MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, rates.state_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_SYS_STATUS, rates.status_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, rates.status_hz),
+            MessageRate(
+                mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, rates.status_hz, required=False
+            ),
+            MessageRate(mavlink.MAVLINK_MSG_ID_HOME_POSITION, rates.home_hz, required=False),
+        )
+
+    def velocity_setpoint(
+        self,
+        target: Target,
+        *,
+        t_boot_ms: int,
+        velocity_ned_m_s: Vec3,
+        yaw_rad: float | None = None,
+        yaw_rate_rad_s: float | None = None,
+    ) -> Any:
+        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a velocity."""
+        if yaw_rad is not None and yaw_rate_rad_s is not None:
+            raise ValueError("a setpoint has a heading or a heading rate, not both")
+        mask = IGNORE_POSITION | IGNORE_ACCELERATION
+        # With neither it keeps the heading it has: PositionControl takes the present yaw.
+        mask |= IGNORE_YAW if yaw_rad is None else 0
+        mask |= IGNORE_YAW_RATE if yaw_rate_rad_s is None else 0
+        return local_target(
+            target,
+            t_boot_ms=t_boot_ms,
+            type_mask=mask,
+            velocity_ned_m_s=velocity_ned_m_s,
+            yaw_rad=yaw_rad or 0.0,
+            yaw_rate_rad_s=yaw_rate_rad_s or 0.0,
+        )
+
+    def position_setpoint(
+        self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
+    ) -> Any:
+        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a position."""
+        mask = IGNORE_VELOCITY | IGNORE_ACCELERATION | IGNORE_YAW_RATE
+        mask |= IGNORE_YAW if yaw_rad is None else 0
+        return local_target(
+            target,
+            t_boot_ms=t_boot_ms,
+            type_mask=mask,
+            position_ned_m=position_ned_m,
+            yaw_rad=yaw_rad or 0.0,
+        )

@@ -1,0 +1,31 @@
+"""Which strategy speaks to which autopilot."""
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.ardupilot import ArduCopter
+from vehicles.autopilots.base import Autopilot, AutopilotName
+from vehicles.autopilots.px4 import Px4
+
+_STRATEGIES: tuple[Autopilot, ...] = (Px4(), ArduCopter())
+
+MULTICOPTERS = frozenset(
+    {
+        mavlink.MAV_TYPE_QUADROTOR,
+        mavlink.MAV_TYPE_HEXAROTOR,
+        mavlink.MAV_TYPE_OCTOROTOR,
+        mavlink.MAV_TYPE_TRICOPTER,
+        mavlink.MAV_TYPE_DODECAROTOR,
+        mavlink.MAV_TYPE_DECAROTOR,
+    }
+)
+"""MAV_TYPE of the vehicles that both strategies fly: ArduPilot's planes look alike otherwise."""
+
+
+def autopilot_named(name: AutopilotName) -> Autopilot:
+    """Return the strategy of a name in a campaign."""
+    return next(strategy for strategy in _STRATEGIES if strategy.name == name)
+
+
+def autopilot_of(mav_autopilot: int) -> Autopilot | None:
+    """Return the strategy for HEARTBEAT.autopilot; None when we have none."""
+    return next((each for each in _STRATEGIES if each.mav_autopilot == mav_autopilot), None)

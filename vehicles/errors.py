@@ -1,0 +1,51 @@
+"""What can go wrong with a vehicle: one root, and messages that say what, where, what to do."""
+
+
+class VehicleError(Exception):
+    """Anything that a vehicle, its link or its autopilot would not do."""
+
+
+class AnchorError(VehicleError):
+    """The vehicle's place in the world cannot be told: too few estimates, or it moves."""
+
+
+class IdentifyError(VehicleError):
+    """No fitting vehicle was found on the link; says what was heard instead."""
+
+
+class NotReadyError(VehicleError):
+    """The vehicle did not become ready to arm; `reasons` and `texts` say why."""
+
+    def __init__(self, message: str, *, reasons: tuple[str, ...], texts: tuple[str, ...]) -> None:
+        super().__init__(message)
+        self.reasons = reasons
+        self.texts = texts
+
+
+class CommandError(VehicleError):
+    """A command was refused; `command` and `result` carry MAVLink's names."""
+
+    def __init__(self, message: str, *, command: str, result: str) -> None:
+        super().__init__(message)
+        self.command = command
+        self.result = result
+
+
+class CommandTimeoutError(CommandError):
+    """A command was not answered, however often it was sent."""
+
+
+class ArmRefusedError(CommandError):
+    """Arming was refused; `reasons` are the autopilot's own words."""
+
+    def __init__(self, message: str, *, result: str, reasons: tuple[str, ...]) -> None:
+        super().__init__(message, command="MAV_CMD_COMPONENT_ARM_DISARM", result=result)
+        self.reasons = reasons
+
+
+class StateTimeoutError(VehicleError):
+    """A state that was asked for (a mode, armed, disarmed) was not seen in time."""
+
+
+class ParameterError(VehicleError):
+    """A parameter does not exist, or did not take the value."""

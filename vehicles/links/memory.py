@@ -1,0 +1,102 @@
+"""A link in memory: two ends, a fixed latency, order kept; for virtual time."""
+
+import asyncio
+from collections import deque
+from types import TracebackType
+from typing import Self
+
+from vehicles.links.base import Link, Receiver
+
+
+class MemoryLink:
+    """One end of a pair; what it writes arrives at the other end `latency_s` later.
+
+    Bytes written while either end is closed are lost, as on a cable that is not plugged in.
+    """
+
+    def __init__(self, *, name: str, latency_s: float) -> None:
+        self._name = name
+        self._latency_s = latency_s
+        self._receiver: Receiver | None = None
+        self._open = False
+        self._other: MemoryLink | None = None
+        self._under_way: deque[tuple[float, bytes]] = deque()
+        self._timer: asyncio.Handle | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the name of this end."""
+        return self._name
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set who is handed what arrives."""
+        self._receiver = receiver
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to the other end."""
+        if self._open and self._other is not None and self._other._open:  # noqa: SLF001 - the twin end
+            self._other._take(data)  # noqa: SLF001 - the twin end
+
+    async def __aenter__(self) -> Self:
+        """Open this end."""
+        self._open = True
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close this end; what is under way to it is lost."""
+        self._open = False
+        self._under_way.clear()
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def join(self, other: "MemoryLink") -> None:
+        """Make `other` the end that hears this one."""
+        self._other = other
+
+    def _take(self, data: bytes) -> None:
+        loop = asyncio.get_running_loop()
+        self._under_way.append((loop.time() + self._latency_s, data))
+        if self._timer is None:
+            self._arm(loop)
+
+    def _arm(self, loop: asyncio.AbstractEventLoop) -> None:
+        # One timer for the queue: timers of one instant have no order among themselves.
+        due_s = self._under_way[0][0]
+        if due_s <= loop.time():
+            self._timer = loop.call_soon(self._deliver)
+        else:
+            self._timer = loop.call_at(due_s, self._deliver)
+
+    def _deliver(self) -> None:
+        loop = asyncio.get_running_loop()
+        now_s = loop.time()
+        self._timer = None
+        arrived: list[bytes] = []
+        while self._under_way and self._under_way[0][0] <= now_s:
+            arrived.append(self._under_way.popleft()[1])
+        if self._under_way:
+            self._arm(loop)
+        if self._receiver is not None:
+            for data in arrived:
+                self._receiver(data, now_s)
+
+
+def memory_pair(*, latency_s: float = 0.0, name: str = "memory") -> tuple[Link, Link]:
+    """Return the two ends of a link in memory, with `latency_s` each way.
+
+    With no latency bytes arrive in the next turn of the event loop, at the same time. Raises
+    ValueError for a latency below zero.
+    """
+    if not latency_s >= 0.0:
+        raise ValueError(f"latency_s is {latency_s}: a link cannot deliver before it was given")
+    first = MemoryLink(name=f"{name}:a", latency_s=latency_s)
+    second = MemoryLink(name=f"{name}:b", latency_s=latency_s)
+    first.join(second)
+    second.join(first)
+    return first, second

@@ -1,0 +1,59 @@
+"""MAVLink messages to bytes and back: pymavlink's ardupilotmega dialect, version 2."""
+
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.mavlink.framing import Frame, FrameSplitter
+
+
+class Codec:
+    """Packs as one system and component, and parses what anybody sent.
+
+    Parsing never raises: what is no frame or cannot be decoded is counted. Signed frames are
+    read without a look at their signature.
+    """
+
+    def __init__(self, *, system_id: int, component_id: int) -> None:
+        self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+        self._mav.robust_parsing = True
+        self._splitter = FrameSplitter()
+        self.undecodable_frames = 0
+
+    @property
+    def bytes_seen(self) -> int:
+        """Return how many bytes came in."""
+        return self._splitter.bytes_seen
+
+    @property
+    def garbage_bytes(self) -> int:
+        """Return how many bytes belonged to no frame."""
+        return self._splitter.garbage_bytes
+
+    def split(self, data: bytes) -> list[Frame]:
+        """Return the whole frames, not decoded; for who looks at few of the messages."""
+        return self._splitter.feed(data)
+
+    def decode(self, frame: Frame) -> Any | None:
+        """Return a frame's message; None when the dialect does not know it or it is broken."""
+        try:
+            message = self._mav.decode(bytearray(frame.raw))
+        except mavlink.MAVError:
+            self.undecodable_frames += 1
+            return None
+        if isinstance(message, mavlink.MAVLink_unknown):
+            self.undecodable_frames += 1
+            return None
+        return message
+
+    def parse(self, data: bytes) -> list[Any]:
+        """Return the messages that are whole now, in their order."""
+        messages = (self.decode(frame) for frame in self._splitter.feed(data))
+        return [message for message in messages if message is not None]
+
+    def pack(self, message: Any) -> bytes:
+        """Return the frame of a message, with the next sequence number."""
+        raw: bytes = bytes(message.pack(self._mav))
+        # pymavlink counts only in its own send(), which writes to a file.
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return raw

@@ -1,0 +1,118 @@
+"""MAVLink frames in a stream of bytes, found without decoding their messages.
+
+Layout: https://mavlink.io/en/guide/serialization.html
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+_MAGIC_V1 = 0xFE
+_MAGIC_V2 = 0xFD
+_SIGNED = 0x01
+_SIGNATURE_BYTES = 13
+_LONGEST_FRAME = 12 + 255 + _SIGNATURE_BYTES
+
+
+class Frame(NamedTuple):
+    """One whole frame: its bytes, and what its header says."""
+
+    raw: bytes
+    message_id: int
+    system: int
+    component: int
+    seq: int
+    version: int
+    """1 or 2 of MAVLink."""
+    signed: bool
+
+
+def frame_header(raw: bytes) -> Frame | None:
+    """Return the frame that `raw` starts with, checksum not looked at; None when it is none."""
+    if len(raw) < 3:
+        return None
+    length = _frame_length(raw, 0)
+    return _frame(raw, 0, length) if 0 < length <= len(raw) else None
+
+
+class FrameSplitter:
+    """Cuts frames out of bytes as they come; garbage is skipped and counted.
+
+    The checksum decides what a frame is, so that a start byte within garbage swallows nothing.
+    Frames of messages that the dialect does not know cannot be checked: they are taken when
+    another frame, or nothing, follows.
+    """
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self.bytes_seen = 0
+        self.garbage_bytes = 0
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Return the frames that are whole now, in their order."""
+        self.bytes_seen += len(data)
+        buffer = self._rest + data if self._rest else data
+        frames: list[Frame] = []
+        at, end = 0, len(buffer)
+        while end - at >= 3:
+            length = _frame_length(buffer, at)
+            if length and at + length > end:
+                break
+            if length and _is_frame(buffer, at, length):
+                frames.append(_frame(buffer, at, length))
+                at += length
+            else:
+                after = _next_magic(buffer, at + 1)
+                self.garbage_bytes += after - at
+                at = after
+        self._rest = buffer[at:]
+        return frames
+
+
+def _frame_length(buffer: bytes, at: int) -> int:
+    """Return how long a frame that starts here is by its header; 0 when none starts here."""
+    magic = buffer[at]
+    if magic == _MAGIC_V2:
+        flags = buffer[at + 2]
+        if flags & ~_SIGNED:
+            return 0
+        return 12 + buffer[at + 1] + (_SIGNATURE_BYTES if flags else 0)
+    if magic == _MAGIC_V1:
+        return 8 + buffer[at + 1]
+    return 0
+
+
+def _frame(buffer: bytes, at: int, length: int) -> Frame:
+    raw = buffer if at == 0 and length == len(buffer) else buffer[at : at + length]
+    if raw[0] == _MAGIC_V2:
+        message_id = raw[7] | raw[8] << 8 | raw[9] << 16
+        return Frame(raw, message_id, raw[5], raw[6], raw[4], 2, raw[2] != 0)
+    return Frame(raw, raw[5], raw[3], raw[4], raw[2], 1, signed=False)
+
+
+def _is_frame(buffer: bytes, at: int, length: int) -> bool:
+    if buffer[at] == _MAGIC_V2:
+        message_id = buffer[at + 7] | buffer[at + 8] << 8 | buffer[at + 9] << 16
+        tail = at + length - 2 - (_SIGNATURE_BYTES if buffer[at + 2] else 0)
+    else:
+        message_id = buffer[at + 5]
+        tail = at + length - 2
+    extra = _crc_extras().get(message_id)
+    if extra is None:
+        after = at + length
+        return after == len(buffer) or buffer[after] in {_MAGIC_V1, _MAGIC_V2}
+    covered = bytearray(buffer[at + 1 : tail])
+    covered.append(extra)
+    crc: int = mavlink.x25crc(covered).crc
+    return crc == buffer[tail] | buffer[tail + 1] << 8
+
+
+def _next_magic(buffer: bytes, start: int) -> int:
+    found = (buffer.find(_MAGIC_V2, start), buffer.find(_MAGIC_V1, start))
+    return min((at for at in found if at >= 0), default=len(buffer))
+
+
+@cache
+def _crc_extras() -> dict[int, int]:
+    return {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
