@@ -1,0 +1,86 @@
+"""What is wrong with a file: one problem with its place, and the error that carries all of them."""
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+_WIDEST_LINE = 100
+_LIKE_ENOUGH = 0.6
+
+# fmt: off
+_UNITS = (
+    "deg_s", "rad_s", "m_s2", "m_s", "km_h", "kmh", "kph", "mph", "knots", "kn", "fps", "px",
+    "deg", "rad", "ms", "us", "ns", "min", "hz", "khz", "mm", "cm", "km", "ft", "feet", "inch",
+    "kg", "lb", "mah", "wh", "m", "s", "g", "v", "a", "w",
+)
+# fmt: on
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One fault of an input file.
+
+    line and column count from 1; line 0 means the file as a whole (it is missing, or binary).
+    suggestion is what the user probably meant, as it would be written; empty when unknown.
+    """
+
+    file: str
+    line: int
+    column: int
+    message: str
+    source_line: str = ""
+    suggestion: str = ""
+
+    @property
+    def headline(self) -> str:
+        """Return the first line of the message: place, what is wrong, what was meant."""
+        place = f"{self.file}:{self.line}:{self.column}" if self.line else self.file
+        meant = f"; did you mean '{printable(self.suggestion)}'?" if self.suggestion else ""
+        return f"{printable(place)}: {printable(self.message)}{meant}"
+
+    def __str__(self) -> str:
+        if not self.line or not self.source_line.strip():
+            return self.headline
+        first = max(0, min(self.column - 1, len(self.source_line)) - _WIDEST_LINE * 3 // 4)
+        shown = printable(self.source_line[first : first + _WIDEST_LINE])
+        caret = " " * (self.column - 1 - first) + "^"
+        return f"{self.headline}\n    {shown}\n    {caret}"
+
+
+class BadInput(Exception):  # noqa: N818 - it is what the user gave, not an error of ours
+    """Files that a user has to mend, with every problem found in them."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__(self.problems)
+
+    def __str__(self) -> str:
+        return "\n".join(str(problem) for problem in self.problems)
+
+
+def printable(text: str) -> str:
+    """Return the text with what a terminal would act upon replaced by '?', on one line."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def stem_of(key: str) -> str:
+    """Return a key without its unit: 'speed_m_s' and 'speed_kmh' are both 'speed'."""
+    for unit in _UNITS:
+        if key.endswith("_" + unit):
+            return key[: -len(unit) - 1]
+    return key
+
+
+def closest(word: str, known: Iterable[str]) -> str:
+    """Return the known word that was probably meant, or "" when none is like it.
+
+    A key that differs in its unit only comes first, then the most similar one (difflib).
+    """
+    words = sorted(set(known))
+    stem = stem_of(word.lower())
+    for candidate in words:
+        if stem and stem_of(candidate) == stem:
+            return candidate
+    lower = {candidate.lower(): candidate for candidate in words}
+    found = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=_LIKE_ENOUGH)
+    return lower[found[0]] if found else ""
