@@ -1,0 +1,155 @@
+"""Where an autopilot's local frame lies in the world; pure.
+
+LOCAL_POSITION_NED is relative to the origin of the estimator, which is wherever it was when the
+estimator started, and not to home. Both frames are NED, so they differ by a shift and a turn
+about the vertical (the turn is the error of the vehicle's heading against the world's north).
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from vehicles.errors import AnchorError
+from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from worlds.frames import Pose, Quat, Vec3, quat_multiply, wrap_pi
+
+
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """The shift and turn from the autopilot's local frame to the world's.
+
+    origin_ned_m: where in the world the estimator's origin is. turn_rad: heading in the world
+    minus heading by the autopilot.
+    """
+
+    origin_ned_m: Vec3
+    turn_rad: float = 0.0
+
+    @classmethod
+    def of_poses(cls, *, local: Pose, world: Pose) -> "Anchor":
+        """Return the anchor that maps a pose by the autopilot onto the same pose in the world.
+
+        Roll and pitch are not compared: both frames are level.
+        """
+        turn_rad = wrap_pi(world.yaw_rad - local.yaw_rad)
+        turned = _turn(local.position_ned_m, turn_rad)
+        north, east, down = world.position_ned_m
+        return cls((north - turned[0], east - turned[1], down - turned[2]), turn_rad)
+
+    def pose(self, local: Pose) -> Pose:
+        """Return in the world frame a pose that is given in the autopilot's."""
+        return Pose(self.position(local.position_ned_m), self.attitude(local.q_wxyz))
+
+    def position(self, local_ned_m: Vec3) -> Vec3:
+        """Return in the world frame a position that is given in the autopilot's."""
+        north, east, down = _turn(local_ned_m, self.turn_rad) if self.turn_rad else local_ned_m
+        origin = self.origin_ned_m
+        return (north + origin[0], east + origin[1], down + origin[2])
+
+    def velocity(self, local_ned_m_s: Vec3) -> Vec3:
+        """Return in the world frame a velocity that is given in the autopilot's."""
+        return _turn(local_ned_m_s, self.turn_rad) if self.turn_rad else local_ned_m_s
+
+    def attitude(self, local_q_wxyz: Quat) -> Quat:
+        """Return in the world frame an attitude that is given in the autopilot's."""
+        if not self.turn_rad:
+            return local_q_wxyz
+        half_rad = self.turn_rad / 2.0
+        return quat_multiply((math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)), local_q_wxyz)
+
+    def to_local(self, setpoint: Setpoint) -> Setpoint:
+        """Return in the autopilot's frame a setpoint that is given in the world's."""
+        yaw_rad = None if setpoint.yaw_rad is None else wrap_pi(setpoint.yaw_rad - self.turn_rad)
+        if isinstance(setpoint, PositionSetpoint):
+            return PositionSetpoint(self.position_to_local(setpoint.position_ned_m), yaw_rad)
+        velocity = _turn(setpoint.velocity_ned_m_s, -self.turn_rad)
+        return VelocitySetpoint(velocity, yaw_rad, setpoint.yaw_rate_rad_s)
+
+    def position_to_local(self, world_ned_m: Vec3) -> Vec3:
+        """Return in the autopilot's frame a position that is given in the world's."""
+        origin = self.origin_ned_m
+        shifted = (
+            world_ned_m[0] - origin[0],
+            world_ned_m[1] - origin[1],
+            world_ned_m[2] - origin[2],
+        )
+        return _turn(shifted, -self.turn_rad)
+
+
+def geodetic_anchor(estimator_origin_ned_m: Vec3) -> Anchor:
+    """Return the anchor of a vehicle whose estimator's origin is known in the world.
+
+    estimator_origin_ned_m: GPS_GLOBAL_ORIGIN by the world's geodesy. Both frames then point to
+    true north.
+    """
+    return Anchor(estimator_origin_ned_m)
+
+
+class PoseAverage:
+    """Averages a standing vehicle's local pose over the last `span_s`."""
+
+    def __init__(
+        self, *, span_s: float = 1.0, least_samples: int = 5, still_within_m: float = 0.5
+    ) -> None:
+        self._span_s = span_s
+        self._least_samples = least_samples
+        self._still_within_m = still_within_m
+        self._samples: deque[tuple[float, Pose]] = deque()
+
+    def add(self, t_s: float, local: Pose) -> None:
+        """Take the pose at a time; times must not go back (those that do start anew)."""
+        if self._samples and t_s < self._samples[-1][0]:
+            self._samples.clear()
+        self._samples.append((t_s, local))
+        while t_s - self._samples[0][0] > self._span_s:
+            self._samples.popleft()
+
+    @property
+    def rate_hz(self) -> float:
+        """Return how often poses came; 0 while there are fewer than two."""
+        if len(self._samples) < 2:
+            return 0.0
+        span_s = self._samples[-1][0] - self._samples[0][0]
+        return (len(self._samples) - 1) / span_s if span_s > 0 else 0.0
+
+    def mean(self) -> Pose:
+        """Return the mean position and heading, level.
+
+        Raises AnchorError when there are too few samples, they are not numbers, or the vehicle
+        moves.
+        """
+        poses = [pose for _, pose in self._samples]
+        if len(poses) < self._least_samples:
+            raise AnchorError(
+                f"only {len(poses)} position estimates within {self._span_s:g} s, "
+                f"{self._least_samples} are needed to tell where the vehicle stands"
+            )
+        positions = [pose.position_ned_m for pose in poses]
+        if not all(math.isfinite(value) for position in positions for value in position):
+            raise AnchorError("the position estimate is not a number; restart the estimator")
+        self._check_still(positions)
+        count = len(poses)
+        mean = [math.fsum(position[axis] for position in positions) / count for axis in range(3)]
+        yaws = [pose.yaw_rad for pose in poses]
+        yaw_rad = math.atan2(
+            math.fsum(math.sin(yaw) for yaw in yaws), math.fsum(math.cos(yaw) for yaw in yaws)
+        )
+        return Pose.of(mean[0], mean[1], -mean[2], yaw_rad=yaw_rad)
+
+    def _check_still(self, positions: Sequence[Vec3]) -> None:
+        spread_m = max(
+            max(position[axis] for position in positions)
+            - min(position[axis] for position in positions)
+            for axis in range(3)
+        )
+        if spread_m > self._still_within_m:
+            raise AnchorError(
+                f"the position estimate moved by {spread_m:.2f} m within {self._span_s:g} s while "
+                "the vehicle should stand still; wait until its estimator has settled"
+            )
+
+
+def _turn(v: Vec3, angle_rad: float) -> Vec3:
+    cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
+    return (cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2])

@@ -1,0 +1,301 @@
+"""A vehicle's clock on the run clock: TIMESYNC with a minimum round-trip filter; pure.
+
+An answer that was asked for at t0 and came at t1 was stamped somewhere in between, whatever the
+latency of either way: so each exchange bounds the offset by half its round trip, and the bound
+widens with the exchange's age by as much as the drift is unknown. The exchange with the
+narrowest bound now is the one that is used (the idea of NTP's clock filter, RFC 5905, 10).
+
+MAVLink: a TIMESYNC with tc1 = 0 asks and carries our time in ts1; the answer carries the
+vehicle's time in tc1 and ours in ts1. PX4 and ArduPilot answer with nanoseconds since boot, the
+epoch of time_boot_ms; where an autopilot's epochs differ, arrival times tell by how much.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+_SLACK_S = 0.001
+"""time_boot_ms is cut to milliseconds."""
+_CONTRADICTIONS_TO_RESET = 3
+_SHORTEST_DRIFT_SPAN_S = 0.5
+_LATEST_PLAUSIBLE_S = 1.0
+"""Telemetry that seems to arrive later than this after its stamp has another epoch."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEstimate:
+    """How a vehicle's clock relates to the run clock, for the record.
+
+    offset_s: vehicle minus run clock, at the newest exchange. drift_ppm: how much faster the
+    vehicle's clock runs. uncertainty_s: bound of the offset's error. resets: how often the
+    vehicle's clock jumped.
+    """
+
+    offset_s: float
+    drift_ppm: float
+    uncertainty_s: float
+    exchanges: int
+    resets: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Exchange:
+    remote_s: float
+    run_s: float
+    half_round_trip_s: float
+
+
+class ClockMap:
+    """Maps a vehicle's clock to the run clock from TIMESYNC exchanges, however asymmetric.
+
+    max_drift bounds how far apart the rates of the clocks can be: crystals differ by 1e-4,
+    simulators that claim real time by a hundredth. While that holds, the error of `run_time` is
+    within `uncertainty_at`.
+    """
+
+    def __init__(self, *, window_s: float = 20.0, max_drift: float = 0.02) -> None:
+        self._window_s = window_s
+        self._max_drift = max_drift
+        self._exchanges: deque[_Exchange] = deque()
+        self._rate = 1.0
+        self._rate_error = max_drift
+        self._best: _Exchange | None = None
+        self._contradictions = 0
+        self._count = 0
+        self.resets = 0
+
+    @property
+    def known(self) -> bool:
+        """Return whether there was an exchange at all."""
+        return self._best is not None
+
+    def add(self, *, t_sent_s: float, t_received_s: float, remote_ns: int) -> None:
+        """Take one exchange: when we asked, when the answer came (run clock), and what it said.
+
+        Raises ValueError when the answer came before the question.
+        """
+        if not t_received_s >= t_sent_s:
+            raise ValueError(f"answered at {t_received_s} s what was asked at {t_sent_s} s")
+        new = _Exchange(
+            remote_ns * 1e-9, (t_sent_s + t_received_s) / 2.0, (t_received_s - t_sent_s) / 2.0
+        )
+        if self._jumped(new):
+            self._exchanges.clear()
+            self._contradictions = 0
+            self.resets += 1
+        elif self._contradictions:
+            return
+        self._count += 1
+        self._exchanges.append(new)
+        while new.run_s - self._exchanges[0].run_s > self._window_s:
+            self._exchanges.popleft()
+        self._refit()
+
+    def run_time(self, remote_s: float) -> float:
+        """Return the run clock's time of a moment on the vehicle's clock.
+
+        Raises ValueError before the first exchange.
+        """
+        best = self._known_best()
+        return best.run_s + (remote_s - best.remote_s) * self._rate
+
+    def remote_time(self, t_s: float) -> float:
+        """Return the vehicle's time at a moment of the run clock; inverse of `run_time`."""
+        best = self._known_best()
+        return best.remote_s + (t_s - best.run_s) / self._rate
+
+    def uncertainty_at(self, remote_s: float) -> float:
+        """Return the bound in seconds of the error of `run_time`."""
+        return self._bound(self._known_best(), remote_s)
+
+    @property
+    def half_round_trip_s(self) -> float:
+        """Return half the shortest round trip of the window."""
+        return min(each.half_round_trip_s for each in self._exchanges)
+
+    def estimate(self) -> ClockEstimate:
+        """Return the mapping in figures."""
+        newest = self._exchanges[-1] if self._exchanges else self._known_best()
+        return ClockEstimate(
+            offset_s=newest.remote_s - self.run_time(newest.remote_s),
+            drift_ppm=(1.0 / self._rate - 1.0) * 1e6,
+            uncertainty_s=self.uncertainty_at(newest.remote_s),
+            exchanges=self._count,
+            resets=self.resets,
+        )
+
+    def _known_best(self) -> _Exchange:
+        if self._best is None:
+            raise ValueError("no TIMESYNC was answered yet")
+        return self._best
+
+    def _bound(self, exchange: _Exchange, remote_s: float) -> float:
+        return exchange.half_round_trip_s + self._rate_error * abs(remote_s - exchange.remote_s)
+
+    def _jumped(self, new: _Exchange) -> bool:
+        """Return whether the vehicle's clock was set or restarted since the last exchange."""
+        if self._best is None:
+            return False
+        last = self._exchanges[-1]
+        after_last = new.run_s - new.half_round_trip_s > last.run_s + last.half_round_trip_s
+        if after_last and new.remote_s < last.remote_s - _SLACK_S:
+            return True
+        apart_s = abs(self.run_time(new.remote_s) - new.run_s)
+        agreed_s = new.half_round_trip_s + self.uncertainty_at(new.remote_s) + _SLACK_S
+        self._contradictions = self._contradictions + 1 if apart_s > agreed_s else 0
+        return self._contradictions >= _CONTRADICTIONS_TO_RESET
+
+    def _refit(self) -> None:
+        self._rate, self._rate_error = self._fitted_rate()
+        now_s = self._exchanges[-1].remote_s
+        self._best = min(self._exchanges, key=lambda each: self._bound(each, now_s))
+
+    def _fitted_rate(self) -> tuple[float, float]:
+        """Return run seconds per vehicle second, and the bound of its error."""
+        first, last = self._exchanges[0].remote_s, self._exchanges[-1].remote_s
+        if last - first < _SHORTEST_DRIFT_SPAN_S:
+            return 1.0, self._max_drift
+        third = (last - first) / 3.0
+        old = min(
+            (each for each in self._exchanges if each.remote_s <= first + third), key=_round_trip
+        )
+        new = min(
+            (each for each in self._exchanges if each.remote_s >= last - third), key=_round_trip
+        )
+        span_s = new.remote_s - old.remote_s
+        rate = (new.run_s - old.run_s) / span_s
+        error = (old.half_round_trip_s + new.half_round_trip_s) / span_s
+        low = max(rate - error, 1.0 - self._max_drift)
+        high = min(rate + error, 1.0 + self._max_drift)
+        if low > high:
+            # Beyond the bound that was given: believe what is measured.
+            return rate, error
+        return (low + high) / 2.0, (high - low) / 2.0
+
+
+def _round_trip(exchange: _Exchange) -> float:
+    return exchange.half_round_trip_s
+
+
+class _LeastDelay:
+    """The least of the values that came in the last `span_s` to twice that."""
+
+    def __init__(self, span_s: float) -> None:
+        self._span_s = span_s
+        self._since_s = -math.inf
+        self._current = math.inf
+        self._previous = math.inf
+
+    def add(self, value: float, now_s: float) -> None:
+        if now_s - self._since_s > self._span_s:
+            self._since_s, self._previous, self._current = now_s, self._current, value
+        elif value < self._current:
+            self._current = value
+
+    @property
+    def value(self) -> float:
+        return min(self._current, self._previous)
+
+
+class VehicleClock:
+    """Maps time_boot of a vehicle's telemetry to the run clock, and back.
+
+    Feed it what was asked and answered by TIMESYNC, and stamps of telemetry as they arrive. Until
+    an answer comes, and where TIMESYNC has another epoch than time_boot, the least delay of
+    arrivals stands in for what is missing, and `uncertainty_s` says so.
+    """
+
+    def __init__(self, *, own_id: int = 0, max_drift: float = 0.02) -> None:
+        self._own_id = own_id
+        self._max_drift = max_drift
+        self._map = ClockMap(max_drift=max_drift)
+        self._asked: dict[int, float] = {}
+        self._raw_delay = _LeastDelay(5.0)
+        self._mapped_delay = _LeastDelay(5.0)
+        self._epoch_shift_s = 0.0
+        self._newest_boot_s = -math.inf
+        self.reboots = 0
+
+    def ask(self, t_s: float) -> int:
+        """Return the ts1 of a TIMESYNC that is sent now."""
+        stamp = round(t_s * 1e9) // 1000 * 1000 + self._own_id % 1000
+        # 0 in tc1 means a question: an answer to a stamp of 0 would look like one to a repeater.
+        stamp = max(stamp, 1)
+        self._asked[stamp] = t_s
+        if len(self._asked) > 32:
+            del self._asked[next(iter(self._asked))]
+        return stamp
+
+    def answered(self, *, tc1: int, ts1: int, arrived_s: float) -> bool:
+        """Take a TIMESYNC that came; return whether it was an answer to a question of ours."""
+        t_sent_s = self._asked.pop(ts1, None) if tc1 != 0 else None
+        if t_sent_s is None:
+            return False
+        resets = self._map.resets
+        self._map.add(t_sent_s=t_sent_s, t_received_s=arrived_s, remote_ns=tc1)
+        if self._map.resets != resets:
+            self._mapped_delay = _LeastDelay(5.0)
+        return True
+
+    def stamped(self, boot_s: float, arrived_s: float) -> float:
+        """Take a telemetry stamp as it arrives; return its time on the run clock.
+
+        Never later than its arrival.
+        """
+        if boot_s < self._newest_boot_s - 1.0:
+            self._restart()
+        self._newest_boot_s = max(self._newest_boot_s, boot_s)
+        self._raw_delay.add(arrived_s - boot_s, arrived_s)
+        if self._map.known:
+            self._mapped_delay.add(arrived_s - self._map.run_time(boot_s), arrived_s)
+            self._judge_epoch(boot_s)
+        return min(self.run_time(boot_s), arrived_s)
+
+    def run_time(self, boot_s: float) -> float:
+        """Return the run clock's time of a moment in seconds since boot.
+
+        Raises ValueError when nothing is known of the clock.
+        """
+        if self._map.known:
+            return self._map.run_time(boot_s) + self._epoch_shift_s
+        if self._raw_delay.value == math.inf:
+            raise ValueError("neither TIMESYNC nor telemetry told the vehicle's time yet")
+        return boot_s + self._raw_delay.value
+
+    def boot_time(self, t_s: float) -> float:
+        """Return the seconds since boot at a moment of the run clock; 0 when unknown."""
+        if self._map.known:
+            return self._map.remote_time(t_s - self._epoch_shift_s)
+        return t_s - self._raw_delay.value if self._raw_delay.value < math.inf else 0.0
+
+    @property
+    def synchronised(self) -> bool:
+        """Return whether TIMESYNC was answered."""
+        return self._map.known
+
+    @property
+    def uncertainty_s(self) -> float | None:
+        """Return the bound of the mapping's error; None while only arrivals are known."""
+        if not self._map.known:
+            return None
+        bound_s = self._map.estimate().uncertainty_s
+        return bound_s + (self._map.half_round_trip_s if self._epoch_shift_s else 0.0)
+
+    def estimate(self) -> ClockEstimate | None:
+        """Return the mapping in figures; None while only arrivals are known."""
+        return self._map.estimate() if self._map.known else None
+
+    def _judge_epoch(self, boot_s: float) -> None:
+        least_s = self._mapped_delay.value
+        early_s = -(self._map.uncertainty_at(boot_s) + _SLACK_S)
+        same_epoch = early_s <= least_s <= _LATEST_PLAUSIBLE_S
+        self._epoch_shift_s = 0.0 if same_epoch else least_s - self._map.half_round_trip_s
+
+    def _restart(self) -> None:
+        self.reboots += 1
+        self._newest_boot_s = -math.inf
+        self._map = ClockMap(max_drift=self._max_drift)
+        self._asked.clear()
+        self._raw_delay = _LeastDelay(5.0)
+        self._mapped_delay = _LeastDelay(5.0)
+        self._epoch_shift_s = 0.0
