@@ -22,7 +22,9 @@ IDENTITY: Quat = (1.0, 0.0, 0.0, 0.0)
 
 def wrap_pi(angle_rad: float) -> float:
     """Return the angle in [-pi, pi)."""
-    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+    wrapped_rad = (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+    # The remainder of a tiny negative number rounds up to the divisor itself.
+    return wrapped_rad if wrapped_rad < math.pi else -math.pi
 
 
 def add(a: Vec3, b: Vec3) -> Vec3:
@@ -214,7 +216,7 @@ class Pose:
 
     @property
     def yaw_rad(self) -> float:
-        """Return the heading, clockwise from north, in [-pi, pi)."""
+        """Return the heading, clockwise from north, in [-pi, pi]."""
         w, x, y, z = self.q_wxyz
         return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
@@ -228,9 +230,7 @@ class Pose:
 
     def compose(self, child: "Pose") -> "Pose":
         """Return the pose in the parent frame of a child given in this body's frame."""
-        return Pose(
-            self.to_parent(child.position_ned_m), quat_multiply(self.q_wxyz, child.q_wxyz)
-        )
+        return Pose(self.to_parent(child.position_ned_m), quat_multiply(self.q_wxyz, child.q_wxyz))
 
     def inverse(self) -> "Pose":
         """Return the parent frame as seen from this body."""
