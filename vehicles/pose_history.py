@@ -91,6 +91,11 @@ class PoseHistory:
         """Return the last sample as it is, for those who align by "latest"."""
         return PoseAt(self._poses[-1], "latest", 0.0) if self._poses else _NOTHING
 
+    def sample_before(self, t_s: float) -> tuple[float, Pose] | None:
+        """Return time and pose of the last sample at or before a moment; None when none is."""
+        index = bisect_right(self._times, t_s, self._first) - 1
+        return (self._times[index], self._poses[index]) if index >= self._first else None
+
     def _beyond(self, ahead_s: float) -> PoseAt:
         last = self._poses[-1]
         if ahead_s == 0.0:

@@ -1,0 +1,191 @@
+"""The recipe language: a YAML document in, a checked recipe out, or every fault at once."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from pydantic import Field, JsonValue, ValidationError, field_validator
+
+from recipes.recipe import Combination, Recipe, Sensor, Step
+from recipes.registry import STAGES, Stage, StepParameters, StepType, find, resembling, steps
+from recipes.working import SIDES, Side
+from worlds.documents import BadInput, Data, Document, Part, Path, Problem, check, closest
+
+SCHEMA = "wil/recipe/1"
+
+MAX_SKEW_MS = 100.0
+"""Bound of the skew where a recipe sets none: an overlay is never held for ever."""
+
+
+class SensorPart(Part):
+    """One sensor: its type, and the rate of its mixed readings."""
+
+    type: Literal["camera"]
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] | None = None
+
+
+class CombinePart(Part):
+    """One combination; its steps are checked one by one against what each step takes."""
+
+    sensor: str
+    transform: list[JsonValue] = Field(default_factory=list)
+    filter: list[JsonValue] = Field(default_factory=list)
+    merge: JsonValue
+    publish: Annotated[list[Side], Field(min_length=1)] = Field(default_factory=lambda: [*SIDES])
+    max_skew_ms: Annotated[float, Field(gt=0, le=10_000)] = MAX_SKEW_MS
+
+    @field_validator("publish")
+    @classmethod
+    def _once_each(cls, publish: list[Side]) -> list[Side]:
+        if len(set(publish)) != len(publish):
+            raise ValueError("names a side twice")
+        return publish
+
+
+class RecipePart(Part):
+    """A recipe file."""
+
+    schema_: Literal["wil/recipe/1"] = Field(alias="schema")
+    description: str = ""
+    sensors: Annotated[dict[str, SensorPart], Field(min_length=1)]
+    combine: Annotated[list[CombinePart], Field(min_length=1)]
+
+
+def load_recipe(document: Document) -> Recipe:
+    """Return the recipe in a document. Raises BadInput with every problem found."""
+    reader = _Reader(document)
+    parsed = [reader.steps_of(index) for index in range(reader.combination_count())]
+    try:
+        part = check(document, RecipePart)
+    except BadInput as error:
+        raise BadInput(_in_order([*error.problems, *reader.problems])) from None
+    sensors = tuple(Sensor(name, one.type, one.rate_hz) for name, one in part.sensors.items())
+    _check_sensors(reader, part, sensors, parsed)
+    _check_receivers(reader, part)
+    if reader.problems:
+        raise BadInput(_in_order(reader.problems))
+    return Recipe(
+        part.description,
+        sensors,
+        tuple(
+            _combination(one, sensors, found)
+            for one, found in zip(part.combine, parsed, strict=True)
+        ),
+        document,
+    )
+
+
+def _combination(part: CombinePart, sensors: tuple[Sensor, ...], found: list[Step]) -> Combination:
+    return Combination(
+        sensor=next(sensor for sensor in sensors if sensor.name == part.sensor),
+        steps=tuple(step for step in found if step.kind.stage != "merge"),
+        merge=next(step for step in found if step.kind.stage == "merge"),
+        publish=tuple(part.publish),
+        max_skew_s=part.max_skew_ms / 1000.0,
+    )
+
+
+def _in_order(problems: list[Problem]) -> list[Problem]:
+    return sorted(problems, key=lambda problem: (problem.line, problem.column))
+
+
+def _check_sensors(
+    reader: "_Reader", part: RecipePart, sensors: tuple[Sensor, ...], parsed: list[list[Step]]
+) -> None:
+    kinds = {sensor.name: sensor.kind for sensor in sensors}
+    for index, (one, found) in enumerate(zip(part.combine, parsed, strict=True)):
+        kind = kinds.get(one.sensor)
+        if kind is None:
+            message = f"no sensor '{one.sensor}' is declared under 'sensors'"
+            reader.note(("combine", index, "sensor"), message, closest(one.sensor, kinds))
+            continue
+        for step in found:
+            if kind not in step.kind.sensors:
+                works = " and ".join(step.kind.sensors)
+                message = f"step '{step.kind.name}' works on {works}, not on {kind}"
+                reader.note(step.path, message, key=True)
+
+
+def _check_receivers(reader: "_Reader", part: RecipePart) -> None:
+    """Refuse two mixtures of one sensor for one vehicle."""
+    first: dict[tuple[str, Side], int] = {}
+    for index, one in enumerate(part.combine):
+        for side in one.publish:
+            earlier = first.setdefault((one.sensor, side), index)
+            if earlier != index:
+                message = f"'{side}' gets {one.sensor} from combination {earlier + 1} already"
+                reader.note(("combine", index, "publish"), message)
+
+
+@dataclass(slots=True)
+class _Reader:
+    """Reads the steps of a document, noting problems as it goes."""
+
+    document: Document
+    problems: list[Problem] = field(default_factory=list)
+
+    def note(self, path: Path, message: str, suggestion: str = "", *, key: bool = False) -> None:
+        self.problems.append(self.document.problem(path, message, suggestion, key=key))
+
+    def combination_count(self) -> int:
+        combinations = self.document.get(("combine",))
+        return len(combinations) if isinstance(combinations, list) else 0
+
+    def steps_of(self, index: int) -> list[Step]:
+        """Return the steps of a combination, in the order in which they are applied."""
+        found: list[Step] = []
+        for stage in STAGES:
+            at: Path = ("combine", index, stage)
+            given = self.document.get(at)
+            if stage == "merge":
+                found += self._step(at, given, stage) if given is not None else []
+            elif isinstance(given, list):
+                for place, one in enumerate(given):
+                    found += self._step((*at, place), one, stage)
+        self._refuse_second_register(found)
+        return found
+
+    def _refuse_second_register(self, found: list[Step]) -> None:
+        for second in [step for step in found if step.kind.name == "register"][1:]:
+            self.note(second.path, "a second 'register'; a picture has one pose", key=True)
+
+    def _step(self, at: Path, given: Data, stage: Stage) -> list[Step]:
+        """Return the step at a path, in a list; an empty one when something is wrong with it."""
+        if isinstance(given, str):
+            kind = self._kind(at, given, stage)
+            return self._bare(at, kind) if kind is not None else []
+        if not isinstance(given, dict) or len(given) != 1:
+            example = next(kind.name for kind in steps() if kind.stage == stage)
+            self.note(at, f"a step is its name, or one mapping {{{example}: parameters}}")
+            return []
+        ((name, value),) = given.items()
+        kind = self._kind((*at, name), name, stage)
+        if kind is None:
+            return []
+        try:
+            parameters = check(self.document, kind.parameters, (*at, name))
+        except BadInput as error:
+            self.problems += error.problems
+            return []
+        return [Step(kind, parameters, (*at, name), not isinstance(value, dict))]
+
+    def _bare(self, at: Path, kind: StepType) -> list[Step]:
+        try:
+            parameters: StepParameters = kind.parameters()
+        except ValidationError:
+            known = ", ".join(kind.parameters.model_fields)
+            self.note(at, f"step '{kind.name}' needs parameters ({known})")
+            return []
+        return [Step(kind, parameters, at)]
+
+    def _kind(self, at: Path, name: str, stage: Stage) -> StepType | None:
+        kind = find(name)
+        if kind is None:
+            meant = resembling(name, stage)
+            known = ", ".join(one.name for one in steps() if one.stage == stage)
+            hint = "" if meant else f" (known for {stage}: {known})"
+            self.note(at, f"unknown step '{name}'{hint}", meant, key=True)
+            return None
+        if kind.stage != stage:
+            self.note(at, f"step '{name}' belongs under '{kind.stage}', not '{stage}'", key=True)
+            return None
+        return kind

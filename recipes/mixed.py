@@ -1,0 +1,59 @@
+"""What a mixture is, and what is told of it."""
+
+from dataclasses import dataclass
+
+from recipes.working import DropReason
+from vehicles.readings import CameraReading
+
+
+@dataclass(frozen=True, slots=True)
+class StageTime:
+    """How long one step took, by the clock that was handed to the mixer."""
+
+    step: str
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a mixed reading comes from.
+
+    real_*, twin_*: number and middle of exposure (run clock) of the inputs; None when there was
+    none. skew_ms: by how much the exposures differ, without sign; None when one is missing.
+    latency_ms: from the real exposure to now; None without a real picture. alignment: how the
+    pose of the twin's picture was found, as the caller says. dropped: why nothing of the twin
+    is in the mixture, or why there is no mixture; None when all is in. detail: the same in a
+    sentence. stages: empty without a clock, so that virtual runs repeat to the byte.
+    """
+
+    real_seq: int | None
+    real_t_s: float | None
+    twin_seq: int | None
+    twin_t_s: float | None
+    skew_ms: float | None
+    latency_ms: float | None
+    alignment: str = ""
+    dropped: DropReason | None = None
+    detail: str = ""
+    stages: tuple[StageTime, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Mixed:
+    """A mixed reading, or None where there is nothing to show, and its provenance."""
+
+    reading: CameraReading | None
+    provenance: Provenance
+
+
+@dataclass(frozen=True, slots=True)
+class MixCounts:
+    """What became of the frames so far.
+
+    frames: calls. mixed: with everything in. dropped: each reason and how often; such a frame
+    shows the real picture alone, or nothing where that is what was missing.
+    """
+
+    frames: int
+    mixed: int
+    dropped: tuple[tuple[DropReason, int], ...]

@@ -1,0 +1,121 @@
+"""The steps that a recipe can name: a decorator and a dict.
+
+A step is a function that builds an operator from its parameters; the first line of its docstring
+is what people read in the listing.
+"""
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, TypeVar
+
+from pydantic import model_validator
+
+from recipes.working import Built, Need, Side
+from worlds.documents import Part, Path, closest
+
+Stage = Literal["transform", "filter", "merge"]
+STAGES: tuple[Stage, ...] = ("transform", "filter", "merge")
+
+
+class StepParameters(Part):
+    """What a step may be given in a recipe; unknown keys are refused.
+
+    shorthand: the parameter that a value stands for which is no mapping: `resize: real`.
+    needs: what the step needs of a side's pictures beside the colours.
+    """
+
+    shorthand: ClassVar[str] = ""
+    needs: ClassVar[frozenset[Need]] = frozenset()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _expand(cls, given: object) -> object:
+        if cls.shorthand and given is not None and not isinstance(given, dict):
+            return {cls.shorthand: given}
+        return given
+
+    def sides(self) -> tuple[Side, ...]:
+        """Return the sides that the step works on; a merge works on none of its own."""
+        return ()
+
+    def objects(self) -> tuple[tuple[Path, str], ...]:
+        """Return the objects of the world that the step names, each with its path in here."""
+        return ()
+
+
+class SidedParameters(StepParameters):
+    """Parameters of a transform or filter. on: the side it works on, usually the twin's."""
+
+    on: Literal["real", "twin", "both"] = "twin"
+
+    def sides(self) -> tuple[Side, ...]:
+        """Return the sides that the step works on."""
+        return ("real", "twin") if self.on == "both" else (self.on,)
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What is known of the run when a recipe is compiled. object_ids: ids of the twin's world."""
+
+    object_ids: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class StepType:
+    """A kind of step. sensors: the types that it works on. summary: one sentence."""
+
+    name: str
+    stage: Stage
+    sensors: tuple[str, ...]
+    parameters: type[StepParameters]
+    summary: str
+    build: Callable[[Any, Context], Built]
+
+
+class DuplicateStepError(ValueError):
+    """Two steps of one name."""
+
+
+P = TypeVar("P", bound=StepParameters)
+B = TypeVar("B", bound=Built)
+
+_TYPES: dict[str, StepType] = {}
+
+
+def step(
+    name: str, *, stage: Stage, sensors: tuple[str, ...], parameters: type[P]
+) -> Callable[[Callable[[P, Context], B]], Callable[[P, Context], B]]:
+    """Register a function as the step of this name. Raises DuplicateStepError on a second one."""
+
+    def register(build: Callable[[P, Context], B]) -> Callable[[P, Context], B]:
+        if name in _TYPES:
+            raise DuplicateStepError(f"step '{name}' is registered already")
+        summary = (build.__doc__ or "").partition("\n")[0].strip()
+        _TYPES[name] = StepType(name, stage, sensors, parameters, summary, build)
+        return build
+
+    return register
+
+
+def steps() -> tuple[StepType, ...]:
+    """Return all steps, by stage in the order of the method, then by name."""
+    _load()
+    return tuple(sorted(_TYPES.values(), key=lambda kind: (STAGES.index(kind.stage), kind.name)))
+
+
+def find(name: str) -> StepType | None:
+    """Return the step of this name; None when there is none."""
+    _load()
+    return _TYPES.get(name)
+
+
+def resembling(name: str, stage: Stage) -> str:
+    """Return the step that was probably meant, of this stage if one is like it; "" when none."""
+    known = [kind.name for kind in steps() if kind.stage == stage]
+    return closest(name, known) or closest(name, _TYPES)
+
+
+def _load() -> None:
+    """Import the package whose modules register the built-in steps."""
+    importlib.import_module("recipes.steps")

@@ -1,0 +1,26 @@
+"""Register the worlds: say from which pose the twin's picture is to be taken.
+
+The worlds are aligned by the picture that is asked for, not by warping one that is there: no
+warp knows what a nearer object hides.
+"""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from recipes.registry import Context, StepParameters, step
+from recipes.working import Align, PoseRequest, Side
+
+
+class RegisterParameters(StepParameters):
+    """pose: whose it is. align: see PoseRequest. max_gap_ms: to the nearest pose sample."""
+
+    pose: Side = "real"
+    align: Align = "interpolate"
+    max_gap_ms: Annotated[float, Field(gt=0, le=1000)] = 100.0
+
+
+@step("register", stage="transform", sensors=("camera",), parameters=RegisterParameters)
+def register(parameters: RegisterParameters, context: Context) -> PoseRequest:  # noqa: ARG001 - the interface of steps
+    """Take the twin's picture from a vehicle's pose at the time of the real picture's exposure."""
+    return PoseRequest(parameters.pose, parameters.align, parameters.max_gap_ms / 1000.0)

@@ -1,0 +1,1 @@
+"""Perception: what stands in a picture, found by colour."""

@@ -1,0 +1,110 @@
+"""Colours as ranges of hue, saturation and value, and the mask of the pixels that have them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicles.readings import BgrImage
+
+Mask = NDArray[np.uint8]
+"""(height, width) uint8: 255 is in, 0 is out. One value per pixel, never one per channel."""
+
+FULL_CIRCLE_DEG = (0.0, 360.0)
+
+
+@dataclass(frozen=True, slots=True)
+class HsvRange:
+    """A range of colours, both ends included.
+
+    hue_deg: from the first clockwise to the second, in [0, 360]: (350, 10) goes through red.
+    Grey has no hue: it is in only when hue_deg is the full circle. saturation and value: 0 to 1.
+    Raises ValueError when a limit lies outside of that, or a pair is the wrong way round.
+    """
+
+    hue_deg: tuple[float, float] = FULL_CIRCLE_DEG
+    saturation: tuple[float, float] = (0.0, 1.0)
+    value: tuple[float, float] = (0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if not all(0.0 <= angle <= 360.0 for angle in self.hue_deg):
+            raise ValueError(f"hue_deg {list(self.hue_deg)} lies outside of 0 to 360")
+        for name, (low, high) in (("saturation", self.saturation), ("value", self.value)):
+            if not 0.0 <= low <= high <= 1.0:
+                raise ValueError(f"{name} [{low}, {high}] is no range within 0 to 1")
+
+
+def _hue(low: float, high: float, saturation: float = 0.35, value: float = 0.15) -> HsvRange:
+    return HsvRange((low, high), (saturation, 1.0), (value, 1.0))
+
+
+NAMED_COLORS: Mapping[str, tuple[HsvRange, ...]] = MappingProxyType(
+    {
+        "red": (_hue(345, 12),),
+        "orange": (_hue(12, 46, saturation=0.5),),
+        "yellow": (_hue(46, 70),),
+        "green": (_hue(70, 165),),
+        "cyan": (_hue(165, 200),),
+        "blue": (_hue(200, 260),),
+        "purple": (_hue(260, 295),),
+        "magenta": (_hue(295, 345),),
+        "white": (HsvRange(saturation=(0.0, 0.2), value=(0.8, 1.0)),),
+        "gray": (HsvRange(saturation=(0.0, 0.2), value=(0.2, 0.8)),),
+        "black": (HsvRange(value=(0.0, 0.2)),),
+    }
+)
+"""Sectors of the hue circle around each colour's usual name; all of one colour's shades in light
+and shadow keep its hue, so value reaches far down."""
+
+
+@dataclass(slots=True)
+class HsvMask:
+    """Finds the pixels of a picture that lie in any of some ranges.
+
+    The mask that `of` returns is this object's buffer: it holds until the next call. Not for
+    several threads at once.
+    """
+
+    ranges: Sequence[HsvRange]
+    _planes: list[Mask] = field(default_factory=list, init=False)
+    _mask: Mask = field(default_factory=lambda: np.empty((0, 0), np.uint8), init=False)
+    _more: Mask = field(default_factory=lambda: np.empty((0, 0), np.uint8), init=False)
+
+    def of(self, image_bgr: BgrImage) -> Mask:
+        """Return the mask of a (height, width, 3) uint8 picture."""
+        shape = image_bgr.shape[:2]
+        if self._mask.shape != shape:
+            self._planes = [np.empty(shape, np.uint8) for _ in range(3)]
+            self._mask, self._more = np.zeros(shape, np.uint8), np.empty(shape, np.uint8)
+        cv2.split(image_bgr, self._planes)
+        planes = tuple(plane.reshape(-1) for plane in self._planes)
+        kernel = _kernel()
+        for index, colors in enumerate(self.ranges):
+            target = self._mask if index == 0 else self._more
+            kernel(planes, *_compiled(colors), target.reshape(-1))
+            if index:
+                cv2.bitwise_or(self._mask, self._more, dst=self._mask)
+        return self._mask
+
+
+@cache
+def _kernel() -> Any:
+    """Return the compiled test, imported late: a listing of steps need not wait 0.3 s for numba."""
+    from vehicles.perception.hsv_kernel import mark  # noqa: PLC0415 - see above
+
+    return mark
+
+
+def _compiled(colors: HsvRange) -> tuple[tuple[np.int32, ...], bool, bool]:
+    (hue_low, hue_high) = colors.hue_deg
+    limits = (
+        np.int32(round(hue_low * 10)),
+        np.int32(round(hue_high * 10)),
+        *(np.int32(round(limit * 255)) for limit in (*colors.saturation, *colors.value)),
+    )
+    return limits, hue_low > hue_high, colors.hue_deg == FULL_CIRCLE_DEG
