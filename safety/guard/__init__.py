@@ -1,0 +1,1 @@
+"""The guard: holder of the vehicle links, contingency, takeover."""

@@ -1,0 +1,191 @@
+"""The judge of a run: feeds every oracle what it watches, collects flags and results."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from safety.oracles import registry
+from safety.oracles.base import Oracle, OracleContext, OracleError, Parameters, Probe, Separation
+from safety.oracles.vehicle import Landed
+from safety.results import Flag, OracleResult
+from safety.samples import HeardSample, PoseSample, StageSample, StateSample
+from safety.verdict import DecisiveEvent, source_of
+from worlds.frames import Pose
+
+S = TypeVar("S")
+Handler = Callable[[S], tuple[Flag, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class OracleUse:
+    """An oracle as a campaign uses it: its name in results, its kind in the registry."""
+
+    name: str
+    kind: str
+    parameters: Parameters
+
+
+class SharedProbe:
+    """A probe that several oracles of one vehicle ask the same: it measures once."""
+
+    def __init__(self, probe: Probe) -> None:
+        self._probe = probe
+        self._asked: tuple[Pose, float, Pose, float] | None = None
+        self._answer: tuple[Separation, ...] = ()
+
+    def sweep(
+        self, pose_0: Pose, t_0: float, pose_1: Pose, t_1: float, events: Mapping[str, float]
+    ) -> tuple[Separation, ...]:
+        """Return what the probe says of this way."""
+        asked = (pose_0, t_0, pose_1, t_1)
+        if asked != self._asked:
+            self._answer = self._probe.sweep(pose_0, t_0, pose_1, t_1, events)
+            self._asked = asked
+        return self._answer
+
+
+def build_oracles(
+    uses: Sequence[OracleUse], contexts: Mapping[str, OracleContext]
+) -> tuple[Oracle, ...]:
+    """Return the oracles of one run; `contexts` has one entry per vehicle that flies in it.
+
+    An oracle that names no vehicle judges the subject, and in mode wil the twin beside it, not
+    required. One that names a vehicle which does not fly in this mode is left out. That a real
+    vehicle is on the ground and disarmed at the end is judged always. Raises OracleError.
+    """
+    shared = {
+        name: replace(context, probe=None if context.probe is None else SharedProbe(context.probe))
+        for name, context in contexts.items()
+    }
+    oracles = [oracle for use in uses for oracle in _of_use(use, shared)]
+    if "real" in shared and not any(_is_final(oracle) for oracle in oracles):
+        oracles.append(Landed(name="landed_always", vehicle="real", required=True))
+    _require_unique(oracles)
+    return tuple(oracles)
+
+
+def _of_use(use: OracleUse, contexts: Mapping[str, OracleContext]) -> Iterable[Oracle]:
+    spec = registry.get(use.kind)
+    if spec is None:
+        known = ", ".join(sorted(registry))
+        raise OracleError(f"there is no oracle {use.kind!r}; there are {known}")
+    if spec.pair_only and len(contexts) < 2:
+        return
+    named, required = use.parameters.vehicle, use.parameters.required
+    for vehicle, context in contexts.items():
+        if vehicle == (named or context.subject):
+            yield spec.factory(use.name, required, use.parameters, context)
+        elif named is None and not spec.pair_only:
+            yield spec.factory(use.name, False, use.parameters, context)
+
+
+def _is_final(oracle: Oracle) -> bool:
+    return isinstance(oracle, Landed) and oracle.vehicle == "real" and oracle.required
+
+
+def _require_unique(oracles: Iterable[Oracle]) -> None:
+    seen: set[str] = set()
+    for oracle in oracles:
+        source = source_of(oracle.name, oracle.vehicle)
+        if source in seen:
+            raise OracleError(f"two oracles are named {oracle.name!r} for {oracle.vehicle!r}")
+        seen.add(source)
+
+
+class Judge:
+    """Feeds samples, in the order of their times, to all oracles that watch their vehicle.
+
+    A pose that is not finite reaches no oracle: it is an ERROR of who measured it. A vehicle
+    without any oracle may be fed: its samples are let go.
+    """
+
+    def __init__(self, oracles: Iterable[Oracle]) -> None:
+        self.oracles = tuple(oracles)
+        self._required = {source_of(o.name, o.vehicle) for o in self.oracles if o.required}
+        self._poses = self._table("on_pose")
+        self._states = self._table("on_state")
+        self._heards = self._table("on_heard")
+        self._stages = [o for o in self.oracles if _overrides(o, "on_stage")]
+        self._ticks = [o.on_tick for o in self.oracles if _overrides(o, "on_tick")]
+        self._flags: list[Flag] = []
+        self._events: list[DecisiveEvent] = []
+
+    @property
+    def flags(self) -> tuple[Flag, ...]:
+        """Return all flags so far, in the order in which they were seen."""
+        return tuple(self._flags)
+
+    @property
+    def decisive(self) -> tuple[DecisiveEvent, ...]:
+        """Return what already settles the run: decisive flags of required oracles, bad poses."""
+        return tuple(self._events)
+
+    def pose(self, sample: PoseSample) -> tuple[Flag, ...]:
+        """Take a pose; returns new flags."""
+        if not _is_finite(sample):
+            text = f"the pose of {sample.vehicle} is not finite"
+            self._event_once(DecisiveEvent(sample.t_s, "ERROR", text, f"pose/{sample.vehicle}"))
+            return ()
+        return self._feed(self._poses.get(sample.vehicle, ()), sample)
+
+    def state(self, sample: StateSample) -> tuple[Flag, ...]:
+        """Take a vehicle's state; returns new flags."""
+        return self._feed(self._states.get(sample.vehicle, ()), sample)
+
+    def heard(self, sample: HeardSample) -> tuple[Flag, ...]:
+        """Take that a vehicle was heard; returns new flags."""
+        return self._feed(self._heards.get(sample.vehicle, ()), sample)
+
+    def stage(self, sample: StageSample) -> tuple[Flag, ...]:
+        """Take a stage, of one vehicle or of all; returns new flags."""
+        handlers = [
+            o.on_stage
+            for o in self._stages
+            if sample.vehicle is None or sample.vehicle == o.vehicle
+        ]
+        return self._feed(handlers, sample)
+
+    def tick(self, t_s: float) -> tuple[Flag, ...]:
+        """Take that time has passed (10 Hz is plenty); returns new flags."""
+        return self._feed(self._ticks, t_s)
+
+    def results(self, t_s: float) -> tuple[OracleResult, ...]:
+        """Return every oracle's result as it stands at `t_s`, in the campaign's order."""
+        return tuple(oracle.result(t_s) for oracle in self.oracles)
+
+    def _table(self, method: str) -> dict[str, list[Handler[object]]]:
+        table: dict[str, list[Handler[object]]] = {}
+        for oracle in self.oracles:
+            if _overrides(oracle, method):
+                for vehicle in oracle.watches:
+                    table.setdefault(vehicle, []).append(getattr(oracle, method))
+        return table
+
+    def _feed(self, handlers: Iterable[Handler[S]], sample: S) -> tuple[Flag, ...]:
+        new: list[Flag] = []
+        for handler in handlers:
+            if flags := handler(sample):
+                new += flags
+        if not new:
+            return ()
+        self._flags += new
+        for flag in new:
+            source = source_of(flag.oracle, flag.vehicle)
+            if flag.decisive and source in self._required:
+                self._event_once(DecisiveEvent(flag.t_s, "FAIL", flag.text, source))
+        return tuple(new)
+
+    def _event_once(self, event: DecisiveEvent) -> None:
+        if all(known.source != event.source for known in self._events):
+            self._events.append(event)
+
+
+def _overrides(oracle: Oracle, method: str) -> bool:
+    return getattr(type(oracle), method) is not getattr(Oracle, method)
+
+
+def _is_finite(sample: PoseSample) -> bool:
+    # One sum: infinities and NaN survive it, and a pose comes a thousand times a second.
+    total = sum(sample.pose.position_ned_m) + sum(sample.pose.q_wxyz)
+    return math.isfinite(total + sum(sample.velocity_ned_m_s) + sample.t_s)

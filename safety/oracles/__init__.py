@@ -1,0 +1,27 @@
+"""Oracles: what a campaign may have judged; importing this fills the registry."""
+
+from safety.oracles import area, contact, goal, pair, vehicle
+from safety.oracles.base import (
+    Oracle,
+    OracleContext,
+    OracleError,
+    OracleSpec,
+    Parameters,
+    RunMode,
+    registry,
+)
+
+__all__ = [
+    "Oracle",
+    "OracleContext",
+    "OracleError",
+    "OracleSpec",
+    "Parameters",
+    "RunMode",
+    "area",
+    "contact",
+    "goal",
+    "pair",
+    "registry",
+    "vehicle",
+]

@@ -1,0 +1,274 @@
+"""Whether the goal was reached: gates in order and direction, a position, in time."""
+
+from collections.abc import Mapping
+from typing import Literal
+
+from pydantic import Field
+
+from safety.oracles.base import (
+    NO_FLAGS,
+    Crossing,
+    Flags,
+    Gate,
+    Oracle,
+    OracleContext,
+    OracleError,
+    Parameters,
+    Stages,
+    oracle,
+)
+from safety.results import OracleResult
+from safety.samples import PoseSample, StageSample
+from worlds.frames import Vec3, norm, subtract
+
+Direction = Literal["away", "along", "against", "either"]
+"""away: from the side on which the vehicle was before; along: the x axis of the gate's object."""
+
+
+class ReachedParameters(Parameters):
+    """gates: names in their order (None: the goal's); direction: which way counts."""
+
+    gates: tuple[str, ...] | None = None
+    direction: Direction = "away"
+
+
+class ReachedPositionParameters(Parameters):
+    """tolerance_m: how near to the goal's position counts as reached, in metres."""
+
+    tolerance_m: float = Field(gt=0)
+
+
+class TimeLimitParameters(Parameters):
+    """limit_s: the most time from the goal (t0) to done, in seconds."""
+
+    limit_s: float = Field(gt=0)
+
+
+class Reached(Oracle):
+    """Flies truly through the opening of each gate, in order, between the goal and the end.
+
+    Judged by the vehicle's centre. actual: the largest offset at a crossing; limit: half of that
+    gate's inner size; passing beside a gate, from the wrong side or out of order is no crossing.
+    """
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        vehicle: str,
+        required: bool,
+        gates: Mapping[str, Gate],
+        events: Mapping[str, float],
+        direction: Direction = "away",
+    ) -> None:
+        super().__init__(name=name, vehicle=vehicle, required=required)
+        if not gates:
+            raise OracleError(f"oracle {name!r}: the goal names no gate")
+        self._gates = tuple(gates.items())
+        self._events = events
+        self._direction = direction
+        self._stages = Stages()
+        self._last: PoseSample | None = None
+        self._side: int | None = None
+        self._crossed: list[tuple[str, float, float, float]] = []
+
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Take a stage; gates count from the goal on."""
+        self._stages.reach(sample)
+        return NO_FLAGS
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        """Look whether the way since the last pose leads through the next gate."""
+        last, self._last = self._last, sample
+        if not self._stages.within("goal", "land", "end") or self._done:
+            return NO_FLAGS
+        here_m = sample.pose.position_ned_m
+        before = last or sample
+        name, gate = self._gates[len(self._crossed)]
+        if self._side is None:
+            self._side = gate.side(before.pose.position_ned_m, before.t_s, self._events)
+        crossing = gate.crossing(
+            before.pose.position_ned_m, before.t_s, here_m, sample.t_s, self._events
+        )
+        if crossing is None or not self._counts(crossing):
+            return NO_FLAGS
+        at_s = before.t_s + (sample.t_s - before.t_s) * crossing.fraction
+        self._crossed.append((name, crossing.offset_m, gate.half_size_m, at_s))
+        self._side = None
+        return self.flag(at_s, f"{self.vehicle} flew through {name}", decisive=False)
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the largest offset, or which gate was not flown through."""
+        del t_s
+        if not self._done:
+            return self.verdict(
+                passed=False,
+                limit=self._gates[len(self._crossed)][1].half_size_m,
+                unit="m",
+                detail=self._missing(),
+            )
+        name, offset_m, limit_m, at_s = min(self._crossed, key=lambda c: c[2] - c[1])
+        return self.verdict(
+            passed=offset_m < limit_m,
+            actual=offset_m,
+            limit=limit_m,
+            unit="m",
+            margin=limit_m - offset_m,
+            at_s=at_s,
+            detail=f"through {name}",
+        )
+
+    @property
+    def _done(self) -> bool:
+        return len(self._crossed) == len(self._gates)
+
+    def _counts(self, crossing: Crossing) -> bool:
+        wanted = {"along": 1, "against": -1, "away": -(self._side or 1), "either": 0}
+        return wanted[self._direction] in {0, crossing.direction}
+
+    def _missing(self) -> str:
+        if self._last is None:
+            return "no pose seen"
+        done, total = len(self._crossed), len(self._gates)
+        return f"never flew through {self._gates[done][0]} ({done} of {total} gates)"
+
+
+class ReachedPosition(Oracle):
+    """Comes within a tolerance of the goal's position, between the goal and the landing.
+
+    actual: the smallest distance there was; limit: the tolerance.
+    """
+
+    def __init__(
+        self, *, name: str, vehicle: str, required: bool, target_ned_m: Vec3, tolerance_m: float
+    ) -> None:
+        super().__init__(name=name, vehicle=vehicle, required=required)
+        self._target_ned_m = target_ned_m
+        self._tolerance_m = tolerance_m
+        self._stages = Stages()
+        self._best: tuple[float, float] | None = None
+
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Take a stage."""
+        self._stages.reach(sample)
+        return NO_FLAGS
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        """Take a pose."""
+        if not self._stages.within("goal", "land", "end"):
+            return NO_FLAGS
+        distance_m = norm(subtract(sample.pose.position_ned_m, self._target_ned_m))
+        before_m = self._best[0] if self._best else float("inf")
+        if distance_m < before_m:
+            self._best = (distance_m, sample.t_s)
+        if distance_m <= self._tolerance_m < before_m:
+            return self.flag(sample.t_s, f"{self.vehicle} reached its goal", decisive=False)
+        return NO_FLAGS
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the smallest distance to the goal."""
+        del t_s
+        if self._best is None:
+            detail = "no pose seen after the goal was given"
+            return self.verdict(passed=False, limit=self._tolerance_m, unit="m", detail=detail)
+        actual_m, at_s = self._best
+        margin_m = self._tolerance_m - actual_m
+        return self.verdict(
+            passed=margin_m >= 0.0,
+            actual=actual_m,
+            limit=self._tolerance_m,
+            unit="m",
+            margin=margin_m,
+            at_s=at_s,
+        )
+
+
+class TimeLimit(Oracle):
+    """The autonomy says done within a time of being given its goal."""
+
+    def __init__(self, *, name: str, vehicle: str, required: bool, limit_s: float) -> None:
+        super().__init__(name=name, vehicle=vehicle, required=required)
+        self._limit_s = limit_s
+        self._stages = Stages()
+        self._flagged = False
+
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Take a stage."""
+        self._stages.reach(sample)
+        return self.on_tick(sample.t_s)
+
+    def on_tick(self, t_s: float) -> Flags:
+        """Flag the moment at which the time is up."""
+        start_s = self._stages.at("goal")
+        if start_s is None or self._flagged or t_s - start_s <= self._limit_s:
+            return NO_FLAGS
+        end_s = self._stages.at("done")
+        if end_s is not None and end_s - start_s <= self._limit_s:
+            return NO_FLAGS
+        self._flagged = True
+        text = f"{self.vehicle} was not done {self._limit_s:g} s after its goal"
+        return self.flag(start_s + self._limit_s, text)
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the time from the goal to done, or to now."""
+        start_s, end_s = self._stages.at("goal"), self._stages.at("done")
+        if start_s is None:
+            detail = "the goal was never given"
+            return self.verdict(passed=False, limit=self._limit_s, unit="s", detail=detail)
+        took_s = (t_s if end_s is None else end_s) - start_s
+        margin_s = self._limit_s - took_s
+        return self.verdict(
+            passed=end_s is not None and margin_s >= 0.0,
+            actual=took_s,
+            limit=self._limit_s,
+            unit="s",
+            # Time that was left does not excuse that it was never done.
+            margin=margin_s if end_s is not None or margin_s < 0.0 else None,
+            at_s=start_s + took_s,
+            detail="" if end_s is not None else "never done",
+        )
+
+
+@oracle("reached", "flies through the goal's gates, in order and direction", ReachedParameters)
+def reached(
+    name: str, required: bool, parameters: ReachedParameters, context: OracleContext
+) -> Oracle:
+    """Return the oracle of gates. Raises OracleError when a gate is not in the world."""
+    names = tuple(context.gates) if parameters.gates is None else parameters.gates
+    for gate in names:
+        if gate not in context.gates:
+            raise OracleError(f"oracle {name!r}: the judged world has no gate {gate!r}")
+    return Reached(
+        name=name,
+        vehicle=context.vehicle,
+        required=required,
+        gates={gate: context.gates[gate] for gate in names},
+        events=context.events,
+        direction=parameters.direction,
+    )
+
+
+@oracle("reached_position", "comes within tolerance_m of its goal", ReachedPositionParameters)
+def reached_position(
+    name: str, required: bool, parameters: ReachedPositionParameters, context: OracleContext
+) -> Oracle:
+    """Return the oracle of a position goal. Raises OracleError when the goal has no position."""
+    if context.target_ned_m is None:
+        raise OracleError(f"oracle {name!r}: the goal names no position")
+    return ReachedPosition(
+        name=name,
+        vehicle=context.vehicle,
+        required=required,
+        target_ned_m=context.target_ned_m,
+        tolerance_m=parameters.tolerance_m,
+    )
+
+
+@oracle("time_limit", "is done within limit_s of being given its goal", TimeLimitParameters)
+def time_limit(
+    name: str, required: bool, parameters: TimeLimitParameters, context: OracleContext
+) -> Oracle:
+    """Return the oracle of the time from the goal to done."""
+    return TimeLimit(
+        name=name, vehicle=context.vehicle, required=required, limit_s=parameters.limit_s
+    )

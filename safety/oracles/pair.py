@@ -1,0 +1,96 @@
+"""How far real and twin are from each other."""
+
+from pydantic import Field
+
+from safety.oracles.base import (
+    NO_FLAGS,
+    Flags,
+    Oracle,
+    OracleContext,
+    Parameters,
+    Stages,
+    oracle,
+)
+from safety.results import OracleResult
+from safety.samples import PoseSample, StageSample
+from worlds.frames import Vec3, add, norm, scale, subtract
+
+
+class TwinDivergenceParameters(Parameters):
+    """max_m: the largest distance between real and twin, in metres; None only reports it."""
+
+    required: bool = False
+    max_m: float | None = Field(default=None, gt=0)
+
+
+class TwinDivergence(Oracle):
+    """The distance between real and twin, from the takeoff command to the first landing command.
+
+    The two are sampled at different times: the older pose is carried on by its velocity.
+    """
+
+    def __init__(
+        self, *, name: str, vehicle: str, required: bool, max_m: float | None = None
+    ) -> None:
+        super().__init__(name=name, vehicle=vehicle, required=required)
+        self._max_m = max_m
+        self._stages = Stages()
+        self._last: dict[str, PoseSample] = {}
+        self._worst: tuple[float, float] | None = None
+        self._flagged = False
+
+    @property
+    def watches(self) -> tuple[str, ...]:
+        """Return both vehicles."""
+        return ("real", "twin")
+
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Take a stage."""
+        self._stages.reach(sample)
+        return NO_FLAGS
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        """Take a pose of either."""
+        self._last[sample.vehicle] = sample
+        other = self._last.get("twin" if sample.vehicle == "real" else "real")
+        if other is None or not self._stages.within("takeoff", "land", "landed", "end"):
+            return NO_FLAGS
+        distance_m = norm(subtract(sample.pose.position_ned_m, _carried(other, sample.t_s)))
+        if self._worst is None or distance_m > self._worst[0]:
+            self._worst = (distance_m, sample.t_s)
+        if self._flagged or self._max_m is None or distance_m <= self._max_m:
+            return NO_FLAGS
+        self._flagged = True
+        return self.flag(sample.t_s, f"real and twin are {distance_m:.2f} m apart")
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the largest distance."""
+        del t_s
+        if self._worst is None:
+            detail = "the two were never seen together"
+            return self.verdict(passed=False, limit=self._max_m, unit="m", detail=detail)
+        distance_m, at_s = self._worst
+        margin_m = None if self._max_m is None else self._max_m - distance_m
+        return self.verdict(
+            passed=margin_m is None or margin_m >= 0.0,
+            actual=distance_m,
+            limit=self._max_m,
+            unit="m",
+            margin=margin_m,
+            at_s=at_s,
+        )
+
+
+def _carried(sample: PoseSample, t_s: float) -> Vec3:
+    ahead_m = scale(sample.velocity_ned_m_s, t_s - sample.t_s)
+    return add(sample.pose.position_ned_m, ahead_m)
+
+
+@oracle("twin_divergence", "real and twin stay together", TwinDivergenceParameters, pair_only=True)
+def twin_divergence(
+    name: str, required: bool, parameters: TwinDivergenceParameters, context: OracleContext
+) -> Oracle:
+    """Return the oracle of the distance between the two."""
+    return TwinDivergence(
+        name=name, vehicle=context.vehicle, required=required, max_m=parameters.max_m
+    )

@@ -1,0 +1,177 @@
+"""What the vehicle says of itself: faults, silence, and how it ended."""
+
+from pydantic import Field
+
+from safety.oracles.base import (
+    NO_FLAGS,
+    Flags,
+    Oracle,
+    OracleContext,
+    Parameters,
+    Stages,
+    oracle,
+)
+from safety.results import OracleResult
+from safety.samples import HeardSample, StageSample, StateSample
+
+
+class LinkParameters(Parameters):
+    """max_gap_s: the longest silence of the vehicle that is borne, in seconds."""
+
+    max_gap_s: float = Field(gt=0)
+
+
+class VehicleFault(Oracle):
+    """Reports no fault, and does not disarm in flight, from the takeoff command to the landing."""
+
+    def __init__(self, *, name: str, vehicle: str, required: bool) -> None:
+        super().__init__(name=name, vehicle=vehicle, required=required)
+        self._stages = Stages()
+        self._seen = False
+        self._was_flying = False
+        self._faults: list[tuple[str, float]] = []
+
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Take a stage."""
+        self._stages.reach(sample)
+        return NO_FLAGS
+
+    def on_state(self, sample: StateSample) -> Flags:
+        """Take a state; each new fault is a flag."""
+        if not self._stages.flying:
+            return NO_FLAGS
+        self._seen = True
+        fault = sample.fault
+        if self._was_flying and not sample.armed and sample.landed is False:
+            fault = fault or "disarmed in flight"
+        self._was_flying = sample.armed and sample.landed is False
+        if fault is None or any(text == fault for text, _ in self._faults):
+            return NO_FLAGS
+        self._faults.append((fault, sample.t_s))
+        return self.flag(sample.t_s, f"{self.vehicle}: {fault}")
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return FAIL with the faults in words, the first one's time."""
+        del t_s
+        if not self._seen:
+            return self.verdict(passed=False, detail="no state seen")
+        if not self._faults:
+            return self.verdict(passed=True)
+        texts = "; ".join(text for text, _ in self._faults)
+        return self.verdict(passed=False, at_s=self._faults[0][1], detail=texts)
+
+
+class Heard(Oracle):
+    """Is heard without a gap longer than the limit, from the takeoff command to the landing."""
+
+    def __init__(self, *, name: str, vehicle: str, required: bool, max_gap_s: float) -> None:
+        super().__init__(name=name, vehicle=vehicle, required=required)
+        self._max_gap_s = max_gap_s
+        self._stages = Stages()
+        self._since_s: float | None = None
+        self._heard = False
+        self._flagged = False
+        self._worst: tuple[float, float] = (0.0, 0.0)
+
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Take a stage: the window opens with the takeoff command and closes with the landing."""
+        if self._stages.flying:
+            self._note(sample.t_s)
+        self._stages.reach(sample)
+        if self._stages.flying and self._since_s is None:
+            self._since_s = sample.t_s
+            self._worst = (0.0, sample.t_s)
+        return NO_FLAGS
+
+    def on_heard(self, sample: HeardSample) -> Flags:
+        """Take a sign of life."""
+        if not self._stages.flying:
+            return NO_FLAGS
+        flags = self.on_tick(sample.t_s)
+        self._since_s, self._heard, self._flagged = sample.t_s, True, False
+        return flags
+
+    def on_tick(self, t_s: float) -> Flags:
+        """Flag a gap when it becomes too long, once."""
+        if not self._stages.flying or self._since_s is None:
+            return NO_FLAGS
+        self._note(t_s)
+        if self._flagged or t_s - self._since_s <= self._max_gap_s:
+            return NO_FLAGS
+        self._flagged = True
+        text = f"{self.vehicle} was silent for more than {self._max_gap_s:g} s"
+        return self.flag(self._since_s + self._max_gap_s, text)
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the longest gap."""
+        self.on_tick(t_s)
+        if not self._heard:
+            detail = "never heard in flight"
+            return self.verdict(passed=False, limit=self._max_gap_s, unit="s", detail=detail)
+        gap_s, at_s = self._worst
+        margin_s = self._max_gap_s - gap_s
+        return self.verdict(
+            passed=margin_s >= 0.0,
+            actual=gap_s,
+            limit=self._max_gap_s,
+            unit="s",
+            margin=margin_s,
+            at_s=at_s,
+        )
+
+    def _note(self, t_s: float) -> None:
+        if self._since_s is not None and t_s - self._since_s > self._worst[0]:
+            self._worst = (t_s - self._since_s, t_s)
+
+
+class Landed(Oracle):
+    """Is on the ground and disarmed at the end, by its own last word."""
+
+    def __init__(self, *, name: str, vehicle: str, required: bool) -> None:
+        super().__init__(name=name, vehicle=vehicle, required=required)
+        self._last: StateSample | None = None
+
+    def on_state(self, sample: StateSample) -> Flags:
+        """Take a state."""
+        self._last = sample
+        return NO_FLAGS
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return PASS only for a vehicle that said that it is landed and disarmed."""
+        del t_s
+        last = self._last
+        if last is None:
+            return self.verdict(passed=False, detail="no state seen")
+        faults = []
+        if last.armed:
+            faults.append("still armed")
+        if last.landed is None:
+            faults.append("never said whether it is on the ground")
+        elif not last.landed:
+            faults.append("not on the ground")
+        detail = " and ".join(faults)
+        return self.verdict(passed=not faults, at_s=last.t_s, detail=detail)
+
+
+@oracle("vehicle_fault", "reports no fault in flight", Parameters)
+def vehicle_fault(
+    name: str, required: bool, parameters: Parameters, context: OracleContext
+) -> Oracle:
+    """Return the oracle of the vehicle's own faults."""
+    del parameters
+    return VehicleFault(name=name, vehicle=context.vehicle, required=required)
+
+
+@oracle("link", "is never silent for longer than max_gap_s", LinkParameters)
+def link(name: str, required: bool, parameters: LinkParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of silence."""
+    return Heard(
+        name=name, vehicle=context.vehicle, required=required, max_gap_s=parameters.max_gap_s
+    )
+
+
+@oracle("landed", "is landed and disarmed at the end", Parameters)
+def landed(name: str, required: bool, parameters: Parameters, context: OracleContext) -> Oracle:
+    """Return the oracle of how the flight ended."""
+    del parameters
+    return Landed(name=name, vehicle=context.vehicle, required=required)

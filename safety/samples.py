@@ -1,0 +1,59 @@
+"""What judging and guarding are fed: frozen samples, each with its run-clock time.
+
+Positions are NED metres in the world's local frame, whatever source they came from.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from vehicles.autopilots.base import Mode
+from worlds.frames import Pose, Vec3
+
+Stage = Literal["takeoff", "at_height", "goal", "done", "land", "landed", "end"]
+"""Of a run: takeoff commanded, both at height, goal given (t0), autonomy done, landing commanded,
+on the ground and disarmed, nothing more will come."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSample:
+    """Where a vehicle is in the world, from the pose source that its campaign chose."""
+
+    t_s: float
+    vehicle: str
+    pose: Pose
+    velocity_ned_m_s: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class StateSample:
+    """What a vehicle says of itself.
+
+    mode_name: the autopilot's own word. landed: None while unknown. fault: what is wrong with it
+    in words, None while nothing is. battery_fraction: 0 to 1, None when unknown.
+    """
+
+    t_s: float
+    vehicle: str
+    armed: bool
+    mode: Mode
+    mode_name: str = ""
+    landed: bool | None = None
+    fault: str | None = None
+    battery_fraction: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class HeardSample:
+    """Something valid arrived from the vehicle over its link."""
+
+    t_s: float
+    vehicle: str
+
+
+@dataclass(frozen=True, slots=True)
+class StageSample:
+    """A stage of the run was reached, by one vehicle or, with None, by all of them."""
+
+    t_s: float
+    stage: Stage
+    vehicle: str | None = None
