@@ -1,0 +1,221 @@
+"""What a run and a campaign came to: fields exactly as result.json and summary.json carry them.
+
+Beside `wall_s` nothing here depends on the machine: repeats of a seed are equal byte for byte.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from campaigns.acceptance import Requirement, Standing, standings
+from safety.results import Flag, OracleResult, Verdict
+
+Clock = Literal["virtual", "wall", "scaled"]
+VehicleKind = Literal["embedded", "sitl", "hardware", "unknown"]
+SensorKind = Literal["live", "rendered", "file"]
+Stop = Literal["signal", "command"]
+"""What ended a campaign early: Ctrl-C or SIGTERM, or an operator's command."""
+
+VERDICTS: tuple[Verdict, ...] = ("PASS", "FAIL", "INVALID", "ERROR", "ABORTED")
+
+
+@dataclass(frozen=True, slots=True)
+class Percentiles:
+    """The median and the 99th percentile; None when nothing was measured."""
+
+    p50: float | None
+    p99: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class SyncResult:
+    """Skews of the pair in seconds, None when the stage was not reached or one vehicle flew.
+
+    command: between the takeoff commands on the wire. takeoff: between the times off the ground,
+    by mapped clocks. t0: between the times at which each was given its goal.
+    """
+
+    command_skew_s: float | None = None
+    takeoff_skew_s: float | None = None
+    t0_skew_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MixingResult:
+    """What the mixing of one run did, over all of its mixed readings.
+
+    registration_error_px: None without an independent reference.
+    """
+
+    frames: int
+    dropped: int
+    rate_hz: float
+    skew_ms: Percentiles
+    latency_ms: Percentiles
+    registration_error_px: Percentiles | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Also:
+    """A decisive event that came after the one that made the verdict."""
+
+    verdict: Verdict
+    reason: str
+    at_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """One flight. rep counts from 1. duration_s: takeoff command to disarm, None without takeoff.
+
+    wall_s: how long it took on this machine. mixing: None where nothing is mixed. collisions: the
+    flags of contacts as they happened. artifacts: files, relative to the campaign's folder.
+    """
+
+    case: str
+    mode: str
+    rep: int
+    seed: int
+    verdict: Verdict
+    reason: str
+    also: tuple[Also, ...]
+    required: bool
+    duration_s: float | None
+    wall_s: float
+    oracles: tuple[OracleResult, ...]
+    sync: SyncResult
+    mixing: MixingResult | None
+    collisions: tuple[Flag, ...] = ()
+    artifacts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Totals:
+    """How many runs were flown, were required, and came to each verdict."""
+
+    runs: int
+    required: int
+    passed: int
+    failed: int
+    invalid: int
+    error: int
+    aborted: int
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A campaign. surrogate: the embedded vehicle played `real` in a run of mode wil or real.
+
+    sensors: for each sensor where its readings came from. accepted: None when no required run was
+    flown.
+    """
+
+    campaign: str
+    clock: Clock
+    surrogate: bool
+    real_kind: VehicleKind
+    sensors: dict[str, SensorKind]
+    runs: tuple[RunResult, ...]
+    totals: Totals
+    accepted: bool | None
+
+
+def percentiles(values: Sequence[float]) -> Percentiles:
+    """Return median and 99th percentile by nearest rank, which needs no interpolation."""
+    if not values:
+        return Percentiles(None, None)
+    ordered = sorted(values)
+
+    def rank(share: float) -> float:
+        return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
+
+    return Percentiles(rank(0.50), rank(0.99))
+
+
+def summarize(
+    runs: Iterable[RunResult],
+    requirements: Sequence[Requirement],
+    *,
+    campaign: str,
+    clock: Clock,
+    surrogate: bool,
+    real_kind: VehicleKind,
+    sensors: dict[str, SensorKind],
+) -> Summary:
+    """Return the summary of the runs that were flown, in the order given."""
+    flown = tuple(runs)
+    return Summary(
+        campaign=campaign,
+        clock=clock,
+        surrogate=surrogate,
+        real_kind=real_kind,
+        sensors=dict(sorted(sensors.items())),
+        runs=flown,
+        totals=totals_of(flown),
+        accepted=accepted(flown, requirements),
+    )
+
+
+def totals_of(runs: Sequence[RunResult]) -> Totals:
+    """Return the counts of the runs."""
+    count = {verdict: sum(run.verdict == verdict for run in runs) for verdict in VERDICTS}
+    return Totals(
+        runs=len(runs),
+        required=sum(run.required for run in runs),
+        passed=count["PASS"],
+        failed=count["FAIL"],
+        invalid=count["INVALID"],
+        error=count["ERROR"],
+        aborted=count["ABORTED"],
+    )
+
+
+def standings_of(
+    runs: Iterable[RunResult], requirements: Iterable[Requirement]
+) -> tuple[Standing, ...]:
+    """Return how far each requirement of the campaign is met by these runs."""
+    return standings(requirements, ((run.case, run.mode, run.verdict == "PASS") for run in runs))
+
+
+def accepted(runs: Sequence[RunResult], requirements: Sequence[Requirement]) -> bool | None:
+    """Return whether the campaign is accepted; None when no required run was flown.
+
+    A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED: those flights prove
+    nothing, so they cannot be among the ones that a campaign may lose.
+    """
+    required = [run for run in runs if run.required]
+    if not required:
+        return None
+    flown = all(run.verdict in {"PASS", "FAIL"} for run in required)
+    return flown and all(standing.met for standing in standings_of(runs, requirements))
+
+
+def exit_code(
+    runs: Sequence[RunResult],
+    requirements: Sequence[Requirement],
+    *,
+    stopped: Stop | None = None,
+    broken: bool = False,
+) -> int:
+    """Return the program's exit code; the first that applies of 130, 4, 3, 1, 5, 0.
+
+    stopped: what ended the campaign early. broken: an exception reached the orchestrator, or a
+    vehicle, port or broker could not be had; then it is never 0. An ABORTED run counts as an
+    operator's command whether or not it was required. Required runs that are missing without a
+    reason (nobody stopped the campaign) are an infrastructure error.
+    """
+    required = [run for run in runs if run.required]
+    if stopped == "signal":
+        return 130
+    if stopped == "command" or any(run.verdict == "ABORTED" for run in runs):
+        return 4
+    unmet = [standing for standing in standings_of(runs, requirements) if not standing.met]
+    missing = any(standing.flown < standing.requirement.share.runs for standing in unmet)
+    if broken or any(run.verdict in {"ERROR", "INVALID"} for run in required):
+        return 3
+    if required and missing:
+        return 3
+    if any(run.verdict == "FAIL" for run in required) and unmet:
+        return 1
+    return 0 if required else 5

@@ -1,0 +1,50 @@
+"""Documents on disk: written whole or not at all, and the same bytes for the same content."""
+
+import dataclasses
+import json
+import os
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+
+def to_json(document: object, *, indent: int | None = 2) -> str:
+    """Return a dataclass (or plain values) as JSON, keys in the order of its fields.
+
+    Floats are written so that they read back the same. Raises ValueError for NaN and infinity.
+    """
+    plain = (
+        dataclasses.asdict(document)
+        if dataclasses.is_dataclass(document) and not isinstance(document, type)
+        else document
+    )
+    return json.dumps(plain, indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file so that a reader sees all of it or what was there before, also after a crash.
+
+    A temporary file in the same folder, fsync, rename, fsync of the folder. Raises OSError.
+    """
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fchmod(stream.fileno(), 0o644)
+            os.fsync(stream.fileno())
+        Path(name).replace(path)
+    except BaseException:
+        with suppress(FileNotFoundError):
+            Path(name).unlink()
+        raise
+    _sync_folder(path.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
