@@ -1,0 +1,223 @@
+"""A patch of one colour in a picture: how large, where, and whether it is cut off."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicles.perception.hsv import HsvMask, HsvRange, Mask
+from vehicles.readings import BgrImage
+
+
+@dataclass(frozen=True, slots=True)
+class Borders:
+    """Which edges of the picture something touches."""
+
+    left: bool
+    top: bool
+    right: bool
+    bottom: bool
+
+    @property
+    def any(self) -> bool:
+        """Return whether it may go on outside of the picture."""
+        return self.left or self.top or self.right or self.bottom
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A box in pixels; the far edges are those of the last pixels, included."""
+
+    left_px: float
+    top_px: float
+    right_px: float
+    bottom_px: float
+
+    @property
+    def width_px(self) -> float:
+        """Return the width in pixels."""
+        return self.right_px - self.left_px + 1.0
+
+    @property
+    def height_px(self) -> float:
+        """Return the height in pixels."""
+        return self.bottom_px - self.top_px + 1.0
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Return the middle (u, v)."""
+        return (self.left_px + self.right_px) / 2.0, (self.top_px + self.bottom_px) / 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """The largest hole in a patch: what a gate's frame encloses.
+
+    Where the patch is cut off by an edge of the picture, that edge closes the hole. across_known:
+    left and right end are the patch's own; down_known: top and bottom are.
+    """
+
+    box: Box
+    centre_px: tuple[float, float]
+    across_known: bool
+    down_known: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Blob:
+    """All that a picture shows of a colour; pixels are those of the whole picture.
+
+    centroid_px: (u, v), the centre of mass of what is seen. opening: None when the patch encloses
+    nothing.
+    """
+
+    area_px: float
+    centroid_px: tuple[float, float]
+    box: Box
+    borders: Borders
+    opening: Opening | None
+
+
+class BlobFinder:
+    """Finds the patch of a colour in pictures.
+
+    decimate: every n-th pixel of a row and column is looked at, which costs n * n times less.
+    min_area_fraction: of the picture; less is not seen. min_opening_fraction: of the patch's box;
+    smaller holes are noise.
+    """
+
+    def __init__(
+        self,
+        ranges: Sequence[HsvRange],
+        *,
+        decimate: int = 2,
+        min_area_fraction: float = 3e-4,
+        min_opening_fraction: float = 0.15,
+    ) -> None:
+        self._mask_of = HsvMask(tuple(ranges)).of
+        self._decimate = decimate
+        self._min_area_fraction = min_area_fraction
+        self._min_opening_fraction = min_opening_fraction
+
+    def find(self, image_bgr: BgrImage) -> Blob | None:
+        """Return the patch in a (height, width, 3) uint8 picture; None when none is large enough.
+
+        Parts whose box is below a quarter of the least area are specks, and left out; all others
+        count together, for a gate whose top is out of view is two bars.
+        """
+        mask = self._mask_of(_decimated(image_bgr, self._decimate))
+        least_px = self._min_area_fraction * mask.size
+        box = _without_specks(mask, least_px / 4.0)
+        moments = cv2.moments(mask, binaryImage=True)
+        if box is None or moments["m00"] < least_px:
+            return None
+        borders = _borders(box, mask)
+        smallest_px = self._min_opening_fraction * box.width_px * box.height_px
+        return _of_whole_picture(
+            Blob(
+                area_px=moments["m00"],
+                centroid_px=(moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]),
+                box=box,
+                borders=borders,
+                opening=_opening(mask, borders, smallest_px),
+            ),
+            self._decimate,
+        )
+
+
+def _decimated(image_bgr: BgrImage, factor: int) -> BgrImage:
+    if factor == 1:
+        return image_bgr
+    size = (image_bgr.shape[1] // factor, image_bgr.shape[0] // factor)
+    taken: BgrImage = cv2.resize(image_bgr, size, interpolation=cv2.INTER_NEAREST)
+    return taken
+
+
+def _without_specks(mask: Mask, least_px: float) -> Box | None:
+    """Erase small parts from the mask; return the box around the others, None without any."""
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    kept: list[tuple[int, int, int, int]] = []
+    for contour in contours:
+        left, top, width, height = cv2.boundingRect(contour)
+        if width * height < least_px:
+            cv2.drawContours(mask, [contour], 0, 0, cv2.FILLED)
+        else:
+            kept.append((left, top, left + width - 1, top + height - 1))
+    if not kept:
+        return None
+    lefts, tops, rights, bottoms = zip(*kept, strict=True)
+    return Box(min(lefts), min(tops), max(rights), max(bottoms))
+
+
+def _borders(box: Box, mask: Mask) -> Borders:
+    height_px, width_px = mask.shape
+    return Borders(
+        left=box.left_px <= 0,
+        top=box.top_px <= 0,
+        right=box.right_px >= width_px - 1,
+        bottom=box.bottom_px >= height_px - 1,
+    )
+
+
+def _opening(mask: Mask, borders: Borders, smallest_px: float) -> Opening | None:
+    """Return the largest hole of at least this size; edges that the patch touches close it."""
+    framed = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    for touched, edge in (
+        (borders.left, framed[:, 0]),
+        (borders.right, framed[:, -1]),
+        (borders.top, framed[0]),
+        (borders.bottom, framed[-1]),
+    ):
+        if touched:
+            edge[:] = 255
+    contours, hierarchy = cv2.findContours(framed, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    holes = [c for c, node in zip(contours, hierarchy[0], strict=True) if node[3] >= 0]
+    largest = max(holes, key=cv2.contourArea, default=None)
+    if largest is None or cv2.contourArea(largest) < max(smallest_px, 1.0):
+        return None
+    return _opening_of(largest, mask)
+
+
+def _opening_of(contour: NDArray[np.int32], mask: Mask) -> Opening:
+    """Return the hole within a contour of frame pixels, one beyond the hole on every side."""
+    height_px, width_px = mask.shape
+    left, top, width, height = cv2.boundingRect(contour)
+    box = Box(left, top, left + width - 3, top + height - 3)
+    moments = cv2.moments(contour)
+    centre = moments["m10"] / moments["m00"] - 1.0, moments["m01"] / moments["m00"] - 1.0
+    return Opening(
+        box,
+        centre,
+        across_known=box.left_px > 0 and box.right_px < width_px - 1,
+        down_known=box.top_px > 0 and box.bottom_px < height_px - 1,
+    )
+
+
+def _of_whole_picture(blob: Blob, factor: int) -> Blob:
+    """Return the blob in pixels of the picture of which every `factor`-th pixel was looked at."""
+    if factor == 1:
+        return blob
+    opening = blob.opening
+    if opening is not None:
+        opening = replace(
+            opening, box=_scaled(opening.box, factor), centre_px=_times(opening.centre_px, factor)
+        )
+    return Blob(
+        area_px=blob.area_px * factor * factor,
+        centroid_px=_times(blob.centroid_px, factor),
+        box=_scaled(blob.box, factor),
+        borders=blob.borders,
+        opening=opening,
+    )
+
+
+def _times(point_px: tuple[float, float], factor: int) -> tuple[float, float]:
+    return (point_px[0] * factor, point_px[1] * factor)
+
+
+def _scaled(box: Box, factor: int) -> Box:
+    return Box(
+        box.left_px * factor, box.top_px * factor, box.right_px * factor, box.bottom_px * factor
+    )
