@@ -1,7 +1,4 @@
-"""Readings: one sensor sample each, frozen, with its time, frame and source.
-
-Arrays in a reading are shared, never written to after construction.
-"""
+"""Pictures: colour, and distance per pixel."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -10,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worlds.camera import Intrinsics
-from worlds.frames import Pose, Vec3
+from worlds.frames import Pose
 
 Source = Literal["real", "twin", "mixed"]
 BgrImage = NDArray[np.uint8]
@@ -43,14 +40,20 @@ class CameraReading:
 
 
 @dataclass(frozen=True, slots=True)
-class PoseReading:
-    """A vehicle's pose in the world's local frame (NED metres), from motion capture or MAVLink."""
+class DepthReading:
+    """A depth picture, of a stereo or time-of-flight camera.
+
+    t_s, arrived_s, seq, intrinsics, camera_pose, rendered: as of a CameraReading.
+    depth_m: (height, width) float32, metres along the optical axis; inf where the sensor saw
+    nothing. object_ids: (height, width) uint8, 0 is background; None when unknown.
+    """
 
     t_s: float
     arrived_s: float
+    seq: int
     source: Source
-    pose: Pose
-    velocity_ned_m_s: Vec3 | None = None
-
-
-Reading = CameraReading | PoseReading
+    depth_m: DepthImage
+    intrinsics: Intrinsics
+    object_ids: IdImage | None = None
+    camera_pose: Pose | None = None
+    rendered: bool = True

@@ -1,0 +1,49 @@
+"""Readings: one sensor sample each, frozen, with its time, frame and source.
+
+Every reading has t_s (when it was sampled, run clock), arrived_s (when it was delivered to us),
+seq (counts up by one per sample of this sensor, so that a drop shows) and source. Arrays in a
+reading are shared, never written to after construction.
+"""
+
+from vehicles.readings.kinds import SENSOR_TYPES, Reading, sensor_type_of
+from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
+from vehicles.readings.pictures import (
+    BgrImage,
+    CameraReading,
+    DepthImage,
+    DepthReading,
+    IdImage,
+    Source,
+)
+from vehicles.readings.ranging import (
+    LidarPointsReading,
+    LidarScanReading,
+    ObjectIds,
+    Points,
+    RangefinderReading,
+    Ranges,
+)
+from vehicles.readings.sound import MicrophoneReading, samples_from_pressure
+
+__all__ = [
+    "SENSOR_TYPES",
+    "BgrImage",
+    "CameraReading",
+    "DepthImage",
+    "DepthReading",
+    "GpsReading",
+    "IdImage",
+    "ImuReading",
+    "LidarPointsReading",
+    "LidarScanReading",
+    "MicrophoneReading",
+    "ObjectIds",
+    "Points",
+    "PoseReading",
+    "RangefinderReading",
+    "Ranges",
+    "Reading",
+    "Source",
+    "samples_from_pressure",
+    "sensor_type_of",
+]

@@ -1,0 +1,45 @@
+"""All kinds of reading, and the names that recipes and campaigns call their sensors by."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
+from vehicles.readings.pictures import CameraReading, DepthReading
+from vehicles.readings.ranging import LidarPointsReading, LidarScanReading, RangefinderReading
+from vehicles.readings.sound import MicrophoneReading
+
+Reading = (
+    CameraReading
+    | DepthReading
+    | LidarScanReading
+    | LidarPointsReading
+    | RangefinderReading
+    | GpsReading
+    | PoseReading
+    | ImuReading
+    | MicrophoneReading
+)
+
+SENSOR_TYPES: Mapping[str, type[Reading]] = MappingProxyType(
+    {
+        "camera": CameraReading,
+        "depth": DepthReading,
+        "lidar": LidarScanReading,
+        "lidar_points": LidarPointsReading,
+        "rangefinder": RangefinderReading,
+        "gps": GpsReading,
+        "pose": PoseReading,
+        "imu": ImuReading,
+        "microphone": MicrophoneReading,
+    }
+)
+"""Sensor type as files name it, to the class of its readings."""
+
+_NAMES: Mapping[type[Reading], str] = MappingProxyType(
+    {kind: name for name, kind in SENSOR_TYPES.items()}
+)
+
+
+def sensor_type_of(reading: Reading) -> str:
+    """Return the sensor type that gives such a reading."""
+    return _NAMES[type(reading)]

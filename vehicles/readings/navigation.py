@@ -1,0 +1,58 @@
+"""Where the vehicle is and how it moves: motion capture, satellites, inertial sensors."""
+
+from dataclasses import dataclass
+
+from vehicles.readings.pictures import Source
+from worlds.frames import Pose, Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class PoseReading:
+    """A vehicle's pose in the world's local frame (NED metres), from motion capture or MAVLink."""
+
+    t_s: float
+    arrived_s: float
+    source: Source
+    pose: Pose
+    velocity_ned_m_s: Vec3 | None = None
+    seq: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class GpsReading:
+    """A fix of a satellite receiver, on WGS-84.
+
+    latitude_deg, longitude_deg: degrees. altitude_m: above the ellipsoid (not above mean sea
+    level). velocity_ned_m_s: over ground. horizontal_accuracy_m, vertical_accuracy_m: the
+    receiver's own estimate, one standard deviation. fix_type: GPS_FIX_TYPE of MAVLink, 3 is a
+    3-D fix. satellites: in use.
+    """
+
+    t_s: float
+    arrived_s: float
+    seq: int
+    source: Source
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    velocity_ned_m_s: Vec3
+    horizontal_accuracy_m: float
+    vertical_accuracy_m: float
+    fix_type: int = 3
+    satellites: int = 12
+
+
+@dataclass(frozen=True, slots=True)
+class ImuReading:
+    """Accelerometer and gyroscope, in the body's FRD axes.
+
+    specific_force_frd_m_s2: what an accelerometer feels: (0, 0, -9.81) at rest and level.
+    rates_frd_rad_s: angular velocity of the body.
+    """
+
+    t_s: float
+    arrived_s: float
+    seq: int
+    source: Source
+    specific_force_frd_m_s2: Vec3
+    rates_frd_rad_s: Vec3
