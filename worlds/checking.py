@@ -4,18 +4,15 @@ Pure: an error, the value and its model in; faults (path, message, suggestion) o
 """
 
 import re
-import types
-import typing
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
+from worlds.model_keys import Path, descend, known_keys
 from worlds.problems import closest
 from worlds.yaml_nodes import Data
-
-Path = tuple[str | int, ...]
 
 
 class Part(BaseModel):
@@ -99,21 +96,13 @@ def _located(detail: ErrorDetails, value: Data) -> _Located:
         last = index == len(location) - 1
         if step == "[key]" and last:
             continue
-        found, below = _descend(here, step)
+        found, below = descend(here, step)
         if found or (last and detail["type"] == "missing"):
             path.append(step)
             here = below
         else:
             branches.append((tuple(path), str(step)))
     return _Located(tuple(path), tuple(branches), detail)
-
-
-def _descend(here: object, step: str | int) -> tuple[bool, object]:
-    if isinstance(here, dict) and step in here:
-        return True, here[step]
-    if isinstance(here, list) and isinstance(step, int) and 0 <= step < len(here):
-        return True, here[step]
-    return False, None
 
 
 def _settle_unions(located: list[_Located]) -> list[tuple[Path, ErrorDetails]]:
@@ -150,7 +139,7 @@ def _best_members(located: list[_Located], level: int) -> dict[tuple[object, ...
 
 def _all_wanted(item: _Located, located: list[_Located]) -> ErrorDetails:
     """Name every member of the union when the value has the type of none of them."""
-    if item.detail["type"] not in _WANTED or not item.branches or item.path != item.branches[-1][0]:
+    if not _wanted_by(item.detail) or not item.branches or item.path != item.branches[-1][0]:
         return item.detail
     wanted: dict[str, None] = {}
     for rival in located:
@@ -163,7 +152,7 @@ def _all_wanted(item: _Located, located: list[_Located]) -> ErrorDetails:
 
 def _wanted_by(detail: ErrorDetails) -> list[str]:
     if detail["type"] == "literal_error":
-        return [f"'{word}'" for word in _quoted(str(detail.get("ctx", {})["expected"]))]
+        return _quoted(str(detail.get("ctx", {})["expected"]))
     return [_WANTED[detail["type"]]] if detail["type"] in _WANTED else []
 
 
@@ -175,10 +164,8 @@ def _either(words: Iterable[str]) -> str:
 def _fault(path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data) -> Fault:
     kind, context = detail["type"], detail.get("ctx", {})
     cause = context.get("error")
-    if kind == "missing":
-        return Fault(path[:-1], f"missing key '{path[-1]}'", on_key=True)
-    if kind == "union_tag_not_found":
-        return Fault(path, f"missing key {context['discriminator']}", on_key=True)
+    if kind in {"missing", "union_tag_not_found"}:
+        return _missing_fault(path, detail)
     if kind == "extra_forbidden":
         return _unknown_key(path, known_keys(model, path[:-1], value))
     if isinstance(cause, KeyFaultError):
@@ -188,12 +175,25 @@ def _fault(path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data
     return Fault(path, str(cause) if cause is not None else _mismatch(detail))
 
 
+def _missing_fault(path: Path, detail: ErrorDetails) -> Fault:
+    if detail["type"] == "union_tag_not_found":
+        return Fault(path, f"missing key {detail['ctx']['discriminator']}", on_key=True)
+    if isinstance(path[-1], int):
+        return Fault(path[:-1], f"has too few entries ({len(detail['input'])})")
+    return Fault(path[:-1], f"missing key '{path[-1]}'", on_key=True)
+
+
 def _choice_fault(path: Path, detail: ErrorDetails) -> Fault:
-    context = detail.get("ctx", {})
-    if detail["type"] != "union_tag_invalid":
-        return _wrong_word(path, detail["input"], _quoted(str(context["expected"])))
-    inside = (*path, str(context["discriminator"]).strip("'"))
-    return _wrong_word(inside, context["tag"], _quoted(str(context["expected_tags"])))
+    context, given = detail.get("ctx", {}), detail["input"]
+    if detail["type"] == "union_tag_invalid":
+        path = (*path, str(context["discriminator"]).strip("'"))
+        given, known = context["tag"], _quoted(str(context["expected_tags"]))
+    else:
+        known = _quoted(str(context["expected"]))
+    wanted = context.get("wanted", _either(known))
+    shown = f"'{given}'" if isinstance(given, str) else describe(given)
+    meant = closest(given, known) if isinstance(given, str) else ""
+    return Fault(path, f"must be {wanted}, is {shown}", meant)
 
 
 def _mismatch(detail: ErrorDetails) -> str:
@@ -202,7 +202,7 @@ def _mismatch(detail: ErrorDetails) -> str:
     context = detail.get("ctx", {})
     if kind in _COMPARED:
         words, key = _COMPARED[kind]
-        return f"must be {words} {context[key]}, is {describe(given)}"
+        return f"must be {words} {context[key]:g}, is {describe(given)}"
     if kind in _WANTED:
         wanted = context.get("wanted", _WANTED[kind])
         return f"must be {wanted}, is {describe(given)}{_hint(str(wanted), given)}"
@@ -243,13 +243,6 @@ def _quoted(expected: str) -> list[str]:
     return re.findall(r"'([^']*)'", expected) or re.split(r",\s*|\s+or\s+", expected)
 
 
-def _wrong_word(path: Path, given: object, known: list[str]) -> Fault:
-    shown = f"'{given}'" if isinstance(given, str) else describe(given)
-    choice = f"must be {_either(known)}" if known else "has no choice"
-    meant = closest(given, known) if isinstance(given, str) else ""
-    return Fault(path, f"{choice}, is {shown}", meant)
-
-
 def _unknown_key(path: Path, known: list[str]) -> Fault:
     meant = closest(str(path[-1]), known)
     message = f"unknown key '{path[-1]}'"
@@ -267,57 +260,3 @@ def _without_echoes(faults: list[Fault]) -> list[Fault]:
         if missing is None or (fault.path, missing[1]) not in meant:
             kept[fault] = None
     return list(kept)
-
-
-def known_keys(model: type[BaseModel], path: Path, value: Data) -> list[str]:
-    """Return the keys that may stand in the mapping at `path` of a value of this model."""
-    candidates: list[object] = [model]
-    here: object = value
-    for step in path:
-        _, here = _descend(here, step)
-        candidates = [inner for candidate in candidates for inner in _inside(candidate, step, here)]
-    names: dict[str, None] = {}
-    for candidate in candidates:
-        for name in _fields(candidate) if _may_be(candidate, here) else ():
-            names[name] = None
-    return list(names)
-
-
-def _fields(candidate: object) -> dict[str, object]:
-    if not (isinstance(candidate, type) and issubclass(candidate, BaseModel)):
-        return {}
-    return {field.alias or name: field.annotation for name, field in candidate.model_fields.items()}
-
-
-def _may_be(candidate: object, here: object) -> bool:
-    """Return whether no literal field (`type: camera`) of the candidate contradicts the value."""
-    if not isinstance(here, dict):
-        return True
-    return all(
-        here.get(name) in typing.get_args(annotation)
-        for name, annotation in _fields(candidate).items()
-        if typing.get_origin(annotation) is typing.Literal and name in here
-    )
-
-
-def _inside(candidate: object, step: str | int, below: object) -> list[object]:
-    """Return the types that the value under one key or index of a candidate may have."""
-    fields = _fields(candidate)
-    if fields:
-        return _members(fields[str(step)]) if step in fields else []
-    arguments = [a for a in typing.get_args(candidate) if a is not Ellipsis]
-    if not arguments:
-        return []
-    is_map = isinstance(step, str)
-    picked = arguments[-1] if is_map or len(arguments) <= int(step) else arguments[int(step)]
-    return [member for member in _members(picked) if _may_be(member, below)]
-
-
-def _members(annotation: object) -> list[object]:
-    """Return the types an annotation stands for: members of a union, contents of Annotated."""
-    origin = typing.get_origin(annotation)
-    if origin is typing.Annotated:
-        return _members(typing.get_args(annotation)[0])
-    if origin in {typing.Union, types.UnionType}:
-        return [m for part in typing.get_args(annotation) for m in _members(part)]
-    return [annotation]

@@ -12,7 +12,8 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from worlds.checking import KeyFaultError, Part, Path, describe, faults_of
+from worlds.checking import KeyFaultError, Part, describe, faults_of
+from worlds.model_keys import Path
 from worlds.problems import BadInput, Problem, closest
 from worlds.yaml_nodes import (
     Data,
