@@ -1,0 +1,296 @@
+"""The guard's core: bytes, positions, commands and ticks in; bytes and events out.
+
+Pure. What it decides depends on what it was handed and when, never on a clock or a socket, so
+that the same core runs in process under virtual time and in a process of its own.
+
+A runtime-assurance filter in the pattern of ASTM F3269: as long as all is well the orchestrator's
+frames pass; once it latches, they do not, and its own contingency brings every vehicle down.
+"""
+
+import math
+from collections.abc import Mapping
+
+from safety.guard.contingency import Action, ContingencyPlan, Phase
+from safety.guard.events import (
+    Cause,
+    EventKind,
+    GuardedVehicle,
+    GuardEvent,
+    GuardSettings,
+    OperatorCommand,
+    Output,
+    Outputs,
+    ToGcs,
+    ToOrchestrator,
+    ToVehicle,
+)
+from safety.guard.traffic import command_of, frame_name, is_harmless, is_steering
+from safety.guard.ward import Ward
+from safety.guard.wire import (
+    COMMAND_INT,
+    COMMAND_LONG,
+    EXTENDED_SYS_STATE,
+    HEARTBEAT,
+    LOCAL_POSITION_NED,
+    SET_MODE,
+)
+from safety.samples import PoseSample
+from vehicles.autopilots.base import own_heartbeat
+from vehicles.mavlink.framing import Frame
+from worlds.frames import Pose, Vec3
+
+_READ = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, LOCAL_POSITION_NED})
+_COMMANDS = frozenset({COMMAND_LONG, COMMAND_INT, SET_MODE})
+
+
+class GuardCore:
+    """Watches and, when it must, brings down all vehicles it was given.
+
+    Latched once, it stays latched: `latched` names the first cause. Every method returns what is
+    to be sent and recorded, in that order. Bytes may come cut anywhere; whole frames go out.
+    """
+
+    def __init__(
+        self,
+        *,
+        vehicles: Mapping[str, GuardedVehicle],
+        settings: GuardSettings | None = None,
+        plan: ContingencyPlan | None = None,
+    ) -> None:
+        self.settings = settings or GuardSettings()
+        base = plan or ContingencyPlan()
+        self._wards = {
+            name: Ward(name, vehicle, self.settings, base) for name, vehicle in vehicles.items()
+        }
+        self.latched: Cause | None = None
+        self.paused = False
+        self.dropped: dict[tuple[str, str], int] = {}
+        """How many frames of the orchestrator were not passed, by vehicle and message."""
+        self._alive_s: float | None = None
+        self._told_of_all: set[str] = set()
+
+    @property
+    def phases(self) -> dict[str, Phase]:
+        """Return where each vehicle's contingency stands."""
+        return {name: ward.contingency.phase for name, ward in self._wards.items()}
+
+    @property
+    def all_down(self) -> bool:
+        """Return whether it latched and every vehicle that ever spoke is disarmed."""
+        return self.latched is not None and all(
+            ward.contingency.down or ward.seen.heard_s is None for ward in self._wards.values()
+        )
+
+    def anchor(self, name: str, anchor: Pose) -> None:
+        """Say where a vehicle's local frame is in the world: makes its estimate a position."""
+        self._wards[name].seen.anchor = anchor
+
+    def from_vehicle(self, name: str, data: bytes, t_s: float) -> Outputs:
+        """Take bytes of a vehicle: they always pass."""
+        ward = self._wards[name]
+        frames = ward.from_vehicle.feed(data)
+        if not frames:
+            return ()
+        raw = tuple([frame.raw for frame in frames])
+        out: list[Output] = [ToOrchestrator(name, raw)]
+        if ward.vehicle.gcs:
+            out.append(ToGcs(name, raw))
+        target = ward.vehicle.target
+        own = [f for f in frames if f.system == target.system and f.component == target.component]
+        if own:
+            out += self._hear(ward, t_s)
+        for frame in own:
+            if frame.message_id in _READ:
+                out += self._read(ward, frame, t_s)
+        return tuple(out)
+
+    def from_orchestrator(self, name: str, data: bytes, t_s: float) -> Outputs:
+        """Take bytes of the orchestrator: they pass while it is in command."""
+        ward = self._wards[name]
+        passed: list[bytes] = []
+        events: list[Output] = []
+        for frame in ward.from_orchestrator.feed(data):
+            if self._passes(ward, frame, t_s):
+                passed.append(frame.raw)
+            else:
+                events += self._drop(ward, frame, t_s)
+        if not passed:
+            return tuple(events)
+        return (ToVehicle(name, tuple(passed)), *events)
+
+    def from_gcs(self, name: str, data: bytes, t_s: float) -> Outputs:
+        """Take bytes of a ground station: they always pass; steering in flight is a takeover."""
+        ward = self._wards[name]
+        frames = ward.from_gcs.feed(data)
+        if not frames:
+            return ()
+        out: list[Output] = [ToVehicle(name, tuple(frame.raw for frame in frames))]
+        steering = [frame for frame in frames if is_steering(frame)]
+        if steering and ward.seen.may_be_armed(t_s) and not ward.seen.taken_over:
+            ward.seen.taken_over = True
+            text = f"the ground station took {name} over by {frame_name(steering[0])}"
+            out += self._latch("takeover", name, text, t_s)
+        return tuple(out)
+
+    def position(self, sample: PoseSample) -> Outputs:
+        """Take where a vehicle is, from the fastest source there is."""
+        ward = self._wards[sample.vehicle]
+        return self._place(ward, sample.pose.position_ned_m, sample.velocity_ned_m_s, sample.t_s)
+
+    def command(self, command: OperatorCommand) -> Outputs:
+        """Take an operator's command. Abort always wins, and nothing undoes it."""
+        t_s, who = command.t_s, command.who
+        if command.kind == "abort":
+            return tuple(self._latch("abort", "", f"aborted by {who}", t_s))
+        if self.latched is not None:
+            return (self._event(t_s, "refused", "", f"{who}: {command.kind}: all are landing"),)
+        if command.kind == "hold":
+            self.paused = True
+            out: list[Output] = []
+            for ward in self._wards.values():
+                actions = ward.contingency.pause(ward.seen.facts(t_s), t_s)
+                out += self._send(ward, actions, t_s)
+            return (*out, self._event(t_s, "hold", "", f"held by {who}"))
+        if not self.paused:
+            return (self._event(t_s, "refused", "", f"{who}: resume: nothing is held"),)
+        self.paused = False
+        for ward in self._wards.values():
+            ward.contingency.resume(t_s)
+        return (self._event(t_s, "resume", "", f"resumed by {who}"), *self._notes(t_s))
+
+    def bring_down(self, reason: str, t_s: float) -> Outputs:
+        """Bring all down because the orchestrator asks: it has its own reason for the verdict."""
+        return tuple(self._latch("bring_down", "", reason, t_s))
+
+    def orchestrator_alive(self, t_s: float) -> Outputs:
+        """Take a sign of life of the orchestrator; from the first one on its silence counts."""
+        out: Outputs = ()
+        last_s, self._alive_s = self._alive_s, t_s
+        if last_s is not None and t_s - last_s > self.settings.orchestrator_silent_s:
+            out = (self._event(t_s, "heard", "", "the orchestrator is back"),)
+        return out
+
+    def tick(self, t_s: float) -> Outputs:
+        """Take that time has passed; 20 Hz is expected, the rate at which setpoints stream."""
+        out: list[Output] = []
+        silent_s = 0.0 if self._alive_s is None else t_s - self._alive_s
+        if silent_s > self.settings.orchestrator_silent_s:
+            out += self._latch("silence", "", "the orchestrator fell silent", t_s)
+        for ward in self._wards.values():
+            out += self._check_lost(ward, t_s)
+        for ward in self._wards.values():
+            if ward.contingency.phase is not Phase.IDLE:
+                actions = ward.contingency.step(ward.seen.facts(t_s), t_s)
+                out += self._send(ward, actions, t_s)
+        return tuple(out)
+
+    def _hear(self, ward: Ward, t_s: float) -> Outputs:
+        ward.seen.heard_s = t_s
+        if not ward.lost:
+            return ()
+        ward.lost = False
+        return (self._event(t_s, "heard", ward.name, f"{ward.name} is heard again"),)
+
+    def _check_lost(self, ward: Ward, t_s: float) -> Outputs:
+        heard_s = ward.seen.heard_s
+        if heard_s is None or ward.lost or not ward.seen.may_be_armed(t_s):
+            return ()
+        if t_s - heard_s <= self.settings.vehicle_lost_s:
+            return ()
+        ward.lost = True
+        text = f"{ward.name} was not heard for {self.settings.vehicle_lost_s:g} s"
+        return tuple(self._latch("lost", ward.name, text, t_s))
+
+    def _read(self, ward: Ward, frame: Frame, t_s: float) -> Outputs:
+        if frame.message_id == LOCAL_POSITION_NED:
+            if ward.seen.anchor is None and self.latched is None:
+                return ()
+            placed = ward.seen.read_position(frame, t_s)
+            return () if placed is None else self._place(ward, *placed, t_s)
+        change = ward.seen.read_state(frame, t_s, ward.commanded)
+        if change is None:
+            return ()
+        return tuple(self._latch(change.kind, ward.name, f"{ward.name}: {change.text}", t_s))
+
+    def _place(
+        self, ward: Ward, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float
+    ) -> Outputs:
+        if not math.isfinite(sum(position_ned_m) + sum(velocity_ned_m_s)):
+            return tuple(self._tell_once(ward, "pose", "a position is not finite", t_s))
+        ward.seen.place(position_ned_m, velocity_ned_m_s, t_s)
+        fence = ward.vehicle.fence
+        if fence is None or "fence" in ward.told or not ward.seen.may_be_armed(t_s):
+            return ()
+        breach = fence.breached(
+            position_ned_m,
+            velocity_ned_m_s,
+            latency_s=self.settings.latency_s,
+            braking_m_s2=self.settings.braking_m_s2,
+            keep_m=self.settings.keep_m,
+        )
+        if breach is None:
+            return ()
+        return tuple(self._latch("fence", ward.name, f"{ward.name} {breach}", t_s))
+
+    def _passes(self, ward: Ward, frame: Frame, t_s: float) -> bool:
+        if self.latched is not None or self.paused:
+            return is_harmless(frame, parameters=not ward.seen.taken_over)
+        if frame.message_id not in _COMMANDS:
+            return True
+        command = command_of(frame)
+        if command is None:
+            ward.seen.note_mode_asked(t_s)
+            return True
+        if command.cuts_motors and not ward.vehicle.may_terminate:
+            return False
+        ward.seen.note_command(command, t_s)
+        return True
+
+    def _drop(self, ward: Ward, frame: Frame, t_s: float) -> Outputs:
+        key = (ward.name, frame_name(frame))
+        self.dropped[key] = self.dropped.get(key, 0) + 1
+        if self.dropped[key] > 1:
+            return ()
+        return (self._event(t_s, "dropped", ward.name, f"{key[1]} was not passed"),)
+
+    def _latch(self, cause: Cause, name: str, text: str, t_s: float) -> list[Output]:
+        """Take over, and say why; a later cause only says so, once for each vehicle."""
+        if self.latched is not None:
+            return self._tell_once(self._wards.get(name), cause, text, t_s)
+        self.latched, self.paused = cause, False
+        out: list[Output] = []
+        for ward in self._wards.values():
+            actions = ward.contingency.start(ward.seen.facts(t_s), t_s)
+            out += self._send(ward, actions, t_s)
+        # What brakes goes out first; the words follow.
+        return [*out, *self._tell_once(self._wards.get(name), cause, text, t_s)]
+
+    def _tell_once(self, ward: Ward | None, kind: EventKind, text: str, t_s: float) -> list[Output]:
+        if ward is None:
+            told, name = self._told_of_all, ""
+        else:
+            told, name = ward.told, ward.name
+        if kind in told:
+            return []
+        told.add(kind)
+        return [self._event(t_s, kind, name, text)]
+
+    def _send(self, ward: Ward, actions: list[Action], t_s: float) -> list[Output]:
+        frames = [ward.frame(action, t_s) for action in actions]
+        beat_s = ward.heartbeat_s
+        if beat_s is None or t_s - beat_s >= self.settings.heartbeat_s - 1e-9:
+            ward.heartbeat_s = t_s
+            frames.append(ward.codec.pack(own_heartbeat()))
+        out: list[Output] = [ToVehicle(ward.name, tuple(frames))] if frames else []
+        return [*out, *self._notes_of(ward, t_s)]
+
+    def _notes(self, t_s: float) -> list[Output]:
+        return [event for ward in self._wards.values() for event in self._notes_of(ward, t_s)]
+
+    def _notes_of(self, ward: Ward, t_s: float) -> list[Output]:
+        notes, ward.contingency.notes = ward.contingency.notes, []
+        return [self._event(t_s, "action", ward.name, f"{ward.name}: {n}") for n in notes]
+
+    @staticmethod
+    def _event(t_s: float, kind: EventKind, name: str, text: str) -> GuardEvent:
+        return GuardEvent(t_s, kind, name, text)

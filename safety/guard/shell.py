@@ -1,0 +1,210 @@
+"""The guard in process: wires links, ticks and records round the pure core.
+
+It works on any event loop, so that virtual and wall time fly through the same guard.
+"""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+from safety.guard.contingency import ContingencyPlan, Phase
+from safety.guard.core import GuardCore
+from safety.guard.events import (
+    GuardedVehicle,
+    GuardEvent,
+    GuardSettings,
+    OperatorCommand,
+    Outputs,
+    ToGcs,
+    ToOrchestrator,
+    ToVehicle,
+)
+from safety.samples import PoseSample
+from vehicles.links.base import Link, Receiver
+from worlds.frames import Pose
+
+TICK_HZ = 20.0
+
+Record = Callable[[str, float, bytes], None]
+"""Takes a vehicle's name, the run clock's time and one whole frame, of either direction."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuardLinks:
+    """The guard's ends of one vehicle's links."""
+
+    vehicle: Link
+    orchestrator: Link
+    gcs: Link | None = None
+
+
+class GuardShell:
+    """Holds the vehicle links; an async context manager that opens and closes its ends.
+
+    Frames of one decision leave before anything is recorded or told. `record` gets every frame
+    that came from a vehicle or went to one; when it raises OSError the flight goes on unrecorded,
+    and an event says so.
+    """
+
+    def __init__(
+        self,
+        *,
+        vehicles: Mapping[str, GuardedVehicle],
+        links: Mapping[str, GuardLinks],
+        settings: GuardSettings | None = None,
+        plan: ContingencyPlan | None = None,
+        record: Record | None = None,
+    ) -> None:
+        if vehicles.keys() != links.keys():
+            raise ValueError(f"vehicles {sorted(vehicles)} and links {sorted(links)} differ")
+        self.core = GuardCore(vehicles=vehicles, settings=settings, plan=plan)
+        self.events: list[GuardEvent] = []
+        self._links = dict(links)
+        self._record = record
+        self._listeners: list[Callable[[GuardEvent], None]] = []
+        self._stack = AsyncExitStack()
+        self._timer: asyncio.TimerHandle | None = None
+        self._down = asyncio.Event()
+        self._start_s = 0.0
+
+    @property
+    def phases(self) -> dict[str, Phase]:
+        """Return where each vehicle's contingency stands."""
+        return self.core.phases
+
+    async def __aenter__(self) -> Self:
+        """Open all links and start to tick. Raises LinkError when one cannot be had."""
+        async with AsyncExitStack() as stack:
+            for name, ends in self._links.items():
+                ends.vehicle.receive(self._receiver(self.core.from_vehicle, name))
+                ends.orchestrator.receive(self._receiver(self.core.from_orchestrator, name))
+                if ends.gcs is not None:
+                    ends.gcs.receive(self._receiver(self.core.from_gcs, name))
+                for link in (ends.orchestrator, ends.gcs, ends.vehicle):
+                    if link is not None:
+                        await stack.enter_async_context(link)
+            self._stack = stack.pop_all()
+        self._start_s = asyncio.get_running_loop().time()
+        self._schedule(1)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop ticking and close all links; land before that."""
+        if self._timer is not None:
+            self._timer.cancel()
+        await self._stack.aclose()
+
+    def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
+        """Have every event told to `listener`, at once, from the event loop."""
+        self._listeners.append(listener)
+
+    def position(self, sample: PoseSample) -> None:
+        """Take where a vehicle is, from the fastest source there is."""
+        self._apply(self.core.position(sample), sample.t_s)
+
+    def anchor(self, name: str, anchor: Pose) -> None:
+        """Say where a vehicle's local frame is in the world."""
+        self.core.anchor(name, anchor)
+
+    def alive(self) -> None:
+        """Take a sign of life of the orchestrator; the first one starts the watch on it."""
+        now_s = self._now_s()
+        self._apply(self.core.orchestrator_alive(now_s), now_s)
+
+    def abort(self, who: str) -> None:
+        """Bring all down because an operator says so."""
+        now_s = self._now_s()
+        self._apply(self.core.command(OperatorCommand("abort", who, now_s)), now_s)
+
+    def hold(self, who: str) -> None:
+        """Have all vehicles hold until `resume`."""
+        now_s = self._now_s()
+        self._apply(self.core.command(OperatorCommand("hold", who, now_s)), now_s)
+
+    def resume(self, who: str) -> None:
+        """Give the vehicles back to the orchestrator after a hold."""
+        now_s = self._now_s()
+        self._apply(self.core.command(OperatorCommand("resume", who, now_s)), now_s)
+
+    def bring_down(self, reason: str) -> None:
+        """Bring all down for a reason of the orchestrator's own."""
+        now_s = self._now_s()
+        self._apply(self.core.bring_down(reason, now_s), now_s)
+
+    async def all_down(self, timeout_s: float) -> bool:
+        """Wait until the guard has brought all down; False when they are not after `timeout_s`."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._down.wait()
+        except TimeoutError:
+            return False
+        return True
+
+    def _receiver(self, take: Callable[[str, bytes, float], Outputs], name: str) -> Receiver:
+        def receive(data: bytes, t_s: float) -> None:
+            self._apply(take(name, data, t_s), t_s)
+
+        return receive
+
+    def _schedule(self, count: int) -> None:
+        loop = asyncio.get_running_loop()
+        # After a stall of the loop the ticks that were missed are not caught up with.
+        count = max(count, int((loop.time() - self._start_s) * TICK_HZ + 1e-6) + 1)
+        self._timer = loop.call_at(self._start_s + count / TICK_HZ, self._tick, count)
+
+    def _tick(self, count: int) -> None:
+        self._schedule(count + 1)
+        now_s = self._now_s()
+        self._apply(self.core.tick(now_s), now_s)
+        if self.core.latched is not None:
+            (self._down.set if self.core.all_down else self._down.clear)()
+
+    def _apply(self, outputs: Outputs, t_s: float) -> None:
+        if not outputs:
+            return
+        events: list[GuardEvent] = []
+        for output in outputs:
+            match output:
+                case ToOrchestrator(name, frames):
+                    self._links[name].orchestrator.write(_joined(frames))
+                case ToVehicle(name, frames):
+                    self._links[name].vehicle.write(_joined(frames))
+                case ToGcs(name, frames):
+                    gcs = self._links[name].gcs
+                    if gcs is not None:
+                        gcs.write(_joined(frames))
+                case GuardEvent():
+                    events.append(output)
+        if self._record is not None:
+            events += self._write_down(self._record, outputs, t_s)
+        for event in events:
+            self.events.append(event)
+            for listener in self._listeners:
+                listener(event)
+
+    def _write_down(self, record: Record, outputs: Outputs, t_s: float) -> list[GuardEvent]:
+        try:
+            for output in outputs:
+                if isinstance(output, ToOrchestrator | ToVehicle):
+                    for frame in output.frames:
+                        record(output.name, t_s, frame)
+        except OSError as error:
+            self._record = None
+            return [GuardEvent(t_s, "record", "", f"the log of frames ends here: {error}")]
+        return []
+
+    @staticmethod
+    def _now_s() -> float:
+        return asyncio.get_running_loop().time()
+
+
+def _joined(frames: tuple[bytes, ...]) -> bytes:
+    return frames[0] if len(frames) == 1 else b"".join(frames)

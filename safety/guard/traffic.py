@@ -1,0 +1,86 @@
+"""Which frames the guard lets through, and what they tell it."""
+
+from safety.guard.wire import (
+    COMMAND_INT,
+    COMMAND_LONG,
+    DO_PAUSE_CONTINUE,
+    DO_REPOSITION,
+    DO_SET_MODE,
+    MISSION_START,
+    NAV_LAND,
+    NAV_RETURN_TO_LAUNCH,
+    NAV_TAKEOFF,
+    SET_MODE,
+    Command,
+    read_command,
+)
+from vehicles.mavlink.framing import Frame
+from vehicles.mavlink.names import command_name, message_name
+
+PARAM_SET = 23
+_HARMLESS = frozenset(
+    {
+        0,  # HEARTBEAT
+        2,  # SYSTEM_TIME
+        4,  # PING
+        20,  # PARAM_REQUEST_READ
+        21,  # PARAM_REQUEST_LIST
+        40,  # MISSION_REQUEST
+        43,  # MISSION_REQUEST_LIST
+        47,  # MISSION_ACK
+        51,  # MISSION_REQUEST_INT
+        66,  # REQUEST_DATA_STREAM
+        111,  # TIMESYNC
+        117,  # LOG_REQUEST_LIST
+        119,  # LOG_REQUEST_DATA
+        122,  # LOG_REQUEST_END
+    }
+)
+"""Messages that read or keep a link alive, and move nothing."""
+_HARMLESS_COMMANDS = frozenset({510, 511, 512, 519, 520})
+"""Message intervals, requests of a message, of the version and of the capabilities."""
+_STEERING_COMMANDS = frozenset(
+    {
+        NAV_RETURN_TO_LAUNCH,
+        NAV_LAND,
+        NAV_TAKEOFF,
+        DO_SET_MODE,
+        DO_REPOSITION,
+        DO_PAUSE_CONTINUE,
+        MISSION_START,
+    }
+)
+
+
+def command_of(frame: Frame) -> Command | None:
+    """Return a frame's command; None when it is none."""
+    return read_command(frame) if frame.message_id in {COMMAND_LONG, COMMAND_INT} else None
+
+
+def is_harmless(frame: Frame, *, parameters: bool) -> bool:
+    """Return whether a frame may pass while the orchestrator is not in command.
+
+    parameters: whether PARAM_SET may pass too (they are restored after a flight).
+    """
+    if frame.message_id == PARAM_SET:
+        return parameters
+    command = command_of(frame)
+    if command is not None:
+        return command.number in _HARMLESS_COMMANDS
+    return frame.message_id in _HARMLESS
+
+
+def is_steering(frame: Frame) -> bool:
+    """Return whether a ground station's frame takes the vehicle out of our hands."""
+    if frame.message_id == SET_MODE:
+        return True
+    command = command_of(frame)
+    if command is None:
+        return False
+    return command.number in _STEERING_COMMANDS or command.disarms or command.cuts_motors
+
+
+def frame_name(frame: Frame) -> str:
+    """Return what people call a frame: its message, for a command the command."""
+    command = command_of(frame)
+    return message_name(frame.message_id) if command is None else command_name(command.number)

@@ -1,0 +1,63 @@
+"""One vehicle in the guard's care, with all that the guard holds for it."""
+
+from dataclasses import replace
+
+from safety.guard.contingency import Action, Contingency, ContingencyPlan, Phase
+from safety.guard.events import GuardedVehicle, GuardSettings
+from safety.guard.observed import Observed
+from vehicles.autopilots.base import Mode
+from vehicles.mavlink.codec import Codec
+from vehicles.mavlink.framing import FrameSplitter
+
+_STANDING = (0.0, 0.0, 0.0)
+
+
+class Ward:
+    """A vehicle: what is known of it, its contingency, its frames in both directions."""
+
+    def __init__(
+        self, name: str, vehicle: GuardedVehicle, settings: GuardSettings, plan: ContingencyPlan
+    ) -> None:
+        self.name = name
+        self.vehicle = vehicle
+        self.seen = Observed(vehicle, settings)
+        self.contingency = Contingency(
+            replace(plan, landing=vehicle.landing, terminate=vehicle.may_terminate)
+        )
+        self.codec = Codec(system_id=settings.system_id, component_id=settings.component_id)
+        self.from_vehicle = FrameSplitter()
+        self.from_orchestrator = FrameSplitter()
+        self.from_gcs = FrameSplitter()
+        self.lost = False
+        self.told: set[str] = set()
+        self.heartbeat_s: float | None = None
+
+    @property
+    def commanded(self) -> frozenset[Mode] | None:
+        """Return the modes the guard asks for; None while the orchestrator is in command."""
+        if self.contingency.phase is Phase.IDLE:
+            return None
+        return frozenset({Mode.HOLD, Mode.LAND, self.vehicle.landing})
+
+    def frame(self, action: Action, t_s: float) -> bytes:
+        """Return the frame of an action."""
+        autopilot, target = self.vehicle.autopilot, self.vehicle.target
+        match action:
+            case Action.ZERO:
+                t_boot_ms = int(t_s * 1000.0)
+                message = autopilot.velocity_setpoint(
+                    target, t_boot_ms=t_boot_ms, velocity_ned_m_s=_STANDING
+                )
+            case Action.HOLD:
+                message = autopilot.set_mode(target, Mode.HOLD)
+            case Action.LAND:
+                message = autopilot.set_mode(target, Mode.LAND)
+            case Action.RTL:
+                message = autopilot.set_mode(target, Mode.RTL)
+            case Action.DISARM:
+                message = autopilot.disarm(target)
+            case Action.TERMINATE:
+                if not self.vehicle.may_terminate:
+                    raise RuntimeError(f"{self.name} must not be terminated")
+                message = autopilot.terminate(target)
+        return self.codec.pack(message)

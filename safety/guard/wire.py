@@ -1,0 +1,106 @@
+"""The few MAVLink messages that the guard reads, taken from their bytes without a parser.
+
+Layouts: message definitions of MAVLink common; payloads of version 2 come without their trailing
+zeros. Each reader returns what a frame of that message says; frames are known to be whole.
+"""
+
+import math
+import struct
+from dataclasses import dataclass
+
+from vehicles.mavlink.framing import Frame
+from worlds.frames import Vec3
+
+HEARTBEAT = 0
+SET_MODE = 11
+LOCAL_POSITION_NED = 32
+COMMAND_INT = 75
+COMMAND_LONG = 76
+EXTENDED_SYS_STATE = 245
+
+NAV_RETURN_TO_LAUNCH = 20
+NAV_LAND = 21
+NAV_TAKEOFF = 22
+DO_SET_MODE = 176
+DO_FLIGHTTERMINATION = 185
+DO_REPOSITION = 192
+DO_PAUSE_CONTINUE = 193
+MISSION_START = 300
+COMPONENT_ARM_DISARM = 400
+
+_ARMED = 0x80
+_LANDED = {1: True, 2: False, 3: False, 4: False}
+"""MAV_LANDED_STATE: on ground, in air, takeoff, landing; 0 is undefined."""
+_FORCE = 21196
+"""The magic number of MAV_CMD_COMPONENT_ARM_DISARM's param2."""
+
+_heartbeat = struct.Struct("<IBBBBB")
+_local_position = struct.Struct("<Iffffff")
+_command = struct.Struct("<ff20xH")
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """What a vehicle's HEARTBEAT says; critical: MAV_STATE_CRITICAL or worse, a failsafe."""
+
+    custom_mode: int
+    armed: bool
+    critical: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A COMMAND_LONG or COMMAND_INT, as far as the guard cares."""
+
+    number: int
+    param1: float
+    param2: float
+
+    @property
+    def arms(self) -> bool:
+        """Return whether it arms."""
+        return self.number == COMPONENT_ARM_DISARM and self.param1 == 1.0
+
+    @property
+    def disarms(self) -> bool:
+        """Return whether it disarms, forced or not."""
+        return self.number == COMPONENT_ARM_DISARM and self.param1 != 1.0
+
+    @property
+    def cuts_motors(self) -> bool:
+        """Return whether it stops the motors even in the air."""
+        forced = self.disarms and round(self.param2) == _FORCE
+        # A NaN terminates nothing (ArduCopter wants > 0.5), but who sends it means no good.
+        return forced or (self.number == DO_FLIGHTTERMINATION and not self.param1 <= 0.5)
+
+
+def _payload(frame: Frame, size: int) -> bytes:
+    start = 10 if frame.version == 2 else 6
+    return frame.raw[start : start + min(size, frame.raw[1])].ljust(size, b"\0")
+
+
+def read_heartbeat(frame: Frame) -> Heartbeat:
+    """Return what a HEARTBEAT says."""
+    custom_mode, _, _, base_mode, status, _ = _heartbeat.unpack(_payload(frame, 9))
+    # 5 critical, 6 emergency, 7 power-off, 8 termination
+    return Heartbeat(custom_mode, bool(base_mode & _ARMED), status >= 5)
+
+
+def read_landed(frame: Frame) -> bool | None:
+    """Return whether an EXTENDED_SYS_STATE says on the ground; None when it does not know."""
+    return _LANDED.get(_payload(frame, 2)[1])
+
+
+def read_local_position(frame: Frame) -> tuple[Vec3, Vec3] | None:
+    """Return position and velocity of a LOCAL_POSITION_NED; None when they are not finite."""
+    _, x, y, z, vx, vy, vz = _local_position.unpack(_payload(frame, 28))
+    if not math.isfinite(x + y + z + vx + vy + vz):
+        return None
+    return (x, y, z), (vx, vy, vz)
+
+
+def read_command(frame: Frame) -> Command:
+    """Return the command of a COMMAND_LONG or COMMAND_INT."""
+    param1, param2, number = _command.unpack(_payload(frame, 30))
+    # round() of NaN raises; a NaN means "not given" in commands.
+    return Command(number, param1, 0.0 if not math.isfinite(param2) else param2)
