@@ -1,0 +1,52 @@
+"""ArduCopter's modes: numbers, names, and what they need.
+
+Source: ArduCopter/mode.h (4.7).
+"""
+
+from enum import Enum
+
+
+class CopterMode(Enum):
+    """The number that HEARTBEAT.custom_mode carries."""
+
+    STABILIZE = 0
+    ALT_HOLD = 2
+    AUTO = 3
+    GUIDED = 4
+    LOITER = 5
+    RTL = 6
+    LAND = 9
+    POSHOLD = 16
+    BRAKE = 17
+    SMART_RTL = 21
+
+    @property
+    def needs_position(self) -> bool:
+        """Return whether it is refused without a position."""
+        return self not in {CopterMode.STABILIZE, CopterMode.ALT_HOLD, CopterMode.LAND}
+
+    @property
+    def allows_arming(self) -> bool:
+        """Return whether arming is allowed in it."""
+        return self not in {
+            CopterMode.AUTO,
+            CopterMode.RTL,
+            CopterMode.LAND,
+            CopterMode.BRAKE,
+            CopterMode.SMART_RTL,
+        }
+
+    @property
+    def words(self) -> str:
+        """Return the name that ArduCopter uses in its texts."""
+        return {"ALT_HOLD": "AltHold", "POSHOLD": "PosHold", "SMART_RTL": "SmartRTL"}.get(
+            self.name, self.name if self is CopterMode.RTL else self.name.capitalize()
+        )
+
+
+def copter_mode(number: int) -> CopterMode | None:
+    """Return the mode of a number; None for one that is not flown here."""
+    try:
+        return CopterMode(number)
+    except ValueError:
+        return None

@@ -1,0 +1,249 @@
+"""What a flight mode flies: each behaviour turns the present motion into a controller target."""
+
+import math
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+from vehicles.embedded.controller import Target
+from vehicles.embedded.states import Motion
+from worlds.frames import Vec3
+
+Axes = tuple[float | None, float | None, float | None]
+
+
+class Speeds(NamedTuple):
+    """Limits in m/s: across, up, down."""
+
+    across: float
+    up: float
+    down: float
+
+
+class Behaviour(ABC):
+    """One way to fly. `lifts`: it wants off the ground. `done`: it has reached what it was for."""
+
+    lifts = False
+    descends = False
+    """Means to touch the ground: then a touch is a landing."""
+
+    def __init__(self) -> None:
+        self.done = False
+
+    @abstractmethod
+    def update(self, now: Motion, t_s: float) -> Target:
+        """Return the target of this moment."""
+
+
+class Hold(Behaviour):
+    """Brake, then stay where the vehicle came to rest, or at a given place."""
+
+    _SLOW_M_S = 0.3
+
+    def __init__(
+        self, *, speeds: Speeds, yaw_rad: float, position_ned_m: Vec3 | None = None
+    ) -> None:
+        super().__init__()
+        self._speeds = speeds
+        self._yaw_rad = yaw_rad
+        self._place = position_ned_m
+
+    def update(self, now: Motion, t_s: float) -> Target:
+        """Return zero velocity while fast, then the place."""
+        if self._place is None:
+            if _speed(now) > self._SLOW_M_S:
+                return Target((None, None, None), yaw_rad=self._yaw_rad, speed_m_s=self._speeds)
+            self._place = now.position_ned_m
+        self.done = True
+        return Target(self._place, yaw_rad=self._yaw_rad, speed_m_s=self._speeds)
+
+
+class GoTo(Behaviour):
+    """Fly to a place and stay there."""
+
+    def __init__(
+        self, *, position_ned_m: Vec3, yaw_rad: float, speeds: Speeds, radius_m: float
+    ) -> None:
+        super().__init__()
+        self.position_ned_m = position_ned_m
+        self._target = Target(position_ned_m, yaw_rad=yaw_rad, speed_m_s=speeds)
+        self._radius_m = radius_m
+
+    def update(self, now: Motion, t_s: float) -> Target:
+        """Return the place; done within the radius."""
+        if math.dist(now.position_ned_m, self.position_ned_m) < self._radius_m:
+            self.done = True
+        return self._target
+
+
+class Follow(Behaviour):
+    """Fly the last setpoint that came; with none yet, or a stale one, stand still."""
+
+    def __init__(self, *, speeds: Speeds, yaw_rad: float, may_lift: bool) -> None:
+        super().__init__()
+        self._speeds = speeds
+        self._may_lift = may_lift
+        self._still = Target((None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds)
+        self._target = self._still
+        self._held = False
+
+    def set(
+        self,
+        *,
+        position_ned_m: Axes,
+        velocity_ned_m_s: Vec3,
+        yaw_rad: float | None,
+        yaw_rate_rad_s: float,
+    ) -> None:
+        """Take a setpoint, local frame; axes of None are flown by velocity alone."""
+        self._target = Target(
+            position_ned_m, velocity_ned_m_s, yaw_rad, yaw_rate_rad_s, self._speeds
+        )
+        down = position_ned_m[2]
+        self.lifts = self._may_lift and (velocity_ned_m_s[2] < -0.1 or (down or 0.0) < -0.3)
+        self.descends = velocity_ned_m_s[2] > 0.1 or (down is not None and down > 0.0)
+
+    def stand(self, now: Motion) -> None:
+        """Drop the setpoint: zero velocity, present heading."""
+        self._target = self._still._replace(yaw_rad=now.euler_rad[2])
+        self.lifts = self.descends = False
+
+    def update(self, now: Motion, t_s: float) -> Target:
+        """Return the setpoint."""
+        return self._target
+
+
+class TakeOff(Behaviour):
+    """Climb straight up; the climb speed ramps up from nothing. Done within `radius_m`."""
+
+    lifts = True
+
+    def __init__(
+        self, *, down_m: float, climb_m_s: float, ramp_s: float, radius_m: float, speeds: Speeds
+    ) -> None:
+        super().__init__()
+        self.down_m = down_m
+        self._climb_m_s = climb_m_s
+        self._ramp_s = ramp_s
+        self._radius_m = radius_m
+        self._speeds = speeds
+        self._began_s: float | None = None
+        self._place = (0.0, 0.0)
+        self.yaw_rad = 0.0
+
+    @property
+    def goal_ned_m(self) -> Vec3:
+        """Return where it ends."""
+        return (*self._place, self.down_m)
+
+    def update(self, now: Motion, t_s: float) -> Target:
+        """Return the place above where it began, at the speed of the ramp."""
+        if self._began_s is None:
+            self._began_s = t_s
+            self._place = now.position_ned_m[:2]
+            self.yaw_rad = now.euler_rad[2]
+        if now.position_ned_m[2] - self.down_m < self._radius_m:
+            self.done = True
+        climb_m_s = self._climb_m_s
+        if self._ramp_s > 0.0:
+            climb_m_s *= min(1.0, 0.1 + (t_s - self._began_s) / self._ramp_s)
+        speeds = self._speeds._replace(up=climb_m_s)
+        return Target((*self._place, self.down_m), yaw_rad=self.yaw_rad, speed_m_s=speeds)
+
+
+class LandProfile(NamedTuple):
+    """How fast to come down, m/s by height above ground: (height, speed) from high to low."""
+
+    steps: tuple[tuple[float, float], ...]
+
+    def speed(self, height_m: float) -> float:
+        """Return the descent speed: linear between the steps, constant beyond them."""
+        steps = self.steps
+        if height_m >= steps[0][0]:
+            return steps[0][1]
+        for (high, fast), (low, slow) in zip(steps, steps[1:], strict=False):
+            if height_m >= low:
+                share = (height_m - low) / (high - low) if high > low else 0.0
+                return slow + (fast - slow) * share
+        return steps[-1][1]
+
+
+class Land(Behaviour):
+    """Brake, then come down where the vehicle is, until the ground is felt."""
+
+    descends = True
+
+    def __init__(self, *, profile: LandProfile, speeds: Speeds, ground_down_m: float) -> None:
+        super().__init__()
+        self._profile = profile
+        self._speeds = speeds
+        self._ground_down_m = ground_down_m
+        self._place: tuple[float, float] | None = None
+        self._yaw_rad: float | None = None
+
+    def update(self, now: Motion, t_s: float) -> Target:
+        """Return the descent at the profile's speed."""
+        if self._yaw_rad is None:
+            self._yaw_rad = now.euler_rad[2]
+        north: float | None = None
+        east: float | None = None
+        if self._place is None and math.hypot(*now.velocity_ned_m_s[:2]) < 0.3:
+            self._place = now.position_ned_m[:2]
+        if self._place is not None:
+            north, east = self._place
+        speed = self._profile.speed(self._ground_down_m - now.position_ned_m[2])
+        return Target(
+            (north, east, None),
+            (0.0, 0.0, speed),
+            self._yaw_rad,
+            speed_m_s=self._speeds._replace(down=max(speed, self._speeds.down)),
+        )
+
+
+class ReturnHome(Behaviour):
+    """Climb to the return height, fly home, wait, and land there."""
+
+    def __init__(
+        self,
+        *,
+        home_ned_m: Vec3,
+        return_down_m: float,
+        speeds: Speeds,
+        wait_s: float,
+        land: Land,
+    ) -> None:
+        super().__init__()
+        self._home = home_ned_m
+        self._down_m = return_down_m
+        self._speeds = speeds
+        self._wait_s = wait_s
+        self._land = land
+        self._start: tuple[float, float, float] | None = None
+        self._climbed = False
+        self._over_home_s: float | None = None
+        self.landing = False
+
+    def update(self, now: Motion, t_s: float) -> Target:
+        """Return the target of the stage reached: climb, cross, wait, land."""
+        if self.landing:
+            return self._land.update(now, t_s)
+        north, east, down = now.position_ned_m
+        if self._start is None:
+            self._start = (north, east, now.euler_rad[2])
+        start_north, start_east, yaw = self._start
+        if not self._climbed:
+            self._climbed = down - self._down_m < 0.5
+            return Target(
+                (start_north, start_east, self._down_m), yaw_rad=yaw, speed_m_s=self._speeds
+            )
+        home_north, home_east, _ = self._home
+        if math.hypot(home_north - north, home_east - east) < 0.5:
+            if self._over_home_s is None:
+                self._over_home_s = t_s
+            if t_s - self._over_home_s >= self._wait_s:
+                self.landing = self.descends = True
+        return Target((home_north, home_east, self._down_m), yaw_rad=yaw, speed_m_s=self._speeds)
+
+
+def _speed(now: Motion) -> float:
+    north, east, down = now.velocity_ned_m_s
+    return math.sqrt(north * north + east * east + down * down)

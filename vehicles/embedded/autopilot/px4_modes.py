@@ -1,0 +1,72 @@
+"""PX4's modes: custom_mode numbers, base_mode flags, and what a mode needs.
+
+Sources: src/modules/commander/px4_custom_mode.h, ModeUtil/mode_requirements.cpp (v1.18).
+"""
+
+from enum import Enum
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+_MANUAL_BITS: int = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | (
+    mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+)
+_AUTO_BITS: int = (
+    mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+    | mavlink.MAV_MODE_FLAG_AUTO_ENABLED
+    | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+)
+
+
+class Px4Mode(Enum):
+    """(main mode, sub mode)."""
+
+    MANUAL = (1, 0)
+    ALTITUDE = (2, 0)
+    POSITION = (3, 0)
+    TAKEOFF = (4, 2)
+    HOLD = (4, 3)
+    MISSION = (4, 4)
+    RTL = (4, 5)
+    LAND = (4, 6)
+    ACRO = (5, 0)
+    OFFBOARD = (6, 0)
+    STABILIZED = (7, 0)
+
+    @property
+    def custom_mode(self) -> int:
+        """Return the number of the HEARTBEAT."""
+        main, sub = self.value
+        return int(main) << 16 | int(sub) << 24
+
+    @property
+    def is_manual(self) -> bool:
+        """Return whether it needs a pilot's sticks."""
+        return self.value[0] in {1, 2, 3, 5, 7}
+
+    @property
+    def prevents_arming(self) -> bool:
+        """Return whether arming is refused in it; such a mode is not returned to after landing."""
+        return self in {Px4Mode.RTL, Px4Mode.LAND}
+
+    @property
+    def base_mode(self) -> int:
+        """Return the flags of the HEARTBEAT, without the armed one."""
+        bits: int = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        if self.is_manual:
+            return bits | _MANUAL_BITS
+        if self is Px4Mode.OFFBOARD:
+            return bits | int(mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED)
+        return bits | _AUTO_BITS
+
+    @property
+    def words(self) -> str:
+        """Return what PX4 calls it in its texts."""
+        return {"RTL": "Return"}.get(self.name, self.name.capitalize())
+
+
+def px4_mode(main: int, sub: int) -> Px4Mode | None:
+    """Return the mode of these numbers; AUTO without a sub mode is not one."""
+    for mode in Px4Mode:
+        if mode.value[0] == main and (main != 4 or mode.value[1] == sub):
+            return mode
+    return None

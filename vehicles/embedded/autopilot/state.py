@@ -1,0 +1,54 @@
+"""What telemetry reports: one mutable record that an autopilot keeps of itself."""
+
+from dataclasses import dataclass, field
+
+from vehicles.embedded.autopilot.place import Geodetic, Place
+from vehicles.embedded.battery import Charge
+from vehicles.embedded.controller import Target
+from vehicles.embedded.states import AT_REST, Motion
+from worlds.frames import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who the vehicle says it is: MAVLink system id, board ids, and where its estimator began.
+
+    uid2 has at most 18 bytes; None of either means the autopilot's own SITL constant.
+    """
+
+    system_id: int = 1
+    uid: int | None = None
+    uid2: bytes | None = None
+    origin: Geodetic = field(default_factory=lambda: Geodetic(47.397742, 8.545594, 488.0))
+
+
+@dataclass(slots=True)
+class State:
+    """The present: clock (s since start), estimate, battery, home; updated every step."""
+
+    place: Place
+    charge: Charge
+    clock_s: float = 0.0
+    clock_offset_s: float = 0.0
+    """What the clock on the wire shows beyond the time since the autopilot's start."""
+    now: Motion = AT_REST
+    touching: bool = True
+    home_ned_m: Vec3 | None = None
+    target: Target | None = None
+    mission_seq: int = 0
+    mission_total: int = 0
+
+    @property
+    def boot_ms(self) -> int:
+        """Return the clock in ms."""
+        return int((self.clock_s + self.clock_offset_s) * 1e3 + 1e-6)
+
+    @property
+    def boot_us(self) -> int:
+        """Return the clock in us."""
+        return int((self.clock_s + self.clock_offset_s) * 1e6 + 1e-3)
+
+    @property
+    def home_down_m(self) -> float:
+        """Return the height of home, down, local."""
+        return self.home_ned_m[2] if self.home_ned_m is not None else 0.0

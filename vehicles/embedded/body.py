@@ -1,0 +1,136 @@
+"""The vehicle's body: physics, air, battery, estimate, and the world around it; no MAVLink."""
+
+import math
+
+import numpy as np
+
+from vehicles.embedded.battery import Battery
+from vehicles.embedded.config import EmbeddedConfig, Surroundings
+from vehicles.embedded.estimator import Estimator
+from vehicles.embedded.noise import GaussMarkov
+from vehicles.embedded.plant import Plant
+from vehicles.embedded.states import STOPPED, Motion, Thrusts, TruthSample
+from worlds.frames import Pose, Vec3, add, quat_from_euler, rotate
+
+PHYSICS_HZ = 250
+_AIR_HZ = 25
+_CONTACT_HZ = 50
+_STILL = 2e-3
+"""m/s and rad/s below which a disarmed vehicle on its legs counts as resting."""
+
+
+class Body:
+    """What flies: stepped 250 times a second with thrusts, gives estimates and truth."""
+
+    def __init__(
+        self, *, config: EmbeddedConfig, seed: int, surroundings: Surroundings | None
+    ) -> None:
+        profile, airframe = config.profile, config.airframe
+        motors_rng, air_rng, estimator_rng = (
+            np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
+        )
+        spread = (motors_rng.standard_normal(4) * profile.motors.spread).tolist()
+        heading = config.start.yaw_rad if config.heading_rad is None else config.heading_rad
+        self._start = config.start.position_ned_m
+        self._turn_rad = config.start.yaw_rad - heading
+        self._turn = quat_from_euler(0.0, 0.0, self._turn_rad)
+        self._plant = Plant(
+            airframe=airframe,
+            motor_lag_s=profile.motors.lag_s,
+            motor_factors=(1 + spread[0], 1 + spread[1], 1 + spread[2], 1 + spread[3]),
+            latitude_deg=config.latitude_deg,
+            longitude_deg=config.longitude_deg,
+            altitude_m=config.altitude_m - config.start.position_ned_m[2],
+            yaw_rad=heading,
+            rate_hz=PHYSICS_HZ,
+        )
+        self._air = GaussMarkov(
+            sigma=profile.air.sigma_m_s,
+            time_constant_s=profile.air.time_constant_s,
+            dt_s=1.0 / _AIR_HZ,
+            rng=air_rng,
+        )
+        self._still_air = not any(profile.air.sigma_m_s)
+        self._estimator = Estimator(noise=profile.estimator, rate_hz=PHYSICS_HZ, rng=estimator_rng)
+        self.battery = Battery(profile=profile.battery, hover_thrust_n=4 * airframe.hover_thrust_n)
+        self._surroundings = surroundings
+        self._checked: tuple[Pose, float] | None = None
+        self._steps = 0
+        self._resting_steps = 0
+        self.truth = self._plant.motion()
+        """The true motion, relative to the start, in the earth's north."""
+        self.touching = True
+        self.contact: str | None = None
+        self.motors_stopped = True
+
+    def step(self, thrusts: Thrusts, t_s: float) -> Motion:
+        """Advance one step with these commands and return the new estimate."""
+        if self.contact is not None:
+            thrusts = STOPPED
+        self.motors_stopped = thrusts == STOPPED
+        self._steps += 1
+        if self._steps % (PHYSICS_HZ // _AIR_HZ) == 0:
+            self.battery.drain(sum(thrusts), 1.0 / _AIR_HZ)
+            if not self._still_air:
+                north, east, down = self._air.advance()
+                self._plant.set_wind((north, east, down))
+        if not self._resting():
+            factor = self.battery.thrust_factor
+            a, b, c, d = thrusts
+            self._plant.step((a * factor, b * factor, c * factor, d * factor))
+            self.truth = self._plant.motion()
+            self.touching = self._plant.on_ground()
+        if self._steps % (PHYSICS_HZ // _CONTACT_HZ) == 0:
+            self._look_around(t_s)
+        return self._estimator.estimate(self.truth)
+
+    def pose(self) -> Pose:
+        """Return the true pose in the world's local frame."""
+        truth = self.truth
+        roll, pitch, yaw = truth.euler_rad
+        return Pose(
+            add(self._start, self._to_world(truth.position_ned_m)),
+            quat_from_euler(roll, pitch, yaw + self._turn_rad),
+        )
+
+    def sample(self, t_s: float) -> TruthSample:
+        """Return the truth for who judges."""
+        return TruthSample(
+            t_s,
+            self.pose(),
+            self._to_world(self.truth.velocity_ned_m_s),
+            self.touching,
+            self.motors_stopped,
+            self.contact,
+        )
+
+    def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
+        """Let one motor give only this part of its thrust from now on."""
+        self._plant.fail_motor(index, factor=factor)
+
+    def _to_world(self, vector: Vec3) -> Vec3:
+        return rotate(self._turn, vector) if self._turn_rad else vector
+
+    def _resting(self) -> bool:
+        """Return whether nothing can move it: motors stopped, on its legs, still for a while.
+
+        The physics of a vehicle that stands and waits is skipped; readiness may take 40 s.
+        """
+        truth = self.truth
+        if not (self.motors_stopped and self.touching):
+            self._resting_steps = 0
+            return False
+        if self._resting_steps < PHYSICS_HZ:
+            fastest = max(map(math.fabs, truth.velocity_ned_m_s + truth.rates_rad_s))
+            self._resting_steps = self._resting_steps + 1 if fastest < _STILL else 0
+            return False
+        return True
+
+    def _look_around(self, t_s: float) -> None:
+        if self._surroundings is None or self.contact is not None:
+            return
+        pose = self.pose()
+        if self._checked is not None and not self.motors_stopped:
+            before, t_before_s = self._checked
+            self.contact = self._surroundings.contact(before, t_before_s, pose, t_s)
+        self._checked = (pose, t_s)

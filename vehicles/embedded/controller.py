@@ -1,0 +1,204 @@
+"""The flight controller: position, velocity, attitude and rate cascade; tuples of floats.
+
+Runs 250 times per simulated second, hence no arrays.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from vehicles.embedded.airframe import Airframe
+from vehicles.embedded.states import Motion, Thrusts
+from worlds.frames import Vec3
+
+GRAVITY_M_S2 = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Of the cascade, horizontal and vertical; the names and defaults of PX4's parameters.
+
+    position: MPC_XY_P, MPC_Z_P (1/s). velocity: MPC_XY_VEL_P_ACC, MPC_Z_VEL_P_ACC (1/s).
+    integral: MPC_XY_VEL_I_ACC, MPC_Z_VEL_I_ACC (1/s2). acceleration: how fast a velocity setpoint
+    may change, inf for at once. attitude: MC_ROLL_P, MC_YAW_P (1/s). rate: bandwidth of the rate
+    loop (1/s), bounded by the motors' lag. The rest are limits.
+    """
+
+    position: tuple[float, float] = (0.95, 1.0)
+    velocity: tuple[float, float] = (1.8, 4.0)
+    integral: tuple[float, float] = (0.4, 2.0)
+    acceleration_m_s2: tuple[float, float] = (math.inf, math.inf)
+    attitude: tuple[float, float] = (6.5, 2.8)
+    rate: tuple[float, float] = (16.0, 8.0)
+    max_tilt_rad: float = math.radians(45.0)
+    max_yaw_rate_rad_s: float = 1.0
+
+
+class Target(NamedTuple):
+    """What the controller is to reach, NED, the estimator's frame.
+
+    position_ned_m: per axis, None where only the velocity counts. velocity_ned_m_s: the velocity,
+    or what is added to the one that position asks for. yaw_rad: None to turn at yaw_rate_rad_s.
+    speed_m_s: limits (horizontal, up, down) of the velocity that results.
+    """
+
+    position_ned_m: tuple[float | None, float | None, float | None]
+    velocity_ned_m_s: Vec3 = (0.0, 0.0, 0.0)
+    yaw_rad: float | None = None
+    yaw_rate_rad_s: float = 0.0
+    speed_m_s: Vec3 = (5.0, 3.0, 1.5)
+
+
+class Controller:
+    """Turns an estimate and a target into thrusts of the four motors."""
+
+    def __init__(self, *, airframe: Airframe, gains: Gains, dt_s: float) -> None:
+        self._frame = airframe
+        self._gains = gains
+        self._dt_s = dt_s
+        self._arm_m = airframe.motor_offset_m
+        self._integral: list[float] = [0.0, 0.0, 0.0]
+        self._velocity_setpoint: list[float] = [0.0, 0.0, 0.0]
+        self._yaw_rad = 0.0
+        self.reset(yaw_rad=0.0)
+
+    @property
+    def velocity_setpoint_ned_m_s(self) -> Vec3:
+        """Return the velocity that it now flies, after limits."""
+        north, east, down = self._velocity_setpoint
+        return (north, east, down)
+
+    @property
+    def yaw_setpoint_rad(self) -> float:
+        """Return the heading that it now holds."""
+        return self._yaw_rad
+
+    def reset(self, *, yaw_rad: float, velocity_ned_m_s: Vec3 = (0.0, 0.0, 0.0)) -> None:
+        """Forget what was integrated; hold this heading, start from this velocity."""
+        self._integral = [0.0, 0.0, 0.0]
+        self._velocity_setpoint = list(velocity_ned_m_s)
+        self._yaw_rad = yaw_rad
+
+    def run(self, now: Motion, target: Target, *, thrust_share: float = 1.0) -> Thrusts:
+        """Return the thrusts; `thrust_share` below 1 holds the collective back (spooling up)."""
+        self._shape(now, target)
+        acceleration = self._accelerate(now)
+        self._turn(target)
+        return self._attitude(now, acceleration, thrust_share)
+
+    def _shape(self, now: Motion, target: Target) -> None:
+        """Set the velocity setpoint: position error and feed-forward, bounded, then slewed."""
+        gains, here = self._gains, now.position_ned_m
+        north, east, down = target.velocity_ned_m_s
+        pn, pe, pd = target.position_ned_m
+        kp = gains.position[0]
+        limit = gains.acceleration_m_s2
+        if pn is not None and pe is not None:
+            dn, de = pn - here[0], pe - here[1]
+            share = _approach(math.hypot(dn, de), kp, min(limit[0], 3.0))
+            north += dn * share
+            east += de * share
+        if pd is not None:
+            dd = pd - here[2]
+            down += dd * _approach(abs(dd), gains.position[1], min(limit[1], 2.0))
+        speed, up, sink = target.speed_m_s
+        horizontal = math.hypot(north, east)
+        if horizontal > speed:
+            north, east = north * speed / horizontal, east * speed / horizontal
+        down = -up if down < -up else sink if down > sink else down
+        self._slew(north, east, down)
+
+    def _slew(self, north: float, east: float, down: float) -> None:
+        setpoint, limit, dt = self._velocity_setpoint, self._gains.acceleration_m_s2, self._dt_s
+        dn, de = north - setpoint[0], east - setpoint[1]
+        change = math.hypot(dn, de)
+        if change > limit[0] * dt:
+            dn, de = dn * limit[0] * dt / change, de * limit[0] * dt / change
+        step = limit[1] * dt
+        dd = down - setpoint[2]
+        setpoint[0] += dn
+        setpoint[1] += de
+        setpoint[2] += -step if dd < -step else step if dd > step else dd
+
+    def _accelerate(self, now: Motion) -> Vec3:
+        gains, dt = self._gains, self._dt_s
+        setpoint, integral = self._velocity_setpoint, self._integral
+        (kv, kvz), (ki, kiz) = gains.velocity, gains.integral
+        vn, ve, vd = now.velocity_ned_m_s
+        en, ee, ed = setpoint[0] - vn, setpoint[1] - ve, setpoint[2] - vd
+        integral[0] = _clamp(integral[0] + ki * en * dt, 4.0)
+        integral[1] = _clamp(integral[1] + ki * ee * dt, 4.0)
+        integral[2] = _clamp(integral[2] + kiz * ed * dt, 5.0)
+        return (
+            kv * en + integral[0],
+            kv * ee + integral[1],
+            _clamp(kvz * ed + integral[2], 6.0),
+        )
+
+    def _turn(self, target: Target) -> None:
+        """Move the heading setpoint, no faster than the vehicle may turn."""
+        step = self._gains.max_yaw_rate_rad_s * self._dt_s
+        if target.yaw_rad is None:
+            self._yaw_rad = _wrap(self._yaw_rad + _clamp(target.yaw_rate_rad_s * self._dt_s, step))
+        else:
+            self._yaw_rad = _wrap(
+                self._yaw_rad + _clamp(_wrap(target.yaw_rad - self._yaw_rad), step)
+            )
+
+    def _attitude(self, now: Motion, acceleration: Vec3, thrust_share: float) -> Thrusts:
+        gains, frame = self._gains, self._frame
+        roll, pitch, yaw = now.euler_rad
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        north, east, down = acceleration
+        forward, right = north * cos + east * sin, east * cos - north * sin
+        up = GRAVITY_M_S2 - down
+        tilt = gains.max_tilt_rad
+        pitch_wanted = _clamp(math.atan2(-forward, up), tilt)
+        roll_wanted = _clamp(math.atan2(right * math.cos(pitch_wanted), up), tilt)
+        thrust = frame.mass_kg * up / max(0.5, math.cos(roll) * math.cos(pitch)) * thrust_share
+        p, q, r = now.rates_rad_s
+        (ka, kaz), (kr, krz) = gains.attitude, gains.rate
+        roll_rate = _clamp(ka * (roll_wanted - roll), 3.8)
+        pitch_rate = _clamp(ka * (pitch_wanted - pitch), 3.8)
+        yaw_rate = _clamp(kaz * _wrap(self._yaw_rad - yaw), 1.5)
+        return self._mix(
+            thrust,
+            frame.inertia_xx_kg_m2 * kr * (roll_rate - p),
+            frame.inertia_yy_kg_m2 * kr * (pitch_rate - q),
+            _clamp(frame.inertia_zz_kg_m2 * krz * (yaw_rate - r), 0.02),
+        )
+
+    def _mix(self, thrust: float, roll: float, pitch: float, yaw: float) -> Thrusts:
+        """Return motor thrusts in N that give the thrust and torques; saturation cuts thrust."""
+        top, arm = self._frame.max_thrust_n, 4.0 * self._arm_m
+        a = thrust / 4.0
+        b, c, d = roll / arm, pitch / arm, yaw / (4.0 * self._frame.torque_per_thrust_m)
+        m0, m1, m2, m3 = a - b + c + d, a + b - c + d, a + b + c - d, a - b - c - d
+        excess = max(m0, m1, m2, m3) - top
+        if excess > 0.0:
+            m0, m1, m2, m3 = m0 - excess, m1 - excess, m2 - excess, m3 - excess
+        return (
+            m0 if m0 > 0.0 else 0.0,
+            m1 if m1 > 0.0 else 0.0,
+            m2 if m2 > 0.0 else 0.0,
+            m3 if m3 > 0.0 else 0.0,
+        )
+
+
+def _approach(distance_m: float, gain: float, deceleration_m_s2: float) -> float:
+    """Return speed over distance: proportional near the goal, a constant braking farther away.
+
+    The square-root controller that ArduPilot and PX4 both use for positions.
+    """
+    linear_m = deceleration_m_s2 / (gain * gain)
+    if distance_m <= linear_m:
+        return gain
+    return math.sqrt(2.0 * deceleration_m_s2 * (distance_m - linear_m / 2.0)) / distance_m
+
+
+def _clamp(value: float, limit: float) -> float:
+    return -limit if value < -limit else limit if value > limit else value
+
+
+def _wrap(angle_rad: float) -> float:
+    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi

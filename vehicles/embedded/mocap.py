@@ -1,0 +1,60 @@
+"""A motion-capture feed: the true pose with white noise, at its rate, some time later."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from vehicles.embedded.profile import MotionCapture
+from vehicles.embedded.states import TruthSample
+from vehicles.readings import PoseReading, Source
+from worlds.frames import Pose, quat_from_euler, quat_multiply
+
+
+class MotionCaptureFeed:
+    """Takes truth, gives readings; `t_s` of a reading is when it was true."""
+
+    def __init__(
+        self, *, noise: MotionCapture, source: Source, physics_hz: int, rng: np.random.Generator
+    ) -> None:
+        self._noise = noise
+        self._source = source
+        self._every = max(1, round(physics_hz / noise.rate_hz))
+        self._rng = rng
+        self._under_way: deque[tuple[float, TruthSample, Pose]] = deque()
+        self._callbacks: list[Callable[[PoseReading], None]] = []
+        across, down = noise.position_sigma_m
+        angle_rad = math.radians(noise.attitude_sigma_deg)
+        self._sigma = (across, across, down, angle_rad, angle_rad, angle_rad)
+
+    def add(self, callback: Callable[[PoseReading], None]) -> None:
+        """Give the readings to one more."""
+        self._callbacks.append(callback)
+
+    def is_due(self, step: int) -> bool:
+        """Return whether this physics step is seen by the cameras."""
+        return bool(self._callbacks) and step % self._every == 0
+
+    def take(self, truth: TruthSample) -> None:
+        """See the vehicle."""
+        pose = truth.pose
+        if any(self._sigma):
+            x, y, z, roll, pitch, yaw = (
+                sigma * n
+                for sigma, n in zip(self._sigma, self._rng.standard_normal(6).tolist(), strict=True)
+            )
+            north, east, down = pose.position_ned_m
+            pose = Pose(
+                (north + x, east + y, down + z),
+                quat_multiply(pose.q_wxyz, quat_from_euler(roll, pitch, yaw)),
+            )
+        self._under_way.append((truth.t_s + self._noise.latency_s, truth, pose))
+
+    def deliver(self, now_s: float) -> None:
+        """Give what has arrived by now."""
+        while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
+            _, truth, pose = self._under_way.popleft()
+            reading = PoseReading(truth.t_s, now_s, self._source, pose, truth.velocity_ned_m_s)
+            for callback in self._callbacks:
+                callback(reading)

@@ -1,0 +1,212 @@
+"""The embedded vehicle: a JSBSim quadrotor with an autopilot on one end of a MAVLink link."""
+
+import asyncio
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from vehicles.embedded.autopilot.ardupilot import ArduCopter
+from vehicles.embedded.autopilot.base import COMPONENT, EmbeddedAutopilot
+from vehicles.embedded.autopilot.place import Geodetic, Place
+from vehicles.embedded.autopilot.px4 import Px4
+from vehicles.embedded.autopilot.state import Identity
+from vehicles.embedded.body import PHYSICS_HZ, Body
+from vehicles.embedded.config import EmbeddedConfig, HearsEvents, Surroundings
+from vehicles.embedded.mocap import MotionCaptureFeed
+from vehicles.embedded.states import STOPPED, Thrusts, TruthSample
+from vehicles.links.base import Link
+from vehicles.mavlink.codec import Codec
+from vehicles.readings import PoseReading
+
+_STEPS_PER_TICK = 2
+_TURN_STEPS = 5
+_MOST_STEPS_BEHIND = 250
+"""Farther behind (a process that was stopped), time is dropped rather than made up for."""
+
+TruthCallback = Callable[[TruthSample], None]
+MocapCallback = Callable[[PoseReading], None]
+
+
+class EmbeddedVehicle:
+    """A vehicle that lives in this event loop, in virtual or wall time.
+
+    As an async context manager it opens its end of the link and flies by timers of the loop until
+    it is closed. `seed` decides everything random in it. Positions are in the world's local frame.
+    A PlantError of the physics stops the vehicle and goes to the loop's exception handler.
+    """
+
+    def __init__(
+        self,
+        *,
+        config: EmbeddedConfig,
+        link: Link,
+        seed: int,
+        surroundings: Surroundings | None = None,
+    ) -> None:
+        self.config = config
+        self._link = link
+        self._surroundings = surroundings
+        self._body = Body(config=config, seed=seed, surroundings=surroundings)
+        self._autopilot = build_autopilot(config, self._body)
+        self._codec = Codec(system_id=config.system_id, component_id=COMPONENT)
+        self._mocap = MotionCaptureFeed(
+            noise=config.profile.mocap,
+            source=config.source,
+            physics_hz=PHYSICS_HZ,
+            rng=np.random.default_rng([seed, 1]),
+        )
+        self._truth_callbacks: list[tuple[int, TruthCallback]] = []
+        self._thrusts: Thrusts = STOPPED
+        self._drift = 1.0 + config.profile.clock.drift_ppm * 1e-6
+        self._t0_s = 0.0
+        self._steps = 0
+        self._timer: asyncio.TimerHandle | None = None
+        self._muted = False
+        self._struck = False
+        link.receive(self._on_bytes)
+
+    @property
+    def autopilot(self) -> EmbeddedAutopilot:
+        """Return the autopilot, for tests that look inside."""
+        return self._autopilot
+
+    @property
+    def body(self) -> Body:
+        """Return the body, for tests that look inside or break a motor."""
+        return self._body
+
+    def truth(self) -> TruthSample:
+        """Return where the vehicle truly is now."""
+        return self._body.sample(self._step_s(self._steps))
+
+    def on_truth(self, callback: TruthCallback, rate_hz: float) -> None:
+        """Have the truth given to `callback` so often (at most 250 Hz, a whole part of it)."""
+        self._truth_callbacks.append((max(1, round(PHYSICS_HZ / rate_hz)), callback))
+
+    def on_mocap(self, callback: MocapCallback) -> None:
+        """Have motion capture's readings given to `callback`, with the profile's faults."""
+        self._mocap.add(callback)
+
+    def notify(self, event: str, t_s: float) -> None:
+        """Pass an event of the world to the surroundings: what moves may start now."""
+        if isinstance(self._surroundings, HearsEvents):
+            self._surroundings.notify(event, t_s)
+
+    def kill(self) -> None:
+        """Stop at once and for good, without a word: as when its process dies."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._muted = True
+
+    def mute(self, *, muted: bool) -> None:
+        """Lose all bytes in both directions, or no longer; the vehicle flies on."""
+        self._muted = muted
+
+    def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
+        """Let one motor (0 to 3, PX4's order) give only this part of its thrust from now on."""
+        self._body.fail_motor(index, factor=factor)
+
+    async def __aenter__(self) -> Self:
+        """Open the link and begin to live."""
+        await self._link.__aenter__()
+        loop = asyncio.get_running_loop()
+        self._t0_s = loop.time()
+        self._timer = loop.call_at(self._step_s(_STEPS_PER_TICK), self._tick)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop and close the link."""
+        self.kill()
+        await self._link.__aexit__(kind, error, trace)
+
+    def _step_s(self, step: int) -> float:
+        return self._t0_s + step / PHYSICS_HZ
+
+    def _tick(self) -> None:
+        loop = asyncio.get_running_loop()
+        behind = round((loop.time() - self._t0_s) * PHYSICS_HZ) - self._steps
+        if behind > _MOST_STEPS_BEHIND:
+            self._t0_s += (behind - _STEPS_PER_TICK) / PHYSICS_HZ
+            behind = _STEPS_PER_TICK
+        self._timer = None
+        for _ in range(behind):
+            self._step()
+        self._flush()
+        self._mocap.deliver(loop.time())
+        self._timer = loop.call_at(self._step_s(self._steps + _STEPS_PER_TICK), self._tick)
+
+    def _step(self) -> None:
+        self._steps += 1
+        steps, body = self._steps, self._body
+        t_s = self._step_s(steps)
+        estimate = body.step(self._thrusts, t_s)
+        if body.contact is not None and not self._struck:
+            self._struck = True
+            self._autopilot.strike(body.contact)
+        self._thrusts = self._autopilot.step(
+            estimate,
+            steps / PHYSICS_HZ * self._drift,
+            touching=body.touching,
+            charge=body.battery.charge,
+            turn=steps % _TURN_STEPS == 0,
+        )
+        for every, callback in self._truth_callbacks:
+            if steps % every == 0:
+                callback(body.sample(t_s))
+        if self._mocap.is_due(steps):
+            self._mocap.take(body.sample(t_s))
+
+    def _on_bytes(self, data: bytes, _: float) -> None:
+        if self._muted or self._timer is None:
+            return
+        for message in self._codec.parse(data):
+            self._autopilot.handle(message)
+        self._flush()
+
+    def _flush(self) -> None:
+        messages = self._autopilot.take_messages()
+        if messages and not self._muted:
+            pack = self._codec.pack
+            self._link.write(b"".join([pack(message) for message in messages]))
+
+
+def build_autopilot(config: EmbeddedConfig, body: Body) -> EmbeddedAutopilot:
+    """Return the autopilot that a configuration asks for."""
+    world = Place(Geodetic(config.latitude_deg, config.longitude_deg, config.altitude_m))
+    identity = Identity(
+        system_id=config.system_id,
+        uid=config.uid,
+        uid2=config.uid2,
+        origin=world.geodetic(config.start.position_ned_m),
+    )
+    dt_s, charge = 1.0 / PHYSICS_HZ, body.battery.charge
+    autopilot: EmbeddedAutopilot
+    if config.autopilot == "px4":
+        autopilot = Px4(
+            identity=identity,
+            airframe=config.airframe,
+            dt_s=dt_s,
+            charge=charge,
+            overrides=config.parameters,
+            full_streams=config.full_streams,
+        )
+    else:
+        autopilot = ArduCopter(
+            identity=identity,
+            airframe=config.airframe,
+            dt_s=dt_s,
+            charge=charge,
+            overrides=config.parameters,
+        )
+    autopilot.state.clock_offset_s = config.profile.clock.boot_offset_s
+    autopilot.never_ready = config.never_ready
+    autopilot.refusal = config.refuse_arm
+    return autopilot
