@@ -170,25 +170,25 @@ class GuardShell:
     def _apply(self, outputs: Outputs, t_s: float) -> None:
         if not outputs:
             return
-        events: list[GuardEvent] = []
         for output in outputs:
-            match output:
-                case ToOrchestrator(name, frames):
-                    self._links[name].orchestrator.write(_joined(frames))
-                case ToVehicle(name, frames):
-                    self._links[name].vehicle.write(_joined(frames))
-                case ToGcs(name, frames):
-                    gcs = self._links[name].gcs
-                    if gcs is not None:
-                        gcs.write(_joined(frames))
-                case GuardEvent():
-                    events.append(output)
+            if not isinstance(output, GuardEvent):
+                self._write(output)
+        events = [output for output in outputs if isinstance(output, GuardEvent)]
         if self._record is not None:
             events += self._write_down(self._record, outputs, t_s)
         for event in events:
             self.events.append(event)
             for listener in self._listeners:
                 listener(event)
+
+    def _write(self, output: ToOrchestrator | ToVehicle | ToGcs) -> None:
+        ends, data = self._links[output.name], _joined(output.frames)
+        if isinstance(output, ToOrchestrator):
+            ends.orchestrator.write(data)
+        elif isinstance(output, ToVehicle):
+            ends.vehicle.write(data)
+        elif ends.gcs is not None:
+            ends.gcs.write(data)
 
     def _write_down(self, record: Record, outputs: Outputs, t_s: float) -> list[GuardEvent]:
         try:

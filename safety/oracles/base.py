@@ -16,6 +16,7 @@ from safety.geofence import Fence
 from safety.results import Flag, Limit, OracleResult
 from safety.samples import HeardSample, PoseSample, Stage, StageSample, StateSample
 from worlds.frames import Pose, Vec3
+from worlds.parts import Crossing
 
 RunMode = Literal["sim", "wil", "real"]
 Flags = tuple[Flag, ...]
@@ -68,36 +69,20 @@ class Probe(Protocol):
         """Return the smallest clearance to every near part on the way from one pose to the next."""
 
 
-class Crossing(Protocol):
-    """A passage through an opening; `worlds` computes it in the object's frame."""
-
-    @property
-    def fraction(self) -> float:
-        """Return where on the segment the plane of the opening was met, in [0, 1]."""
-
-    @property
-    def offset_m(self) -> float:
-        """Return how far from the centre, in the measure in which the limit is half the size."""
-
-    @property
-    def direction(self) -> int:
-        """Return +1 along the object's x axis, -1 against it."""
-
-
 class Gate(Protocol):
-    """An opening of an object that the vehicle may have to fly through, moving or not."""
+    """An opening that the vehicle may have to fly through; `safety.oracles.gates.SceneGate`."""
 
     @property
-    def half_size_m(self) -> float:
+    def limit_m(self) -> float:
         """Return half of the inner size: the offset at which the centre meets the frame."""
+
+    def depth_m(self, point_ned_m: Vec3, t_s: float, events: Mapping[str, float]) -> float:
+        """Return how far behind the opening's plane a point is, along its forward axis."""
 
     def crossing(
         self, p_0: Vec3, t_0: float, p_1: Vec3, t_1: float, events: Mapping[str, float]
     ) -> Crossing | None:
-        """Return the passage of a world segment (NED metres) through the opening's inside."""
-
-    def side(self, p: Vec3, t_s: float, events: Mapping[str, float]) -> int:
-        """Return +1 when the point is on the object's +x side of the plane, else -1."""
+        """Return where the way from one point to the next meets the opening's plane."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,9 +90,9 @@ class OracleContext:
     """What an oracle is told of the run and of the one vehicle it judges.
 
     vehicle: whom this oracle judges. probe: clearance to the world in which that vehicle is
-    judged (Wv in sim and wil, W in real). gates: in the order in which they are to be flown.
-    events: times of the world's events, filled in by the run as they happen. target_ned_m: a
-    position goal. fence: that vehicle's own.
+    judged (Wv in sim and wil, W in real). gates: all openings of that world by name; route: those
+    of the goal, in order. target_ned_m: a position goal. fence: that vehicle's own. events: times
+    of the world's events, a mapping that the run fills in as they happen.
     """
 
     mode: RunMode
@@ -116,6 +101,7 @@ class OracleContext:
     start: Pose = field(default_factory=lambda: Pose((0.0, 0.0, 0.0)))
     probe: Probe | None = None
     gates: Mapping[str, Gate] = field(default_factory=dict)
+    route: tuple[str, ...] = ()
     target_ned_m: Vec3 | None = None
     fence: Fence | None = None
     events: Mapping[str, float] = field(default_factory=dict)

@@ -1,13 +1,13 @@
 """Whether the goal was reached: gates in order and direction, a position, in time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 from pydantic import Field
 
 from safety.oracles.base import (
     NO_FLAGS,
-    Crossing,
     Flags,
     Gate,
     Oracle,
@@ -44,11 +44,19 @@ class TimeLimitParameters(Parameters):
     limit_s: float = Field(gt=0)
 
 
-class Reached(Oracle):
-    """Flies truly through the opening of each gate, in order, between the goal and the end.
+@dataclass(frozen=True, slots=True)
+class _Passage:
+    gate: str
+    offset_m: float
+    limit_m: float
+    at_s: float
 
-    Judged by the vehicle's centre. actual: the largest offset at a crossing; limit: half of that
-    gate's inner size; passing beside a gate, from the wrong side or out of order is no crossing.
+
+class Reached(Oracle):
+    """Flies truly through the opening of each gate, in order, between the goal and the landing.
+
+    Judged by the vehicle's centre. actual: the offset with the smallest margin; limit: half of
+    that gate's inner size. Passing beside a gate, from the wrong side or out of order is none.
     """
 
     def __init__(
@@ -57,20 +65,22 @@ class Reached(Oracle):
         name: str,
         vehicle: str,
         required: bool,
-        gates: Mapping[str, Gate],
+        route: Sequence[tuple[str, Gate]],
         events: Mapping[str, float],
         direction: Direction = "away",
     ) -> None:
         super().__init__(name=name, vehicle=vehicle, required=required)
-        if not gates:
+        if not route:
             raise OracleError(f"oracle {name!r}: the goal names no gate")
-        self._gates = tuple(gates.items())
+        self._route = tuple(route)
         self._events = events
         self._direction = direction
         self._stages = Stages()
         self._last: PoseSample | None = None
-        self._side: int | None = None
-        self._crossed: list[tuple[str, float, float, float]] = []
+        self._depth_m: float | None = None
+        self._from_behind = False
+        self._through: list[_Passage] = []
+        self._beside: _Passage | None = None
 
     def on_stage(self, sample: StageSample) -> Flags:
         """Take a stage; gates count from the goal on."""
@@ -79,58 +89,74 @@ class Reached(Oracle):
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Look whether the way since the last pose leads through the next gate."""
-        last, self._last = self._last, sample
-        if not self._stages.within("goal", "land", "end") or self._done:
+        last, self._last = self._last or sample, sample
+        if self._done or not self._stages.within("goal", "land", "end"):
             return NO_FLAGS
+        name, gate = self._route[len(self._through)]
         here_m = sample.pose.position_ned_m
-        before = last or sample
-        name, gate = self._gates[len(self._crossed)]
-        if self._side is None:
-            self._side = gate.side(before.pose.position_ned_m, before.t_s, self._events)
-        crossing = gate.crossing(
-            before.pose.position_ned_m, before.t_s, here_m, sample.t_s, self._events
-        )
-        if crossing is None or not self._counts(crossing):
+        if self._depth_m is None:
+            self._depth_m = gate.depth_m(last.pose.position_ned_m, last.t_s, self._events)
+            self._from_behind = self._depth_m > 0.0
+        before_m, self._depth_m = self._depth_m, gate.depth_m(here_m, sample.t_s, self._events)
+        if (before_m > 0.0) == (self._depth_m > 0.0):
             return NO_FLAGS
-        at_s = before.t_s + (sample.t_s - before.t_s) * crossing.fraction
-        self._crossed.append((name, crossing.offset_m, gate.half_size_m, at_s))
-        self._side = None
-        return self.flag(at_s, f"{self.vehicle} flew through {name}", decisive=False)
+        passed = gate.crossing(last.pose.position_ned_m, last.t_s, here_m, sample.t_s, self._events)
+        if passed is None or not self._right_way(passed.direction):
+            return NO_FLAGS
+        at_s = last.t_s + (sample.t_s - last.t_s) * passed.fraction
+        return self._pass(_Passage(name, passed.offset_m, gate.limit_m, at_s))
 
     def result(self, t_s: float) -> OracleResult:
         """Return the largest offset, or which gate was not flown through."""
         del t_s
         if not self._done:
-            return self.verdict(
-                passed=False,
-                limit=self._gates[len(self._crossed)][1].half_size_m,
-                unit="m",
-                detail=self._missing(),
-            )
-        name, offset_m, limit_m, at_s = min(self._crossed, key=lambda c: c[2] - c[1])
+            limit_m = self._route[len(self._through)][1].limit_m
+            return self.verdict(passed=False, limit=limit_m, unit="m", detail=self._missing())
+        worst = min(self._through, key=lambda passage: passage.limit_m - passage.offset_m)
         return self.verdict(
-            passed=offset_m < limit_m,
-            actual=offset_m,
-            limit=limit_m,
+            passed=True,
+            actual=worst.offset_m,
+            limit=worst.limit_m,
             unit="m",
-            margin=limit_m - offset_m,
-            at_s=at_s,
-            detail=f"through {name}",
+            margin=worst.limit_m - worst.offset_m,
+            at_s=worst.at_s,
+            detail=f"through {worst.gate}",
         )
 
     @property
     def _done(self) -> bool:
-        return len(self._crossed) == len(self._gates)
+        return len(self._through) == len(self._route)
 
-    def _counts(self, crossing: Crossing) -> bool:
-        wanted = {"along": 1, "against": -1, "away": -(self._side or 1), "either": 0}
-        return wanted[self._direction] in {0, crossing.direction}
+    def _right_way(self, direction: int) -> bool:
+        match self._direction:
+            case "either":
+                return True
+            case "along":
+                return direction == 1
+            case "against":
+                return direction == -1
+            case "away":
+                return direction == (-1 if self._from_behind else 1)
+
+    def _pass(self, passage: _Passage) -> Flags:
+        if passage.offset_m >= passage.limit_m:
+            if self._beside is None or passage.offset_m < self._beside.offset_m:
+                self._beside = passage
+            text = f"{self.vehicle} passed beside {passage.gate}"
+            return self.flag(passage.at_s, text, decisive=False)
+        self._through.append(passage)
+        self._depth_m = self._beside = None
+        text = f"{self.vehicle} flew through {passage.gate}"
+        return self.flag(passage.at_s, text, decisive=False)
 
     def _missing(self) -> str:
         if self._last is None:
             return "no pose seen"
-        done, total = len(self._crossed), len(self._gates)
-        return f"never flew through {self._gates[done][0]} ({done} of {total} gates)"
+        done, total = len(self._through), len(self._route)
+        text = f"never flew through {self._route[done][0]} ({done} of {total} gates)"
+        if self._beside is not None:
+            text += f"; passed {self._beside.offset_m:.2f} m beside its centre"
+        return text
 
 
 class ReachedPosition(Oracle):
@@ -234,15 +260,17 @@ def reached(
     name: str, required: bool, parameters: ReachedParameters, context: OracleContext
 ) -> Oracle:
     """Return the oracle of gates. Raises OracleError when a gate is not in the world."""
-    names = tuple(context.gates) if parameters.gates is None else parameters.gates
-    for gate in names:
+    route = context.route if parameters.gates is None else parameters.gates
+    for gate in route:
         if gate not in context.gates:
-            raise OracleError(f"oracle {name!r}: the judged world has no gate {gate!r}")
+            known = ", ".join(context.gates) or "none"
+            message = f"the judged world has no gate {gate!r} (it has {known})"
+            raise OracleError(f"oracle {name!r}: {message}")
     return Reached(
         name=name,
         vehicle=context.vehicle,
         required=required,
-        gates={gate: context.gates[gate] for gate in names},
+        route=[(gate, context.gates[gate]) for gate in route],
         events=context.events,
         direction=parameters.direction,
     )

@@ -1,0 +1,54 @@
+"""Openings of a scene's objects as gates that oracles judge, moving or not."""
+
+from collections.abc import Mapping
+
+from worlds.frames import Vec3, rotate
+from worlds.parts import Crossing, Opening
+from worlds.scene import Scene, SceneObject
+
+
+class SceneGate:
+    """One opening of one object, in the world's coordinates (NED metres)."""
+
+    def __init__(self, thing: SceneObject, opening: Opening) -> None:
+        self._thing = thing
+        self._opening = opening
+        at_rest = thing.pose.compose(opening.pose)
+        self._centre_m = at_rest.position_ned_m
+        self._axis = rotate(at_rest.q_wxyz, (1.0, 0.0, 0.0))
+
+    @property
+    def limit_m(self) -> float:
+        """Return half of the inner size."""
+        return self._opening.limit_m
+
+    def depth_m(self, point_ned_m: Vec3, t_s: float, events: Mapping[str, float]) -> float:
+        """Return how far behind the opening's plane a point is, along its forward axis."""
+        if self._thing.motion is not None:
+            pose = self._thing.pose_at(t_s, events).compose(self._opening.pose)
+            return pose.to_local(point_ned_m)[0]
+        centre, axis = self._centre_m, self._axis
+        return (
+            (point_ned_m[0] - centre[0]) * axis[0]
+            + (point_ned_m[1] - centre[1]) * axis[1]
+            + (point_ned_m[2] - centre[2]) * axis[2]
+        )
+
+    def crossing(
+        self, p_0: Vec3, t_0: float, p_1: Vec3, t_1: float, events: Mapping[str, float]
+    ) -> Crossing | None:
+        """Return where the way from one point to the next meets the opening's plane."""
+        local_0 = self._thing.pose_at(t_0, events).to_local(p_0)
+        local_1 = self._thing.pose_at(t_1, events).to_local(p_1)
+        return self._opening.crossing(local_0, local_1)
+
+
+def gates_of(scene: Scene) -> dict[str, SceneGate]:
+    """Return what can be flown through, by object; by "object.opening" where it has several."""
+    gates: dict[str, SceneGate] = {}
+    for thing in scene.objects:
+        openings = thing.shape.openings
+        for opening in openings:
+            name = thing.name if len(openings) == 1 else f"{thing.name}.{opening.name}"
+            gates[name] = SceneGate(thing, opening)
+    return gates
