@@ -218,7 +218,9 @@ def _hint(wanted: str, given: object) -> str:
     if "number" not in wanted or not isinstance(given, str):
         return ""
     if re.fullmatch(r"\s*[-+]?[0-9.]+([eE][-+]?[0-9]+)?\s*", given):
-        return " (leave out the quotes)"
+        return " (leave out the quotes)" if len(given) < 20 and "e" not in given.lower() else ""
+    if given.lower().strip("+-") in {".nan", "nan", ".inf", "inf", "infinity"}:
+        return " (it must be finite)"
     if re.match(r"\s*[-+]?[0-9.]+\s*[A-Za-z/°%]", given):
         return " (a plain number; its unit stands in the key)"
     return ""

@@ -1,9 +1,11 @@
 """YAML text into nodes that know their place; the core schema of YAML 1.2, not PyYAML's 1.1.
 
 Only true and false are booleans (`on`, `yes` and `no` are words), `12:30:00` and dates are text,
-`1e-3` is a number, and keys are always text. Work is bounded: depth, size, aliases.
+`1e-3` is a number, and keys are always text. What is not finite (`.nan`, `.inf`, `1e999`) stays
+text, so that nothing that wants a number takes it. Work is bounded: depth, size, aliases.
 """
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,7 +30,6 @@ _WORDS: dict[str, bool | None] = {
 _INT = re.compile(r"[-+]?[0-9]{1,40}")
 _BASED = re.compile(r"0x[0-9a-fA-F]{1,32}|0o[0-7]{1,40}")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-_SPECIAL = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,6 +253,6 @@ def _resolve(text: str) -> Scalar:
         return int(text)
     if _BASED.fullmatch(text):
         return int(text, 0)
-    if _FLOAT.fullmatch(text):
-        return float(text)
-    return float(text.replace(".", "")) if _SPECIAL.fullmatch(text) else text
+    if _FLOAT.fullmatch(text) and math.isfinite(number := float(text)):
+        return number
+    return text

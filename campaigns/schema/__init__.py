@@ -1,0 +1,37 @@
+"""What a campaign file may say: one module per part of the file.
+
+A key stands here only when code acts on it; any other is an unknown key and refused.
+"""
+
+from campaigns.schema.campaign import (
+    MATRIX_KEYS,
+    AutonomyPart,
+    CampaignPart,
+    GoalPart,
+    Mode,
+    PositionPart,
+    SyncPart,
+)
+from campaigns.schema.fence import AreaPart, FencePart
+from campaigns.schema.sensors import CameraPart, MountPart, SensorPart
+from campaigns.schema.vehicles import VEHICLES, StartPart, VehicleName, VehiclePart, VehiclesPart
+
+__all__ = [
+    "MATRIX_KEYS",
+    "VEHICLES",
+    "AreaPart",
+    "AutonomyPart",
+    "CameraPart",
+    "CampaignPart",
+    "FencePart",
+    "GoalPart",
+    "Mode",
+    "MountPart",
+    "PositionPart",
+    "SensorPart",
+    "StartPart",
+    "SyncPart",
+    "VehicleName",
+    "VehiclePart",
+    "VehiclesPart",
+]

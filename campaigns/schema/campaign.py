@@ -1,0 +1,133 @@
+"""The campaign file as a whole, and its small parts."""
+
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
+
+from campaigns.acceptance import parse_share
+from campaigns.schema.fence import FencePart
+from campaigns.schema.vehicles import VehiclesPart
+from worlds.documents import KeyFaultError, Part
+
+Mode = Literal["sim", "wil", "real"]
+Seconds = Annotated[float, Field(gt=0, le=86_400)]
+
+MATRIX_KEYS = frozenset(
+    {"schema", "campaign", "description", "cases", "modes", "repetitions", "seed", "accept"}
+)
+"""What makes the matrix of runs, and so cannot differ from case to case."""
+
+_SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+def _safe_name(name: str) -> str:
+    if not _SAFE.fullmatch(name):
+        raise ValueError(
+            f"'{name}' becomes a folder: use up to 64 of A-Z a-z 0-9 . _ - and begin with one "
+            "of the letters or digits"
+        )
+    return name
+
+
+SafeName = Annotated[str, AfterValidator(_safe_name)]
+"""A name that is a folder of the results."""
+
+
+Cases = dict[SafeName, dict[str, JsonValue] | None]
+
+
+def _one_case() -> Cases:
+    return {"default": {}}
+
+
+class AutonomyPart(Part):
+    """The system under test: `use` is file.py:Class beside this file, or a name of ours.
+
+    rate_hz: how often it is asked for a setpoint. A bare text stands for `use`.
+    """
+
+    use: Annotated[str, Field(min_length=1)]
+    with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
+    rate_hz: Annotated[float, Field(ge=2, le=250)] = 20.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, given: Any) -> Any:
+        return {"use": given} if isinstance(given, str) else given
+
+
+class PositionPart(Part):
+    """A place in the world's local frame."""
+
+    north_m: float
+    east_m: float
+    up_m: float
+
+
+class GoalPart(Part):
+    """What is to be flown: the height, and gates in their order or a place."""
+
+    altitude_m: Annotated[float, Field(gt=0, le=10_000)]
+    gates: list[str] = Field(default_factory=list)
+    position: PositionPart | None = None
+
+    @field_validator("gates")
+    @classmethod
+    def _once_each(cls, gates: list[str]) -> list[str]:
+        for index, gate in enumerate(gates):
+            if gate in gates[:index]:
+                raise KeyFaultError(index, f"gate '{gate}' is named twice")
+        return gates
+
+
+class SyncPart(Part):
+    """How closely the pair keeps together; a run that exceeds a skew is INVALID."""
+
+    ready_timeout_s: Seconds = 90.0
+    takeoff_timeout_s: Seconds = 30.0
+    takeoff_tolerance_m: Annotated[float, Field(gt=0, le=100)] = 0.3
+    landing_timeout_s: Seconds = 60.0
+    max_command_skew_s: Seconds = 0.1
+    max_takeoff_skew_s: Seconds = 1.0
+    max_t0_skew_s: Seconds = 0.1
+
+
+class CampaignPart(Part):
+    """A campaign file; `cases` and `oracles` are read part by part, where their meaning is."""
+
+    schema_: Literal["wil/campaign/1"] = Field(alias="schema")
+    campaign: SafeName
+    description: str = ""
+    vehicles: VehiclesPart
+    world: str
+    recipe: str | None = None
+    autonomy: AutonomyPart
+    goal: GoalPart
+    modes: Annotated[list[Mode], Field(min_length=1)]
+    cases: Annotated[Cases, Field(min_length=1)] = Field(default_factory=_one_case)
+    repetitions: Annotated[int, Field(ge=1, le=100_000)] = 1
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    sync: SyncPart = SyncPart()
+    geofence: FencePart | None = None
+    oracles: Annotated[dict[str, dict[str, JsonValue] | None], Field(min_length=1)]
+    accept: dict[str, dict[str, str]] | None = None
+
+    @field_validator("modes")
+    @classmethod
+    def _distinct(cls, modes: list[Mode]) -> list[Mode]:
+        for index, mode in enumerate(modes):
+            if mode in modes[:index]:
+                raise KeyFaultError(index, f"mode '{mode}' is named twice")
+        return modes
+
+    @field_validator("accept")
+    @classmethod
+    def _shares(cls, accept: dict[str, dict[str, str]] | None) -> dict[str, dict[str, str]] | None:
+        for case, shares in (accept or {}).items():
+            for mode, share in shares.items():
+                try:
+                    parse_share(share)
+                except ValueError as error:
+                    raise KeyFaultError((case, mode), str(error)) from error
+        return accept

@@ -1,0 +1,63 @@
+"""`vehicles`: the real vehicle and its twin."""
+
+import math
+from typing import Annotated, Literal, get_args
+
+from pydantic import Field, field_validator
+
+from campaigns.schema.sensors import SensorPart
+from vehicles.autopilots.base import AutopilotName
+from vehicles.links.parse import LinkAddressError, parse_link
+from worlds.documents import Part
+from worlds.frames import Pose
+
+VehicleName = Literal["real", "twin"]
+VEHICLES: tuple[VehicleName, ...] = get_args(VehicleName)
+
+ParameterName = Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,16}$")]
+"""MAVLink's param_id has 16 characters."""
+
+
+class StartPart(Part):
+    """Where in the world a vehicle stands before it takes off; yaw_deg clockwise from north."""
+
+    north_m: float = 0.0
+    east_m: float = 0.0
+    up_m: float = 0.0
+    yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+
+    def pose(self) -> Pose:
+        """Return it in the world's local frame."""
+        yaw_rad = math.radians(self.yaw_deg)
+        return Pose.of(self.north_m, self.east_m, self.up_m, yaw_rad=yaw_rad)
+
+
+class VehiclePart(Part):
+    """One vehicle of the pair."""
+
+    link: str
+    autopilot: AutopilotName
+    profile: Annotated[str, Field(min_length=1)] = "nominal"
+    params: dict[ParameterName, float] = Field(default_factory=dict)
+    start: StartPart = StartPart()
+    anchor: Literal["start"] = "start"
+    pose_source: Literal["mavlink", "mocap"] = "mavlink"
+    sensors: dict[str, SensorPart] = Field(default_factory=dict)
+
+    @field_validator("link")
+    @classmethod
+    def _embedded(cls, link: str) -> str:
+        if link == "embedded":
+            return link
+        try:
+            parse_link(link)
+        except LinkAddressError as error:
+            raise ValueError(f"must be embedded, or a link: {error}") from error
+        raise ValueError("a vehicle attached by a link cannot be flown yet; only 'embedded' can")
+
+
+class VehiclesPart(Part):
+    """The pair; a mode that a vehicle does not fly in can do without it."""
+
+    real: VehiclePart | None = None
+    twin: VehiclePart | None = None
