@@ -76,6 +76,7 @@ class ArduCopter(Autopilot):
     streams_before_guided_s: ClassVar[float] = 0.0
     # NAV_TAKEOFF over MAVLink is taken in GUIDED only.
     arming_mode: ClassVar[Mode] = Mode.GUIDED
+    takeoff_modes: ClassVar[tuple[Mode, ...]] = (Mode.GUIDED,)
     takeoff_needs_amsl: ClassVar[bool] = False
     parameters_bytewise: ClassVar[bool] = False
     changes_mode_on_disarm: ClassVar[bool] = False

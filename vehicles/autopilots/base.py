@@ -101,6 +101,8 @@ class Autopilot(ABC):
     """How long setpoints must have come before it takes the guided mode; 0 for not at all."""
     arming_mode: ClassVar[Mode]
     """The mode to arm in, from which a takeoff command is taken at once."""
+    takeoff_modes: ClassVar[tuple[Mode, ...]]
+    """The modes that it goes through by itself after a takeoff command."""
     takeoff_needs_amsl: ClassVar[bool]
     """Whether the takeoff command carries a height above mean sea level."""
     parameters_bytewise: ClassVar[bool]
@@ -182,6 +184,10 @@ class Autopilot(ABC):
     def ask_message(self, target: Target, message_id: int) -> Any:
         """Return the MAV_CMD_REQUEST_MESSAGE for one message."""
         return command_long(target, mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id))
+
+    def ask_checks(self, target: Target) -> Any:
+        """Return the command that has it say by STATUSTEXT which pre-arm checks fail."""
+        return command_long(target, mavlink.MAV_CMD_RUN_PREARM_CHECKS)
 
     def readiness(self) -> Readiness:
         """Return a fresh judge of whether the vehicle can arm and take off."""

@@ -32,8 +32,6 @@ class ReadinessRules:
 class Readiness:
     """Judges readiness from the messages it is fed; pure."""
 
-    MESSAGES = ("HEARTBEAT", "SYS_STATUS", "EXTENDED_SYS_STATE", "HOME_POSITION")
-
     def __init__(self, rules: ReadinessRules) -> None:
         self._rules = rules
         self._system_status: int | None = None
@@ -46,6 +44,11 @@ class Readiness:
     def ready(self) -> bool:
         """Return whether nothing speaks against arming."""
         return not self.reasons()
+
+    @property
+    def prearm_failed(self) -> bool:
+        """Return whether the autopilot's own checks have said no."""
+        return self._prearm_ok is False
 
     def feed(self, message: Any) -> None:
         """Take one message of the vehicle's autopilot; those that do not matter are ignored."""
@@ -68,7 +71,7 @@ class Readiness:
         reasons = [
             self._status_reason(),
             self._landed_reason(),
-            *self._estimator_reasons(),
+            *self.estimator_faults(),
             self._prearm_reason(),
             "no home position" if self._rules.needs_home and not self._home_known else "",
         ]
@@ -91,12 +94,13 @@ class Readiness:
             return "landed state unknown"
         return "it is not on the ground"
 
-    def _estimator_reasons(self) -> list[str]:
+    def estimator_faults(self) -> tuple[str, ...]:
+        """Return what is wrong with the estimator by its flags, in words."""
         flags = self._flags
         if flags is None:
-            return [f"no {self._rules.estimator_message}"]
+            return (f"no {self._rules.estimator_message}",)
         if flags & self._rules.forbidden_flags & mavlink.EKF_UNINITIALIZED:
-            return ["the estimator is not initialised"]
+            return ("the estimator is not initialised",)
         reasons = []
         if not flags & _ATTITUDE:
             reasons.append("the estimator has no attitude")
@@ -108,7 +112,7 @@ class Readiness:
             reasons.append("the estimator has no horizontal position (GPS or vision not in use)")
         if not flags & _VERTICAL:
             reasons.append("the estimator has no height")
-        return reasons
+        return tuple(reasons)
 
     def _prearm_reason(self) -> str:
         if self._prearm_ok is None:

@@ -1,0 +1,394 @@
+"""Flies one vehicle over MAVLink, whichever autopilot it has."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from types import TracebackType
+from typing import Literal, Self
+
+from vehicles.anchor import Anchor
+from vehicles.autopilots.base import AutopilotName, Mode, Target, TelemetryRates, own_heartbeat
+from vehicles.driver.changes import Changes
+from vehicles.driver.clocking import Clocking
+from vehicles.driver.commands import Commander
+from vehicles.driver.estimates import EstimateListener, Estimates
+from vehicles.driver.identifying import find_vehicle, request_identity
+from vehicles.driver.identity import Identity
+from vehicles.driver.parameters import Parameters
+from vehicles.driver.repeating import Repeater
+from vehicles.driver.session import Session
+from vehicles.driver.setpointing import SetpointSender
+from vehicles.driver.state import VehicleState
+from vehicles.driver.status import EventListener, Status
+from vehicles.driver.streams import Streams
+from vehicles.driver.vehicle import IdentifiedVehicle
+from vehicles.errors import (
+    AnchorError,
+    ArmRefusedError,
+    CommandError,
+    NotReadyError,
+    StateTimeoutError,
+    VehicleError,
+)
+from vehicles.links.base import Link
+from vehicles.setpoints import Setpoint
+from vehicles.timesync import VehicleClock
+from worlds.frames import Pose
+
+_HEARTBEAT_PERIOD_S = 1.0
+_WATCH_PERIOD_S = 0.1
+_SEEN_WITHIN_S = 3.0
+"""HEARTBEAT comes once a second, and one may be lost."""
+_ASK_AGAIN_S = 2.0
+_ANSWER_WITHIN_S = 1.0
+"""What a vehicle that was heard at the last moment still has to say who it is."""
+_TEXT_WITHIN_S = 0.5
+"""By how much the STATUSTEXT with the reason may be behind a refusal."""
+
+
+class Driver:
+    """A vehicle at the end of a link; an async context manager that opens and closes the link.
+
+    In order: `identify`, `ready`, `arm`, `begin_takeoff`, `enter_guided`, `send`, and `land` or
+    `rtl`, `disarmed`. Times and deadlines are on the loop's clock, positions in the world frame.
+
+    start: where in the world the vehicle stands; unless `set_anchor` says otherwise, arming maps
+    the place and heading that its estimator has there. silence_s: after how long without a byte
+    the link counts as lost. max_clock_drift: see ClockMap. Errors are VehicleErrors.
+    """
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        link: Link,
+        autopilot: AutopilotName | Literal["auto"] = "auto",
+        start: Pose = Pose((0.0, 0.0, 0.0)),  # noqa: B008 - frozen
+        rates: TelemetryRates = TelemetryRates(),  # noqa: B008 - frozen
+        own_system_id: int = 245,
+        own_component: int = 190,
+        silence_s: float = 1.5,
+        max_clock_drift: float = 0.02,
+    ) -> None:
+        self.name = name
+        self._link = link
+        self._wanted: AutopilotName | None = None if autopilot == "auto" else autopilot
+        self._start = start
+        self._rates = rates
+        self._silence_s = silence_s
+        self._anchor_given = False
+        self._changes = Changes()
+        self._session = Session(link=link, own=Target(own_system_id, own_component))
+        self._session.on_arrival = self._heard
+        self._commander = Commander(session=self._session, circumstances=self._circumstances)
+        self.parameters = Parameters(session=self._session)
+        self.clock = VehicleClock(own_id=own_system_id, max_drift=max_clock_drift)
+        self._clocking = Clocking(session=self._session, clock=self.clock)
+        self._estimates = Estimates(session=self._session, clock=self.clock)
+        self._estimates.on_reboot = self._rebooted
+        self._event_listeners: list[EventListener] = []
+        self._status: Status | None = None
+        self._vehicle: IdentifiedVehicle | None = None
+        self._heartbeat = Repeater(period_s=_HEARTBEAT_PERIOD_S, action=self._send_heartbeat)
+        self._watch = Repeater(period_s=_WATCH_PERIOD_S, action=self._look_for_silence)
+
+    async def __aenter__(self) -> Self:
+        """Open the link and begin with heartbeats. Raises LinkError."""
+        await self._link.__aenter__()
+        self._heartbeat.start()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop all sending and close the link; it does not land the vehicle."""
+        if self._vehicle is not None:
+            self._vehicle.setpoints.stop()
+        self._heartbeat.stop()
+        self._watch.stop()
+        self._clocking.stop()
+        self._commander.close()
+        await self._link.__aexit__(kind, error, trace)
+
+    @property
+    def identity(self) -> Identity:
+        """Return who it is. Raises VehicleError before `identify`."""
+        return self._flying().identity
+
+    @property
+    def state(self) -> VehicleState:
+        """Return the vehicle as last heard, as one that does not change."""
+        return replace(
+            VehicleState() if self._status is None else self._status.state,
+            last_heard_s=self._session.last_heard_s,
+            estimate=self._estimates.newest,
+            local=self._estimates.local,
+        )
+
+    @property
+    def anchor(self) -> Anchor | None:
+        """Return how the autopilot's local frame lies in the world; None while unknown."""
+        return self._estimates.anchor
+
+    def set_anchor(self, anchor: Anchor) -> None:
+        """Use this anchor (geodetic, motion capture) instead of the start pose."""
+        self._anchor_given = True
+        self._estimates.set_anchor(anchor)
+
+    def on_estimate(self, listener: EstimateListener) -> None:
+        """Call `listener` with each estimate, as it comes, once the vehicle is anchored."""
+        self._estimates.listen(listener)
+
+    def on_event(self, listener: EventListener) -> None:
+        """Call `listener` with each event, as it happens."""
+        self._event_listeners.append(listener)
+
+    async def identify(self, timeout_s: float) -> Identity:
+        """Find the vehicle, ask who it is, and ask for its telemetry and time.
+
+        Raises IdentifyError, which says what was heard instead.
+        """
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + timeout_s
+        target, autopilot = await find_vehicle(
+            self._session, self._changes, wanted=self._wanted, timeout_s=timeout_s
+        )
+        self._session.target = target
+        self.parameters.use_bytewise(autopilot.parameters_bytewise)
+        self._status = status = Status(
+            session=self._session,
+            autopilot=autopilot,
+            changes=self._changes,
+            listeners=self._event_listeners,
+        )
+        identity = await request_identity(
+            self._session,
+            self._changes,
+            autopilot=autopilot,
+            target=target,
+            timeout_s=max(deadline_s - loop.time(), _ANSWER_WITHIN_S),
+        )
+        plan = autopilot.telemetry_plan(self._rates)
+        self._vehicle = IdentifiedVehicle(
+            identity=identity,
+            autopilot=autopilot,
+            target=target,
+            status=status,
+            streams=Streams(session=self._session, autopilot=autopilot, target=target, plan=plan),
+            setpoints=SetpointSender(
+                session=self._session, clock=self.clock, autopilot=autopilot, target=target
+            ),
+            estimates=self._estimates,
+            clock=self.clock,
+        )
+        self._begin_listening()
+        return identity
+
+    async def ready(self, timeout_s: float) -> None:
+        """Wait until the vehicle can arm and take off, and anchor it where it stands.
+
+        Raises NotReadyError with the reasons and the last STATUSTEXTs.
+        """
+        vehicle = self._flying()
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + timeout_s
+        while True:
+            slice_s = max(0.0, min(_ASK_AGAIN_S, deadline_s - loop.time()))
+            if await self._changes.until(lambda: not self._reasons(), slice_s):
+                break
+            if loop.time() >= deadline_s:
+                raise self._not_ready(timeout_s)
+            vehicle.streams.ask_missing(loop.time())
+            if vehicle.status.readiness.prearm_failed:
+                self._session.send(vehicle.autopilot.ask_checks(vehicle.target))
+        self._capture_anchor()
+
+    async def arm(self) -> None:
+        """Anchor the vehicle, bring it into the mode to arm in, arm, and see it armed.
+
+        Raises ArmRefusedError with the autopilot's reasons, AnchorError, StateTimeoutError.
+        """
+        vehicle = self._flying()
+        status, autopilot = vehicle.status, vehicle.autopilot
+        self._capture_anchor()
+        if status.state.mode is not autopilot.arming_mode:
+            await self._reach(autopilot.arming_mode)
+        command = autopilot.arm(vehicle.target)
+        try:
+            await self._commander.run(command, done_anyway=lambda: status.state.armed)
+        except CommandError as error:
+            raise await self._arm_refused(error) from error
+        await self._see(lambda: status.state.armed, _SEEN_WITHIN_S, "armed")
+
+    async def disarm(self) -> None:
+        """Disarm on the ground. Raises CommandError when refused (in the air)."""
+        vehicle = self._flying()
+        status = vehicle.status
+        command = vehicle.autopilot.disarm(vehicle.target)
+        await self._commander.run(command, done_anyway=lambda: not status.state.armed)
+        await self.disarmed(_SEEN_WITHIN_S)
+
+    def begin_takeoff(self, altitude_m: float) -> Awaitable[None]:
+        """Send the takeoff command now; the awaitable is its acceptance.
+
+        altitude_m: above where it stands. The frame is written before this returns, so that two
+        vehicles get theirs in one turn of the loop. Awaiting raises CommandError.
+        """
+        vehicle = self._flying()
+        status, autopilot = vehicle.status, vehicle.autopilot
+        message = autopilot.takeoff(
+            vehicle.target, altitude_m=altitude_m, ground_amsl_m=self._estimates.amsl_m
+        )
+        status.asked_modes = autopilot.takeoff_modes
+        return self._commander.begin(
+            message, done_anyway=lambda: status.state.landed in {"taking_off", "in_air"}
+        )
+
+    async def enter_guided(self) -> None:
+        """Bring it into the mode that follows setpoints, standing still until the first `send`.
+
+        Where the autopilot wants a stream of setpoints (PX4), zero velocity is streamed until
+        then. Raises CommandError, StateTimeoutError.
+        """
+        vehicle = self._flying()
+        if vehicle.autopilot.streams_before_guided_s > 0:
+            vehicle.setpoints.keep_still()
+            await asyncio.sleep(vehicle.autopilot.streams_before_guided_s)
+        if vehicle.status.state.mode is not Mode.GUIDED:
+            await self._reach(Mode.GUIDED)
+
+    def send(self, setpoint: Setpoint) -> None:
+        """Send a setpoint of the world frame; it must be renewed within the autopilot's time-out.
+
+        Raises AnchorError before `ready`.
+        """
+        anchor = self._estimates.anchor
+        if anchor is None:
+            raise AnchorError(f"{self.name}: not anchored in the world; await ready() first")
+        self._flying().setpoints.send(anchor.to_local(setpoint))
+
+    async def hold(self) -> None:
+        """Stop and stay, whatever setpoints come. Raises CommandError, StateTimeoutError."""
+        await self._reach(Mode.HOLD)
+
+    async def land(self) -> None:
+        """Begin to land here; `disarmed` tells the end. Raises CommandError, StateTimeoutError."""
+        await self._reach(Mode.LAND)
+
+    async def rtl(self) -> None:
+        """Begin to return and land. Raises CommandError, StateTimeoutError."""
+        await self._reach(Mode.RTL)
+
+    async def terminate(self) -> None:
+        """Stop the motors at once, in the air too. Raises CommandError."""
+        vehicle = self._flying()
+        vehicle.setpoints.stop()
+        await self._commander.run(vehicle.autopilot.terminate(vehicle.target))
+
+    async def disarmed(self, timeout_s: float) -> None:
+        """Wait until it is disarmed. Raises StateTimeoutError."""
+        status = self._flying().status
+        await self._see(lambda: not status.state.armed, timeout_s, "disarmed")
+
+    def _flying(self) -> IdentifiedVehicle:
+        if self._vehicle is None:
+            raise VehicleError(f"{self.name}: not identified yet; await identify() first")
+        return self._vehicle
+
+    async def _reach(self, mode: Mode) -> None:
+        vehicle = self._flying()
+        status = vehicle.status
+        status.asked_modes = (mode,)
+        command = vehicle.autopilot.set_mode(vehicle.target, mode)
+        await self._commander.run(command, done_anyway=lambda: status.state.mode is mode)
+        await self._see(lambda: status.state.mode is mode, _SEEN_WITHIN_S, f"in {mode.value}")
+        if mode is not Mode.GUIDED:
+            vehicle.setpoints.stop()
+
+    async def _see(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+        if await self._changes.until(condition, timeout_s):
+            return
+        state = self.state
+        armed = "armed" if state.armed else "disarmed"
+        raise StateTimeoutError(
+            f"{self.name}: not seen {what} within {timeout_s:g} s; it was last {armed} in "
+            f"{state.mode_name}, {state.landed.replace('_', ' ')}{self._circumstances()}"
+        )
+
+    def _capture_anchor(self) -> None:
+        if self._anchor_given:
+            return
+        try:
+            local = self._estimates.average.mean()
+        except AnchorError as error:
+            raise AnchorError(f"{self.name}: {error}") from error
+        self._estimates.set_anchor(Anchor.of_poses(local=local, world=self._start))
+
+    def _reasons(self) -> tuple[str, ...]:
+        return self._flying().reasons(self._rates.position_hz)
+
+    def _not_ready(self, timeout_s: float) -> NotReadyError:
+        vehicle, reasons = self._flying(), self._reasons()
+        texts = vehicle.status.last_texts()
+        reasons = (*reasons, *vehicle.autopilot.refusal_reasons(texts))
+        return NotReadyError(
+            f"{self.name}: not ready to arm within {timeout_s:g} s: {'; '.join(reasons)}"
+            + self._circumstances(),
+            reasons=reasons,
+            texts=texts,
+        )
+
+    async def _arm_refused(self, error: CommandError) -> ArmRefusedError:
+        vehicle = self._flying()
+
+        def reasons() -> tuple[str, ...]:
+            return vehicle.autopilot.refusal_reasons(vehicle.status.last_texts())
+
+        await self._changes.until(lambda: bool(reasons()), _TEXT_WITHIN_S)
+        why = f": {'; '.join(reasons())}" if reasons() else ""
+        return ArmRefusedError(
+            f"{self.name}: arming was refused{why} ({error})",
+            result=error.result,
+            reasons=reasons(),
+        )
+
+    def _circumstances(self) -> str:
+        """Return what people want to know beside an error; empty, or begins with a semicolon."""
+        words = []
+        last_s = self._session.last_heard_s
+        silent_s = 0.0 if last_s is None else asyncio.get_running_loop().time() - last_s
+        if silent_s > self._silence_s:
+            words.append(f"; nothing heard for {silent_s:.1f} s")
+        texts = () if self._status is None else self._status.last_texts()
+        if texts:
+            words.append("; it last said: " + " | ".join(texts))
+        return "".join(words)
+
+    def _begin_listening(self) -> None:
+        self._flying().streams.ask()
+        self._clocking.start()
+        self._watch.start()
+
+    def _rebooted(self, t_s: float) -> None:
+        if self._vehicle is not None:
+            self._vehicle.status.rebooted(t_s)
+            self._begin_listening()
+
+    def _send_heartbeat(self) -> None:
+        self._session.send(own_heartbeat())
+
+    def _heard(self, t_s: float) -> None:
+        status, last_s = self._status, self._session.last_heard_s
+        if status is not None and last_s is not None and not status.state.link_up:
+            status.set_link(up=True, t_s=t_s, gap_s=t_s - last_s)
+
+    def _look_for_silence(self) -> None:
+        status, last_s = self._status, self._session.last_heard_s
+        if status is None or last_s is None or not status.state.link_up:
+            return
+        now_s = asyncio.get_running_loop().time()
+        if now_s - last_s > self._silence_s:
+            status.set_link(up=False, t_s=now_s, gap_s=now_s - last_s)

@@ -1,0 +1,144 @@
+"""The autopilot's estimate: paired, mapped to the run clock and into the world, told on."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.anchor import Anchor, PoseAverage
+from vehicles.driver.pairing import EstimatePairing
+from vehicles.driver.session import Session
+from vehicles.driver.state import EstimateSample, LocalEstimate
+from vehicles.timesync import VehicleClock
+from worlds.frames import quat_from_euler
+
+EstimateListener = Callable[[EstimateSample], None]
+
+
+class Estimates:
+    """Takes positions and attitudes; keeps the newest estimate and tells listeners.
+
+    Listeners are told once the vehicle is anchored, in the loop's turn in which the message
+    came; what they raise goes to the loop's exception handler.
+    """
+
+    def __init__(self, *, session: Session, clock: VehicleClock) -> None:
+        self._session = session
+        self._clock = clock
+        self._pairing = EstimatePairing()
+        self._listeners: list[EstimateListener] = []
+        self._average = PoseAverage()
+        self._anchor: Anchor | None = None
+        self._arrived_s = 0.0
+        self.on_reboot: Callable[[float], None] | None = None
+        """Called with the time of arrival when the vehicle's clock has started anew."""
+        self.local: LocalEstimate | None = None
+        self.newest: EstimateSample | None = None
+        self.amsl_m: float | None = None
+        """The vehicle's height above mean sea level by its own estimate."""
+        self.not_numbers = 0
+        session.on(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, self._position)
+        session.on(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, self._quaternion)
+        session.on(mavlink.MAVLINK_MSG_ID_ATTITUDE, self._angles)
+        session.on(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, self._global)
+        session.on(mavlink.MAVLINK_MSG_ID_HOME_POSITION, self._home)
+
+    @property
+    def anchor(self) -> Anchor | None:
+        """Return how the autopilot's frame lies in the world; None while unknown."""
+        return self._anchor
+
+    @property
+    def average(self) -> PoseAverage:
+        """Return the mean of the last second of local poses."""
+        return self._average
+
+    def set_anchor(self, anchor: Anchor) -> None:
+        """Map into the world by this anchor from now on."""
+        self._anchor = anchor
+        if self.local is not None:
+            t_s = min(self._clock.run_time(self.local.boot_s), self._arrived_s)
+            self._map(self.local, t_s, anchor)
+
+    def listen(self, listener: EstimateListener) -> None:
+        """Tell each estimate to `listener`."""
+        self._listeners.append(listener)
+
+    def _position(self, message: Any, t_s: float) -> None:
+        boot_s = message.time_boot_ms * 1e-3
+        position = (message.x, message.y, message.z)
+        velocity = (message.vx, message.vy, message.vz)
+        if not math.isfinite(sum(position) + sum(velocity)):
+            self.not_numbers += 1
+            return
+        for estimate in self._pairing.position(boot_s, position, velocity):
+            self._take(estimate, t_s)
+
+    def _quaternion(self, message: Any, t_s: float) -> None:
+        q_wxyz = (message.q1, message.q2, message.q3, message.q4)
+        # ATTITUDE is asked for nowhere, but ArduPilot may send it: one of both is enough.
+        self._session.off(mavlink.MAVLINK_MSG_ID_ATTITUDE, self._angles)
+        self._attitude(message.time_boot_ms * 1e-3, q_wxyz, t_s)
+
+    def _angles(self, message: Any, t_s: float) -> None:
+        q_wxyz = quat_from_euler(message.roll, message.pitch, message.yaw)
+        self._attitude(message.time_boot_ms * 1e-3, q_wxyz, t_s)
+
+    def _attitude(
+        self, boot_s: float, q_wxyz: tuple[float, float, float, float], t_s: float
+    ) -> None:
+        length = math.sqrt(math.fsum(value * value for value in q_wxyz))
+        if not 0.9 < length < 1.1:
+            self.not_numbers += 1
+            return
+        w, x, y, z = q_wxyz
+        unit = (w / length, x / length, y / length, z / length)
+        estimate = self._pairing.attitude(boot_s, unit)
+        if estimate is not None:
+            self._take(estimate, t_s)
+
+    def _take(self, estimate: LocalEstimate, arrived_s: float) -> None:
+        self.local = estimate
+        self._arrived_s = arrived_s
+        reboots = self._clock.reboots
+        t_s = self._clock.stamped(estimate.boot_s, arrived_s)
+        if self._clock.reboots != reboots:
+            self._restart()
+            if self.on_reboot is not None:
+                self.on_reboot(arrived_s)
+        self._average.add(estimate.boot_s, estimate.pose)
+        anchor = self._anchor
+        if anchor is None:
+            return
+        sample = self._map(estimate, t_s, anchor)
+        for listener in self._listeners:
+            listener(sample)
+
+    def _restart(self) -> None:
+        # The estimator has a new origin: the old anchor no longer holds.
+        self._pairing.restart()
+        self._average = PoseAverage()
+        self._anchor = None
+        self.local = None
+        self.newest = None
+
+    def _map(self, estimate: LocalEstimate, t_s: float, anchor: Anchor) -> EstimateSample:
+        sample = EstimateSample(
+            t_s,
+            self._arrived_s,
+            estimate.boot_s,
+            anchor.pose(estimate.pose),
+            anchor.velocity(estimate.velocity_ned_m_s),
+        )
+        self.newest = sample
+        return sample
+
+    def _global(self, message: Any, _t_s: float) -> None:
+        # ArduPilot sends zeros before it has a position.
+        if message.lat or message.lon:
+            self.amsl_m = message.alt * 1e-3
+
+    def _home(self, message: Any, _t_s: float) -> None:
+        if self.amsl_m is None:
+            self.amsl_m = message.altitude * 1e-3

@@ -1,0 +1,48 @@
+"""The parts of a driver that exist once its vehicle is identified."""
+
+import asyncio
+from dataclasses import dataclass
+
+from vehicles.autopilots.base import Autopilot, Target
+from vehicles.driver.estimates import Estimates
+from vehicles.driver.identity import Identity
+from vehicles.driver.setpointing import SetpointSender
+from vehicles.driver.status import Status
+from vehicles.driver.streams import Streams
+from vehicles.timesync import VehicleClock
+
+_LEAST_RATE = 0.5
+"""Of the position rate that was asked for, what must come."""
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifiedVehicle:
+    """An identified vehicle: who it is, how to speak to it, and what it says."""
+
+    identity: Identity
+    autopilot: Autopilot
+    target: Target
+    status: Status
+    streams: Streams
+    setpoints: SetpointSender
+    estimates: Estimates
+    clock: VehicleClock
+
+    def reasons(self, position_hz: float) -> tuple[str, ...]:
+        """Return what speaks against arming: the autopilot's reasons, and what we lack ourselves.
+
+        position_hz: how often positions were asked for.
+        """
+        reasons = list(self.status.readiness.reasons())
+        now_s = asyncio.get_running_loop().time()
+        reasons += [f"{name} does not come" for name in self.streams.missing(now_s)]
+        if not self.status.state.link_up:
+            reasons.append("nothing is heard from it")
+        if not self.clock.synchronised:
+            reasons.append("it does not answer TIMESYNC")
+        if self.autopilot.takeoff_needs_amsl and self.estimates.amsl_m is None:
+            reasons.append("its height above sea level is unknown")
+        rate_hz = self.estimates.average.rate_hz
+        if rate_hz < _LEAST_RATE * position_hz:
+            reasons.append(f"positions come at {rate_hz:.0f} Hz instead of {position_hz:.0f} Hz")
+        return tuple(reasons)
