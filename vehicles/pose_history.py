@@ -1,5 +1,6 @@
 """Where a vehicle was at a moment: samples of its pose, interpolated in time; pure."""
 
+import math
 from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Literal
@@ -25,7 +26,7 @@ class PoseAt:
     gap_s: float
 
 
-_NOTHING = PoseAt(None, "none", float("inf"))
+_NOTHING = PoseAt(None, "none", math.inf)
 _COMPACT_AFTER = 256
 
 
@@ -46,6 +47,7 @@ class PoseHistory:
         self._poses: list[Pose] = []
         self._velocity_ned_m_s: Vec3 | None = None
         self._first = 0
+        self._last_s = -math.inf
         self.rejected = 0
 
     def __len__(self) -> int:
@@ -58,9 +60,10 @@ class PoseHistory:
         A sample that is not newer than the last is rejected and counted in `rejected`.
         """
         times = self._times
-        if times and not t_s > times[-1]:
+        if not t_s > self._last_s or t_s == math.inf:
             self.rejected += 1
             return False
+        self._last_s = t_s
         times.append(t_s)
         self._poses.append(pose)
         self._velocity_ned_m_s = velocity_ned_m_s

@@ -1,25 +1,35 @@
-"""A vehicle's clock on the run clock: TIMESYNC with a minimum round-trip filter; pure.
+"""A vehicle's clock on the run clock, from TIMESYNC; pure.
 
 An answer that was asked for at t0 and came at t1 was stamped somewhere in between, whatever the
-latency of either way: so each exchange bounds the offset by half its round trip, and the bound
-widens with the exchange's age by as much as the drift is unknown. The exchange with the
-narrowest bound now is the one that is used (the idea of NTP's clock filter, RFC 5905, 10).
+latency of either way: so each exchange bounds the offset from both sides, the shorter its round
+trip the better. All bounds of the last seconds are intersected, each widened with its age by as
+much as the drift is unknown: a minimum filter of both ways at once (the idea of RFC 5905, 11.2,
+and of Marzullo's intersection). The bound that remains is the uncertainty.
 
 MAVLink: a TIMESYNC with tc1 = 0 asks and carries our time in ts1; the answer carries the
 vehicle's time in tc1 and ours in ts1. PX4 and ArduPilot answer with nanoseconds since boot, the
-epoch of time_boot_ms; where an autopilot's epochs differ, arrival times tell by how much.
+epoch of time_boot_ms; where an autopilot's epochs differ, arrival times tell by how much. A
+simulated autopilot's clock advances by whole steps (4 ms in PX4's): its stamps are that much
+too old at most, which the greatest common divisor of the stamps shows.
 """
 
 import math
 from collections import deque
 from dataclasses import dataclass
 
-_SLACK_S = 0.001
-"""time_boot_ms is cut to milliseconds."""
+_OFFSET_WINDOW_S = 5.0
+_JUMP_S = 0.05
+"""An exchange that contradicts the mapping by more is a jump of the vehicle's clock..."""
 _CONTRADICTIONS_TO_RESET = 3
+"""... once so many have said so in succession."""
+_LONGEST_STEP_NS = 20_000_000
+_SHORTEST_STEP_NS = 500_000
+"""Common divisors below this are the resolution of a running clock."""
 _SHORTEST_DRIFT_SPAN_S = 0.5
+_EARLY_SLACK_S = 0.05
+"""Telemetry that seems to arrive before its stamp by more than this..."""
 _LATEST_PLAUSIBLE_S = 1.0
-"""Telemetry that seems to arrive later than this after its stamp has another epoch."""
+"""... or after it by more than this has another epoch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,26 +50,40 @@ class ClockEstimate:
 
 @dataclass(frozen=True, slots=True)
 class _Exchange:
-    remote_s: float
-    run_s: float
-    half_round_trip_s: float
+    sent_s: float
+    received_s: float
+    remote_ns: int
+
+    @property
+    def remote_s(self) -> float:
+        return self.remote_ns * 1e-9
+
+    @property
+    def round_trip_s(self) -> float:
+        return self.received_s - self.sent_s
+
+    @property
+    def middle_s(self) -> float:
+        return (self.sent_s + self.received_s) / 2.0
 
 
 class ClockMap:
     """Maps a vehicle's clock to the run clock from TIMESYNC exchanges, however asymmetric.
 
     max_drift bounds how far apart the rates of the clocks can be: crystals differ by 1e-4,
-    simulators that claim real time by a hundredth. While that holds, the error of `run_time` is
-    within `uncertainty_at`.
+    simulators that claim real time by a hundredth. While that and a steady drift hold, the error
+    of `run_time` is within `uncertainty_s`.
     """
 
     def __init__(self, *, window_s: float = 20.0, max_drift: float = 0.02) -> None:
         self._window_s = window_s
         self._max_drift = max_drift
         self._exchanges: deque[_Exchange] = deque()
+        self._step_ns = 0
         self._rate = 1.0
-        self._rate_error = max_drift
-        self._best: _Exchange | None = None
+        self._run_s = 0.0
+        self._remote_s = 0.0
+        self._uncertainty_s = math.inf
         self._contradictions = 0
         self._count = 0
         self.resets = 0
@@ -67,7 +91,12 @@ class ClockMap:
     @property
     def known(self) -> bool:
         """Return whether there was an exchange at all."""
-        return self._best is not None
+        return bool(self._exchanges)
+
+    @property
+    def uncertainty_s(self) -> float:
+        """Return the bound in seconds of the error of `run_time` now; infinite when unknown."""
+        return self._uncertainty_s
 
     def add(self, *, t_sent_s: float, t_received_s: float, remote_ns: int) -> None:
         """Take one exchange: when we asked, when the answer came (run clock), and what it said.
@@ -76,18 +105,18 @@ class ClockMap:
         """
         if not t_received_s >= t_sent_s:
             raise ValueError(f"answered at {t_received_s} s what was asked at {t_sent_s} s")
-        new = _Exchange(
-            remote_ns * 1e-9, (t_sent_s + t_received_s) / 2.0, (t_received_s - t_sent_s) / 2.0
-        )
+        new = _Exchange(t_sent_s, t_received_s, remote_ns)
         if self._jumped(new):
             self._exchanges.clear()
+            self._step_ns = 0
             self._contradictions = 0
             self.resets += 1
         elif self._contradictions:
             return
         self._count += 1
+        self._step_ns = math.gcd(self._step_ns, remote_ns)
         self._exchanges.append(new)
-        while new.run_s - self._exchanges[0].run_s > self._window_s:
+        while new.sent_s - self._exchanges[0].sent_s > self._window_s:
             self._exchanges.popleft()
         self._refit()
 
@@ -96,75 +125,83 @@ class ClockMap:
 
         Raises ValueError before the first exchange.
         """
-        best = self._known_best()
-        return best.run_s + (remote_s - best.remote_s) * self._rate
+        self._check_known()
+        return self._run_s + (remote_s - self._remote_s) * self._rate
 
     def remote_time(self, t_s: float) -> float:
         """Return the vehicle's time at a moment of the run clock; inverse of `run_time`."""
-        best = self._known_best()
-        return best.remote_s + (t_s - best.run_s) / self._rate
-
-    def uncertainty_at(self, remote_s: float) -> float:
-        """Return the bound in seconds of the error of `run_time`."""
-        return self._bound(self._known_best(), remote_s)
+        self._check_known()
+        return self._remote_s + (t_s - self._run_s) / self._rate
 
     @property
     def half_round_trip_s(self) -> float:
         """Return half the shortest round trip of the window."""
-        return min(each.half_round_trip_s for each in self._exchanges)
+        return min(each.round_trip_s for each in self._exchanges) / 2.0
 
     def estimate(self) -> ClockEstimate:
-        """Return the mapping in figures."""
-        newest = self._exchanges[-1] if self._exchanges else self._known_best()
+        """Return the mapping in figures. Raises ValueError before the first exchange."""
+        self._check_known()
         return ClockEstimate(
-            offset_s=newest.remote_s - self.run_time(newest.remote_s),
+            offset_s=self._remote_s - self._run_s,
             drift_ppm=(1.0 / self._rate - 1.0) * 1e6,
-            uncertainty_s=self.uncertainty_at(newest.remote_s),
+            uncertainty_s=self._uncertainty_s,
             exchanges=self._count,
             resets=self.resets,
         )
 
-    def _known_best(self) -> _Exchange:
-        if self._best is None:
+    def _check_known(self) -> None:
+        if not self._exchanges:
             raise ValueError("no TIMESYNC was answered yet")
-        return self._best
-
-    def _bound(self, exchange: _Exchange, remote_s: float) -> float:
-        return exchange.half_round_trip_s + self._rate_error * abs(remote_s - exchange.remote_s)
 
     def _jumped(self, new: _Exchange) -> bool:
         """Return whether the vehicle's clock was set or restarted since the last exchange."""
-        if self._best is None:
+        if not self._exchanges:
             return False
         last = self._exchanges[-1]
-        after_last = new.run_s - new.half_round_trip_s > last.run_s + last.half_round_trip_s
-        if after_last and new.remote_s < last.remote_s - _SLACK_S:
+        if new.sent_s > last.received_s and new.remote_ns < last.remote_ns:
             return True
-        apart_s = abs(self.run_time(new.remote_s) - new.run_s)
-        agreed_s = new.half_round_trip_s + self.uncertainty_at(new.remote_s) + _SLACK_S
+        apart_s = abs(self.run_time(new.remote_s) - new.middle_s)
+        agreed_s = new.round_trip_s / 2.0 + self._uncertainty_s + _JUMP_S
         self._contradictions = self._contradictions + 1 if apart_s > agreed_s else 0
         return self._contradictions >= _CONTRADICTIONS_TO_RESET
 
-    def _refit(self) -> None:
-        self._rate, self._rate_error = self._fitted_rate()
-        now_s = self._exchanges[-1].remote_s
-        self._best = min(self._exchanges, key=lambda each: self._bound(each, now_s))
+    def _step_s(self) -> float:
+        """Return by how much stamps may be too old: the steps in which the clock advances."""
+        if self._step_ns < _SHORTEST_STEP_NS:
+            return 0.0
+        return min(self._step_ns, _LONGEST_STEP_NS) * 1e-9
 
-    def _fitted_rate(self) -> tuple[float, float]:
+    def _refit(self) -> None:
+        """Intersect the bounds on run minus remote time, all moved to the newest exchange."""
+        step_s = self._step_s()
+        self._rate, rate_error = self._fitted_rate(step_s)
+        newest = self._exchanges[-1]
+        at_s = newest.remote_s
+        low, high = -math.inf, math.inf
+        for each in reversed(self._exchanges):
+            if newest.sent_s - each.sent_s > _OFFSET_WINDOW_S:
+                break
+            age_s = at_s - each.remote_s
+            moved_s, blur_s = age_s * self._rate, abs(age_s) * rate_error
+            low = max(low, each.sent_s - step_s + moved_s - blur_s)
+            high = min(high, each.received_s + moved_s + blur_s)
+        self._remote_s = at_s
+        self._run_s = (low + high) / 2.0
+        # Negative where the vehicle's clock does not run steadily: then it is what they differ by.
+        self._uncertainty_s = abs(high - low) / 2.0
+
+    def _fitted_rate(self, step_s: float) -> tuple[float, float]:
         """Return run seconds per vehicle second, and the bound of its error."""
         first, last = self._exchanges[0].remote_s, self._exchanges[-1].remote_s
         if last - first < _SHORTEST_DRIFT_SPAN_S:
             return 1.0, self._max_drift
         third = (last - first) / 3.0
-        old = min(
-            (each for each in self._exchanges if each.remote_s <= first + third), key=_round_trip
-        )
-        new = min(
-            (each for each in self._exchanges if each.remote_s >= last - third), key=_round_trip
-        )
+        early = (each for each in self._exchanges if each.remote_s <= first + third)
+        late = (each for each in self._exchanges if each.remote_s >= last - third)
+        old, new = min(early, key=_round_trip), min(late, key=_round_trip)
         span_s = new.remote_s - old.remote_s
-        rate = (new.run_s - old.run_s) / span_s
-        error = (old.half_round_trip_s + new.half_round_trip_s) / span_s
+        rate = (new.middle_s - old.middle_s) / span_s
+        error = ((old.round_trip_s + new.round_trip_s) / 2.0 + step_s) / span_s
         low = max(rate - error, 1.0 - self._max_drift)
         high = min(rate + error, 1.0 + self._max_drift)
         if low > high:
@@ -174,7 +211,7 @@ class ClockMap:
 
 
 def _round_trip(exchange: _Exchange) -> float:
-    return exchange.half_round_trip_s
+    return exchange.round_trip_s
 
 
 class _LeastDelay:
@@ -248,7 +285,7 @@ class VehicleClock:
         self._raw_delay.add(arrived_s - boot_s, arrived_s)
         if self._map.known:
             self._mapped_delay.add(arrived_s - self._map.run_time(boot_s), arrived_s)
-            self._judge_epoch(boot_s)
+            self._judge_epoch()
         return min(self.run_time(boot_s), arrived_s)
 
     def run_time(self, boot_s: float) -> float:
@@ -278,16 +315,16 @@ class VehicleClock:
         """Return the bound of the mapping's error; None while only arrivals are known."""
         if not self._map.known:
             return None
-        bound_s = self._map.estimate().uncertainty_s
-        return bound_s + (self._map.half_round_trip_s if self._epoch_shift_s else 0.0)
+        shift_error_s = self._map.half_round_trip_s if self._epoch_shift_s else 0.0
+        return self._map.uncertainty_s + shift_error_s
 
     def estimate(self) -> ClockEstimate | None:
         """Return the mapping in figures; None while only arrivals are known."""
         return self._map.estimate() if self._map.known else None
 
-    def _judge_epoch(self, boot_s: float) -> None:
+    def _judge_epoch(self) -> None:
         least_s = self._mapped_delay.value
-        early_s = -(self._map.uncertainty_at(boot_s) + _SLACK_S)
+        early_s = -(self._map.uncertainty_s + _EARLY_SLACK_S)
         same_epoch = early_s <= least_s <= _LATEST_PLAUSIBLE_S
         self._epoch_shift_s = 0.0 if same_epoch else least_s - self._map.half_round_trip_s
 

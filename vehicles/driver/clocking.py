@@ -10,8 +10,9 @@ from vehicles.driver.session import Session
 from vehicles.timesync import VehicleClock
 
 _BURST = 10
-_BURST_PERIOD_S = 0.1
-_PERIOD_S = 0.5
+_BURST_PERIOD_S = 0.0937
+_PERIOD_S = 0.4871
+"""No multiples of the steps of a simulated clock: its phase shows when asked at many phases."""
 
 
 class Clocking:

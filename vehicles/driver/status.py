@@ -59,6 +59,7 @@ class Status:
         self._texts: deque[StatusText] = deque(maxlen=_TEXTS_KEPT)
         self.state = VehicleState(link_up=True)
         self.readiness = autopilot.readiness()
+        self._was_sound = False
         self.asked_modes: tuple[Mode, ...] = ()
         """In which modes it may now be because we asked for it."""
         for message_id, handler in (
@@ -89,6 +90,7 @@ class Status:
     def rebooted(self, t_s: float) -> None:
         """Note that the vehicle started anew: what it said of its readiness is void."""
         self.readiness = self._autopilot.readiness()
+        self._was_sound = False
         self._change(faults=())
         self.tell(VehicleEvent(t_s, "reboot", "the vehicle's clock started anew"))
 
@@ -167,8 +169,11 @@ class Status:
         before = self.state.faults
         if faults != before:
             self.state = replace(self.state, faults=faults)
-            kind: EventKind = "fault" if faults else "fault_over"
-            self.tell(VehicleEvent(t_s, kind, ", ".join(faults or before)))
+            if self._was_sound:
+                kind: EventKind = "fault" if faults else "fault_over"
+                self.tell(VehicleEvent(t_s, kind, ", ".join(faults or before)))
+        # While an estimator starts it lacks everything: that is no fault yet.
+        self._was_sound = self._was_sound or not faults
         self._changes.notify()
 
     def _home(self, message: Any, _t_s: float) -> None:
