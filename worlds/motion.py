@@ -1,0 +1,173 @@
+"""How things move: along waypoints at given speeds, from a time or an event on.
+
+Pure: the pose depends on the time and on when events happened, on nothing else.
+"""
+
+import bisect
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from worlds.frames import Pose, Vec3, angle_between, norm, quat_from_euler, subtract
+
+TURN_RATE_RAD_S = math.pi / 2.0
+"""How fast a thing turns on the spot."""
+
+
+@dataclass(frozen=True, slots=True)
+class StartAt:
+    """Motion begins at a time on the scene's clock, in seconds."""
+
+    at_s: float = 0.0
+
+    def started_s(self, events: Mapping[str, float]) -> float | None:
+        """Return when motion began; None while it has not."""
+        del events
+        return self.at_s
+
+
+@dataclass(frozen=True, slots=True)
+class StartOn:
+    """Motion begins a delay after an event; until the event has a time, it does not."""
+
+    event: str
+    delay_s: float = 0.0
+
+    def started_s(self, events: Mapping[str, float]) -> float | None:
+        """Return when motion began; None while it has not."""
+        at_s = events.get(self.event)
+        return None if at_s is None else at_s + self.delay_s
+
+
+Start = StartAt | StartOn
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoint:
+    """Where to go, how fast, and the heading to turn to on the way (radians; None keeps it)."""
+
+    position_ned_m: Vec3
+    speed_m_s: float
+    yaw_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A straight way from one pose to another, at constant speed and turning rate."""
+
+    begin_s: float
+    duration_s: float
+    begin: Pose
+    end: Pose
+    length_m: float
+    turn_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Travel:
+    """How far something went between two times: bounds for any of its points."""
+
+    length_m: float
+    turn_rad: float
+
+
+AT_REST = Travel(0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A way through waypoints, beginning at a thing's pose; `loop` goes round for ever.
+
+    Times of events and `start` are on one clock, seconds. Where a loop closes, the last leg
+    leads back to the beginning at the speed of the first waypoint.
+    """
+
+    begin: Pose
+    waypoints: tuple[Waypoint, ...]
+    start: Start = StartAt()
+    loop: bool = False
+    legs: tuple[Leg, ...] = field(init=False, repr=False, compare=False)
+    _begins_s: tuple[float, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        legs = _legs(self.begin, self.waypoints, loop=self.loop)
+        object.__setattr__(self, "legs", legs)
+        object.__setattr__(self, "_begins_s", tuple(leg.begin_s for leg in legs))
+
+    @property
+    def duration_s(self) -> float:
+        """Return how long one round takes."""
+        return self.legs[-1].begin_s + self.legs[-1].duration_s if self.legs else 0.0
+
+    def pose_at(self, t_s: float, events: Mapping[str, float]) -> Pose:
+        """Return the pose at a time, given when each event happened."""
+        since_s = self._since_start_s(t_s, events)
+        if since_s <= 0.0 or not self.legs:
+            return self.begin
+        if since_s >= self.duration_s:
+            if not self.loop:
+                return self.legs[-1].end
+            since_s %= self.duration_s
+        leg = self.legs[bisect.bisect_right(self._begins_s, since_s) - 1]
+        return leg.begin.interpolate(leg.end, (since_s - leg.begin_s) / leg.duration_s)
+
+    def travel(self, from_s: float, to_s: float, events: Mapping[str, float]) -> Travel:
+        """Return how far the thing went and turned between two times; exact, also at corners."""
+        first_s = max(0.0, self._since_start_s(from_s, events))
+        last_s = max(0.0, self._since_start_s(to_s, events))
+        if not self.legs or last_s <= first_s:
+            return AT_REST
+        if self.loop:
+            return self._travel_round(first_s, last_s)
+        return self._travel_once(first_s, last_s)
+
+    def _since_start_s(self, t_s: float, events: Mapping[str, float]) -> float:
+        started_s = self.start.started_s(events)
+        return -1.0 if started_s is None else t_s - started_s
+
+    def _travel_once(self, first_s: float, last_s: float) -> Travel:
+        length_m = turn_rad = 0.0
+        for leg in self.legs:
+            end_s = leg.begin_s + leg.duration_s
+            share = (min(last_s, end_s) - max(first_s, leg.begin_s)) / leg.duration_s
+            if share > 0.0:
+                length_m += share * leg.length_m
+                turn_rad += share * leg.turn_rad
+        return Travel(length_m, turn_rad)
+
+    def _travel_round(self, first_s: float, last_s: float) -> Travel:
+        rounds = math.floor(first_s / self.duration_s)
+        first_s -= rounds * self.duration_s
+        last_s -= rounds * self.duration_s
+        length_m = turn_rad = 0.0
+        while last_s > 0.0:
+            part = self._travel_once(first_s, min(last_s, self.duration_s))
+            length_m, turn_rad = length_m + part.length_m, turn_rad + part.turn_rad
+            first_s, last_s = 0.0, last_s - self.duration_s
+        return Travel(length_m, turn_rad)
+
+
+def _legs(begin: Pose, waypoints: tuple[Waypoint, ...], *, loop: bool) -> tuple[Leg, ...]:
+    route = [*waypoints]
+    if loop and waypoints:
+        route.append(Waypoint(begin.position_ned_m, waypoints[0].speed_m_s, begin.yaw_rad))
+    legs: list[Leg] = []
+    at, begin_s = begin, 0.0
+    for waypoint in route:
+        leg = _leg(begin_s, at, waypoint)
+        if leg.duration_s > 0.0:
+            legs.append(leg)
+            at, begin_s = leg.end, leg.begin_s + leg.duration_s
+    return tuple(legs)
+
+
+def _leg(begin_s: float, begin: Pose, waypoint: Waypoint) -> Leg:
+    """Return the way to a waypoint; on the spot it takes as long as turning does."""
+    upright = waypoint.yaw_rad is not None
+    q_wxyz = quat_from_euler(0.0, 0.0, waypoint.yaw_rad or 0.0) if upright else begin.q_wxyz
+    turn_rad = angle_between(begin.q_wxyz, q_wxyz)
+    length_m = norm(subtract(waypoint.position_ned_m, begin.position_ned_m))
+    duration_s = length_m / waypoint.speed_m_s if length_m else turn_rad / TURN_RATE_RAD_S
+    return Leg(
+        begin_s, duration_s, begin, Pose(waypoint.position_ned_m, q_wxyz), length_m, turn_rad
+    )
