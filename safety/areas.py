@@ -58,7 +58,8 @@ class Polygon:
             count = len(set(self.corners_m))
             raise FenceError("too_few_points", f"a polygon needs 3 different corners, has {count}")
         shape = shapely.Polygon(self.corners_m)
-        if shape.area < 1e-6:
+        # A polygon that crosses itself may have no area by sign; its hull has.
+        if shape.convex_hull.area < 1e-6:
             raise FenceError("no_area", f"polygon {self.corners_m} has no area")
         if not shape.is_valid:
             why = explain_validity(shape)
@@ -118,14 +119,15 @@ class Region:
 
     def _distance_by_loop(self, north_m: float, east_m: float) -> float:
         nearest, inside = math.inf, False
-        for n_0, e_0, dn, de, per_length_2 in self._edges:
+        for n_0, e_0, e_1, dn, de, per_length_2 in self._edges:
             pn, pe = north_m - n_0, east_m - e_0
             along = (pn * dn + pe * de) * per_length_2
             along = 0.0 if along < 0.0 else min(along, 1.0)
             rn, re = pn - along * dn, pe - along * de
             square = rn * rn + re * re
             nearest = min(nearest, square)
-            if (pe < 0.0) != (pe < de) and (pn * de < dn * pe) == (de > 0.0):
+            # The easts themselves decide: differences would round a corner to both of its sides.
+            if (e_0 > east_m) != (e_1 > east_m) and (pn * de < dn * pe) == (de > 0.0):
                 inside = not inside
         return math.sqrt(nearest) if inside else -math.sqrt(nearest)
 
@@ -134,9 +136,9 @@ def _parts(shape: Any) -> Iterable[Any]:
     return getattr(shape, "geoms", (shape,))
 
 
-def _edges(coords: Iterable[Point2]) -> Iterable[tuple[float, float, float, float, float]]:
+def _edges(coords: Iterable[Point2]) -> Iterable[tuple[float, float, float, float, float, float]]:
     corners = [(float(n), float(e)) for n, e in coords]
     for (n_0, e_0), (n_1, e_1) in itertools.pairwise(corners):
         dn, de = n_1 - n_0, e_1 - e_0
         if square := dn * dn + de * de:
-            yield n_0, e_0, dn, de, 1.0 / square
+            yield n_0, e_0, e_1, dn, de, 1.0 / square

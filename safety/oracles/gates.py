@@ -6,6 +6,9 @@ from worlds.frames import Vec3, rotate
 from worlds.parts import Crossing, Opening
 from worlds.scene import Scene, SceneObject
 
+_CLOSE_M = 1e-6
+"""So close to the plane the depth is computed as a crossing is: the two must agree on the side."""
+
 
 class SceneGate:
     """One opening of one object, in the world's coordinates (NED metres)."""
@@ -24,15 +27,17 @@ class SceneGate:
 
     def depth_m(self, point_ned_m: Vec3, t_s: float, events: Mapping[str, float]) -> float:
         """Return how far behind the opening's plane a point is, along its forward axis."""
-        if self._thing.motion is not None:
-            pose = self._thing.pose_at(t_s, events).compose(self._opening.pose)
-            return pose.to_local(point_ned_m)[0]
-        centre, axis = self._centre_m, self._axis
-        return (
-            (point_ned_m[0] - centre[0]) * axis[0]
-            + (point_ned_m[1] - centre[1]) * axis[1]
-            + (point_ned_m[2] - centre[2]) * axis[2]
-        )
+        if self._thing.motion is None:
+            centre, axis = self._centre_m, self._axis
+            depth_m = (
+                (point_ned_m[0] - centre[0]) * axis[0]
+                + (point_ned_m[1] - centre[1]) * axis[1]
+                + (point_ned_m[2] - centre[2]) * axis[2]
+            )
+            if abs(depth_m) > _CLOSE_M:
+                return depth_m
+        local_m = self._thing.pose_at(t_s, events).to_local(point_ned_m)
+        return self._opening.pose.to_local(local_m)[0]
 
     def crossing(
         self, p_0: Vec3, t_0: float, p_1: Vec3, t_1: float, events: Mapping[str, float]
