@@ -1,0 +1,61 @@
+"""How far a gate of unknown size is, from how it grows as one flies towards it."""
+
+from dataclasses import dataclass
+
+ASSUMED_WIDTH_M = 0.75
+"""Between the gates of the paper (0.5 and 1.0 m): a gain, until growth has told the size."""
+
+MIN_TRAVEL_M = 0.5
+MIN_SAMPLES = 5
+WIDTHS_M = (0.2, 4.0)
+"""Sizes that are believed."""
+
+
+@dataclass(frozen=True, slots=True)
+class GateRange:
+    """Where the gate stands along the course, and the width of its opening; metres."""
+
+    along_m: float
+    width_m: float
+
+
+class Looming:
+    """A straight line through what was seen: 1 / width = (gate - vehicle) / size.
+
+    Least squares over (way along the course, inverse of the width as a slope); the nearer the
+    gate, the finer a pixel, so a sample weighs with the fourth power of the width.
+    """
+
+    def __init__(self) -> None:
+        self._sums = (0.0, 0.0, 0.0, 0.0, 0.0)
+        self._count = 0
+        self._first_m = self._last_m = 0.0
+
+    def add(self, along_m: float, width: float) -> None:
+        """Take a sight of the opening's width, as a slope, from a place along the course."""
+        inverse, weight = 1.0 / width, width**4
+        one, s, ss, y, sy = self._sums
+        self._sums = (
+            one + weight,
+            s + weight * along_m,
+            ss + weight * along_m * along_m,
+            y + weight * inverse,
+            sy + weight * along_m * inverse,
+        )
+        self._first_m = along_m if self._count == 0 else min(self._first_m, along_m)
+        self._last_m = along_m if self._count == 0 else max(self._last_m, along_m)
+        self._count += 1
+
+    def fit(self) -> GateRange | None:
+        """Return place and width of the gate; None while too little was seen or it is absurd."""
+        if self._count < MIN_SAMPLES or self._last_m - self._first_m < MIN_TRAVEL_M:
+            return None
+        one, s, ss, y, sy = self._sums
+        spread = one * ss - s * s
+        if spread <= 0.0:
+            return None
+        per_m = (one * sy - s * y) / spread
+        if not per_m < -1.0 / WIDTHS_M[1] or not per_m > -1.0 / WIDTHS_M[0]:
+            return None
+        at_start = (y - per_m * s) / one
+        return GateRange(-at_start / per_m, -1.0 / per_m)

@@ -1,0 +1,37 @@
+"""A PID controller on an error in metres that answers with a speed."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """kp in 1/s, ki in 1/s^2, kd without unit; limit_m_s bounds answer and integral."""
+
+    kp: float
+    ki: float
+    kd: float
+    limit_m_s: float
+
+
+class Pid:
+    """One axis. The derivative is taken of the measurement: a step of the aim gives no kick."""
+
+    def __init__(self, gains: Gains) -> None:
+        self._gains = gains
+        self._integral_m_s = 0.0
+
+    def reset(self) -> None:
+        """Forget what was summed up."""
+        self._integral_m_s = 0.0
+
+    def step(self, error_m: float, speed_m_s: float, dt_s: float) -> float:
+        """Return the speed to ask for; speed_m_s: how fast the error is being closed now.
+
+        The sum stands still while the answer is at its limit (conditional integration).
+        """
+        gains = self._gains
+        wanted = gains.kp * error_m - gains.kd * speed_m_s + self._integral_m_s
+        answer = max(-gains.limit_m_s, min(gains.limit_m_s, wanted))
+        if answer == wanted:
+            self._integral_m_s += gains.ki * error_m * dt_s
+        return answer
