@@ -21,6 +21,7 @@ from worlds.parts import BoxShape, HullShape, Opening, Part
 RING_SEGMENTS = 48
 WALL_THICKNESS_M = 0.1
 PERSON_HEIGHT_M = 1.75
+SHIRT_RGB: Rgb = (70, 110, 160)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +173,7 @@ def quadrotor(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
     return _assembled("quadrotor", pieces)
 
 
-def person(color: Rgb = (70, 110, 160)) -> Shape:
+def person(color: Rgb = SHIRT_RGB) -> Shape:
     """Return a standing person of 1.75 m, facing forward; the colour is that of the shirt."""
     skin, hair = Material((214, 168, 140)), Material((70, 48, 35))
     shirt, trousers, shoes = Material(color), Material((45, 52, 72)), Material((40, 36, 34))
