@@ -100,7 +100,7 @@ def _camera(reading: CameraReading) -> Fault | None:
 
 def _depth(reading: DepthReading) -> Fault | None:
     size = (reading.intrinsics.height_px, reading.intrinsics.width_px)
-    fault = _depth_image(reading.depth_m, size) or intrinsics_fault(reading.intrinsics)
+    fault = intrinsics_fault(reading.intrinsics) or _depth_image(reading.depth_m, size)
     if fault is None and reading.object_ids is not None:
         fault = _array(reading.object_ids, size, np.uint8, "object ids")
     return fault

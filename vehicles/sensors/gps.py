@@ -1,0 +1,90 @@
+"""A satellite receiver: WGS-84, late, with an error that wanders."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vehicles.readings import GpsReading, Source
+from vehicles.sensors.timing import Timing
+from vehicles.sensors.truth import Truth
+from vehicles.sensors.walk import Walk
+from worlds.geodesy import LocalFrame
+
+_CEP_PER_SIGMA = math.sqrt(2.0 * math.log(2.0))
+"""Half of a circular normal distribution lies within this many standard deviations."""
+
+
+@dataclass(frozen=True, slots=True)
+class GpsNoise:
+    """Errors of a fix: standard deviations, each axis.
+
+    Position: u-blox NEO-M8 data sheet (UBX-15031086), 2.5 m CEP; the error wanders with a time
+    constant of 60 s, and is twice as large vertically (PX4's Gazebo GPS plugin: random walk 2 and
+    4, correlation 60 s). Velocity: 0.05 m/s, same data sheet. White part, from fix to fix: 0.01 m,
+    an assumption for a receiver that smooths by the carrier.
+    """
+
+    horizontal_sigma_m: float = 2.5 / _CEP_PER_SIGMA
+    vertical_sigma_m: float = 2.0 * 2.5 / _CEP_PER_SIGMA
+    wander_time_s: float = 60.0
+    white_sigma_m: float = 0.01
+    velocity_sigma_m_s: float = 0.05
+
+
+NO_GPS_NOISE = GpsNoise(
+    horizontal_sigma_m=0.0, vertical_sigma_m=0.0, white_sigma_m=0.0, velocity_sigma_m_s=0.0
+)
+
+GPS_TIMING = Timing(rate_hz=5.0, latency_s=0.11)
+"""5 Hz as both autopilots configure an M8; latency 110 ms (PX4's EKF2_GPS_DELAY)."""
+
+
+class GpsSensor:
+    """A receiver in the body's origin; keeps its count and where its error stands.
+
+    frame: where the world's local frame lies on WGS-84.
+    """
+
+    def __init__(
+        self,
+        *,
+        source: Source,
+        frame: LocalFrame,
+        noise: GpsNoise = NO_GPS_NOISE,
+        timing: Timing = GPS_TIMING,
+    ) -> None:
+        self.timing = timing
+        self._source = source
+        self._frame = frame
+        self._noise = noise
+        across, down = noise.horizontal_sigma_m, noise.vertical_sigma_m
+        self._walk = Walk(sigma=(across, across, down), time_constant_s=noise.wander_time_s)
+        self._seq = 0
+
+    def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> GpsReading:
+        """Return the fix at t_s."""
+        noise, (north, east, down) = self._noise, truth.pose.position_ned_m
+        walk, n = self._walk.at(t_s, rng), rng.standard_normal(6).tolist()
+        white, (vn, ve, vd) = noise.white_sigma_m, truth.velocity_ned_m_s
+        place = self._frame.to_geodetic(
+            (
+                north + walk[0] + white * n[0],
+                east + walk[1] + white * n[1],
+                down + walk[2] + white * n[2],
+            )
+        )
+        slip = noise.velocity_sigma_m_s
+        self._seq += 1
+        return GpsReading(
+            t_s=t_s,
+            arrived_s=self.timing.arrival_s(t_s, rng),
+            seq=self._seq - 1,
+            source=self._source,
+            latitude_deg=place.latitude_deg,
+            longitude_deg=place.longitude_deg,
+            altitude_m=place.altitude_m,
+            velocity_ned_m_s=(vn + slip * n[3], ve + slip * n[4], vd + slip * n[5]),
+            horizontal_accuracy_m=noise.horizontal_sigma_m,
+            vertical_accuracy_m=noise.vertical_sigma_m,
+        )

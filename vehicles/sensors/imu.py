@@ -1,0 +1,98 @@
+"""Inertial sensors: white noise, and biases of switching on and of walking."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vehicles.readings import ImuReading, Source
+from vehicles.sensors.timing import Timing
+from vehicles.sensors.truth import Truth
+from vehicles.sensors.walk import Walk
+from worlds.frames import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class ImuNoise:
+    """Noise of gyroscope and accelerometer, each axis.
+
+    The defaults are those of the ADIS16448 as RotorS and PX4's Gazebo models use them (Furrer,
+    Burri, Achtelik and Siegwart, "RotorS", 2016, IMU plugin). Densities in (rad/s)/sqrt(Hz) and
+    (m/s^2)/sqrt(Hz); random walks in (rad/s^2)/sqrt(Hz) and (m/s^3)/sqrt(Hz); times in s;
+    turn-on biases are standard deviations in rad/s and m/s^2.
+    """
+
+    gyro_density: float = math.radians(2.0 * 35.0 / 3600.0)
+    gyro_random_walk: float = math.radians(2.0 * 4.0 / 3600.0)
+    gyro_bias_time_s: float = 1000.0
+    gyro_turn_on_rad_s: float = math.radians(0.5)
+    accel_density: float = 2.0 * 2.0e-3
+    accel_random_walk: float = 2.0 * 3.0e-3
+    accel_bias_time_s: float = 300.0
+    accel_turn_on_m_s2: float = 20.0e-3 * 9.8
+
+
+NO_IMU_NOISE = ImuNoise(
+    gyro_density=0.0,
+    gyro_random_walk=0.0,
+    gyro_turn_on_rad_s=0.0,
+    accel_density=0.0,
+    accel_random_walk=0.0,
+    accel_turn_on_m_s2=0.0,
+)
+
+IMU_TIMING = Timing(rate_hz=200.0)
+"""PX4 publishes its filtered IMU at 200 Hz by default (IMU_INTEG_RATE)."""
+
+
+class ImuSensor:
+    """An IMU in the body's origin, axes FRD; keeps its count and its biases."""
+
+    def __init__(
+        self, *, source: Source, noise: ImuNoise = NO_IMU_NOISE, timing: Timing = IMU_TIMING
+    ) -> None:
+        self.timing = timing
+        self._source = source
+        self._noise = noise
+        per_sample = math.sqrt(timing.rate_hz)
+        self._gyro_sigma = noise.gyro_density * per_sample
+        self._accel_sigma = noise.accel_density * per_sample
+        # a random walk w that comes back within tau has the stationary deviation w sqrt(tau / 2)
+        gyro = noise.gyro_random_walk * math.sqrt(noise.gyro_bias_time_s / 2.0)
+        accel = noise.accel_random_walk * math.sqrt(noise.accel_bias_time_s / 2.0)
+        self._gyro_walk = Walk(sigma=(gyro,) * 3, time_constant_s=noise.gyro_bias_time_s)
+        self._accel_walk = Walk(sigma=(accel,) * 3, time_constant_s=noise.accel_bias_time_s)
+        self._turn_on: list[float] | None = None
+        self._silent = noise == NO_IMU_NOISE
+        self._seq = 0
+
+    def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> ImuReading:
+        """Return the reading at t_s."""
+        force, rates = truth.specific_force_frd_m_s2, truth.rates_frd_rad_s
+        if not self._silent:
+            force, rates = self._disturbed(force, rates, t_s, rng)
+        self._seq += 1
+        arrived_s = self.timing.arrival_s(t_s, rng)
+        return ImuReading(t_s, arrived_s, self._seq - 1, self._source, force, rates)
+
+    def _disturbed(
+        self, force: Vec3, rates: Vec3, t_s: float, rng: np.random.Generator
+    ) -> tuple[Vec3, Vec3]:
+        if self._turn_on is None:
+            self._turn_on = rng.standard_normal(6).tolist()
+        on, n = self._turn_on, rng.standard_normal(6).tolist()
+        b, g = self._accel_walk.at(t_s, rng), self._gyro_walk.at(t_s, rng)
+        a_on, a_white = self._noise.accel_turn_on_m_s2, self._accel_sigma
+        g_on, g_white = self._noise.gyro_turn_on_rad_s, self._gyro_sigma
+        return (
+            (
+                force[0] + a_on * on[0] + b[0] + a_white * n[0],
+                force[1] + a_on * on[1] + b[1] + a_white * n[1],
+                force[2] + a_on * on[2] + b[2] + a_white * n[2],
+            ),
+            (
+                rates[0] + g_on * on[3] + g[0] + g_white * n[3],
+                rates[1] + g_on * on[4] + g[1] + g_white * n[4],
+                rates[2] + g_on * on[5] + g[2] + g_white * n[5],
+            ),
+        )

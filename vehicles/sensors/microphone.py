@@ -1,0 +1,151 @@
+"""A microphone on the body: rotors, the air they stir, the place, and the microphone's own noise.
+
+Tones at the blade-pass frequency and its harmonics, phases running on from block to block
+(Tinney and Sirohi, "Multirotor Drone Noise at Static Thrust", AIAA Journal 56(7), 2018, show such
+spectra). Pressure goes with the square of rotor speed, as thrust does.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicles.readings import MicrophoneReading, Source, samples_from_pressure
+from vehicles.sensors.truth import Truth
+
+REFERENCE_PA = 20.0e-6
+"""0 dB of sound pressure level."""
+
+Sound = NDArray[np.float32]
+
+
+def pressure_of(level_db: float) -> float:
+    """Return the root-mean-square pressure in pascals of a sound pressure level."""
+    return float(REFERENCE_PA * 10.0 ** (level_db / 20.0))
+
+
+@dataclass(frozen=True, slots=True)
+class RotorSound:
+    """What the rotors sound like at the microphone.
+
+    hover_level_db: of all four rotors at hover_speed_rad_s: 71.5 dB(A) at 1 m (Parrot ANAFI Ai,
+    technical documentation) brought to the 0.175 m between rotor and hub, 20 log10(1 / 0.175) more.
+    hover_speed_rad_s: the airframe's 0.5 kg on rotors of 5.57e-6 N s^2. blades: of one rotor.
+    harmonics and fall_db: how many tones, and how much quieter each is than the one before (an
+    assumption within what Tinney and Sirohi show). broadband_db: noise of the air, below the tones.
+    """
+
+    hover_level_db: float = 71.5 + 15.1
+    hover_speed_rad_s: float = 469.0
+    blades: int = 2
+    rotors: int = 4
+    harmonics: int = 8
+    fall_db: float = 6.0
+    broadband_db: float = -10.0
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneNoise:
+    """What is heard beside the rotors, as white noise, and the loudest that can be told.
+
+    Self noise and full scale: TDK InvenSense ICS-43434 data sheet (DS-000069): 65 dB(A) below
+    94 dB; 0 dBFS at 120 dB, the peak of a sine. ambient_level_db: a quiet hall, an assumption.
+    """
+
+    ambient_level_db: float = 40.0
+    self_noise_db: float = 94.0 - 65.0
+    full_scale_pa: float = pressure_of(120.0) * math.sqrt(2.0)
+
+
+QUIET = MicrophoneNoise(ambient_level_db=-math.inf, self_noise_db=-math.inf)
+
+
+class MicrophoneSensor:
+    """A microphone that gives blocks of sound; keeps its count and the angles of the rotors."""
+
+    def __init__(
+        self,
+        *,
+        source: Source,
+        rotors: RotorSound | None = None,
+        noise: MicrophoneNoise | None = None,
+        sample_rate_hz: int = 16_000,
+        block_samples: int = 512,
+        latency_s: float = 0.0,
+    ) -> None:
+        self._source = source
+        self._rotors = rotors or RotorSound()
+        self._noise = noise or QUIET
+        self._rate_hz = sample_rate_hz
+        self._block = block_samples
+        self._latency_s = latency_s
+        self._steps = (np.arange(block_samples) + 1.0) / block_samples
+        self._weights = _tone_weights(self._rotors)
+        self._angles = np.zeros(0)
+        self._speeds = np.zeros(0)
+        self._seq = 0
+
+    @property
+    def block_s(self) -> float:
+        """Return the length of a block: sample() is called once in this time."""
+        return self._block / self._rate_hz
+
+    def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> MicrophoneReading:
+        """Return the block that ends at t_s; rotor speeds run from the last block's to now's."""
+        pressure = self._rotor_pressure(np.array(truth.motor_speeds_rad_s), rng)
+        around = math.hypot(
+            pressure_of(self._noise.ambient_level_db), pressure_of(self._noise.self_noise_db)
+        )
+        if around > 0.0:
+            pressure += np.float32(around) * rng.standard_normal(self._block, dtype=np.float32)
+        self._seq += 1
+        return MicrophoneReading(
+            t_s=t_s - self.block_s,
+            arrived_s=t_s + self._latency_s,
+            seq=self._seq - 1,
+            source=self._source,
+            samples=samples_from_pressure(pressure, self._noise.full_scale_pa),
+            sample_rate_hz=self._rate_hz,
+            full_scale_pa=self._noise.full_scale_pa,
+        )
+
+    def _rotor_pressure(self, speeds: NDArray[np.float64], rng: np.random.Generator) -> Sound:
+        """Return (block,) pascals of all rotors together."""
+        if len(speeds) == 0:
+            return np.zeros(self._block, np.float32)
+        if len(self._speeds) != len(speeds):
+            self._speeds = speeds
+            self._angles = rng.uniform(0.0, 2.0 * math.pi, len(speeds))
+        before, gain = self._speeds[:, None], (speeds - self._speeds)[:, None]
+        turned = self.block_s * (before * self._steps + 0.5 * gain * self._steps**2)
+        angles = self._angles[:, None] + turned
+        loudness = ((before + gain * self._steps) / self._rotors.hover_speed_rad_s) ** 2
+        self._angles = angles[:, -1] % (2.0 * math.pi)
+        self._speeds = speeds
+        tones = self._tones(angles, speeds)
+        air = pressure_of(self._rotors.hover_level_db + self._rotors.broadband_db)
+        hiss = rng.standard_normal(self._block, dtype=np.float32)
+        mean = loudness.mean(axis=0).astype(np.float32)
+        heard: Sound = (loudness * tones).sum(axis=0).astype(np.float32)
+        heard += np.float32(air) * mean * hiss
+        return heard
+
+    def _tones(self, angles: NDArray[np.float64], speeds: NDArray[np.float64]) -> Sound:
+        """Return (rotors, block) pascals at hover loudness; what would fold back is left out."""
+        base = np.exp(1j * self._rotors.blades * angles).astype(np.complex64)
+        fundamental_hz = self._rotors.blades * speeds / (2.0 * math.pi)
+        tones, turning = np.zeros(angles.shape, np.float32), base.copy()
+        for harmonic, weight in enumerate(self._weights, start=1):
+            audible = harmonic * fundamental_hz < self._rate_hz / 2.0
+            tones += (weight * audible).astype(np.float32)[:, None] * turning.imag
+            turning *= base
+        return tones
+
+
+def _tone_weights(sound: RotorSound) -> tuple[float, ...]:
+    """Return the amplitude in pascals of each harmonic of one rotor, loudest first."""
+    relative = [10.0 ** (-sound.fall_db * h / 20.0) for h in range(sound.harmonics)]
+    power = sum(weight * weight for weight in relative) * sound.rotors / 2.0
+    scale = pressure_of(sound.hover_level_db) / math.sqrt(power)
+    return tuple(scale * weight for weight in relative)
