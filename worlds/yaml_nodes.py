@@ -49,8 +49,10 @@ class Place:
     column: int = 0
 
     def problem(self, message: str, suggestion: str = "") -> Problem:
-        """Return a problem that stands here."""
+        """Return a problem that stands here; a source without lines is an option, not a file."""
         lines = self.source.lines
+        if not lines:
+            return Problem(self.source.name, 0, 0, message, suggestion=suggestion)
         text = lines[self.line - 1] if 0 < self.line <= len(lines) else ""
         return Problem(self.source.name, self.line, self.column, message, text, suggestion)
 

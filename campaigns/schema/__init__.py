@@ -4,6 +4,7 @@ A key stands here only when code acts on it; any other is an unknown key and ref
 """
 
 from campaigns.schema.campaign import (
+    DEFAULT_CASE,
     MATRIX_KEYS,
     AutonomyPart,
     CampaignPart,
@@ -17,6 +18,7 @@ from campaigns.schema.sensors import CameraPart, MountPart, SensorPart
 from campaigns.schema.vehicles import VEHICLES, StartPart, VehicleName, VehiclePart, VehiclesPart
 
 __all__ = [
+    "DEFAULT_CASE",
     "MATRIX_KEYS",
     "VEHICLES",
     "AreaPart",

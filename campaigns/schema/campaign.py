@@ -37,8 +37,12 @@ SafeName = Annotated[str, AfterValidator(_safe_name)]
 Cases = dict[SafeName, dict[str, JsonValue] | None]
 
 
+DEFAULT_CASE = "default"
+"""The one case of a campaign that names none."""
+
+
 def _one_case() -> Cases:
-    return {"default": {}}
+    return {DEFAULT_CASE: {}}
 
 
 class AutonomyPart(Part):

@@ -1,0 +1,142 @@
+"""What is wrong between the parts of a campaign, its world and its recipe; pure."""
+
+from collections.abc import Callable, Iterator
+
+from campaigns.files import CaseFiles
+from campaigns.place_checks import judged_world, place_problems
+from campaigns.schema import Mode, VehicleName
+from campaigns.setup import Setup
+from safety.judge import OracleUse, build_oracles
+from safety.oracles import OracleContext, OracleError
+from worlds.documents import Document, Path, Problem, closest
+from worlds.world import World
+
+FLIES: dict[Mode, tuple[VehicleName, ...]] = {
+    "sim": ("twin",),
+    "wil": ("real", "twin"),
+    "real": ("real",),
+}
+"""Whose vehicles fly in a mode; the first is the subject, the one that is judged."""
+
+Check = Callable[[CaseFiles, Setup, Mode], Iterator[Problem]]
+
+
+def cross_problems(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> list[Problem]:
+    """Return every problem of the parts together, for the modes that are to be flown.
+
+    What needs a vehicle that is missing is not checked: that it is missing is said.
+    """
+    problems: list[Problem] = []
+    for mode in modes:
+        missing = list(_missing_vehicles(files, setup, mode))
+        problems += missing
+        for check in _CHECKS if not missing else ():
+            problems += check(files, setup, mode)
+    return problems
+
+
+def _missing_vehicles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    for name in FLIES[mode]:
+        if name not in setup.vehicles:
+            path = ("vehicles", name)
+            yield files.campaign.problem(path, f"mode {mode} needs a vehicle '{name}'", key=True)
+
+
+def _mixing(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield what a mixture lacks: a recipe, its sensors on a vehicle, its objects in the world."""
+    if mode != "wil":
+        return
+    recipe = setup.recipe
+    if recipe is None or files.recipe is None:
+        yield files.campaign.problem(("recipe",), "mode wil needs a recipe")
+        return
+    for name, vehicle in setup.vehicles.items():
+        carried = {camera.name: "camera" for camera in vehicle.cameras}
+        for sensor in recipe.sensors:
+            if carried.get(sensor.name) != sensor.kind:
+                said = f"vehicle '{name}' has no {sensor.kind} '{sensor.name}'"
+                meant = closest(sensor.name, carried)
+                yield files.recipe.problem(("sensors", sensor.name), said, meant, key=True)
+    yield from recipe.unknown_objects(frozenset(setup.world.objects))
+
+
+def _gates(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield gates of the goal that have no opening, or do not stand where the run is judged."""
+    which = judged_world(mode)
+    scene = setup.world.scene(mode, which)
+    for index, gate in enumerate(setup.goal.gates):
+        path: Path = ("goal", "gates", index)
+        if gate not in setup.world.objects:
+            yield _no_object(files.campaign, path, gate, setup.world)
+        elif gate not in scene:
+            said = f"'{gate}' does not stand in {which} in mode {mode} (see its exists_in)"
+            yield files.campaign.problem(path, said)
+        elif not scene[gate].shape.openings:
+            said = f"'{gate}' is a {scene[gate].shape.kind}, which has no opening to fly through"
+            open_ones = [thing.name for thing in scene.objects if thing.shape.openings]
+            yield files.campaign.problem(path, said, closest(gate, open_ones))
+
+
+def _no_object(document: Document, path: Path, name: str, world: World) -> Problem:
+    return document.problem(path, f"no object '{name}' in the world", closest(name, world.objects))
+
+
+def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Build each oracle as the run would, against a world in which nothing happens.
+
+    A gate of the goal that is not there counts as there: it is said once, at the goal.
+    """
+    scene = setup.world.scene(mode, judged_world(mode))
+    openings = [thing.name for thing in scene.objects if thing.shape.openings]
+    contexts: dict[str, OracleContext] = {
+        name: OracleContext(
+            mode=mode,
+            subject=FLIES[mode][0],
+            vehicle=name,
+            start=setup.vehicles[name].start,
+            probe=_NothingNear(),
+            gates={gate: _AnyGate() for gate in (*openings, *setup.goal.gates)},
+            route=setup.goal.gates,
+            target_ned_m=setup.goal.position_ned_m,
+            fence=setup.fence,
+        )
+        for name in FLIES[mode]
+    }
+    for use in setup.oracles:
+        yield from _unknown_names(files.campaign, use, setup.world)
+        try:
+            build_oracles([use], contexts)
+        except OracleError as error:
+            yield files.campaign.problem(("oracles", use.name), str(error), key=True)
+
+
+def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator[Problem]:
+    """Check parameters that name objects or their parts: `gate`, `gate.left`."""
+    for key in ("exclude", "ground"):
+        for index, name in enumerate(getattr(use.parameters, key, ())):
+            if name.partition(".")[0] not in world.objects:
+                yield _no_object(campaign, ("oracles", use.name, key, index), name, world)
+
+
+class _NothingNear:
+    """A probe of an empty world."""
+
+    def sweep(self, *_: object) -> tuple[()]:
+        """Return that nothing is near."""
+        return ()
+
+
+class _AnyGate:
+    """A gate that nobody flies through."""
+
+    limit_m = 1.0
+
+    def crossing(self, *_: object) -> None:
+        """Return that it was not crossed."""
+
+    def depth_m(self, *_: object) -> float:
+        """Return that the vehicle is before it."""
+        return -1.0
+
+
+_CHECKS: tuple[Check, ...] = (_mixing, _gates, place_problems, _oracles)

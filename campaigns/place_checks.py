@@ -1,0 +1,114 @@
+"""Whether a case can be flown where it stands: starts and goals against fence and things; pure."""
+
+from collections.abc import Iterator
+from typing import Literal
+
+from campaigns.files import CaseFiles
+from campaigns.schema import Mode, VehicleName
+from campaigns.setup import Setup, VehicleSetup
+from worlds.documents import Path, Problem
+from worlds.frames import Vec3
+from worlds.scene import Scene, SceneObject
+
+Which = Literal["W", "Wv"]
+
+SEES: dict[tuple[Mode, VehicleName], tuple[Which, ...]] = {
+    ("sim", "twin"): ("Wv",),
+    ("wil", "real"): ("W", "Wv"),
+    ("wil", "twin"): ("Wv",),
+    ("real", "real"): ("W",),
+}
+"""In which worlds a vehicle stands, by mode: the real one in W, and where it is judged, in Wv."""
+
+_ON_FLOOR_M = 0.05
+"""How far below the floor of a room a vehicle may stand before it is said to be outside."""
+
+
+def judged_world(mode: Mode) -> Which:
+    """Return the world against which the runs of a mode are judged."""
+    return "W" if mode == "real" else "Wv"
+
+
+def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield what is impossible about the places of one mode."""
+    for (flown, name), worlds in SEES.items():
+        if flown == mode:
+            vehicle = setup.vehicles[name]
+            yield from _outside_fence(files, setup, vehicle)
+            for which in worlds:
+                scene = setup.world.scene(mode, which)
+                yield from _start_in_scene(files, vehicle, scene, which)
+                yield from _goal_above_room(files, setup, vehicle, scene)
+    yield from _gates_outside_fence(files, setup, mode)
+
+
+def _outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
+    fence = setup.fence
+    if fence is None:
+        return
+    north_m, east_m, down_m = vehicle.start.position_ned_m
+    path: Path = ("vehicles", vehicle.name, "start")
+    if (margin_m := fence.margin_m((north_m, east_m, down_m))) < 0:
+        side = fence.boundary((north_m, east_m, down_m))
+        said = f"'{vehicle.name}' starts {-margin_m:.2f} m outside of the geofence's {side}"
+        yield files.campaign.problem(path, said, key=True)
+        return
+    hover: Vec3 = (north_m, east_m, -setup.goal.altitude_m)
+    if (margin_m := fence.margin_m(hover)) < 0:
+        side = fence.boundary(hover)
+        said = f"is {-margin_m:.2f} m outside of the geofence's {side} above '{vehicle.name}'"
+        yield files.campaign.problem(("goal", "altitude_m"), said)
+    place = setup.goal.position_ned_m
+    if place is not None and (margin_m := fence.margin_m(place)) < 0:
+        said = f"is {-margin_m:.2f} m outside of the geofence's {fence.boundary(place)}"
+        yield files.campaign.problem(("goal", "position"), said, key=True)
+
+
+def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield gates whose middle is outside of the fence, as long as they stand still."""
+    scene = setup.world.scene(mode, judged_world(mode))
+    for index, name in enumerate(setup.goal.gates):
+        if setup.fence is None or name not in scene or scene[name].motion is not None:
+            continue
+        middle = scene[name].pose.position_ned_m
+        if (margin_m := setup.fence.margin_m(middle)) < 0:
+            side = setup.fence.boundary(middle)
+            said = f"'{name}' stands {-margin_m:.2f} m outside of the geofence's {side}"
+            yield files.campaign.problem(("goal", "gates", index), said)
+
+
+def _start_in_scene(
+    files: CaseFiles, vehicle: VehicleSetup, scene: Scene, which: Which
+) -> Iterator[Problem]:
+    path: Path = ("vehicles", vehicle.name, "start")
+    start = vehicle.start.position_ned_m
+    rooms = [thing for thing in scene.objects if thing.is_room]
+    if rooms and not any(_room_height_m(room, start) is not None for room in rooms):
+        names = " and ".join(f"'{room.name}'" for room in rooms)
+        said = f"'{vehicle.name}' starts outside of room {names} of {which}"
+        yield files.campaign.problem(path, said, key=True)
+
+
+def _goal_above_room(
+    files: CaseFiles, setup: Setup, vehicle: VehicleSetup, scene: Scene
+) -> Iterator[Problem]:
+    start = vehicle.start.position_ned_m
+    for room in scene.objects:
+        height_m = _room_height_m(room, start) if room.is_room else None
+        ceiled = any(part.name == "ceiling" for part in room.shape.parts)
+        floor_up_m = -room.pose.position_ned_m[2]
+        if height_m is not None and ceiled and setup.goal.altitude_m - floor_up_m >= height_m:
+            said = f"is not below the ceiling of room '{room.name}', {floor_up_m + height_m:g} m up"
+            yield files.campaign.problem(("goal", "altitude_m"), said)
+
+
+def _room_height_m(room: SceneObject, point_m: Vec3) -> float | None:
+    """Return the height of a room when a point is in it, else None."""
+    low, high = room.shape.mesh.vertices_m.min(axis=0), room.shape.mesh.vertices_m.max(axis=0)
+    forward_m, right_m, down_m = room.pose.to_local(point_m)
+    inside = (
+        low[0] < forward_m < high[0]
+        and low[1] < right_m < high[1]
+        and low[2] < down_m < high[2] + _ON_FLOOR_M
+    )
+    return float(high[2] - low[2]) if inside else None

@@ -1,0 +1,181 @@
+"""From the files of one case to its setup, with every problem found in any of them at once."""
+
+import itertools
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from campaigns.cross_checks import cross_problems
+from campaigns.files import CaseFiles
+from campaigns.oracle_uses import oracle_uses
+from campaigns.references import BadReferenceError
+from campaigns.schema import (
+    VEHICLES,
+    CampaignPart,
+    GoalPart,
+    Mode,
+    SyncPart,
+    VehicleName,
+    VehiclePart,
+)
+from campaigns.setup import CameraSetup, GoalSetup, Setup, SyncSetup, VehicleSetup
+from campaigns.under_test import UnderTest
+from recipes.language import load_recipe
+from vehicles.embedded.profile import ProfileError, load_profile
+from worlds.documents import BadInput, Document, Problem, check
+from worlds.world import World
+
+T = TypeVar("T")
+
+
+def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
+    """Return the setup of a case, good for these modes. Raises BadInput with every problem."""
+    problems: list[Problem] = []
+    part = gathered(problems, partial(check, files.campaign, CampaignPart))
+    uses, oracle_problems = oracle_uses(files.campaign)
+    problems += oracle_problems
+    world = _read(World.parse, files.world, problems)
+    recipe = _read(load_recipe, files.recipe, problems)
+    if part is None or world is None or (files.recipe is not None and recipe is None):
+        raise BadInput(problems)
+    setup = Setup(
+        vehicles=_vehicles(files.campaign, part, problems),
+        world=world,
+        recipe=recipe,
+        under_test=_under_test(files, part),
+        goal=_goal(part.goal),
+        sync=_sync(part.sync),
+        fence=part.geofence.fence() if part.geofence is not None else None,
+        oracles=uses,
+    )
+    problems += _autonomy_problems(files.campaign, setup.under_test)
+    problems += cross_problems(files, setup, modes)
+    if problems:
+        raise BadInput(problems)
+    return setup
+
+
+def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
+    """Return what is read; None, with its problems noted, when it is bad."""
+    try:
+        return read()
+    except BadInput as error:
+        problems += error.problems
+        return None
+
+
+def _read(
+    read: Callable[[Document], T], document: Document | None, problems: list[Problem]
+) -> T | None:
+    return None if document is None else gathered(problems, partial(read, document))
+
+
+def _vehicles(
+    campaign: Document, part: CampaignPart, problems: list[Problem]
+) -> dict[VehicleName, VehicleSetup]:
+    given = {name: getattr(part.vehicles, name) for name in VEHICLES}
+    return {
+        name: _vehicle(campaign, name, one, problems)
+        for name, one in given.items()
+        if one is not None
+    }
+
+
+def _vehicle(
+    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
+) -> VehicleSetup:
+    return VehicleSetup(
+        name=name,
+        link=part.link,
+        autopilot=part.autopilot,
+        profile=_profile(campaign, name, part, problems),
+        start=part.start.pose(),
+        anchor=part.anchor,
+        pose_source=part.pose_source,
+        params=dict(part.params),
+        cameras=tuple(
+            CameraSetup(
+                name=sensor,
+                rate_hz=camera.rate_hz,
+                intrinsics=camera.intrinsics(),
+                mount=camera.camera_mount(),
+            )
+            for sensor, camera in part.sensors.items()
+        ),
+    )
+
+
+def _profile(
+    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
+) -> str:
+    profile = part.profile
+    if profile.endswith((".yaml", ".yml")):
+        profile = str((campaign.path.parent / profile).resolve())
+    try:
+        load_profile(profile)
+    except ProfileError as error:
+        problems.append(campaign.problem(("vehicles", name, "profile"), str(error)))
+    return profile
+
+
+def _goal(part: GoalPart) -> GoalSetup:
+    place = part.position
+    return GoalSetup(
+        altitude_m=part.altitude_m,
+        gates=tuple(part.gates),
+        position_ned_m=None if place is None else (place.north_m, place.east_m, -place.up_m),
+    )
+
+
+def _sync(part: SyncPart) -> SyncSetup:
+    return SyncSetup(
+        ready_timeout_s=part.ready_timeout_s,
+        takeoff_timeout_s=part.takeoff_timeout_s,
+        takeoff_tolerance_m=part.takeoff_tolerance_m,
+        landing_timeout_s=part.landing_timeout_s,
+        max_command_skew_s=part.max_command_skew_s,
+        max_takeoff_skew_s=part.max_takeoff_skew_s,
+        max_t0_skew_s=part.max_t0_skew_s,
+    )
+
+
+def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
+    """Return the autonomy with its goal: the height, the place, how many gates; no geometry."""
+    goal: dict[str, float | str] = {"altitude_m": part.goal.altitude_m}
+    if part.goal.gates:
+        goal["gate_count"] = len(part.goal.gates)
+    if part.goal.position is not None:
+        place = part.goal.position
+        goal |= {"north_m": place.north_m, "east_m": place.east_m, "up_m": place.up_m}
+    return UnderTest(
+        use=part.autonomy.use,
+        folder=Path(files.folder).resolve(),
+        rate_hz=part.autonomy.rate_hz,
+        parameters=dict(part.autonomy.with_),
+        goal=goal,
+    )
+
+
+def _autonomy_problems(campaign: Document, under_test: UnderTest) -> list[Problem]:
+    """Build the autonomy once: what it refuses is a fault of the file, not of a flight."""
+    try:
+        under_test.build(seed=0)
+    except BadReferenceError as error:
+        path = (
+            ("autonomy", "use") if isinstance(campaign.get(("autonomy",)), dict) else ("autonomy",)
+        )
+        return [campaign.problem(path, str(error), error.suggestion)]
+    except ValueError as error:
+        return [campaign.problem(("autonomy", "with"), f"refused by '{under_test.use}': {error}")]
+    except Exception as error:  # noqa: BLE001 - the user's own code may raise anything
+        said = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
+        return [campaign.problem(("autonomy",), said)]
+    return []
+
+
+def unique(problems: list[Problem]) -> tuple[Problem, ...]:
+    """Return each problem once, those of one file together and in the order of its lines."""
+    files = list(dict.fromkeys(problem.file for problem in problems))
+    ordered = sorted(dict.fromkeys(problems), key=lambda p: (files.index(p.file), p.line, p.column))
+    return tuple(problem for problem, _ in itertools.groupby(ordered))

@@ -1,0 +1,79 @@
+"""What one run needs, resolved and checked: the campaign of one case as frozen values."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from campaigns.schema import VehicleName
+from campaigns.under_test import UnderTest
+from recipes.recipe import Recipe
+from safety.geofence import Fence
+from safety.judge import OracleUse
+from vehicles.autopilots.base import AutopilotName
+from worlds.camera import CameraMount, Intrinsics
+from worlds.frames import Pose, Vec3
+from worlds.world import World
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraSetup:
+    """A camera of a vehicle."""
+
+    name: str
+    rate_hz: float
+    intrinsics: Intrinsics
+    mount: CameraMount
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleSetup:
+    """A vehicle. link: "embedded". profile: for `load_profile`: a name, or an absolute path.
+
+    params: autopilot parameters by name. start: where it stands, world frame.
+    """
+
+    name: VehicleName
+    link: str
+    autopilot: AutopilotName
+    profile: str
+    start: Pose
+    anchor: Literal["start"] = "start"
+    pose_source: Literal["mavlink", "mocap"] = "mavlink"
+    params: Mapping[str, float] = field(default_factory=dict)
+    cameras: tuple[CameraSetup, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SyncSetup:
+    """How closely the pair keeps together; seconds of the run clock, metres."""
+
+    ready_timeout_s: float
+    takeoff_timeout_s: float
+    takeoff_tolerance_m: float
+    landing_timeout_s: float
+    max_command_skew_s: float
+    max_takeoff_skew_s: float
+    max_t0_skew_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalSetup:
+    """The goal. altitude_m: over the world's origin. gates: object names, in their order."""
+
+    altitude_m: float
+    gates: tuple[str, ...] = ()
+    position_ned_m: Vec3 | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """All of one case. recipe: None where no mode mixes. fence: None where none is asked for."""
+
+    vehicles: Mapping[VehicleName, VehicleSetup]
+    world: World
+    recipe: Recipe | None
+    under_test: UnderTest
+    goal: GoalSetup
+    sync: SyncSetup
+    fence: Fence | None
+    oracles: tuple[OracleUse, ...]
