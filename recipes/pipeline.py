@@ -30,6 +30,9 @@ from vehicles.readings import CameraReading
 
 Stopwatch = Callable[[], float]
 
+_STAMP_S = 1e-6
+"""MAVLink stamps count microseconds: a skew at its limit is within it."""
+
 
 def compile_recipe(
     recipe: Recipe,
@@ -170,7 +173,7 @@ class Mixer:
         if (fault := _fault_of(twin)) is not None:
             raise CannotMixError("bad_twin", fault)
         skew_s, limit_s = abs(real.t_s - twin.t_s), self.combination.max_skew_s
-        if skew_s > limit_s:
+        if skew_s > limit_s + _STAMP_S:
             raise CannotMixError(
                 "stale",
                 f"exposures {skew_s * 1000:.0f} ms apart, more than {limit_s * 1000:.0f} ms",

@@ -1,7 +1,7 @@
 """A patch of one colour in a picture: how large, where, and whether it is cut off."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -55,14 +55,15 @@ class Box:
 class Opening:
     """The largest hole in a patch: what a gate's frame encloses.
 
-    Where the patch is cut off by an edge of the picture, that edge closes the hole. across_known:
-    left and right end are the patch's own; down_known: top and bottom are.
+    Where the patch is cut off by an edge of the picture, that edge closes the hole. centre_px:
+    (u, v), its centre of mass. across_px: left and right end of the row through the centre, halfway
+    between the last pixels of hole and frame; None when the picture's edge is one of them.
+    down_px: likewise top and bottom of the column.
     """
 
-    box: Box
     centre_px: tuple[float, float]
-    across_known: bool
-    down_known: bool
+    across_px: tuple[float, float] | None
+    down_px: tuple[float, float] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,18 +182,20 @@ def _opening(mask: Mask, borders: Borders, smallest_px: float) -> Opening | None
 
 
 def _opening_of(contour: NDArray[np.int32], mask: Mask) -> Opening:
-    """Return the hole within a contour of frame pixels, one beyond the hole on every side."""
-    height_px, width_px = mask.shape
-    left, top, width, height = cv2.boundingRect(contour)
-    box = Box(left, top, left + width - 3, top + height - 3)
+    """Return the hole within a contour of frame pixels, which is 1 px beyond it and offset by 1."""
     moments = cv2.moments(contour)
-    centre = moments["m10"] / moments["m00"] - 1.0, moments["m01"] / moments["m00"] - 1.0
-    return Opening(
-        box,
-        centre,
-        across_known=box.left_px > 0 and box.right_px < width_px - 1,
-        down_known=box.top_px > 0 and box.bottom_px < height_px - 1,
-    )
+    u, v = moments["m10"] / moments["m00"] - 1.0, moments["m01"] / moments["m00"] - 1.0
+    height_px, width_px = mask.shape
+    column, row = min(max(round(u), 0), width_px - 1), min(max(round(v), 0), height_px - 1)
+    return Opening((u, v), _gap(mask[row], column), _gap(mask[:, column], row))
+
+
+def _gap(line: Mask, start: int) -> tuple[float, float] | None:
+    """Return both ends of the gap around a place; None when an end of the line ends it."""
+    before, after = np.flatnonzero(line[:start]), np.flatnonzero(line[start:])
+    if line[start] or not before.size or not after.size:
+        return None
+    return (float(before[-1]) + 0.5, float(start + after[0]) - 0.5)
 
 
 def _of_whole_picture(blob: Blob, factor: int) -> Blob:
@@ -201,8 +204,10 @@ def _of_whole_picture(blob: Blob, factor: int) -> Blob:
         return blob
     opening = blob.opening
     if opening is not None:
-        opening = replace(
-            opening, box=_scaled(opening.box, factor), centre_px=_times(opening.centre_px, factor)
+        opening = Opening(
+            _times(opening.centre_px, factor),
+            _times(opening.across_px, factor) if opening.across_px else None,
+            _times(opening.down_px, factor) if opening.down_px else None,
         )
     return Blob(
         area_px=blob.area_px * factor * factor,

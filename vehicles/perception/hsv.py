@@ -43,10 +43,12 @@ def _hue(low: float, high: float, saturation: float = 0.35, value: float = 0.15)
     return HsvRange((low, high), (saturation, 1.0), (value, 1.0))
 
 
+_GRAY = HsvRange(saturation=(0.0, 0.2), value=(0.2, 0.8))
+
 NAMED_COLORS: Mapping[str, tuple[HsvRange, ...]] = MappingProxyType(
     {
         "red": (_hue(345, 12),),
-        "orange": (_hue(12, 46, saturation=0.5),),
+        "orange": (_hue(12, 46, saturation=0.65),),
         "yellow": (_hue(46, 70),),
         "green": (_hue(70, 165),),
         "cyan": (_hue(165, 200),),
@@ -54,7 +56,8 @@ NAMED_COLORS: Mapping[str, tuple[HsvRange, ...]] = MappingProxyType(
         "purple": (_hue(260, 295),),
         "magenta": (_hue(295, 345),),
         "white": (HsvRange(saturation=(0.0, 0.2), value=(0.8, 1.0)),),
-        "gray": (HsvRange(saturation=(0.0, 0.2), value=(0.2, 0.8)),),
+        "gray": (_GRAY,),
+        "grey": (_GRAY,),
         "black": (HsvRange(value=(0.0, 0.2)),),
     }
 )
