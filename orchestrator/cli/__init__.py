@@ -1,0 +1,103 @@
+"""The command line: `wil-campaign`. Commands are imported when they are called, not before.
+
+Exit codes are those of design.md: 2 is whatever can be found without touching anything, 3 an
+error of our own, 130 an interrupt. Standard output carries what was asked for, nothing else.
+"""
+
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+
+from cyclopts import App, Parameter
+
+from orchestrator.cli.streams import err
+
+USAGE_ERROR = 2
+INTERNAL_ERROR = 3
+INTERRUPTED = 130
+
+_COMMANDS = (
+    ("run", "orchestrator.cli.run:run", "Fly a campaign and write its verdicts."),
+    ("validate", "orchestrator.cli.validate:validate", "Find every fault of files, fly nothing."),
+    ("plan", "orchestrator.cli.plan:plan", "Show the runs of a campaign, fly nothing."),
+    ("list", "orchestrator.cli.listing:list_things", "List campaigns, operators and the like."),
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line (None: that of the process) and return its exit code.
+
+    Whatever happens, a user sees a sentence; a traceback goes to a file, or to standard error
+    with WIL_DEBUG=1.
+    """
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        return _called(tokens)
+    except SystemExit as error:
+        return error.code if isinstance(error.code, int) else int(error.code is not None)
+    except KeyboardInterrupt:
+        err("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has gone; point it elsewhere, so that the last flush is quiet.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return INTERNAL_ERROR
+    except Exception as error:  # noqa: BLE001 - the last place where one can be told to people
+        return _failed(error)
+
+
+def _called(tokens: list[str]) -> int:
+    app = build_app()
+    if not tokens:
+        app.help_print(console=app.error_console)
+        return USAGE_ERROR
+    code = app(tokens, result_action="return_value")
+    sys.stdout.flush()
+    return code if isinstance(code, int) else 0
+
+
+def build_app() -> App:
+    """Return the program with its commands, none of them imported yet."""
+    app = App(
+        name="wil-campaign",
+        help="World-in-the-loop testing: a real vehicle and its twin fly one test together.",
+        version=_version,
+        default_parameter=Parameter(negative=()),
+    )
+    for name, function, summary in _COMMANDS:
+        app.command(function, name=name, help=summary)
+    return app
+
+
+def _version() -> str:
+    try:
+        return version("wil-campaign")
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _failed(error: Exception) -> int:
+    """Tell a person about an error, which is the user's to mend or ours; return the exit code."""
+    from worlds.documents import BadInput  # noqa: PLC0415 - not needed for --help
+
+    if isinstance(error, BadInput):
+        err(error)
+        return USAGE_ERROR
+    trace = "".join(traceback.format_exception(error))
+    if os.environ.get("WIL_DEBUG") == "1":
+        err(trace.rstrip())
+        return INTERNAL_ERROR
+    said = f"internal error: {type(error).__name__}: {error}"
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="wil-campaign-", suffix=".log", delete=False, encoding="utf-8"
+        ) as log:
+            log.write(trace)
+        said += f"\nthe traceback is in {log.name}; WIL_DEBUG=1 shows it here"
+    except OSError as unwritable:
+        said += f"\nno traceback could be written ({unwritable}); WIL_DEBUG=1 shows it here"
+    err(said)
+    return INTERNAL_ERROR

@@ -1,0 +1,79 @@
+"""`wil-campaign plan`: the runs of a campaign."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from campaigns.expansion import Campaign, Options, load_campaign
+from orchestrator.cli.streams import out
+from orchestrator.cli.text import table
+
+
+def plan(
+    file: Path,
+    *,
+    case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    mode: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    repetitions: int | None = None,
+    seed: int | None = None,
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Show the runs of a campaign, fly nothing.
+
+    Parameters
+    ----------
+    file
+        The campaign file.
+    case
+        Only cases that match this GLOB; may be given several times.
+    mode
+        Only this mode: sim, wil or real; may be given several times.
+    repetitions
+        How often each case is flown in each mode.
+    seed
+        The seed from which those of the runs derive.
+    set_
+        KEY=VALUE: a dotted key of the campaign, or of world.* or recipe.*, and its value.
+    json_
+        Print one JSON document.
+    """
+    options = Options(cases=case, modes=mode, repetitions=repetitions, seed=seed, sets=set_)
+    campaign = load_campaign(file, options)
+    out(_as_json(campaign) if json_ else _as_table(campaign))
+    return 0
+
+
+def _as_table(campaign: Campaign) -> str:
+    rows = [
+        (run.case, run.mode, run.repetition, run.seed, "required" if run.required else "reported")
+        for run in campaign.runs
+    ]
+    wanted = [f"{r.case}/{r.mode} {r.share}" for r in campaign.requirements]
+    accepted = ", ".join(wanted) if wanted else "nothing is required"
+    shown = table(("case", "mode", "rep", "seed", "counts"), rows)
+    return f"{campaign.name}: {len(rows)} runs; accepted: {accepted}\n\n{shown}"
+
+
+def _as_json(campaign: Campaign) -> str:
+    document = {
+        "campaign": campaign.name,
+        "seed": campaign.seed,
+        "runs": [
+            {
+                "case": run.case,
+                "mode": run.mode,
+                "rep": run.repetition,
+                "seed": run.seed,
+                "required": run.required,
+            }
+            for run in campaign.runs
+        ],
+        "accept": [
+            {"case": r.case, "mode": r.mode, "passes": r.share.passes, "runs": r.share.runs}
+            for r in campaign.requirements
+        ],
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,64 @@
+"""`wil-campaign validate`: every fault of campaign, world and recipe files."""
+
+from pathlib import Path
+
+from campaigns.expansion import Campaign, load_campaign
+from orchestrator.cli.streams import err, out
+from recipes.language import load_recipe
+from worlds.documents import BadInput, Problem, load
+from worlds.world import World
+
+
+def validate(*files: Path) -> int:
+    """Find every fault of files, fly nothing.
+
+    Parameters
+    ----------
+    files
+        Campaign files, with the world and recipe that each names; or world or recipe files.
+    """
+    if not files:
+        err("validate needs at least one file")
+        return 2
+    problems: list[Problem] = []
+    for file in files:
+        try:
+            out(_checked(file))
+        except BadInput as error:
+            problems += error.problems
+    if not problems:
+        return 0
+    found = list(dict.fromkeys(problems))
+    for problem in found:
+        err(problem)
+    names = len({problem.file for problem in found})
+    err(f"{_count(len(found), 'problem')} in {_count(names, 'file')}")
+    return 2
+
+
+def _checked(file: Path) -> str:
+    """Return a line about a good file, whatever kind it says it is. Raises BadInput."""
+    document = load(file)
+    schema = document.get(("schema",))
+    if schema == "wil/world/1":
+        world = World.parse(document)
+        return f"{file}: a world of {_count(len(world.objects), 'object')}"
+    if schema == "wil/recipe/1":
+        recipe = load_recipe(document)
+        return f"{file}: a recipe of {_count(len(recipe.combinations), 'combination')}"
+    return f"{file}: {_summary(load_campaign(file))}"
+
+
+def _summary(campaign: Campaign) -> str:
+    required = sum(run.required for run in campaign.runs)
+    sizes = (
+        _count(len(campaign.cases), "case"),
+        _count(len(campaign.modes), "mode"),
+        _count(campaign.repetitions, "repetition"),
+    )
+    runs = f"{_count(len(campaign.runs), 'run')} ({' x '.join(sizes)})"
+    return f"campaign '{campaign.name}', {runs}, {required} required"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
