@@ -1,0 +1,1 @@
+"""Pictures and poses from outside: live cameras, recordings, simulators, motion capture."""

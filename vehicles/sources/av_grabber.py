@@ -1,0 +1,113 @@
+"""Gets pictures from whatever FFmpeg opens, and keeps back those that lost data damaged."""
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import av
+
+from vehicles.sources.av_input import AvInput, opening_error, shown
+from vehicles.sources.base import SourceError
+from vehicles.sources.h264 import LossFinder
+from vehicles.sources.live import Grabbed
+
+_READ_TIMEOUT_S = 0.2
+"""So often a thread that waits for data looks whether it is to stop."""
+
+
+class AvGrabber:
+    """A Grabber over PyAV: RTSP, RTP and V4L2.
+
+    After lost or broken data every picture is held back until the next key picture, since a
+    decoder goes on from wrong ones without a word.
+    """
+
+    def __init__(self, *, source: AvInput, open_timeout_s: float = 5.0) -> None:
+        self._source = source
+        self._open_timeout_s = open_timeout_s
+        self._container: Any = None
+        self._stream: Any = None
+        self._frames: Iterator[Any] = iter(())
+        self._packets: Iterator[Any] | None = None
+        self._losses = LossFinder()
+        self._finds_losses = False
+        self._broken = False
+
+    def open(self) -> None:
+        """Open the address. Raises SourceError."""
+        source = self._source
+        try:
+            self._container = av.open(
+                io.BytesIO(source.sdp.encode()) if source.sdp is not None else source.url,
+                format=source.format,
+                options=dict(source.options),
+                timeout=(self._open_timeout_s, _READ_TIMEOUT_S),
+            )
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            raise opening_error(source.url, error) from error
+        if not self._container.streams.video:
+            raise SourceError(f"{shown(source.url)}: carries no video")
+        self._stream = self._container.streams.video[0]
+        # More threads decode more pictures at once, each of them later.
+        self._stream.codec_context.thread_count = 1
+        on_network = source.kind in {"rtp", "rtsp"}
+        self._finds_losses = on_network and self._stream.codec_context.name == "h264"
+        extradata = self._stream.codec_context.extradata
+        if self._finds_losses and extradata:
+            self._losses.lost_before(bytes(extradata))
+
+    def grab(self) -> Grabbed | None:
+        """Return the next picture; None when none came for a moment. Raises SourceError."""
+        try:
+            frame = next(self._frames, None)
+            if frame is None:
+                packet = self._packet()
+                if packet is None:
+                    return None
+                self._frames = self._decoded(packet)
+                frame = next(self._frames, None)
+        except av.error.InvalidDataError:
+            return self._damaged(None)
+        return None if frame is None else self._judged(frame)
+
+    def close(self) -> None:
+        """Close the stream or device."""
+        if self._container is not None:
+            self._container.close()
+
+    def _packet(self) -> Any | None:
+        if self._packets is None:
+            self._packets = self._container.demux(self._stream)
+        try:
+            packet = next(self._packets, None)
+        except (av.error.ExitError, av.error.BlockingIOError):
+            self._packets = None
+            return None
+        except av.error.FFmpegError as error:
+            raise SourceError(
+                f"{shown(self._source.url)}: was lost: {error.strerror}; check cable and network"
+            ) from error
+        if packet is None or packet.size == 0:
+            raise SourceError(
+                f"{shown(self._source.url)}: has ended; whoever sends it closed the stream"
+            )
+        return packet
+
+    def _decoded(self, packet: Any) -> Iterator[Any]:
+        if self._finds_losses and self._losses.lost_before(bytes(packet)):
+            self._broken = True
+            self._stream.codec_context.flush_buffers()
+        return iter(packet.decode())
+
+    def _judged(self, frame: Any) -> Grabbed:
+        stamp_s = frame.time
+        if frame.is_corrupt:
+            return self._damaged(stamp_s)
+        if self._broken and not frame.key_frame:
+            return Grabbed(None, stamp_s)
+        self._broken = False
+        return Grabbed(frame.to_ndarray(format="bgr24"), stamp_s)
+
+    def _damaged(self, stamp_s: float | None) -> Grabbed:
+        self._broken = True
+        return Grabbed(None, stamp_s)

@@ -1,0 +1,15 @@
+"""From `async for` to a callback."""
+
+from collections.abc import Callable
+
+from vehicles.readings import CameraReading
+from vehicles.sources.base import CameraSource
+
+
+async def pump(source: CameraSource, deliver: Callable[[CameraReading], None]) -> None:
+    """Hand every picture of an open source to a callback, until a file is over.
+
+    Raises what the source raises.
+    """
+    async for reading in source:
+        deliver(reading)
