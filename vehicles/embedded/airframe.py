@@ -4,6 +4,7 @@ JSBSim frames: structural x aft, y right, z up; body x forward, y right, z down.
 """
 
 import hashlib
+import math
 import os
 import tempfile
 from dataclasses import dataclass
@@ -50,7 +51,7 @@ class Airframe:
     @property
     def motor_offset_m(self) -> float:
         """Return how far each motor is from the hub along x, and along y."""
-        return self.arm_m / 2.0**0.5
+        return self.arm_m / math.sqrt(2.0)
 
     @property
     def hover_thrust_n(self) -> float:

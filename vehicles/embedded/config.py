@@ -42,12 +42,12 @@ class EmbeddedConfig:
     profile: Profile = field(default_factory=lambda: load_profile("nominal"))
     source: Source = "real"
     system_id: int = 1
-    start: Pose = Pose((0.0, 0.0, 0.0))
+    start: Pose = field(default_factory=lambda: Pose((0.0, 0.0, 0.0)))
     heading_rad: float | None = None
     latitude_deg: float = 47.397742
     longitude_deg: float = 8.545594
     altitude_m: float = 488.0
-    airframe: Airframe = Airframe()
+    airframe: Airframe = field(default_factory=Airframe)
     parameters: Mapping[str, float] = field(default_factory=dict)
     full_streams: bool = False
     uid: int | None = None

@@ -105,7 +105,7 @@ class Controller:
         horizontal = math.hypot(north, east)
         if horizontal > speed:
             north, east = north * speed / horizontal, east * speed / horizontal
-        down = -up if down < -up else sink if down > sink else down
+        down = -up if down < -up else min(down, sink)
         self._slew(north, east, down)
 
     def _slew(self, north: float, east: float, down: float) -> None:
@@ -118,7 +118,7 @@ class Controller:
         dd = down - setpoint[2]
         setpoint[0] += dn
         setpoint[1] += de
-        setpoint[2] += -step if dd < -step else step if dd > step else dd
+        setpoint[2] += -step if dd < -step else min(dd, step)
 
     def _accelerate(self, now: Motion) -> Vec3:
         gains, dt = self._gains, self._dt_s
@@ -178,10 +178,10 @@ class Controller:
         if excess > 0.0:
             m0, m1, m2, m3 = m0 - excess, m1 - excess, m2 - excess, m3 - excess
         return (
-            m0 if m0 > 0.0 else 0.0,
-            m1 if m1 > 0.0 else 0.0,
-            m2 if m2 > 0.0 else 0.0,
-            m3 if m3 > 0.0 else 0.0,
+            max(0.0, m0),
+            max(0.0, m1),
+            max(0.0, m2),
+            max(0.0, m3),
         )
 
 
@@ -197,7 +197,7 @@ def _approach(distance_m: float, gain: float, deceleration_m_s2: float) -> float
 
 
 def _clamp(value: float, limit: float) -> float:
-    return -limit if value < -limit else limit if value > limit else value
+    return -limit if value < -limit else min(value, limit)
 
 
 def _wrap(angle_rad: float) -> float:

@@ -10,7 +10,7 @@ from worlds.frames import Vec3, wrap_pi
 
 os.environ.setdefault("JSBSIM_DEBUG", "0")
 
-import jsbsim  # noqa: E402  # it reads JSBSIM_DEBUG when imported
+import jsbsim  # it reads JSBSIM_DEBUG when imported
 
 _METRES_PER_FOOT = 0.3048
 _TURBULENCE_NONE = 0.0
@@ -20,7 +20,7 @@ class PlantError(Exception):
     """The physics cannot go on; says in which quantity."""
 
 
-class _Silent(jsbsim.FGLogger):  # type: ignore[misc]  # jsbsim has no types
+class _Silent(jsbsim.FGLogger):
     """Takes JSBSim's messages and drops them: it writes to stdout otherwise."""
 
     def set_level(self, level: object) -> None:

@@ -7,8 +7,8 @@ from typing import Self
 
 import numpy as np
 
-from vehicles.embedded.autopilot.ardupilot import ArduCopter
 from vehicles.embedded.autopilot.base import COMPONENT, EmbeddedAutopilot
+from vehicles.embedded.autopilot.copter import ArduCopter
 from vehicles.embedded.autopilot.place import Geodetic, Place
 from vehicles.embedded.autopilot.px4 import Px4
 from vehicles.embedded.autopilot.state import Identity
@@ -34,7 +34,7 @@ class EmbeddedVehicle:
 
     As an async context manager it opens its end of the link and flies by timers of the loop until
     it is closed. `seed` decides everything random in it. Positions are in the world's local frame.
-    A PlantError of the physics stops the vehicle and goes to the loop's exception handler.
+    When the physics fails the vehicle falls silent, and closing it raises the PlantError.
     """
 
     def __init__(
@@ -63,6 +63,8 @@ class EmbeddedVehicle:
         self._t0_s = 0.0
         self._steps = 0
         self._timer: asyncio.TimerHandle | None = None
+        self._alive = False
+        self._fault: Exception | None = None
         self._muted = False
         self._struck = False
         link.receive(self._on_bytes)
@@ -96,10 +98,9 @@ class EmbeddedVehicle:
 
     def kill(self) -> None:
         """Stop at once and for good, without a word: as when its process dies."""
+        self._alive = False
         if self._timer is not None:
             self._timer.cancel()
-            self._timer = None
-        self._muted = True
 
     def mute(self, *, muted: bool) -> None:
         """Lose all bytes in both directions, or no longer; the vehicle flies on."""
@@ -114,6 +115,7 @@ class EmbeddedVehicle:
         await self._link.__aenter__()
         loop = asyncio.get_running_loop()
         self._t0_s = loop.time()
+        self._alive = True
         self._timer = loop.call_at(self._step_s(_STEPS_PER_TICK), self._tick)
         return self
 
@@ -123,25 +125,37 @@ class EmbeddedVehicle:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop and close the link."""
+        """Stop and close the link. Raises what stopped the vehicle, if something inside it did."""
         self.kill()
         await self._link.__aexit__(kind, error, trace)
+        if self._fault is not None and error is None:
+            raise self._fault
 
     def _step_s(self, step: int) -> float:
         return self._t0_s + step / PHYSICS_HZ
 
     def _tick(self) -> None:
-        loop = asyncio.get_running_loop()
-        behind = round((loop.time() - self._t0_s) * PHYSICS_HZ) - self._steps
+        try:
+            self._catch_up()
+        except Exception as error:
+            self._fault = error
+            self.kill()
+            raise
+        if self._alive:
+            loop = asyncio.get_running_loop()
+            self._timer = loop.call_at(self._step_s(self._steps + _STEPS_PER_TICK), self._tick)
+
+    def _catch_up(self) -> None:
+        """Step until the present, and send what came of it."""
+        now_s = asyncio.get_running_loop().time()
+        behind = round((now_s - self._t0_s) * PHYSICS_HZ) - self._steps
         if behind > _MOST_STEPS_BEHIND:
             self._t0_s += (behind - _STEPS_PER_TICK) / PHYSICS_HZ
             behind = _STEPS_PER_TICK
-        self._timer = None
         for _ in range(behind):
             self._step()
         self._flush()
-        self._mocap.deliver(loop.time())
-        self._timer = loop.call_at(self._step_s(self._steps + _STEPS_PER_TICK), self._tick)
+        self._mocap.deliver(now_s)
 
     def _step(self) -> None:
         self._steps += 1
@@ -165,15 +179,15 @@ class EmbeddedVehicle:
             self._mocap.take(body.sample(t_s))
 
     def _on_bytes(self, data: bytes, _: float) -> None:
-        if self._muted or self._timer is None:
+        if self._muted or not self._alive:
             return
         for message in self._codec.parse(data):
             self._autopilot.handle(message)
         self._flush()
 
     def _flush(self) -> None:
-        messages = self._autopilot.take_messages()
-        if messages and not self._muted:
+        messages = self._autopilot.outbox.take()
+        if messages and self._alive and not self._muted:
             pack = self._codec.pack
             self._link.write(b"".join([pack(message) for message in messages]))
 

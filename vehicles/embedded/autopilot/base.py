@@ -1,4 +1,4 @@
-"""What both autopilots have in common: MAVLink in and out, telemetry, commands, parameters."""
+"""What both autopilots have in common: MAVLink in and out, commands, and the parts they use."""
 
 import math
 from abc import ABC, abstractmethod
@@ -8,11 +8,12 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import telemetry
+from vehicles.embedded.autopilot import missions, telemetry
 from vehicles.embedded.autopilot.commands import (
     ACCEPTED,
     DENIED,
     FAILED,
+    TEMPORARILY_REJECTED,
     UNSUPPORTED,
     Command,
     from_int,
@@ -21,7 +22,9 @@ from vehicles.embedded.autopilot.commands import (
     on_command,
     on_message,
 )
+from vehicles.embedded.autopilot.fence import Fence, FenceError, fence_of
 from vehicles.embedded.autopilot.flight import Flight, FlightStyle
+from vehicles.embedded.autopilot.outbox import Outbox
 from vehicles.embedded.autopilot.parameters import Parameters, ParameterServer
 from vehicles.embedded.autopilot.place import Place
 from vehicles.embedded.autopilot.state import Identity, State
@@ -29,21 +32,20 @@ from vehicles.embedded.autopilot.streams import Streams
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.states import Motion, Thrusts
 
-COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
-_TEXT_BYTES = 50
-GCS_SILENT_AFTER_S = 2.5
-"""PX4's own limit for a heartbeat of a ground station to count as present."""
+COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 
 
 class EmbeddedAutopilot(ABC):
     """An autopilot between MAVLink messages and motor thrusts.
 
-    Pure: `handle` takes messages, `step` takes the estimate and gives thrusts, both may leave
-    messages in `take_messages`. Times are the vehicle's own clock, s since boot.
+    Pure: `handle` takes messages, `step` takes the estimate and gives thrusts; what is to be sent
+    stands in `outbox`. Times are the vehicle's own clock, s since start.
     """
 
     builders: ClassVar[dict[int, telemetry.Builder]]
     style: ClassVar[FlightStyle]
+    is_px4: ClassVar[bool]
+    """PX4's conventions of the wire rather than ArduPilot's: parameters, texts, missions."""
 
     def __init__(
         self,
@@ -60,32 +62,35 @@ class EmbeddedAutopilot(ABC):
         self.state = State(place=Place(identity.origin), charge=charge)
         self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s)
         self.streams = Streams(rates_hz, shortest_s=dt_s)
+        self.outbox = Outbox(count_all=self.is_px4)
+        self.fence = Fence()
+        self.missions = missions.MissionServer(
+            send=self.outbox.send,
+            accept=self._accept_items,
+            home=None if self.is_px4 else self._home_item,
+        )
         self.never_ready = False
         self.refusal: str | None = None
-        """Faults for tests: why it never becomes ready, or refuses to arm."""
-        self._parameter_server = ParameterServer(parameters, index_on_set=self.index_on_set)
+        """Faults for tests: it never becomes ready, it refuses to arm for this reason."""
+        self.reboot_asked = False
+        self._parameter_server = ParameterServer(parameters, strict=self.is_px4)
         self._commands = marked(type(self), "mav_commands")
         self._messages = marked(type(self), "mav_messages")
-        self._out: list[Any] = []
-        self._texts: list[tuple[int, str]] = []
-        self._text_id = 0
-        self._gcs_heard_s = -math.inf
-
-    index_on_set: ClassVar[bool]
-    """Whether the answer to PARAM_SET carries the parameter's index, and checks its type."""
+        self.gcs_heard_s = -math.inf
+        """When a ground station's heartbeat last came."""
 
     # What each autopilot does in its own way.
 
     @abstractmethod
-    def heartbeat(self) -> Any:
-        """Return the HEARTBEAT of now."""
+    def message(self, message_id: int) -> Any | None:
+        """Return a message that depends on modes and readiness; None when it has no such."""
 
     @abstractmethod
     def supervise(self) -> None:
         """Check modes, failsafes and readiness; called at 50 Hz."""
 
     @abstractmethod
-    def set_mode(self, base_mode: int, mode: int, submode: int) -> int:
+    def set_mode(self, mode: int, submode: int) -> int:
         """Do MAV_CMD_DO_SET_MODE; return a MAV_RESULT."""
 
     @abstractmethod
@@ -101,8 +106,20 @@ class EmbeddedAutopilot(ABC):
         """Take note that the airframe has hit something: its motors stand."""
 
     @abstractmethod
-    def autopilot_version(self) -> Any:
-        """Return AUTOPILOT_VERSION."""
+    def _is_forced(self, command: Command) -> bool:
+        """Return whether an arm or disarm command skips the checks."""
+
+    def _hears_texts(self) -> bool:
+        """Return whether the peer is one that is sent STATUSTEXT."""
+        return True
+
+    def _split_mode(self, custom_mode: int) -> tuple[int, int]:
+        """Return (mode, submode) of a custom_mode."""
+        return custom_mode, 0
+
+    def _fence_result(self, fence: Fence) -> int:  # noqa: ARG002 - subclasses look at it
+        """Return the MAV_MISSION_RESULT of an uploaded fence."""
+        return missions.ACCEPTED
 
     # The loop.
 
@@ -110,7 +127,7 @@ class EmbeddedAutopilot(ABC):
         """Take one MAVLink message; what is for others is left alone."""
         system = getattr(message, "target_system", 0)
         component = getattr(message, "target_component", 0)
-        if system not in (0, self.identity.system_id) or component not in (0, COMPONENT):
+        if system not in {0, self.identity.system_id} or component not in {0, COMPONENT}:
             return
         name = self._messages.get(message.get_type())
         if name is not None:
@@ -127,105 +144,51 @@ class EmbeddedAutopilot(ABC):
         state.charge = charge
         if turn:
             self.supervise()
-            self._out.extend(self._parameter_server.due())
-            self._flush_texts()
+            self.missions.turn(clock_s)
+            for message in self._parameter_server.due():
+                self.outbox.send(message)
+            self.outbox.turn(texts_heard=self._hears_texts())
         thrusts = self.flight.step(now, clock_s, touching=touching)
+        state.target = self.flight.target
         if clock_s >= self.streams.next_due_s:
             for message_id in self.streams.due(clock_s):
-                self.send_id(message_id)
+                self._send_id(message_id)
         return thrusts
-
-    def take_messages(self) -> list[Any]:
-        """Return what is to be sent now, in order, and forget it."""
-        if not self._out:
-            return self._out
-        out, self._out = self._out, []
-        return out
-
-    # For the parts and subclasses.
 
     @property
     def t_s(self) -> float:
         """Return the vehicle's clock."""
         return self.state.clock_s
 
-    @property
-    def gcs_silent_s(self) -> float:
-        """Return how long no ground station's heartbeat came; inf before the first."""
-        return self.state.clock_s - self._gcs_heard_s
-
-    def send(self, message: Any | None) -> None:
-        """Queue a message; None is nothing."""
-        if message is not None:
-            self._out.append(message)
-
-    def send_id(self, message_id: int) -> bool:
-        """Queue a message by id; False when there is no such message here."""
+    def _send_id(self, message_id: int) -> bool:
+        """Queue a message by id; False when there is no such message here, or not yet."""
         builder = self.builders.get(message_id)
-        if builder is not None:
-            self.send(builder(self.state))
-            return True
-        own = self.own_message(message_id)
-        self.send(own)
-        return own is not None
-
-    def own_message(self, message_id: int) -> Any | None:
-        """Return a message that only this autopilot knows how to fill."""
-        if message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
-            return self.heartbeat()
-        if message_id == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
-            return self.autopilot_version()
-        return None
-
-    def text(self, severity: int, text: str) -> None:
-        """Say something; it goes out after the acknowledgement of what caused it."""
-        self._texts.append((severity, text))
-
-    def hears_texts(self) -> bool:
-        """Return whether the peer is one that is sent STATUSTEXT."""
-        return True
-
-    def _flush_texts(self) -> None:
-        texts, self._texts = self._texts, []
-        if not self.hears_texts():
-            return
-        for severity, text in texts:
-            data = text.encode()
-            chunks = [data[i : i + _TEXT_BYTES] for i in range(0, len(data), _TEXT_BYTES)]
-            number = self._next_text_id(len(chunks))
-            for seq, chunk in enumerate(chunks):
-                self.send(mavlink.MAVLink_statustext_message(severity, chunk, number, seq))
-
-    def _next_text_id(self, chunks: int) -> int:
-        """Return the id that joins the chunks of a long text; 0 for a short one."""
-        if chunks < 2:
-            return 0
-        self._text_id = self._text_id % 65535 + 1
-        return self._text_id
+        message = builder(self.state) if builder is not None else self.message(message_id)
+        self.outbox.send(message)
+        return message is not None
 
     # Messages that both take alike.
 
     @on_message("HEARTBEAT")
     def _on_heartbeat(self, message: Any) -> None:
         if message.type == mavlink.MAV_TYPE_GCS:
-            self._gcs_heard_s = self.state.clock_s
+            self.gcs_heard_s = self.t_s
 
     @on_message("TIMESYNC")
     def _on_timesync(self, message: Any) -> None:
         if message.tc1 == 0:
-            self.send(mavlink.MAVLink_timesync_message(self.state.boot_us * 1000, message.ts1))
+            now_ns = self.state.boot_us * 1000
+            self.outbox.send(mavlink.MAVLink_timesync_message(now_ns, message.ts1))
 
     @on_message("PING")
     def _on_ping(self, message: Any) -> None:
         if message.target_system == 0:
-            self.send(
-                mavlink.MAVLink_ping_message(
-                    message.time_usec,
-                    message.seq,
-                    message.get_srcSystem(),
-                    message.get_srcComponent(),
-                )
-            )
+            peer = (message.get_srcSystem(), message.get_srcComponent())
+            self.outbox.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *peer))
+
+    @on_message("LOG_REQUEST_LIST")
+    def _on_log_list(self, _: Any) -> None:
+        self.outbox.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     @on_message("PARAM_REQUEST_LIST")
     def _on_parameter_list(self, _: Any) -> None:
@@ -233,17 +196,31 @@ class EmbeddedAutopilot(ABC):
 
     @on_message("PARAM_REQUEST_READ")
     def _on_parameter_read(self, message: Any) -> None:
-        self._out.extend(self._parameter_server.read(message))
+        for answer in self._parameter_server.read(message):
+            self.outbox.send(answer)
 
     @on_message("PARAM_SET")
     def _on_parameter_set(self, message: Any) -> None:
-        name, answer = self._parameter_server.write(message)
-        self._out.extend(answer)
-        if name is not None:
-            self.parameter_changed(name)
+        for answer in self._parameter_server.write(message):
+            self.outbox.send(answer)
 
-    def parameter_changed(self, name: str) -> None:
-        """Take note of a parameter that was set."""
+    @on_message(
+        "MISSION_COUNT",
+        "MISSION_ITEM_INT",
+        "MISSION_ITEM",
+        "MISSION_REQUEST_LIST",
+        "MISSION_REQUEST_INT",
+        "MISSION_REQUEST",
+        "MISSION_CLEAR_ALL",
+    )
+    def _on_mission(self, message: Any) -> None:
+        self.missions.handle(message, self.t_s)
+
+    @on_message("MISSION_SET_CURRENT")
+    def _on_mission_set_current(self, message: Any) -> None:
+        if message.seq < len(self.missions.items(missions.MISSION)):
+            self.state.mission_seq = message.seq
+        self.outbox.send(telemetry.mission_current(self.state))
 
     @on_message("COMMAND_LONG")
     def _on_command_long(self, message: Any) -> None:
@@ -256,18 +233,13 @@ class EmbeddedAutopilot(ABC):
     @on_message("SET_MODE")
     def _on_set_mode(self, message: Any) -> None:
         """Take the message that old ground stations send instead of the command."""
-        custom = message.custom_mode
-        mode, submode = self.split_mode(custom)
-        self.set_mode(message.base_mode, mode, submode)
-
-    def split_mode(self, custom_mode: int) -> tuple[int, int]:
-        """Return (mode, submode) of a custom_mode."""
-        return custom_mode, 0
+        if message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            self.set_mode(*self._split_mode(message.custom_mode))
 
     def _do(self, command: Command) -> None:
         name = self._commands.get(command.number)
         result = getattr(self, name)(command) if name is not None else UNSUPPORTED
-        self.send(
+        self.outbox.send(
             mavlink.MAVLink_command_ack_message(
                 command.number, result, 0, 0, command.from_system, command.from_component
             )
@@ -277,14 +249,14 @@ class EmbeddedAutopilot(ABC):
 
     @on_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
     def _set_interval(self, command: Command) -> int:
-        message_id, interval_us = int(command.params[0]), command.params[1]
-        if message_id not in mavlink.mavlink_map:
+        number, interval_us = command.params[0], command.params[1]
+        if number not in mavlink.mavlink_map:
             return DENIED
         if interval_us == 0.0:
-            self.streams.reset_rate(message_id, now_s=self.t_s)
+            self.streams.reset_rate(int(number), now_s=self.t_s)
         else:
             rate_hz = 1e6 / interval_us if interval_us > 0.0 else 0.0
-            self.streams.set_rate(message_id, rate_hz, now_s=self.t_s)
+            self.streams.set_rate(int(number), rate_hz, now_s=self.t_s)
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL)
@@ -292,38 +264,83 @@ class EmbeddedAutopilot(ABC):
         message_id = int(command.params[0])
         interval_s = self.streams.interval_s(message_id)
         interval_us = -1 if interval_s is None else round(interval_s * 1e6)
-        self.send(mavlink.MAVLink_message_interval_message(message_id, interval_us))
+        self.outbox.send(mavlink.MAVLink_message_interval_message(message_id, interval_us))
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_REQUEST_MESSAGE)
     def _request_message(self, command: Command) -> int:
-        return ACCEPTED if self.send_id(int(command.params[0])) else FAILED
+        return ACCEPTED if self._send_id(int(command.params[0])) else FAILED
 
     @on_command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES)
     def _request_capabilities(self, _: Command) -> int:
-        self.send(self.autopilot_version())
+        self._send_id(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_DO_SET_MODE)
     def _set_mode(self, command: Command) -> int:
         base_mode, mode, submode, _ = command.params
-        return self.set_mode(int(base_mode), int(mode), int(submode))
+        if not int(base_mode) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return DENIED
+        return self.set_mode(int(mode), int(submode))
 
     @on_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
     def _arm_disarm(self, command: Command) -> int:
-        forced = self.is_forced(command)
+        forced = self._is_forced(command)
         if command.params[0] == 1.0:
             return self.arm(force=forced)
         if command.params[0] == 0.0:
             return self.disarm(force=forced)
         return UNSUPPORTED
 
-    @abstractmethod
-    def is_forced(self, command: Command) -> bool:
-        """Return whether an arm or disarm command skips the checks."""
-
     @on_command(mavlink.MAV_CMD_GET_HOME_POSITION)
     def _get_home(self, _: Command) -> int:
-        home = telemetry.home_position(self.state)
-        self.send(home)
-        return ACCEPTED if home is not None else FAILED
+        return ACCEPTED if self._send_id(mavlink.MAVLINK_MSG_ID_HOME_POSITION) else FAILED
+
+    @on_command(mavlink.MAV_CMD_DO_SET_HOME)
+    def _set_home(self, command: Command) -> int:
+        if command.params[0] == 1.0:
+            self.state.home_ned_m = self.state.now.position_ned_m
+        elif math.isfinite(command.x + command.y + command.z):
+            self.state.home_ned_m = self.state.place.local(command.x, command.y, command.z)
+        else:
+            return DENIED
+        self.outbox.send_later(telemetry.home_position(self.state))
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN)
+    def _reboot(self, command: Command) -> int:
+        if self.flight.armed:
+            return TEMPORARILY_REJECTED
+        if command.params[0] != 1.0:
+            return UNSUPPORTED
+        self.reboot_asked = True
+        return ACCEPTED
+
+    # Missions and fences.
+
+    def _accept_items(self, kind: int, items: tuple[missions.Item, ...]) -> int:
+        if kind == missions.FENCE:
+            try:
+                fence = fence_of(items, self.state.place)
+            except FenceError:
+                return int(mavlink.MAV_MISSION_INVALID)
+            result = self._fence_result(fence)
+            if result == missions.ACCEPTED:
+                self.fence = fence
+            return result
+        if kind == missions.MISSION:
+            self.state.mission_seq = 0
+            self.state.mission_total = len(items)
+        return missions.ACCEPTED
+
+    def _home_item(self) -> missions.Item:
+        place, home = self.state.place, self.state.home_ned_m
+        here = place.geodetic(home) if home is not None else place.origin
+        return missions.Item(
+            mavlink.MAV_FRAME_GLOBAL,
+            mavlink.MAV_CMD_NAV_WAYPOINT,
+            (0.0, 0.0, 0.0, 0.0),
+            round(here.latitude_deg * 1e7),
+            round(here.longitude_deg * 1e7),
+            here.altitude_m,
+        )

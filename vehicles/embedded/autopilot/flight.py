@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.autopilot.guidance import Behaviour
-from vehicles.embedded.controller import Controller, Gains
+from vehicles.embedded.controller import Controller, Gains, Target
 from vehicles.embedded.states import STOPPED, Motion, Thrusts
 
 _IDLE_SHARE = 0.08
@@ -45,6 +45,8 @@ class Flight:
         self.landed_at_s: float | None = None
         """When it last landed since arming; None before the first takeoff."""
         self.motors_cut = False
+        self.target: Target | None = None
+        """What the controller flies; None on the ground."""
         self._lift_began_s: float | None = None
         self._touch_began_s: float | None = None
         self._throttle_n = 0.0
@@ -75,17 +77,18 @@ class Flight:
         """Return the thrusts of this step."""
         if not self.armed or self.motors_cut or self.behaviour is None:
             self._throttle_n = 0.0
+            self.target = None
             if touching:
                 self.landed = True
             return STOPPED
-        thrusts = (
-            self._on_ground(self.behaviour, now, t_s)
-            if self.landed
-            else self.controller.run(now, self.behaviour.update(now, t_s))
-        )
-        self._throttle_n = sum(thrusts)
-        if not self.landed:
+        if self.landed:
+            self.target = None
+            thrusts = self._on_ground(self.behaviour, now, t_s)
+        else:
+            self.target = self.behaviour.update(now, t_s)
+            thrusts = self.controller.run(now, self.target)
             self._feel_ground(self.behaviour, t_s, touching=touching)
+        self._throttle_n = sum(thrusts)
         return thrusts
 
     def _on_ground(self, behaviour: Behaviour, now: Motion, t_s: float) -> Thrusts:

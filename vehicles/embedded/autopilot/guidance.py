@@ -2,13 +2,22 @@
 
 import math
 from abc import ABC, abstractmethod
+from itertools import pairwise
 from typing import NamedTuple
 
 from vehicles.embedded.controller import Target
 from vehicles.embedded.states import Motion
 from worlds.frames import Vec3
 
-Axes = tuple[float | None, float | None, float | None]
+
+class Wanted(NamedTuple):
+    """A setpoint in the local frame; None where it is not asked for."""
+
+    position_ned_m: tuple[float | None, float | None, float | None]
+    velocity_ned_m_s: Vec3
+    yaw_rad: float | None
+    yaw_rate_rad_s: float
+    has_velocity: bool
 
 
 class Speeds(NamedTuple):
@@ -20,14 +29,20 @@ class Speeds(NamedTuple):
 
 
 class Behaviour(ABC):
-    """One way to fly. `lifts`: it wants off the ground. `done`: it has reached what it was for."""
-
-    lifts = False
-    descends = False
-    """Means to touch the ground: then a touch is a landing."""
+    """One way to fly. `done`: it has reached what it was for."""
 
     def __init__(self) -> None:
         self.done = False
+
+    @property
+    def lifts(self) -> bool:
+        """Return whether it wants off the ground."""
+        return False
+
+    @property
+    def descends(self) -> bool:
+        """Return whether it means to touch the ground: then a touch is a landing."""
+        return False
 
     @abstractmethod
     def update(self, now: Motion, t_s: float) -> Target:
@@ -47,7 +62,7 @@ class Hold(Behaviour):
         self._yaw_rad = yaw_rad
         self._place = position_ned_m
 
-    def update(self, now: Motion, t_s: float) -> Target:
+    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
         """Return zero velocity while fast, then the place."""
         if self._place is None:
             if _speed(now) > self._SLOW_M_S:
@@ -68,7 +83,7 @@ class GoTo(Behaviour):
         self._target = Target(position_ned_m, yaw_rad=yaw_rad, speed_m_s=speeds)
         self._radius_m = radius_m
 
-    def update(self, now: Motion, t_s: float) -> Target:
+    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
         """Return the place; done within the radius."""
         if math.dist(now.position_ned_m, self.position_ned_m) < self._radius_m:
             self.done = True
@@ -84,38 +99,46 @@ class Follow(Behaviour):
         self._may_lift = may_lift
         self._still = Target((None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds)
         self._target = self._still
-        self._held = False
+        self._lifts = self._descends = False
 
-    def set(
-        self,
-        *,
-        position_ned_m: Axes,
-        velocity_ned_m_s: Vec3,
-        yaw_rad: float | None,
-        yaw_rate_rad_s: float,
-    ) -> None:
-        """Take a setpoint, local frame; axes of None are flown by velocity alone."""
+    @property
+    def lifts(self) -> bool:
+        """Return whether the setpoint is upwards and may take the vehicle off."""
+        return self._lifts
+
+    @property
+    def descends(self) -> bool:
+        """Return whether the setpoint is downwards."""
+        return self._descends
+
+    def set(self, wanted: Wanted, *, keep_yaw_rad: float) -> None:
+        """Take a setpoint; axes of None are flown by velocity alone, no heading keeps this one."""
+        yaw_rad = wanted.yaw_rad
+        if yaw_rad is None and wanted.yaw_rate_rad_s == 0.0:
+            yaw_rad = keep_yaw_rad
         self._target = Target(
-            position_ned_m, velocity_ned_m_s, yaw_rad, yaw_rate_rad_s, self._speeds
+            wanted.position_ned_m,
+            wanted.velocity_ned_m_s,
+            yaw_rad,
+            wanted.yaw_rate_rad_s,
+            self._speeds,
         )
-        down = position_ned_m[2]
-        self.lifts = self._may_lift and (velocity_ned_m_s[2] < -0.1 or (down or 0.0) < -0.3)
-        self.descends = velocity_ned_m_s[2] > 0.1 or (down is not None and down > 0.0)
+        climb, down = wanted.velocity_ned_m_s[2], wanted.position_ned_m[2]
+        self._lifts = self._may_lift and (climb < -0.1 or (down or 0.0) < -0.3)
+        self._descends = climb > 0.1 or (down is not None and down > 0.0)
 
     def stand(self, now: Motion) -> None:
         """Drop the setpoint: zero velocity, present heading."""
         self._target = self._still._replace(yaw_rad=now.euler_rad[2])
-        self.lifts = self.descends = False
+        self._lifts = self._descends = False
 
-    def update(self, now: Motion, t_s: float) -> Target:
+    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
         """Return the setpoint."""
         return self._target
 
 
 class TakeOff(Behaviour):
     """Climb straight up; the climb speed ramps up from nothing. Done within `radius_m`."""
-
-    lifts = True
 
     def __init__(
         self, *, down_m: float, climb_m_s: float, ramp_s: float, radius_m: float, speeds: Speeds
@@ -129,6 +152,11 @@ class TakeOff(Behaviour):
         self._began_s: float | None = None
         self._place = (0.0, 0.0)
         self.yaw_rad = 0.0
+
+    @property
+    def lifts(self) -> bool:
+        """Return that it does."""
+        return True
 
     @property
     def goal_ned_m(self) -> Vec3:
@@ -160,7 +188,7 @@ class LandProfile(NamedTuple):
         steps = self.steps
         if height_m >= steps[0][0]:
             return steps[0][1]
-        for (high, fast), (low, slow) in zip(steps, steps[1:], strict=False):
+        for (high, fast), (low, slow) in pairwise(steps):
             if height_m >= low:
                 share = (height_m - low) / (high - low) if high > low else 0.0
                 return slow + (fast - slow) * share
@@ -170,8 +198,6 @@ class LandProfile(NamedTuple):
 class Land(Behaviour):
     """Brake, then come down where the vehicle is, until the ground is felt."""
 
-    descends = True
-
     def __init__(self, *, profile: LandProfile, speeds: Speeds, ground_down_m: float) -> None:
         super().__init__()
         self._profile = profile
@@ -180,7 +206,12 @@ class Land(Behaviour):
         self._place: tuple[float, float] | None = None
         self._yaw_rad: float | None = None
 
-    def update(self, now: Motion, t_s: float) -> Target:
+    @property
+    def descends(self) -> bool:
+        """Return that it does."""
+        return True
+
+    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
         """Return the descent at the profile's speed."""
         if self._yaw_rad is None:
             self._yaw_rad = now.euler_rad[2]
@@ -222,6 +253,11 @@ class ReturnHome(Behaviour):
         self._over_home_s: float | None = None
         self.landing = False
 
+    @property
+    def descends(self) -> bool:
+        """Return whether it has come to landing."""
+        return self.landing
+
     def update(self, now: Motion, t_s: float) -> Target:
         """Return the target of the stage reached: climb, cross, wait, land."""
         if self.landing:
@@ -240,7 +276,7 @@ class ReturnHome(Behaviour):
             if self._over_home_s is None:
                 self._over_home_s = t_s
             if t_s - self._over_home_s >= self._wait_s:
-                self.landing = self.descends = True
+                self.landing = True
         return Target((home_north, home_east, self._down_m), yaw_rad=yaw, speed_m_s=self._speeds)
 
 

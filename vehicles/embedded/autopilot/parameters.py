@@ -105,14 +105,18 @@ def load_parameters(file: Path, *, bytewise: bool, overrides: Mapping[str, float
 
 
 class ParameterServer:
-    """Answers PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET."""
+    """Answers PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET.
+
+    strict: PX4's way, which refuses a PARAM_SET of the wrong type and gives the parameter's index
+    in its answer; otherwise ArduPilot's.
+    """
 
     _PER_TURN = 8
     """How many of a list go out per turn of 20 ms, so that a radio is not flooded."""
 
-    def __init__(self, parameters: Parameters, *, index_on_set: bool) -> None:
+    def __init__(self, parameters: Parameters, *, strict: bool) -> None:
         self._parameters = parameters
-        self._index_on_set = index_on_set
+        self._strict = strict
         self._queue: deque[str] = deque()
 
     def request_list(self) -> None:
@@ -132,19 +136,17 @@ class ParameterServer:
             return []
         return [self._value(name, indexed=True)]
 
-    def write(self, message: Any) -> tuple[str | None, list[Any]]:
-        """Take a PARAM_SET; return the name if it was taken, and the answer."""
+    def write(self, message: Any) -> list[Any]:
+        """Take a PARAM_SET and return the answer: the value as it now is, or nothing."""
         name = message.param_id
         parameters = self._parameters
         if name not in parameters:
-            return None, []
-        if self._index_on_set and message.param_type != parameters.kind(name):
-            return None, [self._value(name, indexed=True)]
-        value = parameters.from_wire(message.param_type, message.param_value)
-        if not math.isfinite(value):
-            return None, [self._value(name, indexed=self._index_on_set)]
-        parameters.set(name, value)
-        return name, [self._value(name, indexed=self._index_on_set)]
+            return []
+        if not self._strict or message.param_type == parameters.kind(name):
+            value = parameters.from_wire(message.param_type, message.param_value)
+            if math.isfinite(value):
+                parameters.set(name, value)
+        return [self._value(name, indexed=self._strict)]
 
     def _value(self, name: str, *, indexed: bool) -> Any:
         parameters = self._parameters

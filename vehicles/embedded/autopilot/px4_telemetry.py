@@ -41,9 +41,9 @@ def autopilot_version(identity: Identity) -> Any:
     )
 
 
-def sys_status(s: State, *, t_s: float, prearm: bool) -> Any:
+def sys_status(s: State, *, prearm: bool) -> Any:
     """Return SYS_STATUS."""
-    health = _HEALTHY if t_s >= _HEADING_S else _BEFORE_HEADING
+    health = _HEALTHY if s.clock_s >= _HEADING_S else _BEFORE_HEADING
     charge = s.charge
     return mavlink.MAVLink_sys_status_message(
         _SENSORS,

@@ -1,18 +1,16 @@
 """SET_POSITION_TARGET_* to what a vehicle flies: frames and masks, MAVLink's common.xml."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.guidance import Axes
+from vehicles.embedded.autopilot.guidance import Wanted
 from vehicles.embedded.autopilot.place import Place
 from vehicles.embedded.states import Motion
 from worlds.frames import Vec3, add, quat_from_euler, rotate
 
-_POSITION_BITS = 0b111
 _VELOCITY_BITS = 0b111 << 3
-_ACCELERATION_BITS = 0b111 << 6
 _YAW_BIT = 1 << 10
 _YAW_RATE_BIT = 1 << 11
 
@@ -22,17 +20,6 @@ _BODY_FRAMES = {
     mavlink.MAV_FRAME_BODY_FRD,
 }
 _OFFSET_FRAMES = {*_BODY_FRAMES, mavlink.MAV_FRAME_LOCAL_OFFSET_NED}
-
-
-class Wanted(NamedTuple):
-    """A setpoint in the local frame; None where it is not asked for."""
-
-    position_ned_m: Axes
-    velocity_ned_m_s: Vec3
-    yaw_rad: float | None
-    yaw_rate_rad_s: float
-    has_position: bool
-    has_velocity: bool
 
 
 def local_setpoint(message: Any, now: Motion) -> Wanted | None:
@@ -90,6 +77,5 @@ def _wanted(message: Any, position: Vec3, velocity: Vec3, yaw_rad: float) -> Wan
         (speeds[0], speeds[1], speeds[2]),
         yaw_rad if has_yaw else None,
         message.yaw_rate if has_rate and not has_yaw else 0.0,
-        has_position,
         has_velocity,
     )

@@ -4,7 +4,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot import ardupilot_boot as boot
+from vehicles.embedded.autopilot import copter_boot as boot
 from vehicles.embedded.autopilot import telemetry
 from vehicles.embedded.autopilot.state import Identity, State
 

@@ -26,6 +26,11 @@ class CopterMode(Enum):
         return self not in {CopterMode.STABILIZE, CopterMode.ALT_HOLD, CopterMode.LAND}
 
     @property
+    def controls_position(self) -> bool:
+        """Return whether the horizontal position controller runs in it."""
+        return self.needs_position or self is CopterMode.LAND
+
+    @property
     def allows_arming(self) -> bool:
         """Return whether arming is allowed in it."""
         return self not in {

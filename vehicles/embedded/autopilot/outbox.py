@@ -1,0 +1,66 @@
+"""What an autopilot has to send: messages at once, texts after what caused them."""
+
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+_TEXT_BYTES = 50
+EMERGENCY: int = mavlink.MAV_SEVERITY_EMERGENCY
+CRITICAL: int = mavlink.MAV_SEVERITY_CRITICAL
+WARNING: int = mavlink.MAV_SEVERITY_WARNING
+INFO: int = mavlink.MAV_SEVERITY_INFO
+
+
+class Outbox:
+    """Messages in their order.
+
+    `count_all`: number every STATUSTEXT, as PX4 does; otherwise only those of several chunks.
+    """
+
+    def __init__(self, *, count_all: bool) -> None:
+        self._count_all = count_all
+        self._now: list[Any] = []
+        self._later: list[Any | tuple[int, str]] = []
+        self._text_id = 0
+
+    def send(self, message: Any | None) -> None:
+        """Queue a message; None is nothing."""
+        if message is not None:
+            self._now.append(message)
+
+    def send_later(self, message: Any | None) -> None:
+        """Queue a message behind the acknowledgement of the command under way."""
+        if message is not None:
+            self._later.append(message)
+
+    def say(self, severity: int, text: str) -> None:
+        """Queue a STATUSTEXT behind the acknowledgement of the command under way."""
+        self._later.append((severity, text))
+
+    def turn(self, *, texts_heard: bool) -> None:
+        """Let go what had to wait; texts that nobody hears are dropped."""
+        waiting, self._later = self._later, []
+        for entry in waiting:
+            if not isinstance(entry, tuple):
+                self._now.append(entry)
+            elif texts_heard:
+                self._now.extend(self._statustexts(*entry))
+
+    def take(self) -> list[Any]:
+        """Return what is to be sent now, and forget it."""
+        if not self._now:
+            return self._now
+        now, self._now = self._now, []
+        return now
+
+    def _statustexts(self, severity: int, text: str) -> list[Any]:
+        data = text.encode()
+        chunks = [data[i : i + _TEXT_BYTES] for i in range(0, len(data), _TEXT_BYTES)]
+        number = 0
+        if self._count_all:
+            number, self._text_id = self._text_id, (self._text_id + 1) % 65536
+        elif len(chunks) > 1:
+            number = self._text_id = self._text_id % 65535 + 1
+        make: Callable[..., Any] = mavlink.MAVLink_statustext_message
+        return [make(severity, chunk, number, seq) for seq, chunk in enumerate(chunks)]
