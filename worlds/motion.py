@@ -121,6 +121,21 @@ class Motion:
             return self._travel_round(first_s, last_s)
         return self._travel_once(first_s, last_s)
 
+    def is_even(self, from_s: float, to_s: float, events: Mapping[str, float]) -> bool:
+        """Return whether the thing rests, or moves straight, evenly, unturned, in between."""
+        first_s, last_s = self._since_start_s(from_s, events), self._since_start_s(to_s, events)
+        if not self.legs or last_s <= 0.0 or (first_s >= self.duration_s and not self.loop):
+            return True
+        if self.loop and first_s > 0.0:
+            rounds = math.floor(first_s / self.duration_s)
+            first_s, last_s = (each - rounds * self.duration_s for each in (first_s, last_s))
+        return any(
+            leg.turn_rad == 0.0
+            and leg.begin_s <= first_s
+            and last_s <= leg.begin_s + leg.duration_s
+            for leg in self.legs
+        )
+
     def _since_start_s(self, t_s: float, events: Mapping[str, float]) -> float:
         started_s = self.start.started_s(events)
         return -1.0 if started_s is None else t_s - started_s

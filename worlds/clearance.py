@@ -1,0 +1,278 @@
+"""Clearance between a vehicle's body and the things of a scene, swept between two samples.
+
+Nothing thin is passed through. Distance between two bodies changes by no more than the way that
+any of their points goes, so the distances at both ends of a stretch bound those in between, and
+stretches are halved until the bound is tight (Schwarzer, Saha and Latombe 2005). For convex
+parts a plane that separates at one end gives a second bound that is tight at once.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from worlds.distance import Body, BodySolid, Gap, PartSolid
+from worlds.frames import Pose, Vec3, angle_between, norm, subtract
+from worlds.motion import AT_REST, Travel
+from worlds.parts import BoxShape, SphereShape
+from worlds.scene import NO_EVENTS, Scene, SceneObject
+
+__all__ = ["Body", "BoxShape", "Clearance", "ClearanceMinima", "ClearanceProbe", "SphereShape"]
+
+TOLERANCE_M = 2e-4
+_Key = tuple[str, bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """The least distance to a thing on a stretch of the way, and to which of its parts.
+
+    clearance_m: 0 is contact. at_s: when it was least. is_floor: it is the floor of a room,
+    which is reported beside the rest of the room, as touching it is no collision.
+    """
+
+    object_name: str
+    part_name: str
+    clearance_m: float
+    at_s: float
+    is_floor: bool = False
+
+    @property
+    def key(self) -> _Key:
+        """Return what tells apart what is reported separately: the name, and whether floor."""
+        return (self.object_name, self.is_floor)
+
+
+class ClearanceProbe:
+    """Measures one body against one scene. Use one probe per thread.
+
+    exclude: names of things to leave out. floors: whether floors of rooms are measured.
+    within_m: things farther than this are not reported; what is reported is exact to 1 mm.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        body: Body,
+        *,
+        exclude: Collection[str] = (),
+        floors: bool = True,
+        within_m: float = 2.0,
+    ) -> None:
+        self._body = BodySolid(body)
+        self._within_m = within_m
+        self._targets = [
+            target
+            for thing in scene.objects
+            if thing.name not in exclude
+            for target in (_Target(thing, is_floor=False), _Target(thing, is_floor=True))
+            if target.parts and (floors or not target.is_floor)
+        ]
+
+    def sweep(
+        self,
+        pose_0: Pose,
+        t_0_s: float,
+        pose_1: Pose,
+        t_1_s: float,
+        events: Mapping[str, float] = NO_EVENTS,
+        *,
+        below_m: Mapping[_Key, float] | None = None,
+    ) -> tuple[Clearance, ...]:
+        """Return the least clearance of each near thing between two samples of the body's pose.
+
+        The body moves straight and turns evenly from pose_0 to pose_1; things move as they do.
+        below_m: by `Clearance.key`, what is known already: only what is less is reported.
+        """
+        stretch = _Stretch(pose_0, t_0_s, pose_1, t_1_s, events)
+        found = []
+        for target in self._targets:
+            limit_m = self._within_m
+            if below_m is not None:
+                limit_m = min(limit_m, below_m.get(target.key, limit_m))
+            if limit_m > 0.0 and target.is_near(stretch, self._body.radius_m, limit_m):
+                clearance = _Sweep(self._body, target, stretch).least(limit_m)
+                if clearance is not None:
+                    found.append(clearance)
+        return tuple(found)
+
+
+class ClearanceMinima:
+    """Keeps the least clearance of a run by thing; each stretch costs what it must."""
+
+    def __init__(self, probe: ClearanceProbe) -> None:
+        self._probe = probe
+        self._least: dict[_Key, Clearance] = {}
+
+    @property
+    def least(self) -> tuple[Clearance, ...]:
+        """Return the least clearances so far, one per thing (and floor) that was ever near."""
+        return tuple(self._least.values())
+
+    def sweep(
+        self,
+        pose_0: Pose,
+        t_0_s: float,
+        pose_1: Pose,
+        t_1_s: float,
+        events: Mapping[str, float] = NO_EVENTS,
+    ) -> tuple[Clearance, ...]:
+        """Take a stretch of the way; return what came closer on it than ever before."""
+        known = {key: each.clearance_m for key, each in self._least.items()}
+        closer = self._probe.sweep(pose_0, t_0_s, pose_1, t_1_s, events, below_m=known)
+        self._least.update((each.key, each) for each in closer)
+        return closer
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """The body's way between two samples."""
+
+    pose_0: Pose
+    t_0_s: float
+    pose_1: Pose
+    t_1_s: float
+    events: Mapping[str, float]
+
+    def time_s(self, fraction: float) -> float:
+        return self.t_0_s + (self.t_1_s - self.t_0_s) * fraction
+
+
+class _Target:
+    """A thing (or the floor of one) with its parts ready to be measured."""
+
+    def __init__(self, thing: SceneObject, *, is_floor: bool) -> None:
+        self.thing = thing
+        self.is_floor = is_floor
+        self.key = (thing.name, is_floor)
+        self.parts = [PartSolid(p) for p in thing.shape.parts if p.is_floor is is_floor]
+        self.radius_m = thing.shape.radius_m
+        self.at_rest = thing.pose.inverse() if thing.motion is None else None
+
+    def is_near(self, stretch: _Stretch, body_radius_m: float, limit_m: float) -> bool:
+        """Return whether the thing may come nearer than a limit, by bounding spheres."""
+        thing, reach_m = self.thing, self.radius_m + body_radius_m + limit_m
+        center = thing.pose_at(stretch.t_0_s, stretch.events).position_ned_m
+        first = stretch.pose_0.position_ned_m
+        way_m = norm(subtract(stretch.pose_1.position_ned_m, first))
+        way_m += thing.travel(stretch.t_0_s, stretch.t_1_s, stretch.events).length_m
+        return norm(subtract(first, center)) - way_m < reach_m
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    """The body at a fraction of the stretch, in the thing's frame, and its gap to a part."""
+
+    fraction: float
+    pose: Pose
+    gap: Gap
+
+
+class _Sweep:
+    """One stretch against one thing."""
+
+    def __init__(self, body: BodySolid, target: _Target, stretch: _Stretch) -> None:
+        self._body, self._target, self._stretch = body, target, stretch
+        self._first = self._seen_at_sample(stretch.pose_0, stretch.t_0_s)
+        self._last = self._seen_at_sample(stretch.pose_1, stretch.t_1_s)
+        self._turn_rad = angle_between(stretch.pose_0.q_wxyz, stretch.pose_1.q_wxyz)
+        self._way_m = norm(
+            subtract(stretch.pose_1.position_ned_m, stretch.pose_0.position_ned_m)
+        )
+        self._straight = target.thing.is_even(stretch.t_0_s, stretch.t_1_s, stretch.events)
+
+    def least(self, limit_m: float) -> Clearance | None:
+        """Return the least clearance over all parts, None when it is not below the limit."""
+        room_m = self._body.radius_m + self._motion_m(0.0, 1.0)
+        center = self._first.position_ned_m
+        near = [p for p in self._target.parts if p.at_least_m(center) - room_m < limit_m]
+        if not near:
+            return None
+        self._body.place(self._first)
+        firsts = [_Sample(0.0, self._first, self._body.gap(part)) for part in near]
+        self._body.place(self._last)
+        lasts = [_Sample(1.0, self._last, self._body.gap(part)) for part in near]
+        best: tuple[float, float, str] | None = None
+        for part, first, last in sorted(
+            zip(near, firsts, lasts, strict=True),
+            key=lambda each: min(each[1].gap.distance_m, each[2].gap.distance_m),
+        ):
+            sample = self._refined(part, first, last, limit_m)
+            if sample is not None:
+                limit_m = sample.gap.distance_m
+                best = (limit_m, sample.fraction, part.name)
+        if best is None:
+            return None
+        at_s = self._stretch.time_s(best[1])
+        name, is_floor = self._target.key
+        return Clearance(name, best[2], best[0], at_s, is_floor)
+
+    def _refined(
+        self, part: PartSolid, first: _Sample, last: _Sample, limit_m: float
+    ) -> _Sample | None:
+        """Return the sample of least distance to a part, None when not below the limit."""
+        best: _Sample | None = None
+        waiting = [(first, last)]
+        for sample in (first, last):
+            if sample.gap.distance_m < limit_m:
+                best, limit_m = sample, sample.gap.distance_m
+        while waiting and limit_m > 0.0:
+            a, b = waiting.pop()
+            if self._at_least_m(a, b) >= limit_m - TOLERANCE_M:
+                continue
+            middle = self._sample(part, (a.fraction + b.fraction) / 2.0)
+            if middle.gap.distance_m < limit_m:
+                best, limit_m = middle, middle.gap.distance_m
+            waiting += [(middle, b), (a, middle)]
+        return best
+
+    def _at_least_m(self, a: _Sample, b: _Sample) -> float:
+        """Return a lower bound of the distance between two samples."""
+        motion_m = self._motion_m(a.fraction, b.fraction)
+        bound_m = (a.gap.distance_m + b.gap.distance_m - motion_m) / 2.0
+        if self._straight:
+            # A point of the body leaves its chord by at most r (1 - cos(turn / 2)).
+            turn_rad = self._turn_rad * (b.fraction - a.fraction)
+            bulge_m = self._body.radius_m * turn_rad * turn_rad / 8.0
+            for here, there in ((a, b), (b, a)):
+                if here.gap.direction is not None:
+                    plane_m = self._beyond_plane_m(here.gap.direction, here, there)
+                    bound_m = max(bound_m, min(here.gap.distance_m, plane_m) - bulge_m)
+        return bound_m
+
+    def _beyond_plane_m(self, direction: Vec3, here: _Sample, there: _Sample) -> float:
+        """Return how far the body at one sample is beyond the part's plane at the other."""
+        change_m = self._body.depth_m(there.pose, direction)
+        change_m -= self._body.depth_m(here.pose, direction)
+        return here.gap.distance_m + change_m
+
+    def _sample(self, part: PartSolid, fraction: float) -> _Sample:
+        pose = self._seen_at(fraction)
+        self._body.place(pose)
+        return _Sample(fraction, pose, self._body.gap(part))
+
+    def _seen_at(self, fraction: float) -> Pose:
+        if self._straight:
+            return self._first.interpolate(self._last, fraction)
+        stretch = self._stretch
+        body = stretch.pose_0.interpolate(stretch.pose_1, fraction)
+        return self._seen_at_sample(body, stretch.time_s(fraction))
+
+    def _seen_at_sample(self, body: Pose, t_s: float) -> Pose:
+        """Return a pose of the body in the thing's frame."""
+        frame = self._target.at_rest
+        if frame is None:
+            frame = self._target.thing.pose_at(t_s, self._stretch.events).inverse()
+        return frame.compose(body)
+
+    def _motion_m(self, from_fraction: float, to_fraction: float) -> float:
+        """Return how far any point goes, of the body and of the thing together, at most."""
+        share = to_fraction - from_fraction
+        body_m = share * (self._way_m + self._turn_rad * self._body.radius_m)
+        travel = self._travel(from_fraction, to_fraction)
+        return body_m + travel.length_m + travel.turn_rad * self._target.radius_m
+
+    def _travel(self, from_fraction: float, to_fraction: float) -> Travel:
+        if self._target.at_rest is not None:
+            return AT_REST
+        stretch = self._stretch
+        first_s, last_s = stretch.time_s(from_fraction), stretch.time_s(to_fraction)
+        return self._target.thing.travel(first_s, last_s, stretch.events)
