@@ -174,36 +174,35 @@ class _Sweep:
         self._first = self._seen_at_sample(stretch.pose_0, stretch.t_0_s)
         self._last = self._seen_at_sample(stretch.pose_1, stretch.t_1_s)
         self._turn_rad = angle_between(stretch.pose_0.q_wxyz, stretch.pose_1.q_wxyz)
-        self._way_m = norm(
-            subtract(stretch.pose_1.position_ned_m, stretch.pose_0.position_ned_m)
-        )
+        self._way_m = norm(subtract(stretch.pose_1.position_ned_m, stretch.pose_0.position_ned_m))
         self._straight = target.thing.is_even(stretch.t_0_s, stretch.t_1_s, stretch.events)
 
     def least(self, limit_m: float) -> Clearance | None:
         """Return the least clearance over all parts, None when it is not below the limit."""
-        room_m = self._body.radius_m + self._motion_m(0.0, 1.0)
-        center = self._first.position_ned_m
-        near = [p for p in self._target.parts if p.at_least_m(center) - room_m < limit_m]
-        if not near:
-            return None
-        self._body.place(self._first)
-        firsts = [_Sample(0.0, self._first, self._body.gap(part)) for part in near]
-        self._body.place(self._last)
-        lasts = [_Sample(1.0, self._last, self._body.gap(part)) for part in near]
-        best: tuple[float, float, str] | None = None
-        for part, first, last in sorted(
-            zip(near, firsts, lasts, strict=True),
-            key=lambda each: min(each[1].gap.distance_m, each[2].gap.distance_m),
-        ):
+        best: tuple[_Sample, str] | None = None
+        for at_least_m, part in self._nearest_first():
+            if at_least_m >= limit_m:
+                break
+            first, last = self._sample(part, 0.0), self._sample(part, 1.0)
             sample = self._refined(part, first, last, limit_m)
             if sample is not None:
                 limit_m = sample.gap.distance_m
-                best = (limit_m, sample.fraction, part.name)
+                best = (sample, part.name)
         if best is None:
             return None
-        at_s = self._stretch.time_s(best[1])
+        sample, part_name = best
+        at_s = self._stretch.time_s(sample.fraction)
         name, is_floor = self._target.key
-        return Clearance(name, best[2], best[0], at_s, is_floor)
+        return Clearance(name, part_name, sample.gap.distance_m, at_s, is_floor)
+
+    def _nearest_first(self) -> list[tuple[float, PartSolid]]:
+        """Return the parts with a lower bound of their distance on the stretch, least first."""
+        motion_m = self._motion_m(0.0, 1.0)
+        reach_m = self._body.reach_m(self._first.q_wxyz)
+        center = self._first.position_ned_m
+        bounds = [(p.at_least_m(center, reach_m) - motion_m, p) for p in self._target.parts]
+        bounds.sort(key=lambda each: each[0])
+        return bounds
 
     def _refined(
         self, part: PartSolid, first: _Sample, last: _Sample, limit_m: float
@@ -216,7 +215,7 @@ class _Sweep:
                 best, limit_m = sample, sample.gap.distance_m
         while waiting and limit_m > 0.0:
             a, b = waiting.pop()
-            if self._at_least_m(a, b) >= limit_m - TOLERANCE_M:
+            if self._is_above(a, b, limit_m - TOLERANCE_M):
                 continue
             middle = self._sample(part, (a.fraction + b.fraction) / 2.0)
             if middle.gap.distance_m < limit_m:
@@ -224,32 +223,34 @@ class _Sweep:
             waiting += [(middle, b), (a, middle)]
         return best
 
-    def _at_least_m(self, a: _Sample, b: _Sample) -> float:
-        """Return a lower bound of the distance between two samples."""
-        motion_m = self._motion_m(a.fraction, b.fraction)
-        bound_m = (a.gap.distance_m + b.gap.distance_m - motion_m) / 2.0
-        if self._straight:
-            # A point of the body leaves its chord by at most r (1 - cos(turn / 2)).
-            turn_rad = self._turn_rad * (b.fraction - a.fraction)
-            bulge_m = self._body.radius_m * turn_rad * turn_rad / 8.0
-            for here, there in ((a, b), (b, a)):
-                if here.gap.direction is not None:
-                    plane_m = self._beyond_plane_m(here.gap.direction, here, there)
-                    bound_m = max(bound_m, min(here.gap.distance_m, plane_m) - bulge_m)
-        return bound_m
+    def _is_above(self, a: _Sample, b: _Sample, enough_m: float) -> bool:
+        """Return whether the distance is proven to stay above a value between two samples."""
+        both_m = a.gap.distance_m + b.gap.distance_m
+        if (both_m - self._motion_m(a.fraction, b.fraction)) / 2.0 >= enough_m:
+            return True
+        if not self._straight:
+            return False
+        # A point of the body leaves its chord by at most r (1 - cos(turn / 2)).
+        turn_rad = self._turn_rad * (b.fraction - a.fraction)
+        enough_m += self._body.radius_m * turn_rad * turn_rad / 8.0
+        return self._plane_holds(a, b, enough_m) or self._plane_holds(b, a, enough_m)
 
-    def _beyond_plane_m(self, direction: Vec3, here: _Sample, there: _Sample) -> float:
-        """Return how far the body at one sample is beyond the part's plane at the other."""
+    def _plane_holds(self, here: _Sample, there: _Sample, enough_m: float) -> bool:
+        """Return whether the plane that separates at one sample does so, by enough, at both."""
+        direction = here.gap.direction
+        if direction is None or here.gap.distance_m < enough_m:
+            return False
         change_m = self._body.depth_m(there.pose, direction)
         change_m -= self._body.depth_m(here.pose, direction)
-        return here.gap.distance_m + change_m
+        return here.gap.distance_m + change_m >= enough_m
 
     def _sample(self, part: PartSolid, fraction: float) -> _Sample:
         pose = self._seen_at(fraction)
-        self._body.place(pose)
-        return _Sample(fraction, pose, self._body.gap(part))
+        return _Sample(fraction, pose, self._body.gap(pose, part))
 
     def _seen_at(self, fraction: float) -> Pose:
+        if fraction in (0.0, 1.0):
+            return self._last if fraction else self._first
         if self._straight:
             return self._first.interpolate(self._last, fraction)
         stretch = self._stretch
