@@ -25,6 +25,8 @@ _CONTRADICTIONS_TO_RESET = 3
 _LONGEST_STEP_NS = 20_000_000
 _SHORTEST_STEP_NS = 500_000
 """Common divisors below this are the resolution of a running clock."""
+_STAMPS_TO_TELL_STEPS = 4
+"""Fewer stamps may have a large common divisor by chance."""
 _SHORTEST_DRIFT_SPAN_S = 0.5
 _EARLY_SLACK_S = 0.05
 """Telemetry that seems to arrive before its stamp by more than this..."""
@@ -167,7 +169,7 @@ class ClockMap:
 
     def _step_s(self) -> float:
         """Return by how much stamps may be too old: the steps in which the clock advances."""
-        if self._step_ns < _SHORTEST_STEP_NS:
+        if self._step_ns < _SHORTEST_STEP_NS or len(self._exchanges) < _STAMPS_TO_TELL_STEPS:
             return 0.0
         return min(self._step_ns, _LONGEST_STEP_NS) * 1e-9
 
@@ -284,7 +286,7 @@ class VehicleClock:
         self._newest_boot_s = max(self._newest_boot_s, boot_s)
         self._raw_delay.add(arrived_s - boot_s, arrived_s)
         if self._map.known:
-            self._mapped_delay.add(arrived_s - self._map.run_time(boot_s), arrived_s)
+            self._mapped_delay.add(self._map.remote_time(arrived_s) - boot_s, arrived_s)
             self._judge_epoch()
         return min(self.run_time(boot_s), arrived_s)
 
@@ -294,7 +296,7 @@ class VehicleClock:
         Raises ValueError when nothing is known of the clock.
         """
         if self._map.known:
-            return self._map.run_time(boot_s) + self._epoch_shift_s
+            return self._map.run_time(boot_s + self._epoch_shift_s)
         if self._raw_delay.value == math.inf:
             raise ValueError("neither TIMESYNC nor telemetry told the vehicle's time yet")
         return boot_s + self._raw_delay.value
@@ -302,7 +304,7 @@ class VehicleClock:
     def boot_time(self, t_s: float) -> float:
         """Return the seconds since boot at a moment of the run clock; 0 when unknown."""
         if self._map.known:
-            return self._map.remote_time(t_s - self._epoch_shift_s)
+            return self._map.remote_time(t_s) - self._epoch_shift_s
         return t_s - self._raw_delay.value if self._raw_delay.value < math.inf else 0.0
 
     @property

@@ -4,7 +4,7 @@ import asyncio
 import errno
 import socket
 from types import TracebackType
-from typing import Self
+from typing import Self, cast
 
 from vehicles.links.base import LinkError, Receiver
 from vehicles.links.parse import LinkAddress
@@ -85,8 +85,8 @@ class UdpLink(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the transport (asyncio calls this)."""
-        if isinstance(transport, asyncio.DatagramTransport):
-            self._transport = transport
+        # Python 3.11's own datagram transport is no subclass of DatagramTransport.
+        self._transport = cast("asyncio.DatagramTransport", transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Hand a datagram on with its time (asyncio calls this)."""

@@ -40,12 +40,13 @@ class FrameSplitter:
     """Cuts frames out of bytes as they come; garbage is skipped and counted.
 
     The checksum decides what a frame is, so that a start byte within garbage swallows nothing.
-    Frames of messages that the dialect does not know cannot be checked: they are taken when
-    another frame, or nothing, follows.
+    Frames of messages that the dialect does not know cannot be checked: they are taken from a
+    system and component that sent a checked frame before, in MAVLink 2.
     """
 
     def __init__(self) -> None:
         self._rest = b""
+        self._known: set[tuple[int, int]] = set()
         self.bytes_seen = 0
         self.garbage_bytes = 0
 
@@ -59,8 +60,9 @@ class FrameSplitter:
             length = _frame_length(buffer, at)
             if length and at + length > end:
                 break
-            if length and _is_frame(buffer, at, length):
-                frames.append(_frame(buffer, at, length))
+            frame = self._checked(_frame(buffer, at, length)) if length else None
+            if frame is not None:
+                frames.append(frame)
                 at += length
             else:
                 after = _next_magic(buffer, at + 1)
@@ -68,6 +70,22 @@ class FrameSplitter:
                 at = after
         self._rest = buffer[at:]
         return frames
+
+    def _checked(self, frame: Frame) -> Frame | None:
+        """Return the frame, or None when it is none."""
+        who = (frame.system, frame.component)
+        extra = _crc_extras().get(frame.message_id)
+        if extra is None:
+            return frame if frame.version == 2 and who in self._known else None
+        raw = frame.raw
+        tail = len(raw) - (2 + _SIGNATURE_BYTES if frame.signed else 2)
+        covered = bytearray(raw[1:tail])
+        covered.append(extra)
+        crc: int = mavlink.x25crc(covered).crc
+        if crc != raw[tail] | raw[tail + 1] << 8:
+            return None
+        self._known.add(who)
+        return frame
 
 
 def _frame_length(buffer: bytes, at: int) -> int:
@@ -89,23 +107,6 @@ def _frame(buffer: bytes, at: int, length: int) -> Frame:
         message_id = raw[7] | raw[8] << 8 | raw[9] << 16
         return Frame(raw, message_id, raw[5], raw[6], raw[4], 2, raw[2] != 0)
     return Frame(raw, raw[5], raw[3], raw[4], raw[2], 1, signed=False)
-
-
-def _is_frame(buffer: bytes, at: int, length: int) -> bool:
-    if buffer[at] == _MAGIC_V2:
-        message_id = buffer[at + 7] | buffer[at + 8] << 8 | buffer[at + 9] << 16
-        tail = at + length - 2 - (_SIGNATURE_BYTES if buffer[at + 2] else 0)
-    else:
-        message_id = buffer[at + 5]
-        tail = at + length - 2
-    extra = _crc_extras().get(message_id)
-    if extra is None:
-        after = at + length
-        return after == len(buffer) or buffer[after] in {_MAGIC_V1, _MAGIC_V2}
-    covered = bytearray(buffer[at + 1 : tail])
-    covered.append(extra)
-    crc: int = mavlink.x25crc(covered).crc
-    return crc == buffer[tail] | buffer[tail + 1] << 8
 
 
 def _next_magic(buffer: bytes, start: int) -> int:
