@@ -1,0 +1,183 @@
+"""Everything that one run leaves in its folder."""
+
+import math
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+
+from orchestrator.operator import OperatorCommand
+from orchestrator.recording.runlog import RunLog
+from orchestrator.recording.tlog import TlogWriter
+from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
+from orchestrator.recording.video import VideoWriter
+from orchestrator.run.course import Course
+from orchestrator.run.mixing import Frames
+from orchestrator.run.station import Station
+from safety.guard.events import GuardEvent
+from safety.results import Flag
+from safety.verdict import DecisiveEvent
+from vehicles.cameras import sleep_until
+from vehicles.driver.state import VehicleEvent
+
+TRAJECTORY_HZ = 20.0
+_SNAPSHOT_AFTER_S = 1.0
+"""When after the goal was given the picture for people is taken."""
+
+
+class RunRecorder:
+    """Writes the streams of one run into `folder`; a context manager.
+
+    epoch_s: UTC of the run clock's zero. vehicles: whose frames are logged. video_rate_hz: of the
+    pictures that are perceived; None for no video. `artifacts` names what was written.
+    """
+
+    def __init__(
+        self,
+        *,
+        folder: Path,
+        time: Callable[[], float],
+        epoch_s: float,
+        vehicles: tuple[str, ...],
+        video_rate_hz: float | None,
+    ) -> None:
+        self._folder = folder
+        self._time = time
+        self._stack = ExitStack()
+        self._log = RunLog(path=folder / "log.jsonl")
+        self._trajectory = TrajectoryWriter(path=folder / "trajectory.csv")
+        self._tlogs = {
+            name: TlogWriter(path=folder / f"{name}.tlog", epoch_s=epoch_s) for name in vehicles
+        }
+        self._video = (
+            None
+            if video_rate_hz is None
+            else VideoWriter(path=folder / "mixed.mp4", rate_hz=video_rate_hz)
+        )
+        self._goal_s: float | None = None
+        self._snapshot: Frames | None = None
+        self._last: Frames | None = None
+        self.collisions: list[Flag] = []
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            for stream in (self._log, self._trajectory, *self._tlogs.values(), self._video):
+                if stream is not None:
+                    stack.enter_context(stream)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.close()
+        frames = self._snapshot or self._last
+        if frames is not None:
+            cv2.imwrite(str(self._folder / "mixed.png"), side_by_side(frames))
+
+    @property
+    def artifacts(self) -> tuple[str, ...]:
+        """Return the names of the files in the folder, sorted."""
+        return tuple(sorted(path.name for path in self._folder.iterdir()))
+
+    def stage(self, stage: str, t_s: float) -> None:
+        """Record that the run reached a stage."""
+        if stage == "goal":
+            self._goal_s = t_s
+        self._log.write(t_s, "stage", stage=stage)
+
+    def decisive(self, event: DecisiveEvent) -> None:
+        """Record what settles the run."""
+        self._log.write(
+            event.t_s, "decisive", kind=event.kind, reason=event.text, source=event.source
+        )
+
+    def flag(self, flag: Flag) -> None:
+        """Record a flag of an oracle, at the moment when it is seen."""
+        self._log.write(flag.t_s, "flag", oracle=flag.oracle, vehicle=flag.vehicle, text=flag.text)
+
+    def collision(self, flag: Flag) -> None:
+        """Record a contact; once per contact."""
+        self.collisions.append(flag)
+
+    def guard_event(self, event: GuardEvent) -> None:
+        """Record what the guard did."""
+        self._log.write(event.t_s, "guard", kind=event.kind, vehicle=event.vehicle, text=event.text)
+
+    def operator(self, command: OperatorCommand) -> None:
+        """Record who asked what."""
+        self._log.write(
+            self._time(), "operator", kind=command.kind, who=command.who, reason=command.reason
+        )
+
+    def vehicle_event(self, name: str, event: VehicleEvent) -> None:
+        """Record what a vehicle said or did."""
+        self._log.write(event.t_s, "vehicle", vehicle=name, kind=event.kind, text=event.text)
+
+    def note(self, event: str, **details: str | float | bool | None) -> None:
+        """Record anything else worth knowing later."""
+        self._log.write(self._time(), event, **details)
+
+    def frame(self, name: str, t_s: float, frame: bytes) -> None:
+        """Record a MAVLink frame that passed the guard."""
+        self._tlogs[name].write(t_s, frame)
+
+    def frames(self, frames: Frames) -> None:
+        """Record a perceived picture, and one set of pictures for people."""
+        if self._video is not None:
+            self._video.write(frames.mixed.t_s, frames.mixed.image_bgr)
+        self._last = frames
+        due_s = math.inf if self._goal_s is None else self._goal_s + _SNAPSHOT_AFTER_S
+        if self._snapshot is None and frames.mixed.t_s >= due_s:
+            self._snapshot = frames
+
+    async def follow(self, stations: tuple[Station, ...], course: Course) -> None:
+        """Record where all are at 20 Hz until cancelled."""
+        t0_s, tick = self._time(), 0
+        while True:
+            now_s = self._time()
+            for station in stations:
+                self._trajectory.write(_row(station, course.stage, now_s))
+            tick = max(tick + 1, int((now_s - t0_s) * TRAJECTORY_HZ))
+            await sleep_until(t0_s + tick / TRAJECTORY_HZ)
+
+
+def _row(station: Station, stage: str, now_s: float) -> TrajectoryRow:
+    state = station.driver.state
+    truth = station.truth.latest()
+    return TrajectoryRow(
+        t_s=now_s,
+        vehicle=station.name,
+        stage=stage,
+        mode=state.mode_name,
+        armed=state.armed,
+        estimate=None if state.estimate is None else state.estimate.pose,
+        velocity_ned_m_s=None if state.estimate is None else state.estimate.velocity_ned_m_s,
+        truth=truth.pose,
+        setpoint=station.setpoint,
+        note=station.note,
+    )
+
+
+def side_by_side(frames: Frames) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+    """Return real, twin and mixed picture beside each other, each with its name."""
+    panels = [("real", frames.real), ("twin", frames.twin), ("mixed", frames.mixed)]
+    drawn = []
+    for name, reading in panels:
+        if reading is None:
+            continue
+        image = reading.image_bgr.copy()
+        cv2.putText(image, name, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (0, 0, 0), 4, cv2.LINE_AA)
+        cv2.putText(
+            image, name, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 1, cv2.LINE_AA
+        )
+        drawn.append(image)
+    height_px = min(image.shape[0] for image in drawn)
+    return np.hstack([image[:height_px] for image in drawn]).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""One run, from starting the pair to the verdict."""

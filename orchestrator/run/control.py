@@ -1,0 +1,79 @@
+"""The autonomy under test flies a vehicle: telemetry and readings in, setpoints out."""
+
+import asyncio
+import traceback
+from collections.abc import Callable
+
+from orchestrator.run.course import Course
+from orchestrator.run.station import Station
+from vehicles.autonomy import Autonomy
+from vehicles.cameras import sleep_until
+from vehicles.readings import CameraReading
+
+
+class Pilot:
+    """Runs one autonomy on one vehicle at `rate_hz`.
+
+    A fault of the autonomy is a FAIL of the run, not an error of ours: it is what is under test.
+    """
+
+    def __init__(
+        self, *, autonomy: Autonomy, station: Station, course: Course, rate_hz: float
+    ) -> None:
+        self.station = station
+        self._autonomy = autonomy
+        self._course = course
+        self._rate_hz = rate_hz
+        self._crashed = False
+        self._started: Callable[[str, float], None] | None = None
+        self.done = asyncio.Event()
+
+    def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
+        """Call `started(name, t_s)` when the next setpoint is on its way, once."""
+        self._started = started
+
+    def perceive(self, reading: CameraReading) -> None:
+        """Hand a reading to the autonomy."""
+        if self._crashed:
+            return
+        try:
+            self._autonomy.perceive(reading)
+        except Exception as error:  # noqa: BLE001  # whatever the code under test raises
+            self._crash(error)
+
+    async def fly(self) -> None:
+        """Have the autonomy act from now on until cancelled; `done` is set when it says so."""
+        loop = asyncio.get_running_loop()
+        t0_s, tick = loop.time(), 0
+        while not self._crashed:
+            self._act(loop.time())
+            tick = max(tick + 1, int((loop.time() - t0_s) * self._rate_hz))
+            await sleep_until(t0_s + tick / self._rate_hz)
+
+    def _act(self, now_s: float) -> None:
+        telemetry = self.station.telemetry()
+        if telemetry is None:
+            return
+        try:
+            command = self._autonomy.act(telemetry)
+        except Exception as error:  # noqa: BLE001  # whatever the code under test raises
+            self._crash(error)
+            return
+        self.station.driver.send(command.setpoint)
+        self.station.setpoint = command.setpoint
+        self.station.note = command.note
+        if self._started is not None:
+            self._started(self.station.name, now_s)
+            self._started = None
+        if command.done:
+            self.done.set()
+
+    def _crash(self, error: Exception) -> None:
+        self._crashed = True
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        self._course.decide(
+            "FAIL",
+            f"the autonomy of {self.station.name} crashed: {type(error).__name__}: {error} "
+            f"({last.filename}:{last.lineno})",
+            source=f"autonomy/{self.station.name}",
+        )

@@ -1,0 +1,85 @@
+"""The course of a run: its stages, what decided it, and whether the flight is over."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Literal
+
+from safety.verdict import DecisiveEvent, DecisiveKind
+
+Stage = Literal[
+    "start",
+    "identify",
+    "ready",
+    "arm",
+    "takeoff",
+    "at_height",
+    "goal",
+    "done",
+    "land",
+    "landed",
+    "end",
+]
+StageWatcher = Callable[[Stage, float], None]
+DecisiveWatcher = Callable[[DecisiveEvent], None]
+
+
+class Course:
+    """What has happened so far; every part of a run reports here.
+
+    `over` is set when the flight has to end before its time: something that ends it happened.
+    """
+
+    def __init__(self, *, time: Callable[[], float]) -> None:
+        self._time = time
+        self.stage: Stage = "start"
+        self.entered_s: dict[Stage, float] = {"start": time()}
+        self.decisive: list[DecisiveEvent] = []
+        self.over = asyncio.Event()
+        self._stage_watchers: list[StageWatcher] = []
+        self._entries: dict[Stage, asyncio.Event] = {}
+        self._decisive_watchers: list[DecisiveWatcher] = []
+
+    def on_stage(self, watcher: StageWatcher) -> None:
+        """Call `watcher(stage, t_s)` at each entry into a stage from now on."""
+        self._stage_watchers.append(watcher)
+
+    def on_decisive(self, watcher: DecisiveWatcher) -> None:
+        """Call `watcher(event)` at each decisive event from now on."""
+        self._decisive_watchers.append(watcher)
+
+    def enter(self, stage: Stage) -> float:
+        """Enter a stage now; return the time."""
+        now_s = self._time()
+        self.stage = stage
+        self.entered_s[stage] = now_s
+        if stage in self._entries:
+            self._entries[stage].set()
+        for watcher in self._stage_watchers:
+            watcher(stage, now_s)
+        return now_s
+
+    def reached(self, stage: Stage) -> bool:
+        """Return whether a stage has been entered."""
+        return stage in self.entered_s
+
+    async def reaching(self, stage: Stage) -> None:
+        """Wait until a stage has been entered."""
+        if not self.reached(stage):
+            await self._entries.setdefault(stage, asyncio.Event()).wait()
+
+    def decide(
+        self,
+        kind: DecisiveKind,
+        reason: str,
+        *,
+        t_s: float | None = None,
+        source: str = "",
+        ends_flight: bool = True,
+    ) -> None:
+        """Record that the run is settled; `ends_flight`: the vehicles have to come down for it."""
+        event = DecisiveEvent(self._time() if t_s is None else t_s, kind, reason, source)
+        self.decisive.append(event)
+        for watcher in self._decisive_watchers:
+            watcher(event)
+        if ends_flight:
+            self.over.set()

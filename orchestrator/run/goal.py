@@ -1,0 +1,57 @@
+"""The goal: given to all pilots at one moment, flown until the subject is done."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from orchestrator.run.control import Pilot
+from orchestrator.run.course import Course
+
+_OTHERS_S = 2.0
+"""How long the twin may take longer than the real vehicle to say that it is done."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoalFlight:
+    """Flies the goal with every pilot.
+
+    events: learns of t0 as the world's event "goal". started: told when each vehicle got its
+    first setpoint.
+    """
+
+    pilots: Mapping[str, Pilot]
+    subject: str
+    course: Course
+    events: dict[str, float]
+    started: Callable[[str, float], None]
+
+    async def fly(self, t0_s: float) -> None:
+        """Return when the subject's autonomy is done, and the other's is or was waited for."""
+        self.events["goal"] = t0_s
+        for pilot in self.pilots.values():
+            pilot.on_first_setpoint(self.started)
+        tasks = [
+            asyncio.create_task(pilot.fly(), name=f"{name} pilot")
+            for name, pilot in self.pilots.items()
+        ]
+        done = asyncio.create_task(self._done(), name="goal done")
+        try:
+            await asyncio.wait([done, *tasks], return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
+                if task.done():
+                    task.result()
+            await done
+        finally:
+            for task in (done, *tasks):
+                task.cancel()
+            await asyncio.wait([done, *tasks])
+
+    async def _done(self) -> None:
+        await self.pilots[self.subject].done.wait()
+        self.course.enter("done")
+        others = [p.done.wait() for name, p in self.pilots.items() if name != self.subject]
+        try:
+            async with asyncio.timeout(_OTHERS_S):
+                await asyncio.gather(*others)
+        except TimeoutError:
+            return

@@ -1,0 +1,124 @@
+"""Feeds the judge and the guard what the pair does, and tells the course what they find."""
+
+import asyncio
+from collections.abc import Callable
+from typing import cast, get_args
+
+from orchestrator.run.course import Course, Stage
+from orchestrator.run.station import Station
+from safety.judge import Judge
+from safety.results import Flag
+from safety.samples import HeardSample, PoseSample, StageSample, StateSample
+from safety.samples import Stage as JudgedStage
+from vehicles.cameras import sleep_until
+from vehicles.driver.state import VehicleEvent, VehicleState
+
+TICK_HZ = 10.0
+_JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
+_FLIGHT_ENDS = frozenset({"time_limit", "vehicle_fault"})
+"""Kinds of oracle whose decisive flag leaves nothing to fly for; the fence is the guard's."""
+
+_CLEARANCE_KINDS = frozenset({"collision", "clearance"})
+
+FlagWatcher = Callable[[Flag], None]
+
+
+class Bench:
+    """The judge's bench: takes every sample of the run, passes on every flag."""
+
+    def __init__(
+        self,
+        *,
+        judge: Judge,
+        course: Course,
+        kinds: dict[str, str],
+        watch: FlagWatcher,
+    ) -> None:
+        self._judge = judge
+        self._course = course
+        self._kinds = kinds
+        self._watch = watch
+        self._stations: list[Station] = []
+        self._told = 0
+        course.on_stage(self._stage)
+
+    def attach(self, station: Station) -> None:
+        """Judge a vehicle by its pose source, its state and its silence from now on."""
+        self._stations.append(station)
+        station.on_pose(self._pose)
+        station.driver.on_event(lambda event: self._event(station, event))
+
+    async def run(self) -> None:
+        """Have time pass for the oracles until cancelled."""
+        loop = asyncio.get_running_loop()
+        t0_s, tick = loop.time(), 0
+        while True:
+            tick += 1
+            await sleep_until(t0_s + tick / TICK_HZ)
+            for station in self._stations:
+                self._state(station, loop.time())
+            self._take(self._judge.tick(loop.time()))
+
+    def clearance_m(self, t_s: float) -> float | None:
+        """Return the smallest clearance so far of any collision or clearance oracle, if any."""
+        known = [
+            result.actual
+            for result in self._judge.results(t_s)
+            if self._kinds.get(result.name) in _CLEARANCE_KINDS and result.actual is not None
+        ]
+        return min(known, default=None)
+
+    def last_state(self, t_s: float) -> None:
+        """Take every vehicle's last word."""
+        for station in self._stations:
+            self._state(station, t_s)
+
+    def _pose(self, sample: PoseSample) -> None:
+        self._take(self._judge.pose(sample))
+
+    def _state(self, station: Station, t_s: float) -> None:
+        state = station.driver.state
+        if state.last_heard_s is None:
+            return
+        self._take(self._judge.heard(HeardSample(state.last_heard_s, station.name)))
+        self._take(self._judge.state(state_sample(station.name, state, t_s)))
+
+    def _event(self, station: Station, event: VehicleEvent) -> None:
+        if event.kind != "text":
+            self._take(
+                self._judge.state(state_sample(station.name, station.driver.state, event.t_s))
+            )
+
+    def _stage(self, stage: Stage, t_s: float) -> None:
+        if stage in _JUDGED_STAGES:
+            self._take(self._judge.stage(StageSample(t_s, cast("JudgedStage", stage))))
+
+    def _take(self, flags: tuple[Flag, ...]) -> None:
+        for flag in flags:
+            self._watch(flag)
+        for event in self._judge.decisive[self._told :]:
+            self._told += 1
+            kind = self._kinds.get(event.source.partition("/")[0], "")
+            self._course.decide(
+                event.kind,
+                event.text,
+                t_s=event.t_s,
+                source=event.source,
+                ends_flight=kind in _FLIGHT_ENDS or event.kind != "FAIL",
+            )
+
+
+def state_sample(name: str, state: VehicleState, t_s: float) -> StateSample:
+    """Return what a vehicle says of itself, as judging wants it."""
+    faults = [*state.faults, *(["failsafe"] if state.failsafe else [])]
+    remaining = None if state.battery is None else state.battery.remaining
+    return StateSample(
+        t_s=t_s,
+        vehicle=name,
+        armed=state.armed,
+        mode=state.mode,
+        mode_name=state.mode_name,
+        landed=None if state.landed == "unknown" else state.landed == "on_ground",
+        fault="; ".join(faults) or None,
+        battery_fraction=remaining,
+    )

@@ -1,0 +1,32 @@
+"""The judge of a run: the campaign's oracles with the world that they judge."""
+
+from collections.abc import Mapping
+
+from orchestrator.run.opening import BODY
+from orchestrator.run.setup import RunSetup
+from safety.judge import Judge, build_oracles
+from safety.oracles.base import OracleContext
+from safety.oracles.gates import gates_of
+from worlds.clearance import ClearanceProbe
+
+
+def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
+    """Return the judge of a run. `events` is filled in by the run. Raises OracleError."""
+    scene = setup.judged_scene
+    contexts: dict[str, OracleContext] = {
+        vehicle.name: OracleContext(
+            mode=setup.mode,
+            subject=setup.subject,
+            vehicle=vehicle.name,
+            start=vehicle.start,
+            probe=ClearanceProbe(scene, BODY),
+            gates=gates_of(scene),
+            route=setup.campaign.goal.gates,
+            target_ned_m=setup.campaign.goal.position_ned_m,
+            fence=setup.campaign.fence,
+            events=events,
+        )
+        for vehicle in setup.vehicles
+    }
+    return Judge(build_oracles(setup.campaign.oracles, contexts))
+

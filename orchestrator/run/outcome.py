@@ -1,0 +1,64 @@
+"""The result of a run, from what happened to it."""
+
+from orchestrator.results import (
+    Also,
+    MixingResult,
+    RunResult,
+    SyncResult,
+)
+from orchestrator.run.course import Course
+from orchestrator.run.setup import RunSetup
+from orchestrator.run.statistics import MixingStatistics
+from safety.judge import Judge
+from safety.results import Flag
+from safety.verdict import decide
+
+
+def result_of(
+    *,
+    setup: RunSetup,
+    course: Course,
+    judge: Judge,
+    sync: SyncResult,
+    mixing: MixingStatistics | None,
+    collisions: tuple[Flag, ...],
+    artifacts: tuple[str, ...],
+    end_s: float,
+    wall_s: float,
+) -> RunResult:
+    """Return what a run came to, its flight being over at end_s."""
+    plan = setup.order.plan
+    oracles = judge.results(end_s)
+    completed = course.reached("landed") and course.reached("done")
+    decision = decide(course.decisive, oracles, end_s=end_s, completed=completed)
+    takeoff_s, landed_s = course.entered_s.get("takeoff"), course.entered_s.get("landed")
+    flown = takeoff_s is not None
+    return RunResult(
+        case=plan.case,
+        mode=plan.mode,
+        rep=plan.repetition,
+        seed=plan.seed,
+        verdict=decision.verdict,
+        reason=decision.reason,
+        also=tuple(Also(event.kind, event.text, event.t_s) for event in decision.also),
+        required=plan.required,
+        duration_s=(landed_s or end_s) - takeoff_s if flown and takeoff_s is not None else None,
+        wall_s=wall_s,
+        oracles=oracles,
+        sync=sync,
+        mixing=None if mixing is None else _mixing(mixing),
+        collisions=collisions,
+        artifacts=artifacts,
+    )
+
+
+def _mixing(statistics: MixingStatistics) -> MixingResult:
+    error = statistics.registration_error_px.percentiles()
+    return MixingResult(
+        frames=statistics.frames,
+        dropped=statistics.dropped,
+        rate_hz=statistics.rate_hz or 0.0,
+        skew_ms=statistics.skew_ms.percentiles(),
+        latency_ms=statistics.latency_ms.percentiles(),
+        registration_error_px=error if error.p50 is not None else None,
+    )

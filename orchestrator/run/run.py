@@ -1,0 +1,239 @@
+"""Fly one run: from starting the pair to its result."""
+
+import asyncio
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+from orchestrator.clock import run_on
+from orchestrator.operator import Inbox
+from orchestrator.progress import Progress, Report
+from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
+from orchestrator.recording.run_recorder import RunRecorder
+from orchestrator.results import RunResult
+from orchestrator.run.course import Course
+from orchestrator.run.flight import FlightError, fly_together
+from orchestrator.run.goal import GoalFlight
+from orchestrator.run.judging import Bench
+from orchestrator.run.opening import Pair, open_pair
+from orchestrator.run.oracles import build_judge
+from orchestrator.run.outcome import result_of
+from orchestrator.run.perceiving import Perception, build_perception
+from orchestrator.run.setup import RunSetup
+from orchestrator.run.synchronisation import Synchronisation
+from safety.guard.events import GuardEvent, decisive
+from vehicles.errors import VehicleError
+from vehicles.links.base import LinkError
+
+_OPERATOR_POLL_S = 0.05
+_PROGRESS_S = 0.5
+_ALL_DOWN_S = 60.0
+"""How long the guard is given to bring all down; its own retries and escalation fit in."""
+
+
+def fly(setup: RunSetup, report: Report, inbox: Inbox) -> RunResult:
+    """Fly one run on its clock and return its result; its streams are in its folder then."""
+    return run_on(setup.clock, _fly(setup, report, inbox))
+
+
+@dataclass(slots=True)
+class _Run:
+    """The parts of a run that its tasks share."""
+
+    setup: RunSetup
+    course: Course
+    pair: Pair
+    bench: Bench
+    perception: Perception
+    recorder: RunRecorder
+    goal: GoalFlight
+    sync: Synchronisation
+    report: Report
+    inbox: Inbox
+
+
+async def _fly(setup: RunSetup, report: Report, inbox: Inbox) -> RunResult:
+    began_s = time.monotonic()
+    loop = asyncio.get_running_loop()
+    course = Course(time=loop.time)
+    events: dict[str, float] = {}
+    judge = build_judge(setup, events)
+    sync = Synchronisation(setup=setup.campaign.sync, course=course)
+    perception: Perception | None = None
+    with ExitStack() as streams:
+        recorder = streams.enter_context(_recorder(setup, loop))
+        course.on_stage(recorder.stage)
+        course.on_decisive(recorder.decisive)
+        bench = Bench(
+            judge=judge,
+            course=course,
+            kinds={use.name: use.kind for use in setup.campaign.oracles},
+            watch=recorder.flag,
+        )
+        try:
+            async with open_pair(
+                setup, events=events, record=sync.recording(recorder.frame)
+            ) as pair:
+                perception = build_perception(setup, pair.stations, course, events, recorder.frames)
+                goal = GoalFlight(
+                    pilots=perception.pilots,
+                    subject=setup.subject,
+                    course=course,
+                    events=events,
+                    started=sync.goal_given,
+                )
+                sync.attach(pair.stations)
+                run = _Run(
+                    setup, course, pair, bench, perception, recorder, goal, sync, report, inbox
+                )
+                await _conduct(run)
+                bench.last_state(loop.time())
+        except (VehicleError, LinkError) as error:
+            course.decide("ERROR", str(error))
+        end_s = course.enter("end")
+    return result_of(
+        setup=setup,
+        course=course,
+        judge=judge,
+        sync=sync.result(),
+        mixing=None if perception is None else perception.statistics,
+        collisions=tuple(recorder.collisions),
+        artifacts=recorder.artifacts,
+        end_s=end_s,
+        wall_s=time.monotonic() - began_s,
+    )
+
+
+def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop) -> RunRecorder:
+    epoch_s = VIRTUAL_EPOCH_S if setup.clock == "virtual" else time.time() - loop.time()
+    rates = [camera.rate_hz for one in setup.vehicles for camera in one.cameras]
+    return RunRecorder(
+        folder=setup.order.folder,
+        time=loop.time,
+        epoch_s=epoch_s,
+        vehicles=tuple(one.name for one in setup.vehicles),
+        video_rate_hz=max(rates, default=None),
+    )
+
+
+async def _conduct(run: _Run) -> None:
+    """Fly, and whatever comes, have everything down before this returns."""
+    for station in run.pair.stations:
+        run.bench.attach(station)
+        _record_events(run, station.name)
+    run.pair.guard.on_event(lambda event: _guard_event(run, event))
+    background = [
+        asyncio.create_task(coroutine, name=name)
+        for name, coroutine in (
+            ("judging", run.bench.run()),
+            ("operator", _listen(run)),
+            ("progress", _tell(run)),
+            ("trajectory", run.recorder.follow(run.pair.stations, run.course)),
+            ("perception", run.perception.run()),
+        )
+    ]
+    flight = asyncio.create_task(_flight(run), name="flight")
+    over = asyncio.create_task(run.course.over.wait(), name="over")
+    try:
+        await asyncio.wait([flight, over, *background], return_when=asyncio.FIRST_COMPLETED)
+        _end_of_background(run, background)
+    finally:
+        await asyncio.shield(asyncio.ensure_future(_finish(run, flight)))
+        for task in (over, *background):
+            await _stop(task)
+
+
+async def _finish(run: _Run, flight: "asyncio.Task[None]") -> None:
+    """End the flight; unless it landed by itself, have the guard bring all down."""
+    await _stop(flight)
+    if not run.course.reached("landed"):
+        await _bring_down(run)
+
+
+def _end_of_background(run: _Run, background: list["asyncio.Task[None]"]) -> None:
+    """Take what ended a task that should go on until the end: an error of ours."""
+    for task in background:
+        if task.done() and not task.cancelled() and (error := task.exception()) is not None:
+            run.course.decide("ERROR", f"{task.get_name()}: {type(error).__name__}: {error}")
+
+
+def _record_events(run: _Run, name: str) -> None:
+    station = run.pair.station(name)
+    if station is not None:
+        station.driver.on_event(lambda event: run.recorder.vehicle_event(name, event))
+
+
+async def _flight(run: _Run) -> None:
+    """Fly the stages; what goes wrong is decisive."""
+    setup = run.setup
+    try:
+        await fly_together(
+            run.pair.stations,
+            course=run.course,
+            sync=setup.campaign.sync,
+            heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
+            barrier=run.sync.check_takeoff,
+            goal=run.goal.fly,
+        )
+    except (VehicleError, FlightError) as error:
+        run.course.decide("ERROR", str(error))
+
+
+async def _bring_down(run: _Run) -> None:
+    """Have the guard land everything that is in the air or armed, and wait for it."""
+    stations, guard, course = run.pair.stations, run.pair.guard, run.course
+    first = course.decisive[0].text if course.decisive else "the flight was not completed"
+    if course.reached("arm"):
+        course.enter("land")
+    guard.bring_down(first)
+    if not await guard.all_down(_ALL_DOWN_S):
+        still = ", ".join(f"{name} ({phase.value})" for name, phase in guard.phases.items())
+        course.decide("ERROR", f"not down {_ALL_DOWN_S:g} s after the guard took over: {still}")
+        return
+    if course.reached("takeoff") and not any(one.driver.state.armed for one in stations):
+        course.enter("landed")
+
+
+def _guard_event(run: _Run, event: GuardEvent) -> None:
+    run.recorder.guard_event(event)
+    settled = decisive(event)
+    if settled is not None:
+        run.course.decide(settled.kind, settled.text, t_s=settled.t_s, source=settled.source)
+
+
+async def _listen(run: _Run) -> None:
+    """Take the operator's commands until cancelled; the guard acts on them and says so."""
+    while True:
+        while (command := run.inbox.poll()) is not None:
+            run.recorder.operator(command)
+            run.pair.guard.abort(command.who)
+        await asyncio.sleep(_OPERATOR_POLL_S)
+
+
+async def _tell(run: _Run) -> None:
+    """Report progress until cancelled."""
+    loop = asyncio.get_running_loop()
+    plan = run.setup.order.plan
+    while True:
+        mixing = run.perception.statistics
+        run.report(
+            Progress(
+                case=plan.case,
+                mode=plan.mode,
+                repetition=plan.repetition,
+                stage=run.course.stage,
+                t_s=loop.time(),
+                mixing_rate_hz=None if mixing is None else mixing.rate_hz,
+                skew_ms=None if mixing is None else mixing.skew_ms.last,
+                clearance_m=run.bench.clearance_m(loop.time()),
+                verdict_so_far=run.course.decisive[0].kind if run.course.decisive else "PASS",
+            )
+        )
+        await asyncio.sleep(_PROGRESS_S)
+
+
+async def _stop(task: "asyncio.Task[Any]") -> None:
+    """Cancel a task and wait until it has ended."""
+    task.cancel()
+    await asyncio.wait([task])

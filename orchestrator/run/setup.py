@@ -1,0 +1,91 @@
+"""What one run is given: its plan resolved, its folder, its clock."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from campaigns.expansion import RunPlan
+from campaigns.schema import Mode, VehicleName
+from campaigns.setup import Setup, VehicleSetup
+from orchestrator.clock import Clock
+from vehicles.embedded.profile import Profile, load_profile
+from worlds.scene import Scene
+
+FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
+    "sim": ("twin",),
+    "wil": ("real", "twin"),
+    "real": ("real",),
+}
+"""Which vehicles fly in a mode."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOrder:
+    """A run to be flown; picklable. folder: where its files go; it exists and is empty."""
+
+    plan: RunPlan
+    folder: Path
+    clock: Clock
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSetup:
+    """An order with all that it names looked up.
+
+    vehicles: those that fly. real_scene, virtual_scene: what stands in W and in Wv in this mode.
+    """
+
+    order: RunOrder
+    campaign: Setup
+    vehicles: tuple[VehicleSetup, ...]
+    profiles: Mapping[VehicleName, Profile]
+    real_scene: Scene
+    virtual_scene: Scene
+
+    @classmethod
+    def of(cls, order: RunOrder) -> Self:
+        """Look up everything that an order names. Raises BadInput, ProfileError."""
+        campaign, mode = order.plan.setup(), order.plan.mode
+        vehicles = tuple(campaign.vehicles[name] for name in FLIES[mode])
+        return cls(
+            order=order,
+            campaign=campaign,
+            vehicles=vehicles,
+            profiles={vehicle.name: load_profile(vehicle.profile) for vehicle in vehicles},
+            real_scene=campaign.world.scene(mode, "W"),
+            virtual_scene=campaign.world.scene(mode, "Wv"),
+        )
+
+    @property
+    def mode(self) -> Mode:
+        """Return the mode of the run."""
+        return self.order.plan.mode
+
+    @property
+    def seed(self) -> int:
+        """Return the seed of the run."""
+        return self.order.plan.seed
+
+    @property
+    def clock(self) -> Clock:
+        """Return the clock that it is flown on."""
+        return self.order.clock
+
+    @property
+    def subject(self) -> VehicleName:
+        """Return whom the required oracles judge: the twin in sim, else the real vehicle."""
+        return "twin" if self.mode == "sim" else "real"
+
+    @property
+    def judged_scene(self) -> Scene:
+        """Return the world against which poses are judged."""
+        return self.real_scene if self.mode == "real" else self.virtual_scene
+
+    def vehicle(self, name: str) -> VehicleSetup:
+        """Return a vehicle that flies. Raises StopIteration for another."""
+        return next(one for one in self.vehicles if one.name == name)
+
+    def height_m(self, vehicle: VehicleSetup) -> float:
+        """Return how far above its start a vehicle takes off to."""
+        return self.campaign.goal.altitude_m + vehicle.start.position_ned_m[2]

@@ -1,0 +1,98 @@
+"""A station: one vehicle of the run and all that belongs to it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from safety.samples import PoseSample
+from vehicles.autonomy import Telemetry
+from vehicles.driver import Driver
+from vehicles.driver.state import EstimateSample
+from vehicles.embedded.states import TruthSample
+from vehicles.pose_history import PoseHistory
+from vehicles.readings import PoseReading
+from vehicles.setpoints import Setpoint
+from worlds.frames import Pose, Vec3, scale, subtract
+
+HISTORY_S = 2.0
+"""How far back poses are kept: longer than any camera is late."""
+_ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+PoseListener = Callable[[PoseSample], None]
+
+
+@dataclass(slots=True)
+class Station:
+    """One vehicle: its driver, where it is by its pose source and in truth, what it was told.
+
+    poses: by the campaign's pose source, world frame; what judging and rendering use. truth:
+    where it truly is; empty for vehicles that are not embedded. setpoint, note: the newest of its
+    autonomy. lifted_s: when it left the ground by the vehicle's own clock, mapped.
+    """
+
+    name: str
+    driver: Driver
+    start: Pose
+    pose_source: str
+    poses: PoseHistory = field(default_factory=lambda: PoseHistory(HISTORY_S))
+    truth: PoseHistory = field(default_factory=lambda: PoseHistory(HISTORY_S))
+    setpoint: Setpoint | None = None
+    note: str = ""
+    lifted_s: float | None = None
+    contact: str | None = None
+    _listeners: list[PoseListener] = field(default_factory=list)
+
+    def on_pose(self, listener: PoseListener) -> None:
+        """Call `listener` with each pose of the campaign's pose source."""
+        self._listeners.append(listener)
+
+    def height_m(self) -> float | None:
+        """Return its height above its start by its own estimate; None while unknown."""
+        estimate = self.driver.state.estimate
+        if estimate is None:
+            return None
+        return self.start.position_ned_m[2] - estimate.pose.position_ned_m[2]
+
+    def telemetry(self) -> Telemetry | None:
+        """Return what its autonomy may know of it: its own estimate; None while unknown."""
+        estimate = self.driver.state.estimate
+        if estimate is None:
+            return None
+        return Telemetry(estimate.t_s, estimate.pose, estimate.velocity_ned_m_s)
+
+    def take_estimate(self, sample: EstimateSample) -> None:
+        """Take an estimate of the autopilot."""
+        if self.lifted_s is None and self._has_lifted(sample):
+            self.lifted_s = sample.t_s
+        if self.pose_source == "mavlink":
+            self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+
+    def take_mocap(self, reading: PoseReading) -> None:
+        """Take a pose of motion capture."""
+        if self.pose_source != "mocap":
+            return
+        velocity = reading.velocity_ned_m_s or self._mocap_velocity(reading)
+        self._take_pose(reading.t_s, reading.pose, velocity)
+
+    def take_truth(self, sample: TruthSample) -> None:
+        """Take where it truly is."""
+        self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        self.contact = sample.contact
+
+    def _take_pose(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
+        if not self.poses.add(t_s, pose, velocity_ned_m_s):
+            return
+        sample = PoseSample(t_s, self.name, pose, velocity_ned_m_s)
+        for listener in self._listeners:
+            listener(sample)
+
+    def _mocap_velocity(self, reading: PoseReading) -> Vec3:
+        """Return the velocity over a tenth of a second: over one frame, noise would rule."""
+        earlier = self.poses.at(reading.t_s - 0.1)
+        if earlier.pose is None or earlier.kind != "interpolated":
+            return _ZERO
+        moved = subtract(reading.pose.position_ned_m, earlier.pose.position_ned_m)
+        return scale(moved, 10.0)
+
+    def _has_lifted(self, sample: EstimateSample) -> bool:
+        lifted_m = self.start.position_ned_m[2] - sample.pose.position_ned_m[2]
+        return self.driver.state.armed and lifted_m > 0.1

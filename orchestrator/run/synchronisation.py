@@ -1,0 +1,75 @@
+"""How well the pair kept together: the skews of a run, measured and held to their limits."""
+
+from campaigns.setup import SyncSetup
+from orchestrator.results import SyncResult
+from orchestrator.run.course import Course
+from orchestrator.run.station import Station
+from safety.guard.shell import Record
+from safety.guard.traffic import command_of
+from safety.guard.wire import NAV_TAKEOFF
+from vehicles.mavlink.framing import frame_header
+
+
+class Synchronisation:
+    """Measures command, takeoff and t0 skew of a pair; one that exceeds its limit is INVALID."""
+
+    def __init__(self, *, setup: SyncSetup, course: Course) -> None:
+        self._setup = setup
+        self._course = course
+        self._stations: tuple[Station, ...] = ()
+        self._command_s: dict[str, float] = {}
+        self._goal_s: dict[str, float] = {}
+
+    def attach(self, stations: tuple[Station, ...]) -> None:
+        """Take the vehicles whose skews are measured."""
+        self._stations = stations
+
+    def recording(self, record: Record) -> Record:
+        """Return a record of frames that also notes when takeoff commands were on the wire."""
+
+        def note(name: str, t_s: float, frame: bytes) -> None:
+            record(name, t_s, frame)
+            if name not in self._command_s and _is_takeoff(frame):
+                self._command_s[name] = t_s
+
+        return note
+
+    def goal_given(self, name: str, t_s: float) -> None:
+        """Take when a vehicle got the first setpoint of its goal."""
+        self._goal_s[name] = t_s
+        self._check("t0", self.result().t0_skew_s, self._setup.max_t0_skew_s)
+
+    def check_takeoff(self) -> None:
+        """Hold what was measured of the takeoff to its limits; called once both are at height."""
+        result = self.result()
+        self._check("command", result.command_skew_s, self._setup.max_command_skew_s)
+        self._check("takeoff", result.takeoff_skew_s, self._setup.max_takeoff_skew_s)
+
+    def result(self) -> SyncResult:
+        """Return the skews as far as they are known; None for one vehicle alone."""
+        lifted = {s.name: s.lifted_s for s in self._stations if s.lifted_s is not None}
+        return SyncResult(
+            command_skew_s=self._skew(self._command_s),
+            takeoff_skew_s=self._skew(lifted),
+            t0_skew_s=self._skew(self._goal_s),
+        )
+
+    def _skew(self, times_s: dict[str, float]) -> float | None:
+        if len(self._stations) < 2 or len(times_s) < len(self._stations):
+            return None
+        return max(times_s.values()) - min(times_s.values())
+
+    def _check(self, what: str, skew_s: float | None, limit_s: float) -> None:
+        if skew_s is not None and skew_s > limit_s:
+            self._course.decide(
+                "INVALID",
+                f"{what} skew {skew_s:.3f} s exceeds {limit_s:g} s",
+                source=f"sync/{what}",
+            )
+
+
+def _is_takeoff(frame: bytes) -> bool:
+    """Return whether a frame asks a vehicle to take off."""
+    header = frame_header(frame)
+    command = None if header is None else command_of(header)
+    return command is not None and command.number == NAV_TAKEOFF
