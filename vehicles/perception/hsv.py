@@ -103,11 +103,11 @@ def _kernel() -> Any:
     return mark
 
 
-def _compiled(colors: HsvRange) -> tuple[tuple[np.int32, ...], bool, bool]:
+def _compiled(colors: HsvRange) -> tuple[tuple[np.float32, ...], bool, bool]:
     (hue_low, hue_high) = colors.hue_deg
     limits = (
-        np.int32(round(hue_low * 10)),
-        np.int32(round(hue_high * 10)),
-        *(np.int32(round(limit * 255)) for limit in (*colors.saturation, *colors.value)),
+        np.float32(round(hue_low * 10)),
+        np.float32(round(hue_high * 10)),
+        *(np.float32(round(limit * 255)) for limit in (*colors.saturation, *colors.value)),
     )
     return limits, hue_low > hue_high, colors.hue_deg == FULL_CIRCLE_DEG
