@@ -15,6 +15,8 @@ from worlds.frames import Pose, Vec3, add, quat_from_euler, rotate
 PHYSICS_HZ = 250
 _AIR_HZ = 25
 _CONTACT_HZ = 50
+_NEAR_M = 0.5
+"""Above this height over the start no leg can touch the flat ground, even upside down."""
 _STILL = 2e-3
 """m/s and rad/s below which a disarmed vehicle on its legs counts as resting."""
 
@@ -79,7 +81,7 @@ class Body:
             a, b, c, d = thrusts
             self._plant.step((a * factor, b * factor, c * factor, d * factor))
             self.truth = self._plant.motion()
-            self.touching = self._plant.on_ground()
+            self.touching = self.truth.position_ned_m[2] > -_NEAR_M and self._plant.on_ground()
         if self._steps % (PHYSICS_HZ // _CONTACT_HZ) == 0:
             self._look_around(t_s)
         return self._estimator.estimate(self.truth)

@@ -20,7 +20,7 @@ class Surroundings(Protocol):
 
 
 @runtime_checkable
-class HearsEvents(Protocol):
+class HearsEvents(Surroundings, Protocol):
     """Surroundings that move: they start when they are told."""
 
     def notify(self, event: str, t_s: float) -> None:

@@ -1,6 +1,6 @@
 """The flight controller: position, velocity, attitude and rate cascade; tuples of floats.
 
-Runs 250 times per simulated second, hence no arrays.
+Runs 250 times per simulated second, hence no arrays; the outer loops run every second time.
 """
 
 import math
@@ -12,6 +12,7 @@ from vehicles.embedded.states import Motion, Thrusts
 from worlds.frames import Vec3
 
 GRAVITY_M_S2 = 9.80665
+_OUTER_EVERY = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +56,13 @@ class Controller:
     def __init__(self, *, airframe: Airframe, gains: Gains, dt_s: float) -> None:
         self._frame = airframe
         self._gains = gains
-        self._dt_s = dt_s
+        self._dt_s = dt_s * _OUTER_EVERY
         self._arm_m = airframe.motor_offset_m
         self._integral: list[float] = [0.0, 0.0, 0.0]
         self._velocity_setpoint: list[float] = [0.0, 0.0, 0.0]
+        self._acceleration: Vec3 = (0.0, 0.0, 0.0)
+        self._calls = 0
         self._yaw_rad = 0.0
-        self.reset(yaw_rad=0.0)
 
     @property
     def velocity_setpoint_ned_m_s(self) -> Vec3:
@@ -78,13 +80,16 @@ class Controller:
         self._integral = [0.0, 0.0, 0.0]
         self._velocity_setpoint = list(velocity_ned_m_s)
         self._yaw_rad = yaw_rad
+        self._calls = 0
 
-    def run(self, now: Motion, target: Target, *, thrust_share: float = 1.0) -> Thrusts:
-        """Return the thrusts; `thrust_share` below 1 holds the collective back (spooling up)."""
-        self._shape(now, target)
-        acceleration = self._accelerate(now)
-        self._turn(target)
-        return self._attitude(now, acceleration, thrust_share)
+    def run(self, now: Motion, target: Target) -> Thrusts:
+        """Return the thrusts of this step."""
+        if self._calls % _OUTER_EVERY == 0:
+            self._shape(now, target)
+            self._acceleration = self._accelerate(now)
+            self._turn(target)
+        self._calls += 1
+        return self._attitude(now, self._acceleration)
 
     def _shape(self, now: Motion, target: Target) -> None:
         """Set the velocity setpoint: position error and feed-forward, bounded, then slewed."""
@@ -145,7 +150,7 @@ class Controller:
                 self._yaw_rad + _clamp(_wrap(target.yaw_rad - self._yaw_rad), step)
             )
 
-    def _attitude(self, now: Motion, acceleration: Vec3, thrust_share: float) -> Thrusts:
+    def _attitude(self, now: Motion, acceleration: Vec3) -> Thrusts:
         gains, frame = self._gains, self._frame
         roll, pitch, yaw = now.euler_rad
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -155,7 +160,7 @@ class Controller:
         tilt = gains.max_tilt_rad
         pitch_wanted = _clamp(math.atan2(-forward, up), tilt)
         roll_wanted = _clamp(math.atan2(right * math.cos(pitch_wanted), up), tilt)
-        thrust = frame.mass_kg * up / max(0.5, math.cos(roll) * math.cos(pitch)) * thrust_share
+        thrust = frame.mass_kg * up / max(0.5, math.cos(roll) * math.cos(pitch))
         p, q, r = now.rates_rad_s
         (ka, kaz), (kr, krz) = gains.attitude, gains.rate
         roll_rate = _clamp(ka * (roll_wanted - roll), 3.8)
@@ -197,7 +202,9 @@ def _approach(distance_m: float, gain: float, deceleration_m_s2: float) -> float
 
 
 def _clamp(value: float, limit: float) -> float:
-    return -limit if value < -limit else min(value, limit)
+    if value > limit:
+        return limit
+    return max(value, -limit)
 
 
 def _wrap(angle_rad: float) -> float:

@@ -11,6 +11,9 @@ from vehicles.embedded.states import TruthSample
 from vehicles.readings import PoseReading, Source
 from worlds.frames import Pose, quat_from_euler, quat_multiply
 
+_BLOCK = 128
+"""How many samples' noise is drawn at once: drawing is dear, one by one."""
+
 
 class MotionCaptureFeed:
     """Takes truth, gives readings; `t_s` of a reading is when it was true."""
@@ -20,8 +23,9 @@ class MotionCaptureFeed:
     ) -> None:
         self._noise = noise
         self._source = source
-        self._every = max(1, round(physics_hz / noise.rate_hz))
+        self._physics_hz = physics_hz
         self._rng = rng
+        self._normals: list[list[float]] = []
         self._under_way: deque[tuple[float, TruthSample, Pose]] = deque()
         self._callbacks: list[Callable[[PoseReading], None]] = []
         across, down = noise.position_sigma_m
@@ -34,16 +38,18 @@ class MotionCaptureFeed:
 
     def is_due(self, step: int) -> bool:
         """Return whether this physics step is seen by the cameras."""
-        return bool(self._callbacks) and step % self._every == 0
+        # Whole numbers: the k-th picture is taken at the first step not before k / rate.
+        rate_hz, physics_hz = self._noise.rate_hz, self._physics_hz
+        seen = step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
+        return seen and bool(self._callbacks)
 
     def take(self, truth: TruthSample) -> None:
         """See the vehicle."""
         pose = truth.pose
         if any(self._sigma):
-            x, y, z, roll, pitch, yaw = (
-                sigma * n
-                for sigma, n in zip(self._sigma, self._rng.standard_normal(6).tolist(), strict=True)
-            )
+            if not self._normals:
+                self._normals = (self._rng.standard_normal((_BLOCK, 6)) * self._sigma).tolist()
+            x, y, z, roll, pitch, yaw = self._normals.pop()
             north, east, down = pose.position_ned_m
             pose = Pose(
                 (north + x, east + y, down + z),

@@ -1,7 +1,7 @@
 """PX4's state machine: readiness, arming, modes, and what it says of itself."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -72,6 +72,7 @@ class Px4Core(EmbeddedAutopilot):
         self.follow = Follow(
             speeds=px4_flying.offboard_speeds(self.parameters), yaw_rad=0.0, may_lift=True
         )
+        self._makers = self._makers_by_id()
         self._mode_after_disarm = Px4Mode.HOLD
         self._failsafe_at_s = -math.inf
 
@@ -110,23 +111,31 @@ class Px4Core(EmbeddedAutopilot):
 
     def message(self, message_id: int) -> Any | None:
         """Return a message that depends on modes and readiness."""
+        make = self._makers.get(message_id)
+        return make() if make is not None else None
+
+    def _makers_by_id(self) -> dict[int, Callable[[], Any]]:
         flight, state = self.flight, self.state
-        if message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
-            return self._heartbeat()
-        if message_id == mavlink.MAVLINK_MSG_ID_SYS_STATUS:
-            return px4_telemetry.sys_status(state, prearm=self._prearm_bit())
-        if message_id == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
-            return mavlink.MAVLink_extended_sys_state_message(0, self._landed_state())
-        if message_id == mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS:
-            flown = flight.landed and flight.landed_at_s is not None
-            return px4_telemetry.estimator_status(
-                state, armed=flight.armed, landed_after_flight=flown
-            )
-        if message_id == mavlink.MAVLINK_MSG_ID_VFR_HUD:
-            return px4_telemetry.vfr_hud(state, flight.throttle)
-        if message_id == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
-            return px4_telemetry.autopilot_version(self.identity)
-        return None
+        return {
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            mavlink.MAVLINK_MSG_ID_SYS_STATUS: lambda: px4_telemetry.sys_status(
+                state, prearm=self._prearm_bit()
+            ),
+            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda: (
+                mavlink.MAVLink_extended_sys_state_message(
+                    mavlink.MAV_VTOL_STATE_UNDEFINED, self._landed_state()
+                )
+            ),
+            mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: lambda: px4_telemetry.estimator_status(
+                state,
+                armed=flight.armed,
+                landed_after_flight=flight.landed and flight.landed_at_s is not None,
+            ),
+            mavlink.MAVLINK_MSG_ID_VFR_HUD: lambda: px4_telemetry.vfr_hud(state, flight.throttle),
+            mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda: px4_telemetry.autopilot_version(
+                self.identity
+            ),
+        }
 
     def _heartbeat(self) -> Any:
         base_mode = self.mode.base_mode
