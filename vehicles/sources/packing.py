@@ -1,0 +1,134 @@
+"""MessagePack headers from strangers: read key by key, and nothing is believed; pure."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import msgpack  # type: ignore[import-untyped]  # ships no types
+
+MAX_HEADER_BYTES = 65_536
+
+
+class BadMessageError(ValueError):
+    """A message that is not what its protocol says; names the key and what is wrong with it."""
+
+
+class Header:
+    """The map of a message, with a reader for each kind of value.
+
+    Every reader raises BadMessageError when the key is missing or its value is of another kind.
+    Keys that nobody reads are ignored: a later version of a protocol may add some.
+    """
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        self._values = values
+
+    @classmethod
+    def unpack(cls, data: bytes | memoryview) -> "Header":
+        """Return the header in MessagePack bytes. Raises BadMessageError."""
+        if len(data) > MAX_HEADER_BYTES:
+            raise BadMessageError(f"the header has {len(data)} bytes, more than {MAX_HEADER_BYTES}")
+        try:
+            values = msgpack.unpackb(data, raw=False, strict_map_key=True)
+        except (ValueError, TypeError, RecursionError) as error:
+            raise BadMessageError(f"the header is not MessagePack: {error}") from error
+        return cls.of(values)
+
+    @classmethod
+    def of(cls, values: object) -> "Header":
+        """Return the header of a decoded value. Raises BadMessageError unless it is a map."""
+        if not isinstance(values, dict):
+            raise BadMessageError(f"the header is not a map but {type(values).__name__}")
+        return cls(values)
+
+    def __contains__(self, key: str) -> bool:
+        return self._values.get(key) is not None
+
+    def text(self, key: str) -> str:
+        """Return a string."""
+        value = self._get(key)
+        if not isinstance(value, str):
+            raise self._wrong(key, "text")
+        return value
+
+    def whole(self, key: str, *, low: int = 0, high: int = 2**63 - 1) -> int:
+        """Return a whole number within limits."""
+        value = self._get(key)
+        if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+            raise self._wrong(key, f"a whole number from {low} to {high}")
+        return value
+
+    def flag(self, key: str, *, default: bool) -> bool:
+        """Return true or false; `default` when the key is missing."""
+        value = self._values.get(key, default)
+        if not isinstance(value, bool):
+            raise self._wrong(key, "true or false")
+        return value
+
+    def number(self, key: str) -> float:
+        """Return a finite number."""
+        value = _finite(self._get(key))
+        if value is None:
+            raise self._wrong(key, "a finite number")
+        return value
+
+    def numbers(self, key: str, count: int | None) -> tuple[float, ...]:
+        """Return finite numbers, `count` of them; None for any count up to 64."""
+        value = self._get(key)
+        wanted = f"{count if count is not None else 'some'} finite numbers"
+        if not isinstance(value, list | tuple) or len(value) > 64:
+            raise self._wrong(key, wanted)
+        numbers = tuple(number for each in value if (number := _finite(each)) is not None)
+        if len(numbers) != len(value) or (count is not None and len(numbers) != count):
+            raise self._wrong(key, wanted)
+        return numbers
+
+    def headers(self, key: str) -> tuple["Header", ...]:
+        """Return a list of maps."""
+        value = self._get(key)
+        if not isinstance(value, list | tuple):
+            raise self._wrong(key, "a list of maps")
+        return tuple(Header.of(each) for each in value)
+
+    def header(self, key: str) -> "Header":
+        """Return a map in the map."""
+        return Header.of(self._get(key))
+
+    def table(self, key: str) -> dict[str, float]:
+        """Return a map of names to finite numbers."""
+        value = self._get(key)
+        if not isinstance(value, dict):
+            raise self._wrong(key, "a map")
+        inside = Header(value)
+        return {str(name): inside.number(name) for name in value}
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of strings."""
+        value = self._get(key)
+        if not isinstance(value, list | tuple) or not all(isinstance(x, str) for x in value):
+            raise self._wrong(key, "a list of texts")
+        return tuple(value)
+
+    def _get(self, key: str) -> Any:
+        if key not in self._values:
+            raise BadMessageError(f"`{key}` is missing in the header")
+        return self._values[key]
+
+    def _wrong(self, key: str, wanted: str) -> BadMessageError:
+        return BadMessageError(f"`{key}` must be {wanted}, is {self._values.get(key)!r:.80}")
+
+
+def pack(values: Mapping[str, Any]) -> bytes:
+    """Return a header as MessagePack."""
+    packed: bytes = msgpack.packb(values, use_bin_type=True)
+    return packed
+
+
+def _finite(value: object) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None

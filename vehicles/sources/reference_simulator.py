@@ -1,0 +1,119 @@
+"""A simulator in a process of its own: what to write for Unity, Unreal, Gazebo or your own.
+
+    python -m vehicles.sources.reference_simulator --world worlds/gate.yaml \
+        --bind tcp://127.0.0.1:5555
+
+It needs a REP socket of ZeroMQ and MessagePack, nothing else of ours but the renderer, which is
+the part that you replace. docs/simulator-protocol.md says what each key means.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgpack  # type: ignore[import-untyped]  # ships no types
+import numpy as np
+import zmq
+
+from worlds.camera import Intrinsics
+from worlds.documents import BadInput, load
+from worlds.frames import Pose
+from worlds.render.renderer import Renderer
+from worlds.world import World
+
+PROTOCOL = "wil/pictures/1"
+
+
+def welcome(names: list[str]) -> list[bytes]:
+    """Answer `hello`: who we are, and which objects carry the ids that `hello` gave."""
+    answer = {
+        "protocol": PROTOCOL,
+        "type": "welcome",
+        "simulator": "wil reference simulator",
+        "objects": names,
+    }
+    return [msgpack.packb(answer)]
+
+
+def picture(renderer: Renderer, ask: dict[str, Any]) -> list[bytes]:
+    """Answer `ask`: draw what the camera sees, and say from where and when it was drawn."""
+    # Your engine has another frame: north-east-down metres, and a camera that looks along its x
+    # axis with y to the right and z down, have to become yours. See the table in the docs.
+    camera_pose = Pose(tuple(ask["position_ned_m"]), tuple(ask["q_wxyz"]))
+    camera = ask["camera"]
+    intrinsics = Intrinsics(**{**camera, "distortion": tuple(camera["distortion"])})
+    drawn = renderer.render(
+        camera_pose,
+        intrinsics,
+        ask["t_s"],  # move your moving things to where they are at this time
+        ask["events"],
+        want_depth="depth" in ask["want"],
+        want_ids="ids" in ask["want"],
+    )
+    listed, parts = [{"name": "image", "encoding": "bgr8"}], [drawn.image_bgr.tobytes()]
+    if drawn.depth_m is not None:
+        listed.append({"name": "depth", "encoding": "f32"})
+        parts.append(drawn.depth_m.astype(np.dtype("<f4")).tobytes())
+    if drawn.object_ids is not None:
+        listed.append({"name": "ids", "encoding": "u8"})
+        parts.append(drawn.object_ids.tobytes())
+    header = {
+        "protocol": PROTOCOL,
+        "type": "picture",
+        # These four are checked: what was drawn must be what was asked.
+        "seq": ask["seq"],
+        "t_s": ask["t_s"],
+        "position_ned_m": ask["position_ned_m"],
+        "q_wxyz": ask["q_wxyz"],
+        "parts": listed,
+    }
+    return [msgpack.packb(header), *parts]
+
+
+def refusal(seq: int, message: str) -> list[bytes]:
+    """Answer that it cannot be done, and why: the run's log will say so."""
+    answer = {"protocol": PROTOCOL, "type": "error", "seq": seq, "message": message}
+    return [msgpack.packb(answer)]
+
+
+def answer(renderer: Renderer, names: list[str], question: bytes) -> list[bytes]:
+    """Answer one message, whatever it is: a REP socket must answer before it hears the next."""
+    seq = 0
+    try:
+        ask = msgpack.unpackb(question)
+        if ask["protocol"] != PROTOCOL:
+            return refusal(seq, f"this simulator speaks {PROTOCOL}")
+        if ask["type"] == "hello":
+            return welcome(names)
+        seq = ask["seq"]
+        return picture(renderer, ask)
+    except (ValueError, TypeError, KeyError) as error:
+        return refusal(seq, f"the question cannot be read: {type(error).__name__}: {error}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Serve until killed. Returns 2 for a world that cannot be used."""
+    parser = argparse.ArgumentParser(description="Reference simulator of the picture protocol")
+    parser.add_argument("--world", type=Path, required=True, help="world file (YAML)")
+    parser.add_argument("--bind", default="tcp://127.0.0.1:5555", help="tcp://HOST:PORT")
+    parser.add_argument("--mode", choices=["sim", "wil", "real"], default="wil")
+    chosen = parser.parse_args(arguments)
+    try:
+        scene = World.parse(load(chosen.world)).scene(chosen.mode, "Wv")
+    except BadInput as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    renderer, names = Renderer(scene), list(scene.names)
+    with zmq.Context() as context, context.socket(zmq.REP) as socket:
+        socket.bind(chosen.bind)
+        # With port * the operating system chooses: whoever started us reads which.
+        sys.stdout.write(f"{socket.getsockopt_string(zmq.LAST_ENDPOINT)}\n")
+        sys.stdout.flush()
+        while True:
+            parts = socket.recv_multipart()
+            socket.send_multipart(answer(renderer, names, parts[0]))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
