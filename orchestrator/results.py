@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from campaigns.acceptance import Requirement, Standing, standings
+from campaigns.acceptance import Requirement, Share, Standing, standings
 from safety.results import Flag, OracleResult, Verdict
 
 Clock = Literal["virtual", "wall", "scaled"]
@@ -187,8 +187,20 @@ def accepted(runs: Sequence[RunResult], requirements: Sequence[Requirement]) -> 
     required = [run for run in runs if run.required]
     if not required:
         return None
-    flown = all(run.verdict in {"PASS", "FAIL"} for run in required)
-    return flown and all(standing.met for standing in standings_of(runs, requirements))
+    proven = all(run.verdict in {"PASS", "FAIL"} for run in required)
+    return proven and not _short(required, requirements)
+
+
+def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -> list[Standing]:
+    """Return the requirements that are not met; a run that none covers must pass by itself."""
+    wanted = list(requirements)
+    covered = {(one.case, one.mode) for one in wanted}
+    for run in required:
+        if (run.case, run.mode) not in covered:
+            covered.add((run.case, run.mode))
+            count = sum((r.case, r.mode) == (run.case, run.mode) for r in required)
+            wanted.append(Requirement(run.case, run.mode, Share(count, count)))
+    return [standing for standing in standings_of(required, wanted) if not standing.met]
 
 
 def exit_code(
@@ -210,12 +222,11 @@ def exit_code(
         return 130
     if stopped == "command" or any(run.verdict == "ABORTED" for run in runs):
         return 4
-    unmet = [standing for standing in standings_of(runs, requirements) if not standing.met]
-    missing = any(standing.flown < standing.requirement.share.runs for standing in unmet)
     if broken or any(run.verdict in {"ERROR", "INVALID"} for run in required):
         return 3
-    if required and missing:
+    if not required:
+        return 5
+    short = _short(required, requirements)
+    if any(standing.flown < standing.requirement.share.runs for standing in short):
         return 3
-    if any(run.verdict == "FAIL" for run in required) and unmet:
-        return 1
-    return 0 if required else 5
+    return 1 if short else 0

@@ -33,7 +33,8 @@ class RunRecorder:
     """Writes the streams of one run into `folder`; a context manager.
 
     epoch_s: UTC of the run clock's zero. vehicles: whose frames are logged. video_rate_hz: of the
-    pictures that are perceived; None for no video. `artifacts` names what was written.
+    pictures that are perceived; None for no video. collision_oracles: names of those whose flags
+    are contacts. `artifacts` names what was written.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class RunRecorder:
         epoch_s: float,
         vehicles: tuple[str, ...],
         video_rate_hz: float | None,
+        collision_oracles: frozenset[str],
     ) -> None:
         self._folder = folder
         self._time = time
@@ -61,6 +63,7 @@ class RunRecorder:
         self._goal_s: float | None = None
         self._snapshot: Frames | None = None
         self._last: Frames | None = None
+        self._collision_oracles = collision_oracles
         self.collisions: list[Flag] = []
 
     def __enter__(self) -> Self:
@@ -101,11 +104,9 @@ class RunRecorder:
 
     def flag(self, flag: Flag) -> None:
         """Record a flag of an oracle, at the moment when it is seen."""
+        if flag.oracle in self._collision_oracles:
+            self.collisions.append(flag)
         self._log.write(flag.t_s, "flag", oracle=flag.oracle, vehicle=flag.vehicle, text=flag.text)
-
-    def collision(self, flag: Flag) -> None:
-        """Record a contact; once per contact."""
-        self.collisions.append(flag)
 
     def guard_event(self, event: GuardEvent) -> None:
         """Record what the guard did."""

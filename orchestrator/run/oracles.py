@@ -29,4 +29,3 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
         for vehicle in setup.vehicles
     }
     return Judge(build_oracles(setup.campaign.oracles, contexts))
-

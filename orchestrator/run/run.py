@@ -114,6 +114,9 @@ def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop) -> RunRecorder:
         epoch_s=epoch_s,
         vehicles=tuple(one.name for one in setup.vehicles),
         video_rate_hz=max(rates, default=None),
+        collision_oracles=frozenset(
+            use.name for use in setup.campaign.oracles if use.kind == "collision"
+        ),
     )
 
 

@@ -1,0 +1,94 @@
+"""`wil-campaign run`: fly a campaign."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from campaigns.expansion import Options, load_campaign
+from orchestrator.cli.display import Display, Lines, Silent, Terminal
+from orchestrator.cli.streams import err, out
+from orchestrator.cli.verdicts import verdict_table
+from orchestrator.flying import FlyingSettings, OutputError, fly_campaign
+from orchestrator.writing import to_json
+
+
+def run(
+    file: Path,
+    *,
+    out_: Annotated[Path, Parameter(name="--out")] = Path("results"),
+    case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    mode: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    repetitions: int | None = None,
+    seed: int | None = None,
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
+    clock: Literal["virtual", "wall"] = "virtual",
+    jobs: int | None = None,
+    junit: Path | None = None,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Fly a campaign and write its verdicts.
+
+    Parameters
+    ----------
+    file
+        The campaign file.
+    out_
+        The folder beneath which the results go: DIR/<campaign>/<UTC start>/.
+    case
+        Only cases that match this GLOB; may be given several times.
+    mode
+        Only this mode: sim, wil or real; may be given several times.
+    repetitions
+        How often each case is flown in each mode.
+    seed
+        The seed from which those of the runs derive.
+    set_
+        KEY=VALUE: a dotted key of the campaign, or of world.* or recipe.*, and its value.
+    clock
+        virtual: as fast as the machine can, to the byte the same each time. wall: in real time,
+        each vehicle a process of its own on UDP.
+    jobs
+        How many runs fly at once, each in a process of its own; by default one per core, under
+        the wall clock one per two cores.
+    junit
+        Write junit.xml here as well.
+    json_
+        Print summary.json on standard output and nothing else there.
+    """
+    options = Options(cases=case, modes=mode, repetitions=repetitions, seed=seed, sets=set_)
+    campaign = load_campaign(file, options)
+    if jobs is not None and jobs < 1:
+        err(f"--jobs {jobs}: at least one run has to fly at a time")
+        return 2
+    settings = FlyingSettings(out=out_, clock=clock, jobs=jobs or _default_jobs(clock), junit=junit)
+    display = _display(json=json_, total=len(campaign.runs))
+    try:
+        with display:
+            outcome = fly_campaign(campaign, settings, display)
+    except OutputError as error:
+        err(error)
+        return 3
+    if json_:
+        out(to_json(outcome.summary))
+    else:
+        console = Console()
+        console.print(verdict_table(outcome.summary, campaign.requirements))
+        console.print(f"results: {outcome.folder}", highlight=False, soft_wrap=True)
+    return outcome.exit_code
+
+
+def _default_jobs(clock: str) -> int:
+    cores = len(os.sched_getaffinity(0))
+    return cores if clock == "virtual" else max(1, cores // 2)
+
+
+def _display(*, json: bool, total: int) -> Display:
+    if json:
+        return Silent()
+    if sys.stdout.isatty():
+        return Terminal(console=Console(), total=total)
+    return Lines(console=Console(width=200, highlight=False), total=total)

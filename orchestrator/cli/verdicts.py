@@ -1,0 +1,102 @@
+"""The table at the end of a campaign."""
+
+from collections.abc import Sequence
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from campaigns.acceptance import Requirement, Standing
+from orchestrator.cli.display import VERDICT_STYLES
+from orchestrator.results import RunResult, Summary, standings_of
+
+_COLUMNS = ("case", "mode", "passed", "verdict", "clearance", "offset", "takeoff skew", "mixing")
+
+
+def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> RenderableType:
+    """Return a row for each case and mode, and beneath it what the campaign came to."""
+    table = Table(title=f"{summary.campaign}: {len(summary.runs)} runs", title_justify="left")
+    for name in _COLUMNS:
+        table.add_column(name, justify="left" if name in {"case", "mode", "verdict"} else "right")
+    standings = {
+        (one.requirement.case, one.requirement.mode): one
+        for one in standings_of(summary.runs, requirements)
+    }
+    groups: dict[tuple[str, str], list[RunResult]] = {}
+    for run in summary.runs:
+        groups.setdefault((run.case, run.mode), []).append(run)
+    for (case, mode), runs in groups.items():
+        table.add_row(case, mode, *_cells(runs, standings.get((case, mode))))
+    return Group(table, *_reasons(summary), _conclusion(summary))
+
+
+def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
+    passed = sum(run.verdict == "PASS" for run in runs)
+    return (
+        f"{passed}/{len(runs)}",
+        _verdict(runs, standing),
+        _worst(runs, "collision", "m"),
+        _worst(runs, "reached", "m", largest=True),
+        _largest_ms([run.sync.takeoff_skew_s for run in runs]),
+        _mixing(runs),
+    )
+
+
+def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
+    if standing is None:
+        return Text("reported", style="dim")
+    if standing.met:
+        return Text(f"PASS ({standing.requirement.share})", style="green")
+    worst = next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
+    return Text(f"{worst} ({standing.requirement.share})", style=VERDICT_STYLES[worst])
+
+
+def _worst(runs: Sequence[RunResult], name: str, unit: str, *, largest: bool = False) -> str:
+    """Return the worst value that the judged vehicle had in an oracle over all runs."""
+    values = [
+        oracle.actual
+        for run in runs
+        for oracle in run.oracles
+        if oracle.name == name and oracle.vehicle == subject(run) and oracle.actual is not None
+    ]
+    if not values:
+        return "-"
+    return f"{max(values) if largest else min(values):.2f} {unit}"
+
+
+def subject(run: RunResult) -> str:
+    """Return the vehicle that a run's required oracles judge."""
+    return "twin" if run.mode == "sim" else "real"
+
+
+def _largest_ms(values: Sequence[float | None]) -> str:
+    known = [abs(value) for value in values if value is not None]
+    return f"{max(known) * 1000:.0f} ms" if known else "-"
+
+
+def _mixing(runs: Sequence[RunResult]) -> str:
+    mixed = [run.mixing for run in runs if run.mixing is not None]
+    if not mixed:
+        return "-"
+    rate_hz = min(one.rate_hz for one in mixed)
+    errors = [one.registration_error_px for one in mixed]
+    medians = [error.p50 for error in errors if error is not None and error.p50 is not None]
+    shown = f"{rate_hz:.1f} Hz"
+    return f"{shown}, {max(medians):.1f} px" if medians else shown
+
+
+def _reasons(summary: Summary) -> list[Text]:
+    return [
+        Text(f"{run.case} {run.mode} #{run.rep} {run.verdict}: {run.reason}", style="dim")
+        for run in summary.runs
+        if run.verdict != "PASS"
+    ]
+
+
+def _conclusion(summary: Summary) -> Text:
+    words = {True: ("accepted", "bold green"), False: ("not accepted", "bold red")}
+    said, style = words.get(summary.accepted or False, ("", ""))
+    if summary.accepted is None:
+        said, style = "nothing required was flown", "yellow"
+    note = " (the embedded surrogate played the real vehicle)" if summary.surrogate else ""
+    return Text(said, style=style).append(note, style="dim")

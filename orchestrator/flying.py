@@ -1,0 +1,252 @@
+"""Flies a campaign: its folder, its runs over worker processes, its summary."""
+
+import asyncio
+import contextlib
+import hashlib
+import os
+import platform
+import signal
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Protocol
+
+from campaigns.expansion import Campaign, RunPlan
+from orchestrator.clock import Clock
+from orchestrator.junit import junit_xml
+from orchestrator.operator import OperatorCommand
+from orchestrator.order import fly_order
+from orchestrator.pool import Pool, WorkerLost
+from orchestrator.progress import Progress
+from orchestrator.recording.epoch import folder_stamp, utc_text
+from orchestrator.results import (
+    RunResult,
+    SensorKind,
+    Stop,
+    Summary,
+    SyncResult,
+    exit_code,
+    summarize,
+)
+from orchestrator.run.setup import FLIES, RunOrder
+from orchestrator.writing import to_json, write_whole
+
+_VERSIONED = (
+    "wil-campaign",
+    "av",
+    "embreex",
+    "jsbsim",
+    "numba",
+    "numpy",
+    "opencv-python-headless",
+    "pymavlink",
+    "python-fcl",
+)
+"""Packages whose version may change what a run does."""
+
+
+class OutputError(Exception):
+    """The results cannot be written; says where and why."""
+
+
+class Watcher(Protocol):
+    """Shows a campaign in flight."""
+
+    def progress(self, progress: Progress) -> None:
+        """Take where a run in flight stands."""
+
+    def finished(self, result: RunResult) -> None:
+        """Take a finished run."""
+
+    def say(self, text: str) -> None:
+        """Take a sentence for the person."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignOutcome:
+    """What a campaign came to. folder: where its files are."""
+
+    summary: Summary
+    folder: Path
+    exit_code: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlyingSettings:
+    """How to fly. out: beneath it the campaign's folder is made. junit: a copy of junit.xml."""
+
+    out: Path
+    clock: Clock
+    jobs: int
+    junit: Path | None = None
+
+
+def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
+    """Fly all runs of a campaign and write its folder. Raises OutputError.
+
+    Every finished run is on the disk, and in summary.json, before this goes on. Ctrl-C and
+    SIGTERM land what flies, as ABORTED, and end the campaign.
+    """
+    folder = make_folder(settings.out / campaign.name)
+    write_whole(folder / "campaign.json", to_json(_manifest(campaign, settings.clock)))
+    flight = _Flight(campaign, settings, watcher, folder)
+    asyncio.run(flight.fly())
+    return flight.outcome()
+
+
+def make_folder(parent: Path) -> Path:
+    """Make and return a new folder, named by the time. Raises OutputError."""
+    stamp = folder_stamp(time.time())
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        for name in (stamp, *(f"{stamp}-{number}" for number in range(2, 1000))):
+            with contextlib.suppress(FileExistsError):
+                (parent / name).mkdir()
+                return parent / name
+    except OSError as error:
+        reason = error.strerror or error
+        raise OutputError(
+            f"the results cannot be written to {parent}: {reason}; choose another place by --out"
+        ) from error
+    raise OutputError(f"{parent} has a thousand folders of this second already")
+
+
+class _Flight:
+    def __init__(
+        self, campaign: Campaign, settings: FlyingSettings, watcher: Watcher, folder: Path
+    ) -> None:
+        self._campaign = campaign
+        self._settings = settings
+        self._watcher = watcher
+        self._folder = folder
+        self._results: dict[str, RunResult] = {}
+        self._stopped: Stop | None = None
+        self._pool = Pool[RunOrder, RunResult](
+            jobs=settings.jobs, fly=fly_order, report=watcher.progress, done=self._done
+        )
+
+    async def fly(self) -> None:
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, self._signal, number)
+        try:
+            await self._pool.fly(self._orders())
+        finally:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                loop.remove_signal_handler(number)
+
+    def outcome(self) -> CampaignOutcome:
+        summary = self._write_summary()
+        code = exit_code(summary.runs, self._campaign.requirements, stopped=self._stopped)
+        return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
+
+    def _orders(self) -> Iterable[RunOrder]:
+        for plan in self._campaign.runs:
+            folder = self._folder / plan.name
+            folder.mkdir(parents=True)
+            yield RunOrder(plan=plan, folder=folder, clock=self._settings.clock)
+
+    def _signal(self, number: signal.Signals) -> None:
+        if self._stopped is not None:
+            self._watcher.say("still landing; the vehicles are brought down first")
+            return
+        self._stopped = "signal"
+        name = "Ctrl-C" if number == signal.SIGINT else number.name
+        self._watcher.say(f"{name}: landing what flies; its runs are ABORTED")
+        self._pool.abort(OperatorCommand("abort", name))
+
+    def _done(self, order: RunOrder, outcome: RunResult | WorkerLost) -> None:
+        if isinstance(outcome, WorkerLost):
+            result = lost_result(order.plan, outcome)
+            write_whole(order.folder / "result.json", to_json(result))
+            if outcome.details:
+                write_whole(order.folder / "error.txt", outcome.details)
+        else:
+            result = outcome
+        self._results[order.plan.name] = result
+        self._write_summary()
+        self._watcher.finished(result)
+
+    def _write_summary(self) -> Summary:
+        plans = self._campaign.runs
+        runs = [self._results[plan.name] for plan in plans if plan.name in self._results]
+        summary = summarize(
+            [_with_paths(run) for run in runs],
+            self._campaign.requirements,
+            campaign=self._campaign.name,
+            clock=self._settings.clock,
+            surrogate=any("real" in FLIES[plan.mode] for plan in plans),
+            real_kind="embedded",
+            sensors=_sensors(self._campaign),
+        )
+        write_whole(self._folder / "summary.json", to_json(summary))
+        junit = junit_xml(summary, self._campaign.requirements)
+        write_whole(self._folder / "junit.xml", junit)
+        if self._settings.junit is not None:
+            write_whole(self._settings.junit, junit)
+        return summary
+
+
+def lost_result(plan: RunPlan, lost: WorkerLost) -> RunResult:
+    """Return the result of a run whose process was lost: an ERROR with the reason."""
+    return RunResult(
+        case=plan.case,
+        mode=plan.mode,
+        rep=plan.repetition,
+        seed=plan.seed,
+        verdict="ERROR",
+        reason=f"the run was lost: {lost.reason}",
+        also=(),
+        required=plan.required,
+        duration_s=None,
+        wall_s=0.0,
+        oracles=(),
+        sync=SyncResult(),
+        mixing=None,
+    )
+
+
+def _with_paths(run: RunResult) -> RunResult:
+    """Return the result with its files named from the campaign's folder."""
+    prefix = f"{run.case}/{run.mode}/{run.rep}"
+    return replace(run, artifacts=tuple(f"{prefix}/{name}" for name in run.artifacts))
+
+
+def _sensors(campaign: Campaign) -> dict[str, SensorKind]:
+    """Return where each sensor's readings came from: embedded vehicles have rendered cameras."""
+    return {
+        camera.name: "rendered"
+        for setup in campaign.setups.values()
+        for vehicle in setup.vehicles.values()
+        for camera in vehicle.cameras
+    }
+
+
+def _manifest(campaign: Campaign, clock: Clock) -> dict[str, object]:
+    """Return campaign.json: what was flown, with what, and where."""
+    return {
+        "campaign": campaign.name,
+        "description": campaign.description,
+        "seed": campaign.seed,
+        "clock": clock,
+        "started_utc": utc_text(time.time()),
+        "host": {"name": platform.node(), "machine": platform.machine(), "cores": os.cpu_count()},
+        "versions": {"python": platform.python_version(), **_versions()},
+        "files": {
+            path.name: f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
+            for path in campaign.paths
+        },
+        "document": campaign.document.data,
+    }
+
+
+def _versions() -> dict[str, str]:
+    found: dict[str, str] = {}
+    for name in _VERSIONED:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found

@@ -1,0 +1,104 @@
+"""Values as JSON, exactly, infinity and not-a-number included, and back.
+
+JSON has no word for infinity: 1e999 is written, a number by the grammar of JSON that every
+reader in double precision takes for infinity. Not-a-number is null.
+"""
+
+import base64
+import binascii
+import dataclasses
+import json
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from worlds.frames import Pose, Vec3
+
+Json = Any
+"""What json.loads gives."""
+
+_INFINITE, _MINUS_INFINITE = "\x00inf", "\x00-inf"
+
+
+def encode(document: dict[str, Json], data: bytes | None = None) -> bytes:
+    """Return a document as JSON text; `data` becomes its field of that name, in base64."""
+    try:
+        text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+    except ValueError:
+        finite = _without_infinity(document)
+        text = json.dumps(finite, separators=(",", ":"), allow_nan=False).encode()
+    if b'"\\u0000' in text:
+        text = text.replace(b'"\\u0000inf"', b"1e999").replace(b'"\\u0000-inf"', b"-1e999")
+    if data is None:
+        return text
+    # joined by hand: json would look at every character of the long text again
+    return b"".join((text[:-1], b',"data":"', binascii.b2a_base64(data, newline=False), b'"}'))
+
+
+def _without_infinity(value: Json) -> Json:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else _INFINITE if value > 0 else _MINUS_INFINITE
+    if isinstance(value, dict):
+        return {key: _without_infinity(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_infinity(one) for one in value]
+    return value
+
+
+def numbers(array: NDArray[np.float32]) -> list[Json]:
+    """Return the values of a (n,) array for a document."""
+    values: list[Json] = array.tolist()
+    for index in np.flatnonzero(~np.isfinite(array)).tolist():
+        values[index] = _without_infinity(values[index])
+    return values
+
+
+def plain(value: Any) -> Json:
+    """Return a frozen dataclass, its tuples and its parts as a document."""
+    if dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]
+        return {name: plain(getattr(value, name)) for name in names}
+    if isinstance(value, tuple | list):
+        return [plain(one) for one in value]
+    return value
+
+
+def number(value: Json) -> float:
+    """Return a float of a document, where null is not-a-number."""
+    return math.nan if value is None else float(value)
+
+
+def vector(value: Json) -> Vec3:
+    """Return three floats of a document."""
+    x, y, z = (number(one) for one in value)
+    return (x, y, z)
+
+
+def pose_out(pose: Pose) -> dict[str, Json]:
+    """Return a foxglove.Pose."""
+    (x, y, z), (qw, qx, qy, qz) = pose.position_ned_m, pose.q_wxyz
+    return {
+        "position": {"x": x, "y": y, "z": z},
+        "orientation": {"x": qx, "y": qy, "z": qz, "w": qw},
+    }
+
+
+def pose_in(value: Json) -> Pose:
+    """Return the pose of a foxglove.Pose."""
+    p, q = value["position"], value["orientation"]
+    return Pose(
+        vector((p["x"], p["y"], p["z"])),
+        (number(q["w"]), *vector((q["x"], q["y"], q["z"]))),
+    )
+
+
+def text_of(array: NDArray[np.uint8]) -> str:
+    """Return bytes as base64, for a field beside `data`."""
+    return base64.b64encode(array.tobytes()).decode("ascii")
+
+
+def bytes_of(text: str) -> bytes:
+    """Return the bytes of base64. Raises ValueError when it is none."""
+    return base64.b64decode(text, validate=True)

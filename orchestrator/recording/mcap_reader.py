@@ -1,0 +1,143 @@
+"""Reads run.mcap: every reading with its sensor, provenance and log lines, also of a cut file."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.records import Channel, Message, Metadata
+from numpy.typing import NDArray
+
+from orchestrator.recording.mcap_chunks import End, RecordingError, RecordStream
+from orchestrator.recording.mcap_decode import decode, image_of
+from orchestrator.recording.mcap_json import Json
+from vehicles.readings import Reading
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedReading:
+    """A reading as it was delivered. exact: to the bit; a JPEG picture is not."""
+
+    sensor: str
+    reading: Reading
+    exact: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedProvenance:
+    """Where a mixed reading came from: the fields of its provenance, as JSON values."""
+
+    sensor: str
+    log_ns: int
+    fields: Mapping[str, Json]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedEvent:
+    """A line of the run's log. level: of foxglove.Log, 2 is information, 4 an error."""
+
+    log_ns: int
+    level: int
+    name: str
+    message: str
+
+
+Recorded = RecordedReading | RecordedProvenance | RecordedEvent
+
+
+class Recording:
+    """Iterates over what a file holds, in the order in which it was recorded.
+
+    After an iteration `end` says whether the file is whole, `counts` what its writer counted
+    (empty for a cut file) and `facts` what stands at its beginning. Raises RecordingError for a
+    file that is no recording of ours; OSError. Topics that are not ours are passed over.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.end: End | None = None
+        self.facts: Mapping[str, str] = {}
+        self.counts: Mapping[str, str] = {}
+
+    def __iter__(self) -> Iterator[Recorded]:
+        stream = RecordStream(self._path)
+        channels: dict[int, Channel] = {}
+        pictures = _Pictures()
+        for record in stream:
+            if isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Metadata):
+                self._note(record)
+            elif isinstance(record, Message):
+                found = self._recorded(channels.get(record.channel_id), record, pictures)
+                if found is not None:
+                    yield found
+        self.end = stream.end
+
+    def _note(self, metadata: Metadata) -> None:
+        if metadata.name == "wil.recording":
+            self.facts = dict(metadata.metadata)
+        elif metadata.name == "wil.counts":
+            self.counts = dict(metadata.metadata)
+
+    def _recorded(
+        self, channel: Channel | None, message: Message, pictures: "_Pictures"
+    ) -> Recorded | None:
+        part = channel.metadata.get("part", "") if channel is not None else ""
+        if channel is None or part not in _PARTS:
+            return None
+        try:
+            return _interpret(part, channel.metadata, message, pictures)
+        except (KeyError, ValueError, TypeError) as error:
+            raise RecordingError(
+                f"{self._path}: {channel.topic} at {message.log_time} ns cannot be read:"
+                f" {type(error).__name__}: {error}"
+            ) from error
+
+
+_PARTS = frozenset({"reading", "depth", "ids", "provenance", "event"})
+
+
+class _Pictures:
+    """Depth and ids that wait for the picture they belong to."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[tuple[str, str, str], tuple[int, NDArray[Any]]] = {}
+
+    def keep(self, key: tuple[str, str, str], document: Json) -> None:
+        self._waiting[key] = (document["wil"]["seq"], image_of(document))
+
+    def take(self, source: str, sensor: str, wil: Json) -> dict[str, NDArray[Any]]:
+        """Return the parts of a picture. Raises ValueError when one is missing."""
+        found: dict[str, NDArray[Any]] = {}
+        for part in wil.get("parts", ()):
+            seq, array = self._waiting.pop((source, sensor, part), (None, None))
+            if array is None or seq != wil["seq"]:
+                raise ValueError(f"its {part} is not in the file")
+            found[part] = array
+        return found
+
+
+def _interpret(
+    part: str, facts: Mapping[str, str], message: Message, pictures: _Pictures
+) -> Recorded | None:
+    document = json.loads(message.data)
+    source, sensor = facts["source"], facts["sensor"]
+    if part == "event":
+        level, name = document["level"], document["name"]
+        return RecordedEvent(message.log_time, level, name, document["message"])
+    if part == "provenance":
+        fields = {name: value for name, value in document.items() if name != "timestamp"}
+        return RecordedProvenance(sensor, message.log_time, fields)
+    if part != "reading":
+        pictures.keep((source, sensor, part), document)
+        return None
+    wil = document["wil"]
+    reading = decode(document, pictures.take(source, sensor, wil))
+    return RecordedReading(sensor, reading, wil.get("exact", True))
+
+
+def read_recording(path: Path) -> Iterator[Recorded]:
+    """Return an iterator over what a file holds, up to where it is whole."""
+    return iter(Recording(path))
