@@ -48,7 +48,8 @@ def _mixing(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
         return
     recipe = setup.recipe
     if recipe is None or files.recipe is None:
-        yield files.campaign.problem(("recipe",), "mode wil needs a recipe")
+        if files.campaign.get(("recipe",)) is None:
+            yield files.campaign.problem(("recipe",), "mode wil needs a recipe")
         return
     for name, vehicle in setup.vehicles.items():
         carried = {camera.name: "camera" for camera in vehicle.cameras}
@@ -121,7 +122,7 @@ def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator
 class _NothingNear:
     """A probe of an empty world."""
 
-    def sweep(self, *_: object) -> tuple[()]:
+    def sweep(self, *_: object, **__: object) -> tuple[()]:
         """Return that nothing is near."""
         return ()
 

@@ -30,38 +30,50 @@ def judged_world(mode: Mode) -> Which:
 
 
 def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield what is impossible about the places of one mode."""
+    """Yield what is impossible about the places of one mode.
+
+    A start outside of the fence is said and looked at no further.
+    """
     for (flown, name), worlds in SEES.items():
-        if flown == mode:
-            vehicle = setup.vehicles[name]
-            yield from _outside_fence(files, setup, vehicle)
-            for which in worlds:
-                scene = setup.world.scene(mode, which)
-                yield from _start_in_scene(files, vehicle, scene, which)
-                yield from _goal_above_room(files, setup, vehicle, scene)
+        if flown != mode:
+            continue
+        vehicle = setup.vehicles[name]
+        outside = list(_start_outside_fence(files, setup, vehicle))
+        yield from outside
+        for which in worlds if not outside else ():
+            scene = setup.world.scene(mode, which)
+            yield from _start_outside_room(files, vehicle, scene)
+            yield from _goal_above_room(files, setup, vehicle, scene)
+        if not outside:
+            yield from _goal_outside_fence(files, setup, vehicle)
     yield from _gates_outside_fence(files, setup, mode)
 
 
-def _outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
-    fence = setup.fence
-    if fence is None:
-        return
-    north_m, east_m, down_m = vehicle.start.position_ned_m
-    path: Path = ("vehicles", vehicle.name, "start")
-    if (margin_m := fence.margin_m((north_m, east_m, down_m))) < 0:
-        side = fence.boundary((north_m, east_m, down_m))
+def _start_outside_fence(
+    files: CaseFiles, setup: Setup, vehicle: VehicleSetup
+) -> Iterator[Problem]:
+    start = vehicle.start.position_ned_m
+    if setup.fence is not None and (margin_m := setup.fence.margin_m(start)) < 0:
+        side = setup.fence.boundary(start)
         said = f"'{vehicle.name}' starts {-margin_m:.2f} m outside of the geofence's {side}"
-        yield files.campaign.problem(path, said, key=True)
-        return
+        yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
+
+
+def _goal_outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
+    """Yield when the hover above the start, or the goal's position, is outside of the fence."""
+    north_m, east_m, _ = vehicle.start.position_ned_m
     hover: Vec3 = (north_m, east_m, -setup.goal.altitude_m)
-    if (margin_m := fence.margin_m(hover)) < 0:
-        side = fence.boundary(hover)
-        said = f"is {-margin_m:.2f} m outside of the geofence's {side} above '{vehicle.name}'"
-        yield files.campaign.problem(("goal", "altitude_m"), said)
-    place = setup.goal.position_ned_m
-    if place is not None and (margin_m := fence.margin_m(place)) < 0:
-        said = f"is {-margin_m:.2f} m outside of the geofence's {fence.boundary(place)}"
-        yield files.campaign.problem(("goal", "position"), said, key=True)
+    wanted: list[tuple[Path, Vec3 | None]] = [
+        (("goal", "altitude_m"), hover),
+        (("goal", "position"), setup.goal.position_ned_m),
+    ]
+    for path, place in wanted:
+        if setup.fence is None or place is None:
+            continue
+        if (margin_m := setup.fence.margin_m(place)) < 0:
+            side = setup.fence.boundary(place)
+            said = f"is {-margin_m:.2f} m outside of the geofence's {side}"
+            yield files.campaign.problem(path, said)
 
 
 def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
@@ -77,16 +89,13 @@ def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator
             yield files.campaign.problem(("goal", "gates", index), said)
 
 
-def _start_in_scene(
-    files: CaseFiles, vehicle: VehicleSetup, scene: Scene, which: Which
-) -> Iterator[Problem]:
-    path: Path = ("vehicles", vehicle.name, "start")
+def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> Iterator[Problem]:
     start = vehicle.start.position_ned_m
     rooms = [thing for thing in scene.objects if thing.is_room]
     if rooms and not any(_room_height_m(room, start) is not None for room in rooms):
         names = " and ".join(f"'{room.name}'" for room in rooms)
-        said = f"'{vehicle.name}' starts outside of room {names} of {which}"
-        yield files.campaign.problem(path, said, key=True)
+        said = f"'{vehicle.name}' starts outside of room {names}"
+        yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
 
 
 def _goal_above_room(

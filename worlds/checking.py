@@ -172,7 +172,9 @@ def _fault(path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data
         return Fault((*path, *cause.path), str(cause), cause.suggestion)
     if kind in {"literal_error", "enum", "union_tag_invalid"}:
         return _choice_fault(path, detail)
-    return Fault(path, str(cause) if cause is not None else _mismatch(detail))
+    on_key = detail["loc"][-1:] == ("[key]",)
+    said = str(cause) if cause is not None else _mismatch(detail)
+    return Fault(path, said, on_key=on_key)
 
 
 def _missing_fault(path: Path, detail: ErrorDetails) -> Fault:

@@ -200,7 +200,8 @@ def _decoded(content: bytes, source: Source) -> str:
     except UnicodeDecodeError as error:
         before = content[: error.start]
         column = error.start - (before.rfind(b"\n") + 1) + 1
-        place = Place(source, before.count(b"\n") + 1, column)
+        shown = Source(source.name, tuple(content.decode(errors="replace").splitlines()))
+        place = Place(shown, before.count(b"\n") + 1, column)
         raise BadInput([place.problem("is not UTF-8 text")]) from error
 
 

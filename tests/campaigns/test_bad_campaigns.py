@@ -1,0 +1,287 @@
+"""Every fault of a campaign's files: what is said of it, and where."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ONE_PLACE = [
+    # what stands there, what is put there instead ("@" marks the place of the fault), what is said
+    ("vehicles:", "@vehicels:", "unknown key 'vehicels'; did you mean 'vehicles'?"),
+    ("campaign: small", "campaign: @a/b", "'a/b' becomes a folder"),
+    ("campaign: small", "campaign: @..", "'..' becomes a folder"),
+    ("campaign: small", "campaign: @5", "must be text, is 5"),
+    ("schema: wil/campaign/1", "schema: @wil/campaign/2", "must be wil/campaign/1, is 'wil/c"),
+    ("autopilot: px4", "autopilot: @px5", "must be px4 or ardupilot, is 'px5'; did you mean 'px4'"),
+    ("profile: cage", "profile: @caeg", "no profile 'caeg'"),
+    ("pose_source: mocap", "pose_source: @vicon", "must be mavlink or mocap, is 'vicon'"),
+    (
+        "start: {north_m: 0, east_m: 0}",
+        "start: {@north_ft: 0, east_m: 0}",
+        "unknown key 'north_ft'; did you mean 'north_m'?",
+    ),
+    (
+        "start: {north_m: 0, east_m: 0}",
+        "start: {north_m: @'0', east_m: 0}",
+        "must be a number, is the text '0' (leave out the quotes)",
+    ),
+    (
+        "start: {north_m: 0, east_m: 0}",
+        "@start: {north_m: 9, east_m: 0}",
+        "'real' starts 5.00 m outside of the geofence's side",
+    ),
+    ("seed: 7", "seed: @-1", "must be at least 0, is -1"),
+    ("seed: 7", "seed: @1.5", "must be a whole number, is 1.5"),
+    ("repetitions: 3", "repetitions: @0", "must be at least 1, is 0"),
+    ("repetitions: 3", "repetitions: @yes", "must be a whole number, is the text 'yes'"),
+    ("modes: [sim, wil]", "modes: @[]", "must have at least 1 entries, has 0"),
+    ("modes: [sim, wil]", "modes: [sim, @sim]", "mode 'sim' is named twice"),
+    ("modes: [sim, wil]", "modes: [sim, wil, @weal]", "must be sim, wil or real, is 'weal'"),
+    ("gates: [gate]", "gates: [@gaet]", "no object 'gaet' in the world; did you mean 'gate'?"),
+    ("gates: [gate]", "gates: [@cage]", "'cage' is a room, which has no opening to fly through"),
+    ("gates: [gate]", "gates: [gate, @gate]", "gate 'gate' is named twice"),
+    ("altitude_m: 1.2", "altitude_m: @2.4", "is 0.10 m outside of the geofence's ceiling"),
+    ("altitude_m: 1.2", "altitude_m: @-1", "must be greater than 0, is -1"),
+    ("altitude_m: 1.2", "@altitude_ft: 4", "unknown key 'altitude_ft'; did you mean 'altitude_m'"),
+    ("up_m: [-0.5, 2.3]", "up_m: @[2.3, -0.5]", "must be [low, high], is [2.3, -0.5]"),
+    ("up_m: [-0.5, 2.3]", "up_m: @[2.3]", "has too few entries (1)"),
+    (
+        "use: pilot.py:Pilot",
+        "use: @plot.py:Pilot",
+        "there is no file 'plot.py' beside the campaign",
+    ),
+    (
+        "use: pilot.py:Pilot",
+        "use: @pilot.py:Pliot",
+        "there is no 'Pliot' in pilot.py; did you",
+    ),
+    ("use: pilot.py:Pilot", "use: @pilot.py:Deaf", "'pilot.py:Deaf' is no autonomy: it has no met"),
+    ("use: pilot.py:Pilot", "use: @pilot.py:Wrong", "'pilot.py:Wrong' cannot be called with"),
+    ("use: pilot.py:Pilot", "use: @pilot.py", "'pilot.py' is not of the form file.py:Name"),
+    ("use: pilot.py:Pilot", "use: @gaet", "there is no autonomy 'gaet' (there are gate; or give"),
+    (
+        "with: {speed_m_s: 0.8}",
+        "with: @{sped_m_s: 0.8}",
+        "refused by 'pilot.py:Pilot': unkno",
+    ),
+    ("use: pilot.py:Pilot, with: {speed_m_s: 0.8}", "use: pilot.py:Pilot, with: @5", "must be a m"),
+    ("world: world.yaml", "world: @word.yaml", "there is no file 'word.yaml' beside the campaign;"),
+    ("world: world.yaml", "world: @5", "must be text, is 5"),
+    ("recipe: recipe.yaml", "recipe: @recipe.yml", "there is no file 'recipe.yml' beside the camp"),
+    ("collision: {}", "@colision: {}", "unknown oracle 'colision'; did you mean 'collision'?"),
+    ("collision: {}", "hit: {use: @colision}", "unknown oracle 'colision'; did you mean 'colli"),
+    ("collision: {}", "@clearance: {}", "missing key 'min_m'"),
+    ("collision: {}", "clearance: {min_m: @-1}", "must be greater than 0, is -1"),
+    ("collision: {}", "clearance: {@min_cm: 1}", "unknown key 'min_cm'; did you mean 'min_m'?"),
+    ("collision: {}", "collision: {exclude: [@gaet]}", "no object 'gaet' in the world; did you me"),
+    ("collision: {}", "@reached_position: {tolerance_m: 1}", "oracle 'reached_position': the goal"),
+    ("collision: {}", "collision: {vehicle: @twn}", "must be real or twin, is 'twn'; did you mean"),
+    ("collision: {}", "collision: @5", "must be a mapping, is 5"),
+    ("large: {sim: 3/3", "@lagre: {sim: 3/3", "accept names no case 'lagre'; did you mean 'large'"),
+    ("{sim: 3/3", "{@real: 3/3", "mode 'real' is not flown (modes: sim, wil)"),
+    ("{sim: 3/3", "{sim: @3/4", "3/4 is of 4 runs, but there are 3 repetitions"),
+    ("{sim: 3/3", "{sim: @4/3", "must ask for at least 1 pass and at most all, is '4/3'"),
+    ("{sim: 3/3", "{sim: @all", "must be passes/runs like 4/5, is 'all'"),
+    ("{sim: 3/3", "{sim: @3", "must be text, is 3"),
+    ("  large: {}", "  @la rge: {}", "'la rge' becomes a folder"),
+    (
+        "small: {world.objects.gate.shape.gate.inner_size_m: 0.5}",
+        "small: {@world.objects.gaet.shape.gate.inner_size_m: 0.5}",
+        "override 'objects.gaet.shape.gate.inner_size_m': there is no 'gaet'; did you mean 'gate'",
+    ),
+    (
+        "small: {world.objects.gate.shape.gate.inner_size_m: 0.5}",
+        "small: {@world.objects.gate.shape.gate.inner_size: 0.5}",
+        "unknown key 'inner_size'; did you mean 'inner_size_m'?",
+    ),
+    (
+        "small: {world.objects.gate.shape.gate.inner_size_m: 0.5}",
+        "small: {world.objects.gate.shape.gate.inner_size_m: @-2}",
+        "must be greater than 0, is -2",
+    ),
+    (
+        "small: {world.objects.gate.shape.gate.inner_size_m: 0.5}",
+        "small: {@seed: 5}",
+        "'seed' is the same for all cases",
+    ),
+    (
+        "small: {world.objects.gate.shape.gate.inner_size_m: 0.5}",
+        "small: {@sync.max_takeof_skew_s: 5}",
+        "unknown key 'max_takeof_skew_s'; did you mean 'max_takeoff_skew_s'?",
+    ),
+]
+
+
+def place_of(path: Path, marked: str, plain: str) -> str:
+    """Return line:column of the mark, in a file that has the text without it."""
+    before = path.read_text().partition(plain)[0] + marked.partition("@")[0]
+    return f"{before.count(chr(10)) + 1}:{len(before) - before.rfind(chr(10))}"
+
+
+@pytest.mark.parametrize(("old", "marked", "said"), ONE_PLACE)
+def test_one_fault_is_told_once_and_at_its_place(
+    files: Any, old: str, marked: str, said: str
+) -> None:
+    plain = marked.replace("@", "")
+    files.change(old, plain)
+    found = files.faults()
+    assert len(found) == 1, found
+    assert found[0].startswith(f"campaign.yaml:{place_of(files.path, marked, plain)}: {said}")
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "marked", "said"),
+    [
+        ("world.yaml", "origin:", "@orign:", "unknown key 'orign'; did you mean 'origin'?"),
+        ("world.yaml", "room:", "@rom:", "unknown key 'rom'; did you mean 'room'?"),
+        ("world.yaml", "bar_m: 0.1", "bar_m: @thin", "must be a number, is the text 'thin'"),
+        ("recipe.yaml", "[gate]", "[@gaet]", "no object 'gaet' in the world; did you mean 'gate'"),
+        ("recipe.yaml", "isolate_objects", "@isolate_object", "unknown step 'isolate_object'; did"),
+        ("recipe.yaml", "sensor: camera", "sensor: @camra", "no sensor 'camra' is declared"),
+    ],
+)
+def test_faults_of_the_other_files_are_told_in_them(
+    files: Any, file: str, old: str, marked: str, said: str
+) -> None:
+    plain = marked.replace("@", "")
+    files.change(old, plain, file)
+    found = files.faults()
+    assert len(found) == 1, found
+    place = place_of(files.folder / file, marked, plain)
+    assert found[0].startswith(f"{file}:{place}: {said}")
+
+
+def test_all_faults_of_all_files_come_at_once(files: Any) -> None:
+    files.change("autopilot: px4", "autopilot: px5")
+    files.change("collision: {}", "colision: {}")
+    files.change("north_m: [-1, 4]", "north_m: [4, -1]")
+    files.change("room:", "rom:", "world.yaml")
+    files.change("isolate_objects", "isolate_object", "recipe.yaml")
+    assert [fault.split(":")[0] for fault in files.faults()] == [
+        "campaign.yaml",
+        "campaign.yaml",
+        "campaign.yaml",
+        "world.yaml",
+        "recipe.yaml",
+    ]
+
+
+def test_keys_that_nothing_acts_on_are_unknown(files: Any) -> None:
+    for key in ("links", "inject", "preflight", "abort", "operator", "retries"):
+        files.path.write_text(files.path.read_text() + f"{key}: {{}}\n")
+    found = files.faults()
+    assert len(found) == 6
+    assert all("unknown key" in fault for fault in found)
+
+
+def test_a_live_link_is_refused_with_the_reason(files: Any) -> None:
+    files.path.write_text(files.path.read_text().replace("embedded", "udpin://0.0.0.0:14540", 1))
+    assert "only 'embedded' can" in files.faults()[0]
+
+
+def test_a_link_string_of_another_tool_is_put_right(files: Any) -> None:
+    files.path.write_text(files.path.read_text().replace("embedded", "udp:0.0.0.0:14540", 1))
+    assert "udpin://0.0.0.0:14540" in files.faults()[0]
+
+
+def test_a_vehicle_that_a_mode_needs_must_be_there(files: Any) -> None:
+    text = files.path.read_text()
+    start, end = text.index("  twin:"), text.index("world:")
+    files.path.write_text(text[:start] + text[end:])
+    found = files.faults()
+    assert found == [
+        "campaign.yaml:3:1: mode sim needs a vehicle 'twin'",
+        "campaign.yaml:3:1: mode wil needs a vehicle 'twin'",
+    ]
+
+
+def test_mode_wil_needs_a_recipe(files: Any) -> None:
+    files.change("recipe: recipe.yaml\n", "")
+    assert files.faults() == ["campaign.yaml:1:1: mode wil needs a recipe"]
+    files.change("modes: [sim, wil]", "modes: [sim]")
+    files.change(", wil: 2/3", "")
+    assert len(files.load().runs) == 6
+
+
+def test_a_sensor_of_the_recipe_must_be_on_both_vehicles(files: Any) -> None:
+    text = files.path.read_text()
+    files.path.write_text(text.replace("      camera: {", "      front: {", 1))
+    assert files.faults() == ["recipe.yaml:2:11: vehicle 'real' has no camera 'camera'"]
+
+
+def test_a_gate_must_stand_in_the_world_that_is_judged(files: Any) -> None:
+    files.append("    exists_in: {sim: none}\n", "world.yaml")
+    assert files.faults() == [
+        "campaign.yaml:20:33: 'gate' does not stand in Wv in mode sim (see its exists_in)"
+    ]
+
+
+def test_a_gate_outside_of_the_fence_is_told(files: Any) -> None:
+    files.change("pose: {north_m: 3.0,", "pose: {north_m: 4.1,", "world.yaml")
+    assert files.faults() == [
+        "campaign.yaml:20:33: 'gate' stands 0.10 m outside of the geofence's side"
+    ]
+
+
+def test_a_start_outside_of_the_room_is_told(files: Any) -> None:
+    files.change("pose: {north_m: 1.5}", "pose: {north_m: 3.5}", "world.yaml")
+    found = files.faults()
+    assert "campaign.yaml:8:5: 'real' starts outside of room 'cage'" in found
+    assert any("'twin' starts outside of room 'cage'" in fault for fault in found)
+
+
+def test_a_goal_above_the_ceiling_of_the_room_is_told(files: Any) -> None:
+    files.change("height_m: 2.5", "height_m: 1.1", "world.yaml")
+    assert any(
+        "is not below the ceiling of room 'cage', 1.1 m up" in fault for fault in files.faults()
+    )
+
+
+def test_an_oracle_of_a_fence_needs_one(files: Any) -> None:
+    text = files.path.read_text()
+    start, end = text.index("geofence:\n  box"), text.index("oracles:")
+    files.path.write_text(text[:start] + text[end:])
+    assert files.faults() == [
+        "campaign.yaml:31:3: oracle 'geofence': the campaign has no geofence for 'twin'",
+        "campaign.yaml:31:3: oracle 'geofence': the campaign has no geofence for 'real'",
+    ]
+
+
+def test_an_empty_matrix_is_told(files: Any) -> None:
+    text = files.path.read_text()
+    start, end = text.index("  large: {}"), text.index("modes:")
+    files.path.write_text((text[:start] + text[end:]).replace("cases:\n", "cases: {}\n"))
+    assert "campaign.yaml:21:8: must have at least 1 entries, has 0" in files.faults()
+
+
+def test_code_of_the_user_that_fails_is_told_with_its_line(files: Any) -> None:
+    files.append("\nraise RuntimeError('no GPU')\n", "pilot.py")
+    (fault,) = files.faults()
+    line = len((files.folder / "pilot.py").read_text().splitlines())
+    assert f"'pilot.py' cannot be loaded: line {line}: RuntimeError: no GPU" in fault
+
+
+def test_code_of_the_user_that_exits_or_is_none_is_told(files: Any) -> None:
+    files.append("\nimport sys; sys.exit(0)\n", "pilot.py")
+    assert "SystemExit" in files.faults()[0]
+    (files.folder / "pilot.py").write_text("def :")
+    assert "SyntaxError" in files.faults()[0]
+
+
+def test_a_constructor_that_raises_is_told(files: Any) -> None:
+    files.change("pilot.py:Pilot", "pilot.py:Broken")
+    (fault,) = files.faults()
+    assert "'pilot.py:Broken' cannot be built: KeyError: 'speed'" in fault
+
+
+def test_nothing_is_written_beside_the_files(files: Any) -> None:
+    before = sorted(files.folder.rglob("*"))
+    files.load()
+    assert sorted(files.folder.rglob("*")) == before
+
+
+def test_a_fault_in_every_case_is_told_once(files: Any) -> None:
+    files.change("modes: [sim, wil]", "modes: [wil]")
+    files.change("sim: 3/3, ", "")
+    files.change("altitude_m: 1.2", "altitude_m: 2.4")
+    assert len(files.faults()) == 1
