@@ -1,6 +1,7 @@
 """A scripted peer at the other end of a link in memory: says and answers what a test wants."""
 
 import asyncio
+import math
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -38,6 +39,7 @@ class FakePeer:
         self.position_ned_m = (0.0, 0.0, 0.0)
         self.yaw_rad = 0.0
         self.muted = False
+        self.says_quaternions = True
         self.received: list[Any] = []
         self.replies: dict[str, Reply] = {}
         self.parameters: dict[str, tuple[float, int]] = {}
@@ -117,10 +119,20 @@ class FakePeer:
         self.say(
             mavlink.MAVLink_local_position_ned_message(boot_ms, *self.position_ned_m, *[0.0] * 3)
         )
+        if self.says_quaternions:
+            self.say(self._quaternion(boot_ms))
         self.say(mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, self.yaw_rad, 0.0, 0.0, 0.0))
         self._ticks += 1
 
+    def _quaternion(self, boot_ms: int) -> Any:
+        half_rad = self.yaw_rad / 2.0
+        return mavlink.MAVLink_attitude_quaternion_message(
+            boot_ms, math.cos(half_rad), 0.0, 0.0, math.sin(half_rad), 0.0, 0.0, 0.0
+        )
+
     def _arrived(self, data: bytes, _: float) -> None:
+        if self.muted:
+            return
         for message in self.codec.parse(data):
             self.received.append(message)
             kind = message.get_type()

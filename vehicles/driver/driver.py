@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Literal, Self
 
 from vehicles.anchor import Anchor
-from vehicles.autopilots.base import AutopilotName, Mode, Target, TelemetryRates, own_heartbeat
+from vehicles.autopilots.base import AutopilotName, Mode, Target, TelemetryRates
 from vehicles.driver.changes import Changes
 from vehicles.driver.clocking import Clocking
 from vehicles.driver.commands import Commander
@@ -15,7 +15,7 @@ from vehicles.driver.estimates import EstimateListener, Estimates
 from vehicles.driver.identifying import find_vehicle, request_identity
 from vehicles.driver.identity import Identity
 from vehicles.driver.parameters import Parameters
-from vehicles.driver.repeating import Repeater
+from vehicles.driver.presence import Presence
 from vehicles.driver.session import Session
 from vehicles.driver.setpointing import SetpointSender
 from vehicles.driver.state import VehicleState
@@ -35,8 +35,6 @@ from vehicles.setpoints import Setpoint
 from vehicles.timesync import VehicleClock
 from worlds.frames import Pose
 
-_HEARTBEAT_PERIOD_S = 1.0
-_WATCH_PERIOD_S = 0.1
 _SEEN_WITHIN_S = 3.0
 """HEARTBEAT comes once a second, and one may be lost."""
 _ASK_AGAIN_S = 2.0
@@ -75,11 +73,12 @@ class Driver:
         self._wanted: AutopilotName | None = None if autopilot == "auto" else autopilot
         self._start = start
         self._rates = rates
-        self._silence_s = silence_s
         self._anchor_given = False
         self._changes = Changes()
         self._session = Session(link=link, own=Target(own_system_id, own_component))
-        self._session.on_arrival = self._heard
+        self._presence = Presence(
+            session=self._session, silence_s=silence_s, on_lost=self._lost, on_back=self._back
+        )
         self._commander = Commander(session=self._session, circumstances=self._circumstances)
         self.parameters = Parameters(session=self._session)
         self.clock = VehicleClock(own_id=own_system_id, max_drift=max_clock_drift)
@@ -89,13 +88,11 @@ class Driver:
         self._event_listeners: list[EventListener] = []
         self._status: Status | None = None
         self._vehicle: IdentifiedVehicle | None = None
-        self._heartbeat = Repeater(period_s=_HEARTBEAT_PERIOD_S, action=self._send_heartbeat)
-        self._watch = Repeater(period_s=_WATCH_PERIOD_S, action=self._look_for_silence)
 
     async def __aenter__(self) -> Self:
         """Open the link and begin with heartbeats. Raises LinkError."""
         await self._link.__aenter__()
-        self._heartbeat.start()
+        self._presence.start()
         return self
 
     async def __aexit__(
@@ -107,8 +104,7 @@ class Driver:
         """Stop all sending and close the link; it does not land the vehicle."""
         if self._vehicle is not None:
             self._vehicle.setpoints.stop()
-        self._heartbeat.stop()
-        self._watch.stop()
+        self._presence.stop()
         self._clocking.stop()
         self._commander.close()
         await self._link.__aexit__(kind, error, trace)
@@ -164,6 +160,8 @@ class Driver:
             changes=self._changes,
             listeners=self._event_listeners,
         )
+        heard = self._session.heard[target]
+        status.heartbeat(heard.heartbeat, heard.t_s)
         identity = await request_identity(
             self._session,
             self._changes,
@@ -357,38 +355,24 @@ class Driver:
 
     def _circumstances(self) -> str:
         """Return what people want to know beside an error; empty, or begins with a semicolon."""
-        words = []
-        last_s = self._session.last_heard_s
-        silent_s = 0.0 if last_s is None else asyncio.get_running_loop().time() - last_s
-        if silent_s > self._silence_s:
-            words.append(f"; nothing heard for {silent_s:.1f} s")
         texts = () if self._status is None else self._status.last_texts()
-        if texts:
-            words.append("; it last said: " + " | ".join(texts))
-        return "".join(words)
+        said = "it last said: " + " | ".join(texts) if texts else ""
+        return "".join(f"; {words}" for words in (self._presence.silence(), said) if words)
 
     def _begin_listening(self) -> None:
         self._flying().streams.ask()
         self._clocking.start()
-        self._watch.start()
+        self._presence.watch()
 
     def _rebooted(self, t_s: float) -> None:
         if self._vehicle is not None:
             self._vehicle.status.rebooted(t_s)
             self._begin_listening()
 
-    def _send_heartbeat(self) -> None:
-        self._session.send(own_heartbeat())
+    def _lost(self, t_s: float, gap_s: float) -> None:
+        if self._status is not None:
+            self._status.set_link(up=False, t_s=t_s, gap_s=gap_s)
 
-    def _heard(self, t_s: float) -> None:
-        status, last_s = self._status, self._session.last_heard_s
-        if status is not None and last_s is not None and not status.state.link_up:
-            status.set_link(up=True, t_s=t_s, gap_s=t_s - last_s)
-
-    def _look_for_silence(self) -> None:
-        status, last_s = self._status, self._session.last_heard_s
-        if status is None or last_s is None or not status.state.link_up:
-            return
-        now_s = asyncio.get_running_loop().time()
-        if now_s - last_s > self._silence_s:
-            status.set_link(up=False, t_s=now_s, gap_s=now_s - last_s)
+    def _back(self, t_s: float, gap_s: float) -> None:
+        if self._status is not None:
+            self._status.set_link(up=True, t_s=t_s, gap_s=gap_s)

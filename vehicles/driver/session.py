@@ -15,14 +15,23 @@ Handler = Callable[[Any, float], None]
 """Takes a message and the run clock's time of its arrival."""
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Heard:
-    """Who sent heartbeats: what it says it is, and how often it said so."""
+    """Who sent heartbeats: the last one, when it came, and in which MAVLink."""
 
-    autopilot: int
-    vehicle_type: int
+    heartbeat: Any
+    t_s: float
     mavlink_version: int
-    count: int = 0
+
+    @property
+    def autopilot(self) -> int:
+        """Return its MAV_AUTOPILOT."""
+        return int(self.heartbeat.autopilot)
+
+    @property
+    def vehicle_type(self) -> int:
+        """Return its MAV_TYPE."""
+        return int(self.heartbeat.type)
 
 
 class Session:
@@ -79,11 +88,7 @@ class Session:
         message = self.codec.decode(frame)
         if message is None:
             return
-        who = Target(frame.system, frame.component)
-        heard = self.heard.setdefault(who, Heard(message.autopilot, message.type, frame.version))
-        heard.autopilot, heard.vehicle_type = message.autopilot, message.type
-        heard.mavlink_version = frame.version
-        heard.count += 1
+        self.heard[Target(frame.system, frame.component)] = Heard(message, t_s, frame.version)
         for handler in self._handlers.get(frame.message_id, ()):
             handler(message, t_s)
 

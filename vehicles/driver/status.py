@@ -63,7 +63,7 @@ class Status:
         self.asked_modes: tuple[Mode, ...] = ()
         """In which modes it may now be because we asked for it."""
         for message_id, handler in (
-            (mavlink.MAVLINK_MSG_ID_HEARTBEAT, self._heartbeat),
+            (mavlink.MAVLINK_MSG_ID_HEARTBEAT, self.heartbeat),
             (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, self._extended),
             (mavlink.MAVLINK_MSG_ID_SYS_STATUS, self._sys_status),
             (mavlink.MAVLINK_MSG_ID_STATUSTEXT, self._text),
@@ -106,7 +106,8 @@ class Status:
         self.readiness.feed(message)
         self._changes.notify()
 
-    def _heartbeat(self, message: Any, t_s: float) -> None:
+    def heartbeat(self, message: Any, t_s: float) -> None:
+        """Take a HEARTBEAT: those of the link, and the one by which the vehicle was found."""
         before = self.state
         mode = self._autopilot.mode_of(message.custom_mode)
         armed = bool(message.base_mode & _ARMED)
