@@ -9,7 +9,6 @@ import numpy as np
 
 from vehicles.embedded.autopilot.base import COMPONENT, EmbeddedAutopilot
 from vehicles.embedded.autopilot.copter import ArduCopter
-from vehicles.embedded.autopilot.place import Geodetic, Place
 from vehicles.embedded.autopilot.px4 import Px4
 from vehicles.embedded.autopilot.state import Identity
 from vehicles.embedded.body import PHYSICS_HZ, Body
@@ -19,6 +18,7 @@ from vehicles.embedded.states import STOPPED, Thrusts, TruthSample
 from vehicles.links.base import Link
 from vehicles.mavlink.codec import Codec
 from vehicles.readings import PoseReading
+from worlds.geodesy import LocalFrame
 
 _STEPS_PER_TICK = 2
 _TURN_STEPS = 5
@@ -194,12 +194,13 @@ class EmbeddedVehicle:
 
 def build_autopilot(config: EmbeddedConfig, body: Body) -> EmbeddedAutopilot:
     """Return the autopilot that a configuration asks for."""
-    world = Place(Geodetic(config.latitude_deg, config.longitude_deg, config.altitude_m))
+    world = LocalFrame(config.latitude_deg, config.longitude_deg, config.altitude_m)
+    start = world.to_geodetic(config.start.position_ned_m)
     identity = Identity(
         system_id=config.system_id,
         uid=config.uid,
         uid2=config.uid2,
-        origin=world.geodetic(config.start.position_ned_m),
+        origin=LocalFrame(start.latitude_deg, start.longitude_deg, start.altitude_m),
     )
     dt_s, charge = 1.0 / PHYSICS_HZ, body.battery.charge
     autopilot: EmbeddedAutopilot

@@ -26,7 +26,6 @@ from vehicles.embedded.autopilot.fence import Fence, FenceError, fence_of
 from vehicles.embedded.autopilot.flight import Flight, FlightStyle
 from vehicles.embedded.autopilot.outbox import Outbox
 from vehicles.embedded.autopilot.parameters import Parameters, ParameterServer
-from vehicles.embedded.autopilot.place import Place
 from vehicles.embedded.autopilot.state import Identity, State
 from vehicles.embedded.autopilot.streams import Streams
 from vehicles.embedded.battery import Charge
@@ -59,7 +58,7 @@ class EmbeddedAutopilot(ABC):
     ) -> None:
         self.identity = identity
         self.parameters = parameters
-        self.state = State(place=Place(identity.origin), charge=charge)
+        self.state = State(frame=identity.origin, charge=charge)
         self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s)
         self.streams = Streams(rates_hz, shortest_s=dt_s)
         self.outbox = Outbox(count_all=self.is_px4)
@@ -301,7 +300,7 @@ class EmbeddedAutopilot(ABC):
         if command.params[0] == 1.0:
             self.state.home_ned_m = self.state.now.position_ned_m
         elif math.isfinite(command.x + command.y + command.z):
-            self.state.home_ned_m = self.state.place.local(command.x, command.y, command.z)
+            self.state.home_ned_m = self.state.frame.to_ned(command.x, command.y, command.z)
         else:
             return DENIED
         self.outbox.send_later(telemetry.home_position(self.state))
@@ -321,7 +320,7 @@ class EmbeddedAutopilot(ABC):
     def _accept_items(self, kind: int, items: tuple[missions.Item, ...]) -> int:
         if kind == missions.FENCE:
             try:
-                fence = fence_of(items, self.state.place)
+                fence = fence_of(items, self.state.frame)
             except FenceError:
                 return int(mavlink.MAV_MISSION_INVALID)
             result = self._fence_result(fence)
@@ -334,8 +333,8 @@ class EmbeddedAutopilot(ABC):
         return missions.ACCEPTED
 
     def _home_item(self) -> missions.Item:
-        place, home = self.state.place, self.state.home_ned_m
-        here = place.geodetic(home) if home is not None else place.origin
+        frame, home = self.state.frame, self.state.home_ned_m
+        here = frame.to_geodetic(home or (0.0, 0.0, 0.0))
         return missions.Item(
             mavlink.MAV_FRAME_GLOBAL,
             mavlink.MAV_CMD_NAV_WAYPOINT,

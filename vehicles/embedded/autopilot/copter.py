@@ -81,7 +81,7 @@ class ArduCopter(CopterCore):
     def _on_global_setpoint(self, message: Any) -> None:
         if self.mode is CopterMode.GUIDED:
             state = self.state
-            self._take_setpoint(global_setpoint(message, state.place, state.home_down_m))
+            self._take_setpoint(global_setpoint(message, state.frame, state.home_down_m))
 
     def _take_setpoint(self, wanted: Wanted | None) -> None:
         flight = self.flight
@@ -142,10 +142,10 @@ class ArduCopter(CopterCore):
                 return FAILED
         state, altitude_m = self.state, command.z
         if command.frame in RELATIVE_ALTITUDE_FRAMES:
-            altitude_m += state.place.origin.altitude_m - state.home_down_m
+            altitude_m += state.frame.altitude_m - state.home_down_m
         if self.flight.armed and not self.flight.landed:
             self.velocity_at_s = None
-            position = state.place.local(command.x, command.y, altitude_m)
+            position = state.frame.to_ned(command.x, command.y, altitude_m)
             self.flight.fly(copter_flying.go_to(self.parameters, state, position, radius_m=0.3))
         return ACCEPTED
 
@@ -214,7 +214,7 @@ class ArduCopter(CopterCore):
             due_s, text = boot.TEXTS[self._texts_said]
             if due_s > self.t_s or (self.never_ready and due_s >= boot.POSITION_S):
                 break
-            field_m = self.state.place.origin.altitude_m
+            field_m = self.state.frame.altitude_m
             self.outbox.say(INFO, text.format(field_m=field_m))
             self._texts_said += 1
         if self.state.home_ned_m is None and self.t_s >= boot.HOME_SET_S:

@@ -62,7 +62,7 @@ def gps_raw_int(s: State) -> Any:
     fix, satellites = boot.gps(s.clock_s)
     if fix == 0:
         return mavlink.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
-    here = s.place.geodetic(s.now.position_ned_m)
+    here = s.frame.to_geodetic(s.now.position_ned_m)
     altitude_mm = round(here.altitude_m * 1e3)
     return mavlink.MAVLink_gps_raw_int_message(
         s.boot_us,
@@ -101,7 +101,7 @@ def vfr_hud(s: State, throttle: float) -> Any:
         speed,
         telemetry.heading_deg(s),
         round(throttle * 100.0),
-        s.place.origin.altitude_m - s.now.position_ned_m[2],
+        s.frame.altitude_m - s.now.position_ned_m[2],
         -s.now.velocity_ned_m_s[2],
     )
 

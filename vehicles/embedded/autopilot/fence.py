@@ -6,7 +6,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.missions import Item
-from vehicles.embedded.autopilot.place import Place
+from worlds.geodesy import LocalFrame
 
 Point = tuple[float, float]
 """North and east, m."""
@@ -53,7 +53,7 @@ class Fence(NamedTuple):
         return any(_within(area, north_m, east_m) for area in self.areas if not area.inside)
 
 
-def fence_of(items: tuple[Item, ...], place: Place) -> Fence:
+def fence_of(items: tuple[Item, ...], frame: LocalFrame) -> Fence:
     """Return the fence that items draw, in local metres. Raises FenceError."""
     areas: list[Polygon | Circle] = []
     at = 0
@@ -66,22 +66,22 @@ def fence_of(items: tuple[Item, ...], place: Place) -> Fence:
                 raise FenceError(f"polygon of {count} corners, {len(corners)} given")
             if any(corner.command != item.command for corner in corners):
                 raise FenceError("a polygon's corners are of different kinds")
-            areas.append(Polygon(tuple(_local(c, place) for c in corners), _POLYGONS[item.command]))
+            areas.append(Polygon(tuple(_local(c, frame) for c in corners), _POLYGONS[item.command]))
             at += count
             continue
         if item.command in _CIRCLES:
             radius_m = item.params[0]
             if not 0.0 < radius_m < math.inf:
                 raise FenceError(f"circle of radius {radius_m}")
-            areas.append(Circle(_local(item, place), radius_m, _CIRCLES[item.command]))
+            areas.append(Circle(_local(item, frame), radius_m, _CIRCLES[item.command]))
         elif item.command != mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT:
             raise FenceError(f"command {item.command} draws no fence")
         at += 1
     return Fence(tuple(areas))
 
 
-def _local(item: Item, place: Place) -> Point:
-    north, east, _ = place.local(item.x * 1e-7, item.y * 1e-7, place.origin.altitude_m)
+def _local(item: Item, frame: LocalFrame) -> Point:
+    north, east, _ = frame.to_ned(item.x * 1e-7, item.y * 1e-7, frame.altitude_m)
     return (north, east)
 
 

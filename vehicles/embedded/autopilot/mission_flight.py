@@ -112,8 +112,8 @@ def _place(item: Item, state: State) -> Vec3:
     """Return where an item is; latitude and longitude of zero mean the present place."""
     altitude_m = item.z
     if item.frame in RELATIVE_ALTITUDE_FRAMES:
-        altitude_m += state.place.origin.altitude_m - state.home_down_m
-    north, east, down = state.place.local(item.x * 1e-7, item.y * 1e-7, altitude_m)
+        altitude_m += state.frame.altitude_m - state.home_down_m
+    north, east, down = state.frame.to_ned(item.x * 1e-7, item.y * 1e-7, altitude_m)
     if item.x == 0 and item.y == 0:
         north, east, _ = state.now.position_ned_m
     return (north, east, down)

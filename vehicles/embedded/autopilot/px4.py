@@ -89,7 +89,7 @@ class Px4(Px4Core):
     def _on_global_setpoint(self, message: Any) -> None:
         if self.position_valid:
             state = self.state
-            self._take_setpoint(global_setpoint(message, state.place, state.home_down_m))
+            self._take_setpoint(global_setpoint(message, state.frame, state.home_down_m))
 
     def _take_setpoint(self, wanted: Wanted | None) -> None:
         if wanted is None:
@@ -117,7 +117,7 @@ class Px4(Px4Core):
 
     @on_command(mavlink.MAV_CMD_NAV_TAKEOFF)
     def _take_off(self, command: Command) -> int:
-        origin_m = self.state.place.origin.altitude_m
+        origin_m = self.state.frame.altitude_m
         self._takeoff_down_m = origin_m - command.z if math.isfinite(command.z) else None
         return self.choose(Px4Mode.TAKEOFF)
 
@@ -138,18 +138,19 @@ class Px4(Px4Core):
         if not self.position_valid:
             return DENIED
         state, here = self.state, self.state.now
+        present = state.frame.to_geodetic(here.position_ned_m)
         altitude_m = command.z
         if command.frame in RELATIVE_ALTITUDE_FRAMES:
-            altitude_m += state.place.origin.altitude_m - state.home_down_m
-        asked = state.place.local(command.x, command.y, altitude_m)
-        north, east, down = (
-            value if math.isfinite(value) else present
-            for value, present in zip(asked, here.position_ned_m, strict=True)
+            altitude_m += state.frame.altitude_m - state.home_down_m
+        position = state.frame.to_ned(
+            command.x if math.isfinite(command.x) else present.latitude_deg,
+            command.y if math.isfinite(command.y) else present.longitude_deg,
+            altitude_m if math.isfinite(altitude_m) else present.altitude_m,
         )
         result = self.choose(Px4Mode.HOLD)
         if result == ACCEPTED and not self.flight.landed:
             speed, _, _, yaw = command.params
-            self.flight.fly(self._go_to((north, east, down), speed_m_s=speed, yaw_rad=yaw))
+            self.flight.fly(self._go_to(position, speed_m_s=speed, yaw_rad=yaw))
         return result
 
     @on_command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION)

@@ -219,7 +219,7 @@ class Px4Core(EmbeddedAutopilot):
             return px4_flying.land(p, state)
         if mode is Px4Mode.RTL:
             height_m = px4_flying.return_height_m(p, state)
-            amsl_m = state.place.origin.altitude_m - state.home_down_m + height_m
+            amsl_m = state.frame.altitude_m - state.home_down_m + height_m
             self.outbox.say(
                 INFO,
                 f"RTL: start return at {amsl_m:.0f} m ({height_m:.0f} m above destination)\t",

@@ -74,7 +74,7 @@ def estimator_status(s: State, *, armed: bool, landed_after_flight: bool) -> Any
 
 def gps_raw_int(s: State) -> Any:
     """Return GPS_RAW_INT: a 3D fix of 10 satellites from the start."""
-    here = s.place.geodetic(s.now.position_ned_m)
+    here = s.frame.to_geodetic(s.now.position_ned_m)
     altitude_mm = round(here.altitude_m * 1e3)
     return mavlink.MAVLink_gps_raw_int_message(
         s.boot_us,
@@ -126,7 +126,7 @@ def vfr_hud(s: State, throttle: float) -> Any:
         telemetry.ground_speed_m_s(s),
         telemetry.heading_deg(s),
         round(throttle * 100.0),
-        s.place.origin.altitude_m - s.now.position_ned_m[2],
+        s.frame.altitude_m - s.now.position_ned_m[2],
         -s.now.velocity_ned_m_s[2],
     )
 

@@ -6,9 +6,9 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.guidance import Wanted
-from vehicles.embedded.autopilot.place import Place
 from vehicles.embedded.states import Motion
 from worlds.frames import Vec3, add, quat_from_euler, rotate
+from worlds.geodesy import LocalFrame
 
 _VELOCITY_BITS = 0b111 << 3
 _YAW_BIT = 1 << 10
@@ -40,12 +40,12 @@ def local_setpoint(message: Any, now: Motion) -> Wanted | None:
     return _wanted(message, position, velocity, yaw)
 
 
-def global_setpoint(message: Any, place: Place, home_down_m: float) -> Wanted | None:
+def global_setpoint(message: Any, frame: LocalFrame, home_down_m: float) -> Wanted | None:
     """Return what a SET_POSITION_TARGET_GLOBAL_INT asks for; None for nothing to fly."""
     altitude_m = message.alt
     if message.coordinate_frame in RELATIVE_ALTITUDE_FRAMES:
-        altitude_m += place.origin.altitude_m - home_down_m
-    position = place.local(message.lat_int * 1e-7, message.lon_int * 1e-7, altitude_m)
+        altitude_m += frame.altitude_m - home_down_m
+    position = frame.to_ned(message.lat_int * 1e-7, message.lon_int * 1e-7, altitude_m)
     return _wanted(message, position, (message.vx, message.vy, message.vz), message.yaw)
 
 

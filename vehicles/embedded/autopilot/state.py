@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 
-from vehicles.embedded.autopilot.place import Geodetic, Place
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.controller import Target
 from vehicles.embedded.states import AT_REST, Motion
 from worlds.frames import Vec3
+from worlds.geodesy import LocalFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,14 +19,14 @@ class Identity:
     system_id: int = 1
     uid: int | None = None
     uid2: bytes | None = None
-    origin: Geodetic = field(default_factory=lambda: Geodetic(47.397742, 8.545594, 488.0))
+    origin: LocalFrame = field(default_factory=lambda: LocalFrame(47.397742, 8.545594, 488.0))
 
 
 @dataclass(slots=True)
 class State:
     """The present: clock (s since start), estimate, battery, home; updated every step."""
 
-    place: Place
+    frame: LocalFrame
     charge: Charge
     clock_s: float = 0.0
     clock_offset_s: float = 0.0

@@ -34,7 +34,7 @@ def local_position_ned(s: State) -> Any:
 
 def global_position_int(s: State) -> Any:
     """Return GLOBAL_POSITION_INT."""
-    here = s.place.geodetic(s.now.position_ned_m)
+    here = s.frame.to_geodetic(s.now.position_ned_m)
     north, east, down = s.now.velocity_ned_m_s
     return mavlink.MAVLink_global_position_int_message(
         s.boot_ms,
@@ -53,7 +53,7 @@ def home_position(s: State) -> Any | None:
     """Return HOME_POSITION; None before home is known."""
     if s.home_ned_m is None:
         return None
-    here = s.place.geodetic(s.home_ned_m)
+    here = s.frame.to_geodetic(s.home_ned_m)
     return mavlink.MAVLink_home_position_message(
         round(here.latitude_deg * 1e7),
         round(here.longitude_deg * 1e7),
@@ -69,7 +69,7 @@ def home_position(s: State) -> Any | None:
 
 def gps_global_origin(s: State) -> Any:
     """Return GPS_GLOBAL_ORIGIN."""
-    origin = s.place.origin
+    origin = s.frame
     return mavlink.MAVLink_gps_global_origin_message(
         round(origin.latitude_deg * 1e7),
         round(origin.longitude_deg * 1e7),
@@ -103,7 +103,7 @@ def battery_status(s: State) -> Any:
 
 def highres_imu(s: State) -> Any:
     """Return HIGHRES_IMU: accelerations, rates, and the pressure of the altitude."""
-    altitude_m = s.place.origin.altitude_m - s.now.position_ned_m[2]
+    altitude_m = s.frame.altitude_m - s.now.position_ned_m[2]
     return mavlink.MAVLink_highres_imu_message(
         s.boot_us,
         *s.now.specific_force_m_s2,
@@ -132,7 +132,7 @@ def raw_imu(s: State) -> Any:
 
 def scaled_pressure(s: State) -> Any:
     """Return SCALED_PRESSURE."""
-    altitude_m = s.place.origin.altitude_m - s.now.position_ned_m[2]
+    altitude_m = s.frame.altitude_m - s.now.position_ned_m[2]
     return mavlink.MAVLink_scaled_pressure_message(s.boot_ms, pressure_hpa(altitude_m), 0.0, 1500)
 
 
@@ -169,7 +169,7 @@ def position_target_local_ned(s: State) -> Any | None:
 def altitude(s: State) -> Any:
     """Return ALTITUDE."""
     up = -s.now.position_ned_m[2]
-    amsl = s.place.origin.altitude_m + up
+    amsl = s.frame.altitude_m + up
     return mavlink.MAVLink_altitude_message(
         s.boot_us, amsl, amsl, up, s.home_down_m + up, math.nan, math.nan
     )
