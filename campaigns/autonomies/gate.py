@@ -28,6 +28,9 @@ Phase = Literal["search", "approach", "through", "stop"]
 LONGEST_TURN_S = 0.2
 """Time between two commands that counts for integral and acceleration; more is a gap."""
 
+REACTION_S = 0.4
+"""From a command to the speed that it asks for: a multicopter leans before it brakes."""
+
 ARRIVED_M = 0.05
 STANDING_M_S = 0.2
 
@@ -131,8 +134,11 @@ class GateAutonomy:
 
     def _search_again(self, place: _Place) -> None:
         self._phase, self._since_s = "search", place.t_s
-        self._hold_m = place.at_m
-        self._track = GateTrack(place.at_m[1], place.at_m[2])
+        ahead_m, right_m, down_m = place.at_m
+        speed_m_s = max(0.0, place.velocity_m_s[0])
+        braking_m = speed_m_s * (REACTION_S + speed_m_s / (2.0 * self._set.acceleration_m_s2))
+        self._hold_m = (ahead_m + braking_m, right_m, down_m)
+        self._track = GateTrack(right_m, down_m)
 
     def _stop_at_m(self) -> float:
         return self._track.along_m + self._set.past_m
@@ -153,7 +159,9 @@ class GateAutonomy:
         right_m_s = self._side.step(right_m - place.at_m[1], place.velocity_m_s[1], dt_s)
         down_m_s = self._height.step(down_m - place.at_m[2], place.velocity_m_s[2], dt_s)
         speed_m_s = math.hypot(*place.velocity_m_s)
-        self._done = self._done or (self._phase == "stop" and speed_m_s < STANDING_M_S)
+        left_m = abs(self._hold_m[0] - place.at_m[0])
+        stands = speed_m_s < STANDING_M_S and left_m < 2.0 * ARRIVED_M
+        self._done = self._done or (self._phase == "stop" and stands)
         setpoint = self._setpoint(self._ahead_m_s, right_m_s, down_m_s)
         return Command(setpoint, self._done, self._note(place))
 
@@ -164,14 +172,19 @@ class GateAutonomy:
     def _ahead(self, place: _Place) -> float:
         """Return the speed ahead: less while beside the line, none until it is known."""
         track, along_m = self._track, place.at_m[0]
-        way_m = max(0.0, self._stop_at_m() - along_m)
-        fastest_m_s = min(self._set.speed_m_s, math.sqrt(2.0 * self._set.acceleration_m_s2 * way_m))
+        fastest_m_s = min(self._set.speed_m_s, self._stoppable(self._stop_at_m() - along_m))
         if self._phase == "through":
             return fastest_m_s
         if track.only_side or track.near(along_m):
             return 0.0
         allowed_m = self._set.cone * (track.width_m + track.along_m - along_m)
         return fastest_m_s * max(0.0, min(1.0, 1.5 - self._miss_m(place) / allowed_m))
+
+    def _stoppable(self, way_m: float) -> float:
+        """Return the speed v from which it stops within a way: way = v REACTION_S + v^2 / 2a."""
+        a_m_s2 = self._set.acceleration_m_s2
+        lost_m_s = a_m_s2 * REACTION_S
+        return math.sqrt(lost_m_s * lost_m_s + 2.0 * a_m_s2 * max(0.0, way_m)) - lost_m_s
 
     def _setpoint(self, ahead: float, right: float, down: float) -> VelocitySetpoint:
         course_rad = self._start.yaw_rad if self._start is not None else 0.0
