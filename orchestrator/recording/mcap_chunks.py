@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
-import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -108,8 +107,3 @@ def _parse(opcode: int, content: bytes) -> list[Record]:
     if opcode == Opcode.MESSAGE:
         return [Message.read(stream, len(content))]
     return []
-
-
-def _lz4_is_there() -> Any:
-    """Name the module whose errors `_DAMAGED` stands for."""
-    return lz4.frame

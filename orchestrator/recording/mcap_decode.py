@@ -41,8 +41,9 @@ def image_of(document: Json) -> NDArray[Any]:
     """Return the pixels of a picture's message. Raises ValueError when they are none."""
     wil, data = document["wil"], np.frombuffer(bytes_of(document["data"]), np.uint8)
     if "format" not in document:
-        return data.view(np.dtype(wil["dtype"])).reshape(wil["shape"])
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+        pixels: NDArray[Any] = data.view(np.dtype(wil["dtype"])).reshape(wil["shape"])
+        return pixels
+    image: NDArray[Any] | None = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if image is None:
         raise ValueError(f"not a {document['format']} picture")
     image.setflags(write=False)
@@ -54,9 +55,15 @@ def _times(wil: Json) -> tuple[float, float, int, Source]:
 
 
 def _intrinsics(value: Json) -> Intrinsics:
-    numbers = [number(value[name]) for name in ("fx_px", "fy_px", "cx_px", "cy_px")]
-    distortion = tuple(number(one) for one in value["distortion"])
-    return Intrinsics(value["width_px"], value["height_px"], *numbers, distortion=distortion)
+    return Intrinsics(
+        width_px=value["width_px"],
+        height_px=value["height_px"],
+        fx_px=number(value["fx_px"]),
+        fy_px=number(value["fy_px"]),
+        cx_px=number(value["cx_px"]),
+        cy_px=number(value["cy_px"]),
+        distortion=tuple(number(one) for one in value["distortion"]),
+    )
 
 
 def _camera_pose(value: Json) -> Pose | None:

@@ -1,7 +1,7 @@
 """What may be wrong with a reading: pure checks that name the fault, for counting and reporting.
 
-Costs per call: a picture 2 us (shapes only), its depth 50 us at 640x480 (one pass), a scan of
-360 beams 8 us.
+Costs per call: a picture 2 us (shapes only), depth 23 us at 640x480 (one pass), a scan of 400
+beams 4 us, 14,400 points 8 us.
 """
 
 import math
