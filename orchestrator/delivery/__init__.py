@@ -1,0 +1,1 @@
+"""Delivery: mixed readings to whoever perceives, and injected things to the autopilot."""

@@ -1,0 +1,60 @@
+"""What every delivery of pictures is: one protocol, its counts, its errors."""
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self, runtime_checkable
+
+from vehicles.readings import CameraReading
+
+
+class DeliveryError(Exception):
+    """A delivery that cannot be had; says which, and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeliveryCounts:
+    """What became of the readings.
+
+    offered: handed to `deliver`. delivered: sent. dropped: made way for a newer one, because the
+    way out was busy. failed: could not be sent; `trouble` says why the last one could not.
+    """
+
+    offered: int = 0
+    delivered: int = 0
+    dropped: int = 0
+    failed: int = 0
+
+
+@runtime_checkable
+class Delivery(Protocol):
+    """One way out for pictures; an async context manager.
+
+    `deliver` returns at once, whatever happens outside: it never holds up a flight and never
+    raises. What cannot be sent in time is dropped and counted.
+    """
+
+    @property
+    def name(self) -> str:
+        """Return what people know it by ("rtp://127.0.0.1:5600")."""
+
+    @property
+    def counts(self) -> DeliveryCounts:
+        """Return what became of the readings so far."""
+
+    @property
+    def trouble(self) -> str:
+        """Return why the last reading that failed did; empty when none has."""
+
+    def deliver(self, reading: CameraReading) -> None:
+        """Send a reading, some time soon."""
+
+    async def __aenter__(self) -> Self:
+        """Open. Raises DeliveryError when it cannot be had."""
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Send what still waits, and close."""

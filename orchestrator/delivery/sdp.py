@@ -1,0 +1,52 @@
+"""The session description of an H.264 stream over RTP; pure.
+
+RFC 8866 (SDP), RFC 6184 (H.264 over RTP: packetization-mode, profile-level-id,
+sprop-parameter-sets).
+"""
+
+import base64
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class RtpAddress:
+    """Where a stream goes: a host or multicast group, and the UDP port of RTP (RTCP: + 1)."""
+
+    host: str = "127.0.0.1"
+    port: int = 5600
+
+    def __str__(self) -> str:
+        return f"rtp://{self.host}:{self.port}"
+
+
+def h264_sdp(address: RtpAddress, *, parameter_sets: tuple[bytes, ...], rate_hz: float) -> str:
+    """Return the description of a stream with payload type 96 and a clock of 90 kHz.
+
+    parameter_sets: the stream's SPS and PPS without start codes, so that a receiver knows the
+    size before the first key picture. Raises ValueError when the first one is no SPS.
+    """
+    sps = parameter_sets[0] if parameter_sets else b""
+    if len(sps) < 4 or sps[0] & 0x1F != 7:
+        raise ValueError("the first parameter set is not an H.264 SPS")
+    family = "IP6" if ":" in address.host else "IP4"
+    sprop = ",".join(base64.b64encode(each).decode() for each in parameter_sets)
+    level = f"packetization-mode=1;profile-level-id={sps[1:4].hex()}"
+    lines = (
+        "v=0",
+        f"o=- 0 0 IN {family} {address.host}",
+        "s=wil mixed pictures",
+        f"c=IN {family} {address.host}",
+        "t=0 0",
+        f"m=video {address.port} RTP/AVP 96",
+        "a=rtpmap:96 H264/90000",
+        f"a=fmtp:96 {level};sprop-parameter-sets={sprop}",
+        f"a=framerate:{rate_hz:g}",
+        "a=recvonly",
+    )
+    return "\r\n".join(lines) + "\r\n"
+
+
+def split_parameter_sets(extradata: bytes) -> tuple[bytes, ...]:
+    """Return the units of an encoder's header (Annex B) that are SPS or PPS."""
+    units = extradata.replace(b"\x00\x00\x00\x01", b"\x00\x00\x01").split(b"\x00\x00\x01")
+    return tuple(unit for unit in units if unit and unit[0] & 0x1F in {7, 8})

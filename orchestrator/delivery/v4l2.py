@@ -1,0 +1,83 @@
+"""Pictures to a V4L2 loopback device, for programs that read a camera and nothing else."""
+
+import stat
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+
+from orchestrator.delivery.base import DeliveryError
+from orchestrator.delivery.h264_encoder import to_frame
+from orchestrator.delivery.threaded import ThreadedDelivery
+from vehicles.readings import CameraReading
+
+_HOW = "load one: modprobe v4l2loopback video_nr=10 exclusive_caps=1"
+
+
+class V4l2Sink:
+    """Writes raw frames (YUV 4:2:0) to a loopback device; a Sink."""
+
+    def __init__(self, *, device: Path, width_px: int, height_px: int, rate_hz: float) -> None:
+        self.name = str(device)
+        self._device = device
+        self._size = (width_px, height_px)
+        self._rate = Fraction(rate_hz).limit_denominator(1000)
+        self._container: Any = None
+        self._stream: Any = None
+        self._count = 0
+
+    def open(self) -> None:
+        """Open the device. Raises DeliveryError."""
+        self._check_device()
+        try:
+            self._container = av.open(self.name, "w", format="v4l2")
+            self._stream = self._container.add_stream("rawvideo", rate=self._rate)
+            self._stream.width, self._stream.height = self._size[0] & ~1, self._size[1] & ~1
+            self._stream.pix_fmt = "yuv420p"
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            said = getattr(error, "strerror", None) or error
+            raise DeliveryError(
+                f"{self.name}: cannot be written to: {said}; is it a loopback device, and not a "
+                f"camera? {_HOW}"
+            ) from error
+
+    def write(self, reading: CameraReading) -> None:
+        """Show one picture. Raises DeliveryError."""
+        height, width = reading.image_bgr.shape[:2]
+        if (width, height) != self._size:
+            raise DeliveryError(
+                f"{self.name}: a picture of {width}x{height} does not fit the device's "
+                f"{self._size[0]}x{self._size[1]}; it was not sent"
+            )
+        frame = to_frame(reading.image_bgr, self._count)
+        frame.time_base = 1 / self._rate
+        self._count += 1
+        try:
+            self._container.mux(self._stream.encode(frame))
+        except (av.error.FFmpegError, OSError) as error:
+            raise DeliveryError(f"{self.name}: cannot be written to: {error}") from error
+
+    def close(self) -> None:
+        """Close the device."""
+        if self._container is not None:
+            self._container.close()
+
+    def _check_device(self) -> None:
+        try:
+            is_device = stat.S_ISCHR(self._device.stat().st_mode)
+        except OSError as error:
+            raise DeliveryError(f"{self.name}: {error.strerror}; {_HOW}") from error
+        if not is_device:
+            raise DeliveryError(f"{self.name}: is no device; {_HOW}")
+
+
+def v4l2_delivery(
+    *, device: Path, width_px: int, height_px: int, rate_hz: float
+) -> ThreadedDelivery:
+    """Return a delivery to a loopback device such as /dev/video10.
+
+    width_px, height_px: of all pictures to come. rate_hz: what the device says of itself.
+    """
+    sink = V4l2Sink(device=device, width_px=width_px, height_px=height_px, rate_hz=rate_hz)
+    return ThreadedDelivery(sink=sink)
