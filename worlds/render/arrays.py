@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 F64 = NDArray[np.float64]
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
 U32 = NDArray[np.uint32]
 U8 = NDArray[np.uint8]
 
@@ -69,44 +70,57 @@ class View(NamedTuple):
     fy: float
     cx: float
     cy: float
+    width: int
+    height: int
+
+
+class Triangles(NamedTuple):
+    """What may show, ready to be drawn.
+
+    corners: (n, 6), x and y of three corners, 1/256 pixel. bounds: (n, 4), first and last column,
+    first and last row with a pixel centre. planes: (n, 3), 1/z at pixel (0, 0), per column, per
+    row. depth_range: (n, 2), least and greatest 1/z. face: (n,).
+    """
+
+    corners: I32
+    bounds: I32
+    planes: F64
+    depth_range: F32
+    face: I32
+
+
+class Shades(NamedTuple):
+    """How faces look that were found to show; worked out when one is first needed.
+
+    state: (m,), 0 unknown, else how to paint. shade: (m,), 0 to 256. planes: (m, 9), of shade,
+    u and v over z: at pixel (0, 0), per column, per row.
+    """
+
+    state: U8
+    shade: I32
+    planes: F64
+
+
+class Buffer(NamedTuple):
+    """The visibility buffer: 1/z and triangle (-1 for none) of each pixel, flat."""
+
+    inverse_depth: F32
+    triangle: I32
+    width: int
 
 
 class Scratch(NamedTuple):
-    """What one frame is worked out in; sizes from the scene and the picture.
+    """What one frame is worked out in. camera: (n, 3) vertices, screen: (n, 2) their pixels.
 
-    camera: (n, 3) vertices. screen: (n, 2) pixels. corners: (t, 6) int32, 1/256 pixel.
-    planes: (t, 3) of 1/z. depth_range: (t, 2) least and greatest 1/z. triangle_face: (t,).
-    attributes: (m, 9), planes of shade, u, v over z. face_state: (m,), 0 unknown, else how to
-    shade. face_shade: (m,). inverse_depth, triangle: (rows of a band, width).
+    colors: (pixels,), packed.
     """
 
     camera: F64
     screen: F64
-    corners: I32
-    planes: F64
-    depth_range: F32
-    triangle_face: I32
-    attributes: F64
-    face_state: U8
-    face_shade: I32
-    inverse_depth: F32
-    triangle: I32
-
-
-class Run(NamedTuple):
-    """What varies along a run of pixels: each over z at its first pixel, per column, per row."""
-
-    w: float
-    w_step: float
-    w_down: float
-    shade: float
-    shade_step: float
-    u: float
-    u_step: float
-    u_down: float
-    v: float
-    v_step: float
-    v_down: float
+    triangles: Triangles
+    shades: Shades
+    buffer: Buffer
+    colors: U32
 
 
 class Target(NamedTuple):

@@ -10,24 +10,31 @@ Camera coordinates are optical: x right, y down, z forward, metres. Pixel centre
 
 import numpy as np
 
-from worlds.render.arrays import F64, Geometry, Scratch, View
+from worlds.render.arrays import F32, F64, I32, Buffer, Geometry, Scratch, Triangles, View
 from worlds.render.jit import compiled
 
 NEAR_M = 0.05
-SUB = 256
+SUB_BITS = 8
+SUB = 1 << SUB_BITS
+Lens = tuple[float, float, float, float]
+"""fx, fy, cx, cy."""
+Corners = tuple[int, int, int]
+"""The three vertices of a face."""
+Triangle = tuple[float, float, float, float, float, float]
+"""Pixels of three corners: x, y, x, y, x, y."""
 GUARD_PX = 1_000_000.0
 """How far outside of the picture a triangle may reach: products then fit into 64 bits."""
 
 
 @compiled
-def sphere_shows(sphere: F64, view: View, k: int, width: int, height: int) -> bool:
+def sphere_shows(sphere: F64, view: View, k: int) -> bool:
     """Return whether the bounding sphere of object k may reach into the picture."""
     m, shift = view.rotations[k], view.shifts[k]
     x = m[0, 0] * sphere[0] + m[0, 1] * sphere[1] + m[0, 2] * sphere[2] + shift[0]
     y = m[1, 0] * sphere[0] + m[1, 1] * sphere[1] + m[1, 2] * sphere[2] + shift[1]
     z = m[2, 0] * sphere[0] + m[2, 1] * sphere[1] + m[2, 2] * sphere[2] + shift[2]
-    left, right = view.cx + 0.5, width - 0.5 - view.cx
-    top, bottom = view.cy + 0.5, height - 0.5 - view.cy
+    left, right = view.cx + 0.5, view.width - 0.5 - view.cx
+    top, bottom = view.cy + 0.5, view.height - 0.5 - view.cy
     fx, fy, r = view.fx, view.fy, sphere[3]
     return (
         z + r > NEAR_M
@@ -39,19 +46,19 @@ def sphere_shows(sphere: F64, view: View, k: int, width: int, height: int) -> bo
 
 
 @compiled
-def project_vertices(geometry: Geometry, view: View, k: int, scratch: Scratch) -> None:
-    """Write camera coordinates and pixels of object k's vertices."""
+def project(vertices: F64, extent: I32, view: View, k: int, camera: F64, screen: F64) -> None:
+    """Write camera coordinates and pixels of object k's vertices, extent[0] to extent[1] - 1."""
     m, shift = view.rotations[k], view.shifts[k]
-    vertices, camera, screen = geometry.vertices, scratch.camera, scratch.screen
-    for i in range(geometry.vertex_range[k, 0], geometry.vertex_range[k, 1]):
+    fx, fy, cx, cy = view.fx, view.fy, view.cx, view.cy
+    for i in range(extent[0], extent[1]):
         a, b, c = vertices[i, 0], vertices[i, 1], vertices[i, 2]
         x = m[0, 0] * a + m[0, 1] * b + m[0, 2] * c + shift[0]
         y = m[1, 0] * a + m[1, 1] * b + m[1, 2] * c + shift[1]
         z = m[2, 0] * a + m[2, 1] * b + m[2, 2] * c + shift[2]
         camera[i, 0], camera[i, 1], camera[i, 2] = x, y, z
         if z >= NEAR_M:
-            screen[i, 0] = view.fx * x / z + view.cx
-            screen[i, 1] = view.fy * y / z + view.cy
+            screen[i, 0] = fx * x / z + cx
+            screen[i, 1] = fy * y / z + cy
 
 
 @compiled
@@ -76,181 +83,211 @@ def clip(polygon: F64, count: int, plane: F64, out: F64) -> int:
 
 
 @compiled
-def clipped_polygon(scratch: Scratch, a: int, b: int, c: int, view: View, work: F64) -> int:
+def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> int:
     """Write pixels of a triangle's part before the near plane and within the guard band.
 
     work: (3, 10, 3); the pixels come to work[2]. Returns the number of corners, 0 for none.
     """
+    fx, fy, cx, cy = lens
     polygon, other = work[0], work[1]
     for i in range(3):
-        polygon[0, i] = scratch.camera[a, i]
-        polygon[1, i] = scratch.camera[b, i]
-        polygon[2, i] = scratch.camera[c, i]
-    plane = np.zeros(4)
-    plane[2], plane[3] = 1.0, -NEAR_M
+        for axis in range(3):
+            polygon[i, axis] = camera[abc[i], axis]
+    plane = np.array([0.0, 0.0, 1.0, -NEAR_M])
     count = clip(polygon, 3, plane, other)
-    plane[3] = 0.0
     for axis in range(2):
-        focal = view.fx if axis == 0 else view.fy
         for sign in (-1.0, 1.0):
             if count < 3:
                 return 0
             polygon, other = other, polygon
-            plane[0], plane[1], plane[2] = 0.0, 0.0, 0.9 * GUARD_PX
-            plane[axis] = sign * focal
+            plane[0], plane[1], plane[2], plane[3] = 0.0, 0.0, 0.9 * GUARD_PX, 0.0
+            plane[axis] = sign * (fx if axis == 0 else fy)
             count = clip(polygon, count, plane, other)
     for i in range(count):
         z = max(other[i, 2], NEAR_M)
-        work[2, i, 0] = view.fx * other[i, 0] / z + view.cx
-        work[2, i, 1] = view.fy * other[i, 1] / z + view.cy
-        work[2, i, 2] = z
+        work[2, i, 0] = fx * other[i, 0] / z + cx
+        work[2, i, 1] = fy * other[i, 1] / z + cy
     return count if count >= 3 else 0
 
 
 @compiled
-def depth_plane(scratch: Scratch, a: int, b: int, c: int, view: View, out: F64) -> bool:
-    """Write the plane of 1/z over pixels of a triangle; False when it is seen edge-on."""
-    p = scratch.camera
-    ux, uy, uz = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
-    vx, vy, vz = p[c, 0] - p[a, 0], p[c, 1] - p[a, 1], p[c, 2] - p[a, 2]
+def depth_plane(camera: F64, abc: Corners, lens: Lens) -> tuple[float, float, float]:
+    """Return the plane of 1/z over pixels (at the origin, per column, per row); 0s edge-on."""
+    fx, fy, cx, cy = lens
+    a, b, c = abc
+    ax, ay, az = camera[a, 0], camera[a, 1], camera[a, 2]
+    ux, uy, uz = camera[b, 0] - ax, camera[b, 1] - ay, camera[b, 2] - az
+    vx, vy, vz = camera[c, 0] - ax, camera[c, 1] - ay, camera[c, 2] - az
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    distance = nx * p[a, 0] + ny * p[a, 1] + nz * p[a, 2]
+    distance = nx * ax + ny * ay + nz * az
     if distance == 0.0:
+        return 0.0, 0.0, 0.0
+    per_column, per_row = nx / (fx * distance), ny / (fy * distance)
+    return nz / distance - per_column * cx - per_row * cy, per_column, per_row
+
+
+@compiled
+def store(corners: I32, bounds: I32, n: int, pixels: Triangle, size: tuple[int, int]) -> bool:
+    """Store corners and bounds of the n-th triangle; False when it covers no pixel centre.
+
+    It is turned so that each edge has the inside on the same side.
+    """
+    ax, ay = np.int64(np.floor(pixels[0] * SUB + 0.5)), np.int64(np.floor(pixels[1] * SUB + 0.5))
+    bx, by = np.int64(np.floor(pixels[2] * SUB + 0.5)), np.int64(np.floor(pixels[3] * SUB + 0.5))
+    cx, cy = np.int64(np.floor(pixels[4] * SUB + 0.5)), np.int64(np.floor(pixels[5] * SUB + 0.5))
+    left = max(0, (min(ax, bx, cx) + SUB - 1) >> SUB_BITS)
+    right = min(size[0] - 1, max(ax, bx, cx) >> SUB_BITS)
+    top = max(0, (min(ay, by, cy) + SUB - 1) >> SUB_BITS)
+    bottom = min(size[1] - 1, max(ay, by, cy) >> SUB_BITS)
+    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    if area == 0 or left > right or top > bottom:
         return False
-    out[1] = nx / (view.fx * distance)
-    out[2] = ny / (view.fy * distance)
-    out[0] = nz / distance - out[1] * view.cx - out[2] * view.cy
+    if area < 0:
+        bx, by, cx, cy = cx, cy, bx, by
+    corners[n, 0], corners[n, 1], corners[n, 2] = ax, ay, bx
+    corners[n, 3], corners[n, 4], corners[n, 5] = by, cx, cy
+    bounds[n, 0], bounds[n, 1], bounds[n, 2], bounds[n, 3] = left, right, top, bottom
     return True
 
 
 @compiled
-def emit(
-    scratch: Scratch, n: int, pixels: F64, near: float, far: float, size: tuple[int, int]
-) -> int:
-    """Store one triangle, pixels (3, 2), its plane already at n; return the next free place."""
-    width, height = size
-    low_x = min(pixels[0, 0], pixels[1, 0], pixels[2, 0])
-    high_x = max(pixels[0, 0], pixels[1, 0], pixels[2, 0])
-    low_y = min(pixels[0, 1], pixels[1, 1], pixels[2, 1])
-    high_y = max(pixels[0, 1], pixels[1, 1], pixels[2, 1])
-    if high_x < -1.0 or low_x > width or high_y < -1.0 or low_y > height:
+def finish(triangles: Triangles, n: int, f: int, camera: F64, abc: Corners, lens: Lens) -> int:
+    """Store depth and face of the n-th triangle; return the next free place."""
+    at_origin, per_column, per_row = depth_plane(camera, abc, lens)
+    if at_origin == 0.0 and per_column == 0.0 and per_row == 0.0:
         return n
-    corners = scratch.corners
-    for i in range(3):
-        corners[n, 2 * i] = np.int32(np.floor(pixels[i, 0] * SUB + 0.5))
-        corners[n, 2 * i + 1] = np.int32(np.floor(pixels[i, 1] * SUB + 0.5))
-    ax, ay = np.int64(corners[n, 0]), np.int64(corners[n, 1])
-    bx, by = np.int64(corners[n, 2]), np.int64(corners[n, 3])
-    cx, cy = np.int64(corners[n, 4]), np.int64(corners[n, 5])
-    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-    if area == 0:
-        return n
-    if area < 0:
-        corners[n, 2], corners[n, 3], corners[n, 4], corners[n, 5] = cx, cy, bx, by
-    scratch.depth_range[n, 0] = np.float32(1.0 / far)
-    scratch.depth_range[n, 1] = np.float32(1.0 / near)
+    a, b, c = abc
+    far = max(camera[a, 2], camera[b, 2], camera[c, 2])
+    near = max(min(camera[a, 2], camera[b, 2], camera[c, 2]), NEAR_M)
+    planes = triangles.planes
+    planes[n, 0], planes[n, 1], planes[n, 2] = at_origin, per_column, per_row
+    triangles.depth_range[n, 0] = np.float32(1.0 / far)
+    triangles.depth_range[n, 1] = np.float32(1.0 / near)
+    triangles.face[n] = f
     return n + 1
 
 
 @compiled
-def gather(geometry: Geometry, view: View, scratch: Scratch, width: int, height: int) -> int:
-    """Store every triangle that may show; return how many, or -1 when there is no room."""
-    n = 0
-    work, pixels = np.empty((3, 10, 3)), np.empty((3, 2))
-    plane = np.empty(3)
-    camera, screen = scratch.camera, scratch.screen
-    capacity = scratch.corners.shape[0] - 10
-    for k in range(geometry.spheres.shape[0]):
-        if view.shown[k] == 0 or not sphere_shows(geometry.spheres[k], view, k, width, height):
+def is_plain(camera: F64, screen: F64, abc: Corners) -> bool:
+    """Return whether a triangle needs no clipping."""
+    a, b, c = abc
+    return (
+        min(camera[a, 2], camera[b, 2], camera[c, 2]) >= NEAR_M
+        and min(screen[a, 0], screen[b, 0], screen[c, 0]) > -GUARD_PX
+        and max(screen[a, 0], screen[b, 0], screen[c, 0]) < GUARD_PX
+        and min(screen[a, 1], screen[b, 1], screen[c, 1]) > -GUARD_PX
+        and max(screen[a, 1], screen[b, 1], screen[c, 1]) < GUARD_PX
+    )
+
+
+@compiled
+def gather_object(
+    faces: I32, extent: I32, vertices: tuple[F64, F64], view: View, triangles: Triangles, n: int
+) -> int:
+    """Store what may show of faces extent[0] to extent[1] - 1, from place n; -1: no room."""
+    camera, screen = vertices
+    corners, bounds, work = triangles.corners, triangles.bounds, np.empty((3, 10, 3))
+    lens, size = (view.fx, view.fy, view.cx, view.cy), (view.width, view.height)
+    for f in range(extent[0], extent[1]):
+        if n > corners.shape[0] - 8:
+            return -1
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        abc = (a, b, c)
+        if is_plain(camera, screen, abc):
+            pixels = (
+                screen[a, 0],
+                screen[a, 1],
+                screen[b, 0],
+                screen[b, 1],
+                screen[c, 0],
+                screen[c, 1],
+            )
+            if store(corners, bounds, n, pixels, size):
+                n = finish(triangles, n, f, camera, abc, lens)
             continue
-        project_vertices(geometry, view, k, scratch)
-        for f in range(geometry.face_range[k, 0], geometry.face_range[k, 1]):
-            a, b, c = geometry.faces[f, 0], geometry.faces[f, 1], geometry.faces[f, 2]
-            near = min(camera[a, 2], camera[b, 2], camera[c, 2])
-            far = max(camera[a, 2], camera[b, 2], camera[c, 2])
-            if far < NEAR_M or not depth_plane(scratch, a, b, c, view, plane):
-                continue
-            if n >= capacity:
-                return -1
-            inside = near >= NEAR_M
-            if inside:
-                for i, v in enumerate((a, b, c)):
-                    pixels[i, 0], pixels[i, 1] = screen[v, 0], screen[v, 1]
-                    inside = (
-                        inside and abs(screen[v, 0]) < GUARD_PX and abs(screen[v, 1]) < GUARD_PX
-                    )
-            count = 3 if inside else clipped_polygon(scratch, a, b, c, view, work)
-            for last in range(2, count):
-                if not inside:
-                    for i, v in enumerate((0, last - 1, last)):
-                        pixels[i, 0], pixels[i, 1] = work[2, v, 0], work[2, v, 1]
-                scratch.planes[n, 0], scratch.planes[n, 1] = plane[0], plane[1]
-                scratch.planes[n, 2] = plane[2]
-                scratch.triangle_face[n] = f
-                n = emit(scratch, n, pixels, max(near, NEAR_M), far, (width, height))
+        count = clipped(camera, abc, lens, work)
+        p = work[2]
+        for i in range(2, count):
+            pixels = (p[0, 0], p[0, 1], p[i - 1, 0], p[i - 1, 1], p[i, 0], p[i, 1])
+            if store(corners, bounds, n, pixels, size):
+                n = finish(triangles, n, f, camera, abc, lens)
     return n
 
 
 @compiled
-def ceil_div(a: int, b: int) -> int:
-    """Return a / b rounded up; b > 0."""
-    return -((-a) // b)
+def gather(geometry: Geometry, view: View, scratch: Scratch) -> int:
+    """Store every triangle that may show; return how many, or -1 when there is no room."""
+    n = 0
+    for k in range(geometry.spheres.shape[0]):
+        if n < 0 or view.shown[k] == 0 or not sphere_shows(geometry.spheres[k], view, k):
+            continue
+        vertex_range, face_range = geometry.vertex_range[k], geometry.face_range[k]
+        project(geometry.vertices, vertex_range, view, k, scratch.camera, scratch.screen)
+        vertices = (scratch.camera, scratch.screen)
+        n = gather_object(geometry.faces, face_range, vertices, view, scratch.triangles, n)
+    return n
 
 
 @compiled
-def cover(scratch: Scratch, count: int, top: int, bottom: int, width: int) -> None:
-    """Fill the visibility buffer for rows top to bottom - 1, its first row being `top`.
+def floor_divide(a: int, b: int, inverse: float) -> int:
+    """Return a / b rounded down, b > 0, from an approximate 1 / b; exact for quotients here."""
+    quotient = np.int64(np.floor(a * inverse))
+    rest = a - quotient * b
+    if rest < 0:
+        quotient -= 1
+    elif rest >= b:
+        quotient += 1
+    return quotient
 
-    An edge from (xa, ya) to (xb, yb) has E = (xb - xa)(y - ya) - (yb - ya)(x - xa), positive
-    inside; a pixel on it belongs to the triangle whose top or left edge it is.
+
+@compiled
+def narrow(left: int, right: int, value: int, drop: int, inverse: float) -> tuple[int, int]:
+    """Return which columns of a span an edge leaves; value: E at column 0, E falls by drop."""
+    if drop > 0:
+        return left, min(right, floor_divide(value, drop, inverse))
+    if drop < 0:
+        return max(left, -floor_divide(value, -drop, inverse)), right
+    return left, right if value >= 0 else -1
+
+
+@compiled
+def edge(corners: I32, t: int, from_corner: int, to_corner: int) -> tuple[int, int, int, float]:
+    """Return an edge of triangle t: E at the origin, its rise per row, its drop per column.
+
+    From (xa, ya) to (xb, yb), E = (xb - xa)(y - ya) - (yb - ya)(x - xa) is at least 0 inside;
+    a pixel on an edge belongs to the triangle whose top or left edge it is.
     """
-    corners, planes = scratch.corners, scratch.planes
-    slope, rise, value = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3, np.int64)
-    for t in range(count):
-        low = min(corners[t, 1], corners[t, 3], corners[t, 5])
-        high = max(corners[t, 1], corners[t, 3], corners[t, 5])
-        first = max(top, ceil_div(low, SUB))
-        last = min(bottom - 1, high // SUB)
-        if first > last:
-            continue
-        low = min(corners[t, 0], corners[t, 2], corners[t, 4])
-        high = max(corners[t, 0], corners[t, 2], corners[t, 4])
-        leftmost = max(0, ceil_div(low, SUB))
-        rightmost = min(width - 1, high // SUB)
-        if leftmost > rightmost:
-            continue
-        for e in range(3):
-            g = e + 1 if e < 2 else 0
-            xa, ya = np.int64(corners[t, 2 * e]), np.int64(corners[t, 2 * e + 1])
-            xb, yb = np.int64(corners[t, 2 * g]), np.int64(corners[t, 2 * g + 1])
-            run, drop = xb - xa, yb - ya
-            owned = drop < 0 or (drop == 0 and run > 0)
-            slope[e], rise[e] = run * SUB, drop * SUB
-            value[e] = run * (first * SUB - ya) + drop * xa - (0 if owned else 1)
-        for y in range(first, last + 1):
-            left, right = leftmost, rightmost
-            for e in range(3):
-                if rise[e] > 0:
-                    right = min(right, value[e] // rise[e])
-                elif rise[e] < 0:
-                    left = max(left, ceil_div(-value[e], -rise[e]))
-                elif value[e] < 0:
-                    right = -1
-                value[e] += slope[e]
-            if left <= right:
-                fill_span(scratch, t, y - top, left, right, planes[t, 0] + planes[t, 2] * y)
+    xa, ya = np.int64(corners[t, 2 * from_corner]), np.int64(corners[t, 2 * from_corner + 1])
+    xb, yb = np.int64(corners[t, 2 * to_corner]), np.int64(corners[t, 2 * to_corner + 1])
+    run, drop = xb - xa, yb - ya
+    owned = drop < 0 or (drop == 0 and run > 0)
+    value = drop * xa - run * ya - (0 if owned else 1)
+    inverse = 1.0 / (SUB * abs(drop)) if drop != 0 else 0.0
+    return value, run * SUB, drop * SUB, inverse
 
 
 @compiled
-def fill_span(scratch: Scratch, t: int, row: int, left: int, right: int, w: float) -> None:
-    """Let a triangle win the pixels of a span where it is nearer; w: 1/z at column 0."""
-    depth = scratch.inverse_depth[row, left : right + 1]
-    owner = scratch.triangle[row, left : right + 1]
-    step = scratch.planes[t, 1]
-    least, most = scratch.depth_range[t, 0], scratch.depth_range[t, 1]
-    w += step * left
-    for i in range(depth.shape[0]):
-        here = min(max(np.float32(w + step * i), least), most)
-        nearer = here > depth[i]
-        owner[i] = t if nearer else owner[i]
-        depth[i] = here if nearer else depth[i]
+def cover(
+    corners: I32, bounds: I32, planes: F64, depth_range: F32, count: int, buffer: Buffer
+) -> None:
+    """Let every triangle win the pixels of the visibility buffer where it is nearest."""
+    inverse_depth, owner, width = buffer
+    for t in range(count):
+        low, high = np.int64(bounds[t, 0]), np.int64(bounds[t, 1])
+        value_a, rise_a, drop_a, inverse_a = edge(corners, t, 0, 1)
+        value_b, rise_b, drop_b, inverse_b = edge(corners, t, 1, 2)
+        value_c, rise_c, drop_c, inverse_c = edge(corners, t, 2, 0)
+        step, least, most = planes[t, 1], depth_range[t, 0], depth_range[t, 1]
+        for y in range(bounds[t, 2], bounds[t, 3] + 1):
+            left, right = narrow(low, high, value_a + rise_a * y, drop_a, inverse_a)
+            left, right = narrow(left, right, value_b + rise_b * y, drop_b, inverse_b)
+            left, right = narrow(left, right, value_c + rise_c * y, drop_c, inverse_c)
+            w = planes[t, 0] + planes[t, 2] * y + step * left
+            # Unsigned places: Numba then leaves out what negative indices would mean.
+            start = np.uint64(y * width + left)
+            for i in range(np.int32(right - left + 1)):
+                here = min(max(np.float32(w + step * i), least), most)
+                at = start + np.uint64(i)
+                nearer = here > inverse_depth[at]
+                owner[at] = t if nearer else owner[at]
+                inverse_depth[at] = here if nearer else inverse_depth[at]

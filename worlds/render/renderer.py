@@ -8,7 +8,16 @@ import numpy as np
 
 from worlds.camera import Intrinsics
 from worlds.frames import Pose, matrix_from_quat
-from worlds.render.arrays import F64, U8, Geometry, Looks, Scratch, Target, View
+from worlds.render.arrays import (
+    Buffer,
+    Geometry,
+    Looks,
+    Scratch,
+    Shades,
+    Target,
+    Triangles,
+    View,
+)
 from worlds.render.packing import pack_geometry, pack_looks
 from worlds.render.shading import draw
 from worlds.scene import NO_EVENTS, Scene
@@ -19,9 +28,8 @@ IdImage = np.ndarray[tuple[int, int], np.dtype[np.uint8]]
 
 _LAMP_NED = np.array([-0.5, 0.3, -0.81])
 _UP_NED = np.array([0.0, 0.0, -1.0])
+_NO_DEPTH, _NO_IDS = np.empty(0, np.float32), np.empty(0, np.uint8)
 _OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-_BAND_BYTES = 400_000
-"""A band of the visibility buffer stays in a core's second-level cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,19 +73,20 @@ class Renderer:
         to draw; all others are absent, and hide nothing.
         """
         width, height = intrinsics.width_px, intrinsics.height_px
+        image = np.empty((height, width, 3), np.uint8)
+        depth = np.empty((height, width), np.float32) if want_depth else None
+        ids = np.empty((height, width), np.uint8) if want_ids else None
         target = Target(
-            image=np.empty((height, width, 3), np.uint8),
-            depth=np.empty((height, width) if want_depth else (1, 1), np.float32),
-            ids=np.empty((height, width) if want_ids else (1, 1), np.uint8),
+            image=image.reshape(-1),
+            depth=_NO_DEPTH if depth is None else depth.reshape(-1),
+            ids=_NO_IDS if ids is None else ids.reshape(-1),
             want_depth=want_depth,
             want_ids=want_ids,
         )
         view = self._view(camera_pose, intrinsics, t_s, events, only)
         while not draw(self._geometry, self._looks, view, self._scratch(width, height), target):
             self._local.triangles *= 2
-        return Picture(
-            target.image, target.depth if want_depth else None, target.ids if want_ids else None
-        )
+        return Picture(image, depth, ids)
 
     def _view(
         self,
@@ -112,6 +121,8 @@ class Renderer:
             fy=float(intrinsics.fy_px),
             cx=float(intrinsics.cx_px),
             cy=float(intrinsics.cy_px),
+            width=intrinsics.width_px,
+            height=intrinsics.height_px,
         )
 
     def _scratch(self, width: int, height: int) -> Scratch:
@@ -128,17 +139,25 @@ class Renderer:
 
     def _new_scratch(self, width: int, height: int, triangles: int) -> Scratch:
         vertices, faces = len(self._geometry.vertices), len(self._geometry.faces)
-        rows = max(1, min(height, _BAND_BYTES // (8 * width)))
         return Scratch(
             camera=np.empty((vertices, 3)),
             screen=np.empty((vertices, 2)),
-            corners=np.empty((triangles, 6), np.int32),
-            planes=np.empty((triangles, 3)),
-            depth_range=np.empty((triangles, 2), np.float32),
-            triangle_face=np.empty(triangles, np.int32),
-            attributes=np.empty((faces, 9)),
-            face_state=np.empty(faces, np.uint8),
-            face_shade=np.empty(faces, np.int32),
-            inverse_depth=np.empty((rows, width), np.float32),
-            triangle=np.empty((rows, width), np.int32),
+            triangles=Triangles(
+                corners=np.empty((triangles, 6), np.int32),
+                bounds=np.empty((triangles, 4), np.int32),
+                planes=np.empty((triangles, 3)),
+                depth_range=np.empty((triangles, 2), np.float32),
+                face=np.empty(triangles, np.int32),
+            ),
+            shades=Shades(
+                state=np.empty(faces, np.uint8),
+                shade=np.empty(faces, np.int32),
+                planes=np.empty((faces, 9)),
+            ),
+            buffer=Buffer(
+                inverse_depth=np.empty(height * width, np.float32),
+                triangle=np.empty(height * width, np.int32),
+                width=width,
+            ),
+            colors=np.empty(height * width, np.uint32),
         )

@@ -1,103 +1,161 @@
 """From a visibility buffer to colour, depth and ids: each pixel is shaded once.
 
 Light: ambient, a lamp (Lambert) and a little more from above than from below; a face is lit on
-the side that is seen. Textures: nearest texel of the mip level that fits.
+the side that is seen. Textures: nearest texel of the mip level that fits. Pixels are worked on
+in runs of one triangle along a row; colours are packed as 0x00rrggbb until a frame is complete.
+
+Indices are unsigned where it counts: Numba then leaves out what negative indices would mean.
 """
 
 import numpy as np
 
-from worlds.render.arrays import U8, Geometry, Looks, Run, Scratch, Target, View
+from worlds.render.arrays import (
+    F32,
+    F64,
+    I32,
+    U8,
+    U32,
+    Geometry,
+    Looks,
+    Scratch,
+    Shades,
+    Target,
+    View,
+)
 from worlds.render.coverage import cover, gather
 from worlds.render.jit import compiled
 
-AMBIENT, LAMP, SKY = 0.60, 0.36, 0.10
+AMBIENT, LAMP, SKY = 0.62, 0.34, 0.08
 _PLAIN, _TEXTURED, _SMOOTH = 1, 2, 3
+_SMOOTH_FROM = 1.5
+"""Faces whose corners differ by less in brightness (of 256) are painted flat."""
 _CHUNK_PX = 32
 _SHARPNESS = 1.4
 """How many texels a pixel may skip before a coarser level is taken."""
+
+Run = tuple[int, int, int]
+"""Row, first column, number of pixels."""
 
 
 @compiled
 def vertex_shade(geometry: Geometry, view: View, k: int, v: int, side: float) -> float:
     """Return the brightness of a vertex of object k, 0 to 256; side: -1 for a back."""
-    n, light = geometry.normals[v], view.lights[k]
-    lamp = side * (n[0] * light[0, 0] + n[1] * light[0, 1] + n[2] * light[0, 2])
-    up = side * (n[0] * light[1, 0] + n[1] * light[1, 1] + n[2] * light[1, 2])
-    return 256.0 * min(1.0, AMBIENT + LAMP * max(0.0, lamp) + SKY * up)
+    n, light = geometry.normals, view.lights
+    lamp = n[v, 0] * light[k, 0, 0] + n[v, 1] * light[k, 0, 1] + n[v, 2] * light[k, 0, 2]
+    up = n[v, 0] * light[k, 1, 0] + n[v, 1] * light[k, 1, 1] + n[v, 2] * light[k, 1, 2]
+    return 256.0 * min(1.0, AMBIENT + LAMP * max(0.0, side * lamp) + SKY * side * up)
 
 
 @compiled
-def prepare_face(geometry: Geometry, looks: Looks, view: View, scratch: Scratch, f: int) -> None:
-    """Work out how a face is shaded: brightness, and planes of shade, u and v over z."""
+def prepare_face(
+    geometry: Geometry, looks: Looks, view: View, camera: F64, shades: Shades, f: int
+) -> None:
+    """Work out how a face is painted: brightness, and planes of shade, u and v over z."""
     a, b, c = geometry.faces[f, 0], geometry.faces[f, 1], geometry.faces[f, 2]
-    p, q, r = scratch.camera[a], scratch.camera[b], scratch.camera[c]
-    qr = (q[1] * r[2] - q[2] * r[1], q[2] * r[0] - q[0] * r[2], q[0] * r[1] - q[1] * r[0])
-    rp = (r[1] * p[2] - r[2] * p[1], r[2] * p[0] - r[0] * p[2], r[0] * p[1] - r[1] * p[0])
-    pq = (p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0])
-    volume = p[0] * qr[0] + p[1] * qr[1] + p[2] * qr[2]
+    px, py, pz = camera[a, 0], camera[a, 1], camera[a, 2]
+    qx, qy, qz = camera[b, 0], camera[b, 1], camera[b, 2]
+    rx, ry, rz = camera[c, 0], camera[c, 1], camera[c, 2]
+    qr = (qy * rz - qz * ry, qz * rx - qx * rz, qx * ry - qy * rx)
+    rp = (ry * pz - rz * py, rz * px - rx * pz, rx * py - ry * px)
+    pq = (py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx)
+    volume = px * qr[0] + py * qr[1] + pz * qr[2]
     side, k = (1.0 if volume < 0.0 else -1.0), geometry.face_object[f]
     sa = vertex_shade(geometry, view, k, a, side)
     sb = vertex_shade(geometry, view, k, b, side)
     sc = vertex_shade(geometry, view, k, c, side)
-    flat = max(abs(sa - sb), abs(sa - sc)) < 0.5
+    flat = max(abs(sa - sb), abs(sa - sc), abs(sb - sc)) < _SMOOTH_FROM
     textured = looks.texture[geometry.face_material[f]] >= 0
-    scratch.face_shade[f] = np.int32(sa)
-    scratch.face_state[f] = 1 + (1 if textured else 0) + (0 if flat else 2)
+    shades.shade[f] = np.int32((sa + sb + sc) / 3.0 + 0.5)
+    shades.state[f] = (1 if flat else 3) + (1 if textured else 0)
+    if flat and not textured:
+        return
     uv = geometry.uv
     values = ((sa, sb, sc), (uv[a, 0], uv[b, 0], uv[c, 0]), (uv[a, 1], uv[b, 1], uv[c, 1]))
-    out = scratch.attributes[f]
     for i in range(3):
         va, vb, vc = values[i]
         x = (va * qr[0] + vb * rp[0] + vc * pq[0]) / (volume * view.fx)
         y = (va * qr[1] + vb * rp[1] + vc * pq[1]) / (volume * view.fy)
         z = (va * qr[2] + vb * rp[2] + vc * pq[2]) / volume
-        out[3 * i], out[3 * i + 1], out[3 * i + 2] = z - x * view.cx - y * view.cy, x, y
+        shades.planes[f, 3 * i] = z - x * view.cx - y * view.cy
+        shades.planes[f, 3 * i + 1] = x
+        shades.planes[f, 3 * i + 2] = y
 
 
 @compiled
-def paint_background(looks: Looks, view: View, y: int, left: int, out: U8) -> None:
-    """Paint sky and ground by elevation, from column `left` of row y."""
-    up = view.up
-    level = up[2] + up[1] * (y - view.cy) / view.fy + up[0] * (left - view.cx) / view.fx
-    step = up[0] / view.fx
-    for i in range(out.shape[0]):
-        place = min(max((level + step * i) * 256.0 + 256.0, 0.0), 511.0)
-        color = looks.background[np.int32(place)]
-        out[i, 0], out[i, 1], out[i, 2] = color & 255, (color >> 8) & 255, (color >> 16) & 255
+def dimmed(color: int, shade: int) -> int:
+    """Return a packed colour at a brightness of shade / 256."""
+    red_blue = (np.uint32(color & 0xFF00FF) * np.uint32(shade)) >> 8
+    green = np.uint32((color >> 8) & 0xFF) * np.uint32(shade)
+    return np.uint32((red_blue & 0xFF00FF) | (green & 0xFF00))
 
 
 @compiled
-def paint_plain(color: int, shade: int, out: U8) -> None:
+def paint_plain(color: int, start: int, count: int, colors: U32) -> None:
     """Paint a run in one colour."""
-    blue = np.uint8(((color & 255) * shade) >> 8)
-    green = np.uint8((((color >> 8) & 255) * shade) >> 8)
-    red = np.uint8((((color >> 16) & 255) * shade) >> 8)
-    for i in range(out.shape[0]):
-        out[i, 0], out[i, 1], out[i, 2] = blue, green, red
+    for i in range(count):
+        colors[np.uint64(start) + np.uint64(i)] = color
 
 
 @compiled
-def paint_smooth(color: int, values: Run, out: U8) -> None:
-    """Paint a run in one colour whose brightness varies."""
-    blue, green, red = color & 255, (color >> 8) & 255, (color >> 16) & 255
-    for i in range(out.shape[0]):
-        bright = (values.shade + values.shade_step * i) / (values.w + values.w_step * i)
-        shade = np.int32(min(max(bright, 0.0), 256.0))
-        out[i, 0], out[i, 1], out[i, 2] = (
-            np.uint8((blue * shade) >> 8),
-            np.uint8((green * shade) >> 8),
-            np.uint8((red * shade) >> 8),
-        )
+def paint_background(background: U32, view: View, run: Run, start: int, colors: U32) -> None:
+    """Paint sky and ground by elevation."""
+    row, left, count = run
+    up = view.up
+    level = up[2] + up[1] * (row - view.cy) / view.fy + up[0] * (left - view.cx) / view.fx
+    first, step = np.float32(level * 256.0 + 256.0), np.float32(up[0] / view.fx * 256.0)
+    for i in range(np.int32(count)):
+        place = min(max(first + step * np.float32(i), np.float32(0.0)), np.float32(511.0))
+        colors[np.uint64(start) + np.uint64(i)] = background[np.uint64(np.int32(place))]
 
 
 @compiled
-def mip_level(looks: Looks, texture: int, z: float, run: Run, i: int) -> int:
-    """Return the mip level whose texels are about as large as pixel i of a run."""
-    wide, high = 1 << looks.log2_width[texture], 1 << looks.log2_height[texture]
-    u, v = (run.u + run.u_step * i) * z, (run.v + run.v_step * i) * z
-    across = max(abs(run.u_step - u * run.w_step) * wide, abs(run.v_step - v * run.w_step) * high)
-    along = max(abs(run.u_down - u * run.w_down) * wide, abs(run.v_down - v * run.w_down) * high)
-    footprint, level = max(across, along) * z, 0
+def along(planes: F64, f: int, which: int, run: Run) -> tuple[float, float]:
+    """Return one of a face's planes at the start of a run, and its change per column."""
+    at = planes[f, which] + planes[f, which + 1] * run[1] + planes[f, which + 2] * run[0]
+    return np.float32(at), np.float32(planes[f, which + 1])
+
+
+@compiled
+def paint_smooth(
+    color: int, plane: tuple[float, float], start: int, count: int, inverse_depth: F32, colors: U32
+) -> None:
+    """Paint a run in one colour whose brightness varies; plane: shade over z, per column."""
+    first, step = plane
+    for i in range(np.int32(count)):
+        at = np.uint64(start) + np.uint64(i)
+        shade = (first + step * np.float32(i)) / inverse_depth[at]
+        shade = min(max(shade, np.float32(0.0)), np.float32(256.0))
+        colors[at] = dimmed(color, np.int32(shade))
+
+
+@compiled
+def dim_smoothly(
+    plane: tuple[float, float], start: int, count: int, inverse_depth: F32, colors: U32
+) -> None:
+    """Dim painted texels by a brightness that varies."""
+    first, step = plane
+    for i in range(np.int32(count)):
+        at = np.uint64(start) + np.uint64(i)
+        shade = (first + step * np.float32(i)) / inverse_depth[at]
+        shade = min(max(shade, np.float32(0.0)), np.float32(256.0))
+        colors[at] = dimmed(colors[at], np.int32(shade))
+
+
+@compiled
+def mip_level(
+    looks: Looks, texture: int, planes: F64, depth: tuple[float, float], f: int, run: Run, z: float
+) -> int:
+    """Return the mip level whose texels are about as large as the pixel where a run starts.
+
+    depth: changes of 1/z per column and row. z: metres there.
+    """
+    row, x, _ = run
+    wide, high = float(1 << looks.log2_width[texture]), float(1 << looks.log2_height[texture])
+    u = (planes[f, 3] + planes[f, 4] * x + planes[f, 5] * row) * z
+    v = (planes[f, 6] + planes[f, 7] * x + planes[f, 8] * row) * z
+    across = max(abs(planes[f, 4] - u * depth[0]) * wide, abs(planes[f, 7] - v * depth[0]) * high)
+    down = max(abs(planes[f, 5] - u * depth[1]) * wide, abs(planes[f, 8] - v * depth[1]) * high)
+    footprint, level = max(across, down) * z, 0
     while footprint > _SHARPNESS and level + 1 < looks.mip_count[texture]:
         footprint *= 0.5
         level += 1
@@ -105,120 +163,144 @@ def mip_level(looks: Looks, texture: int, z: float, run: Run, i: int) -> int:
 
 
 @compiled
-def paint_textured(looks: Looks, texture: int, shade: int, run: Run, out: U8) -> None:
-    """Paint a textured run; shade below 0: brightness varies."""
-    flat = np.int32(shade)
-    for start in range(0, out.shape[0], _CHUNK_PX):
-        end = min(start + _CHUNK_PX, out.shape[0])
-        middle = (start + end) >> 1
-        z = 1.0 / (run.w + run.w_step * middle)
-        level = mip_level(looks, texture, z, run, middle)
-        first = looks.mip_start[texture, level]
+def paint_texels(
+    texels: U32,
+    size: tuple[int, int],
+    planes: tuple[float, float, float, float],
+    piece: tuple[int, int, int],
+    inverse_depth: F32,
+    colors: U32,
+) -> None:
+    """Write texels, undimmed. size: log2 of columns and rows of the level.
+
+    planes: u over z and per column, v over z and per column. piece: first texel of the level,
+    first pixel, number of pixels.
+    """
+    first, start, count = piece
+    u, u_step, v, v_step = planes
+    columns, rows = np.float32(1 << size[0]), np.float32(1 << size[1])
+    column_mask, row_mask = np.int32((1 << size[0]) - 1), np.int32((1 << size[1]) - 1)
+    for i in range(np.int32(count)):
+        at = np.uint64(start) + np.uint64(i)
+        z = np.float32(1.0) / inverse_depth[at]
+        column = np.int32((u + u_step * np.float32(i)) * z * columns) & column_mask
+        row = np.int32((v + v_step * np.float32(i)) * z * rows) & row_mask
+        colors[at] = texels[np.uint64(first) + np.uint64((row << size[0]) + column)]
+
+
+@compiled
+def paint_textured(
+    looks: Looks, texture: int, shades: Shades, f: int, scratch: Scratch, t: int, run: Run
+) -> None:
+    """Paint a textured run in pieces, each from the mip level that fits its middle."""
+    row, left, total = run
+    inverse_depth, colors = scratch.buffer.inverse_depth, scratch.colors
+    depth = (scratch.triangles.planes[t, 1], scratch.triangles.planes[t, 2])
+    begin = row * scratch.buffer.width + left
+    for offset in range(0, total, _CHUNK_PX):
+        count = min(_CHUNK_PX, total - offset)
+        middle = offset + (count >> 1)
+        z = 1.0 / float(inverse_depth[begin + middle])
+        here = (row, left + middle, 1)
+        level = mip_level(looks, texture, shades.planes, depth, f, here, z)
         wide = max(0, looks.log2_width[texture] - level)
-        columns, rows = 1 << wide, 1 << max(0, looks.log2_height[texture] - level)
-        piece = out[start:end]
-        for j in range(piece.shape[0]):
-            i = start + j
-            z = 1.0 / (run.w + run.w_step * i)
-            column = np.int32((run.u + run.u_step * i) * z * columns) & (columns - 1)
-            row = np.int32((run.v + run.v_step * i) * z * rows) & (rows - 1)
-            texel = looks.texels[first + (row << wide) + column]
-            bright = flat
-            if flat < 0:
-                bright = np.int32(min(max((run.shade + run.shade_step * i) * z, 0.0), 256.0))
-            piece[j, 0] = np.uint8(((texel & 255) * bright) >> 8)
-            piece[j, 1] = np.uint8((((texel >> 8) & 255) * bright) >> 8)
-            piece[j, 2] = np.uint8((((texel >> 16) & 255) * bright) >> 8)
-
-
-@compiled
-def start_run(scratch: Scratch, t: int, f: int, y: int, left: int) -> Run:
-    """Return what varies along a run of triangle t from column `left` of row y."""
-    plane, a = scratch.planes[t], scratch.attributes[f]
-    return Run(
-        plane[0] + plane[2] * y + plane[1] * left,
-        plane[1],
-        plane[2],
-        a[0] + a[2] * y + a[1] * left,
-        a[1],
-        a[3] + a[5] * y + a[4] * left,
-        a[4],
-        a[5],
-        a[6] + a[8] * y + a[7] * left,
-        a[7],
-        a[8],
-    )
-
-
-@compiled
-def paint_run(
-    geometry: Geometry,
-    looks: Looks,
-    view: View,
-    scratch: Scratch,
-    t: int,
-    y: int,
-    left: int,
-    out: U8,
-) -> None:
-    """Paint a run of pixels of triangle t."""
-    f = scratch.triangle_face[t]
-    if scratch.face_state[f] == 0:
-        prepare_face(geometry, looks, view, scratch, f)
-    state, material = scratch.face_state[f], geometry.face_material[f]
-    if state == _PLAIN:
-        paint_plain(np.int32(looks.bgr[material]), scratch.face_shade[f], out)
-        return
-    run = start_run(scratch, t, f, y, left)
-    if state == _SMOOTH:
-        paint_smooth(np.int32(looks.bgr[material]), run, out)
+        high = max(0, looks.log2_height[texture] - level)
+        u, u_step = along(shades.planes, f, 3, (row, left + offset, count))
+        v, v_step = along(shades.planes, f, 6, (row, left + offset, count))
+        piece = (looks.mip_start[texture, level], begin + offset, count)
+        planes = (u, u_step, v, v_step)
+        paint_texels(looks.texels, (wide, high), planes, piece, inverse_depth, colors)
+    if shades.state[f] == _TEXTURED:
+        shade = shades.shade[f]
+        for i in range(total):
+            at = np.uint64(begin) + np.uint64(i)
+            colors[at] = dimmed(colors[at], shade)
     else:
-        shade = scratch.face_shade[f] if state == _TEXTURED else -1
-        paint_textured(looks, looks.texture[material], shade, run, out)
+        dim_smoothly(along(shades.planes, f, 0, run), begin, total, inverse_depth, colors)
 
 
 @compiled
-def shade_row(
-    geometry: Geometry, looks: Looks, view: View, scratch: Scratch, target: Target, y: int, row: int
-) -> None:
-    """Give row y of the picture its colours, depths and ids, run by run."""
-    owner, width = scratch.triangle[row], scratch.triangle.shape[1]
-    left = 0
-    while left < width:
-        t, right = owner[left], left + 1
-        while right < width and owner[right] == t:
-            right += 1
-        out = target.image[y, left:right]
-        if t < 0:
-            paint_background(looks, view, y, left, out)
-        else:
-            paint_run(geometry, looks, view, scratch, t, y, left, out)
-        if target.want_ids:
-            name = np.uint8(0)
-            if t >= 0:
-                name = looks.object_ids[geometry.face_object[scratch.triangle_face[t]]]
-            target.ids[y, left:right] = name
-        left = right
-    if target.want_depth:
-        depth, inverse = target.depth[y], scratch.inverse_depth[row]
-        for x in range(depth.shape[0]):
-            depth[x] = np.float32(1.0) / inverse[x]
+def shade(geometry: Geometry, looks: Looks, view: View, scratch: Scratch) -> None:
+    """Paint every pixel, run by run; faces are prepared when they first show."""
+    owner, inverse_depth, width = (
+        scratch.buffer.triangle,
+        scratch.buffer.inverse_depth,
+        scratch.buffer.width,
+    )
+    colors, triangle_face, shades = scratch.colors, scratch.triangles.face, scratch.shades
+    state, brightness, planes = shades.state, shades.shade, shades.planes
+    material_of, bgr, background = geometry.face_material, looks.bgr, looks.background
+    state[:] = 0
+    for y in range(view.height):
+        start = end = y * width
+        while start < (y + 1) * width:
+            t = owner[start]
+            end = start + 1
+            while end < (y + 1) * width and owner[np.uint64(end)] == t:
+                end += 1
+            run = (y, start - y * width, end - start)
+            if t < 0:
+                paint_background(background, view, run, start, colors)
+                start = end
+                continue
+            f = triangle_face[t]
+            if state[f] == 0:
+                prepare_face(geometry, looks, view, scratch.camera, shades, f)
+            material = material_of[f]
+            if state[f] == _PLAIN:
+                color = dimmed(bgr[material], brightness[f])
+                paint_plain(color, start, end - start, colors)
+            elif state[f] == _SMOOTH:
+                plane = along(planes, f, 0, run)
+                paint_smooth(bgr[material], plane, start, end - start, inverse_depth, colors)
+            else:
+                paint_textured(looks, looks.texture[material], shades, f, scratch, t, run)
+            start = end
+
+
+@compiled
+def write_picture(colors: U32, image: U8) -> None:
+    """Write packed colours as blue, green, red; image: flat."""
+    for i in range(colors.shape[0]):
+        color = colors[i]
+        at = np.uint64(3 * i)
+        image[at] = np.uint8(color & 0xFF)
+        image[at + np.uint64(1)] = np.uint8((color >> 8) & 0xFF)
+        image[at + np.uint64(2)] = np.uint8((color >> 16) & 0xFF)
+
+
+@compiled
+def write_depth(inverse_depth: F32, depth: F32) -> None:
+    """Write depth; flat. Where nothing is, 1/z is 0 and depth infinite."""
+    for i in range(depth.shape[0]):
+        depth[i] = np.float32(1.0) / inverse_depth[i]
+
+
+@compiled
+def write_ids(owner: I32, triangle_id: U8, ids: U8) -> None:
+    """Write ids of what shows; flat. triangle_id: of each triangle."""
+    for i in range(ids.shape[0]):
+        t = owner[i]
+        ids[i] = triangle_id[np.uint64(t)] if t >= 0 else np.uint8(0)
 
 
 @compiled
 def draw(geometry: Geometry, looks: Looks, view: View, scratch: Scratch, target: Target) -> bool:
     """Draw a picture; False when the scratch has no room for all triangles."""
-    height, width = target.image.shape[0], target.image.shape[1]
-    count = gather(geometry, view, scratch, width, height)
+    count = gather(geometry, view, scratch)
     if count < 0:
         return False
-    scratch.face_state[:] = 0
-    band = scratch.triangle.shape[0]
-    for top in range(0, height, band):
-        bottom = min(top + band, height)
-        scratch.inverse_depth[:] = 0.0
-        scratch.triangle[:] = -1
-        cover(scratch, count, top, bottom, width)
-        for y in range(top, bottom):
-            shade_row(geometry, looks, view, scratch, target, y, y - top)
+    triangles, buffer = scratch.triangles, scratch.buffer
+    buffer.inverse_depth[:] = 0.0
+    buffer.triangle[:] = -1
+    cover(
+        triangles.corners, triangles.bounds, triangles.planes, triangles.depth_range, count, buffer
+    )
+    shade(geometry, looks, view, scratch)
+    write_picture(scratch.colors, target.image)
+    if target.want_depth:
+        write_depth(buffer.inverse_depth, target.depth)
+    if target.want_ids:
+        triangle_id = looks.object_ids[geometry.face_object[triangles.face[:count]]]
+        write_ids(buffer.triangle, triangle_id, target.ids)
     return True
