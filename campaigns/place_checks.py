@@ -1,11 +1,14 @@
 """Whether a case can be flown where it stands: starts and goals against fence and things; pure."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Literal
 
 from campaigns.files import CaseFiles
 from campaigns.schema import Mode, VehicleName
 from campaigns.setup import Setup, VehicleSetup
+from vehicles.embedded.airframe import Airframe
+from worlds.clearance import BoxShape, ClearanceProbe
 from worlds.documents import Path, Problem
 from worlds.frames import Vec3
 from worlds.scene import Scene, SceneObject
@@ -22,6 +25,15 @@ SEES: dict[tuple[Mode, VehicleName], tuple[Which, ...]] = {
 
 _ON_FLOOR_M = 0.05
 """How far below the floor of a room a vehicle may stand before it is said to be outside."""
+
+
+_AIRFRAME = Airframe()
+_BODY = BoxShape(
+    (_AIRFRAME.body_width_m / 2.0, _AIRFRAME.body_width_m / 2.0, _AIRFRAME.body_height_m / 2.0)
+)
+_STANDS_M = _AIRFRAME.leg_height_m
+"""How far the middle of the body is above what it stands on."""
+_NEAR_M = 0.1
 
 
 def judged_world(mode: Mode) -> Which:
@@ -43,6 +55,7 @@ def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Probl
         for which in worlds if not outside else ():
             scene = setup.world.scene(mode, which)
             yield from _start_outside_room(files, vehicle, scene)
+            yield from _start_in_thing(files, vehicle, scene)
             yield from _goal_above_room(files, setup, vehicle, scene)
         if not outside:
             yield from _goal_outside_fence(files, setup, vehicle)
@@ -96,6 +109,17 @@ def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -
         names = " and ".join(f"'{room.name}'" for room in rooms)
         said = f"'{vehicle.name}' starts outside of room {names}"
         yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
+
+
+def _start_in_thing(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> Iterator[Problem]:
+    """Yield the things that the vehicle would stand in, as they are when the run begins."""
+    probe = ClearanceProbe(scene, _BODY, floors=False, within_m=_NEAR_M)
+    north_m, east_m, down_m = vehicle.start.position_ned_m
+    standing = replace(vehicle.start, position_ned_m=(north_m, east_m, down_m - _STANDS_M))
+    for clearance in probe.sweep(standing, 0.0, standing, 0.0):
+        if clearance.clearance_m <= 0.0:
+            said = f"'{vehicle.name}' starts inside of '{clearance.object_name}'"
+            yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
 
 
 def _goal_above_room(

@@ -135,6 +135,12 @@ def test_one_fault_is_told_once_and_at_its_place(
         ("world.yaml", "origin:", "@orign:", "unknown key 'orign'; did you mean 'origin'?"),
         ("world.yaml", "room:", "@rom:", "unknown key 'rom'; did you mean 'room'?"),
         ("world.yaml", "bar_m: 0.1", "bar_m: @thin", "must be a number, is the text 'thin'"),
+        (
+            "world.yaml",
+            "shape: {gate: {inner",
+            "shape: {@gat: {inner",
+            "unknown key 'gat'; did you",
+        ),
         ("recipe.yaml", "[gate]", "[@gaet]", "no object 'gaet' in the world; did you mean 'gate'"),
         ("recipe.yaml", "isolate_objects", "@isolate_object", "unknown step 'isolate_object'; did"),
         ("recipe.yaml", "sensor: camera", "sensor: @camra", "no sensor 'camra' is declared"),
@@ -149,6 +155,13 @@ def test_faults_of_the_other_files_are_told_in_them(
     assert len(found) == 1, found
     place = place_of(files.folder / file, marked, plain)
     assert found[0].startswith(f"{file}:{place}: {said}")
+
+
+def test_impossible_geometry_of_the_world_is_told_in_it(files: Any) -> None:
+    files.change("up_m: 1.2", "up_m: 0.2", "world.yaml")
+    (fault,) = files.faults()
+    assert fault.startswith("world.yaml:")
+    assert "floor" in fault
 
 
 def test_all_faults_of_all_files_come_at_once(files: Any) -> None:
@@ -228,6 +241,19 @@ def test_a_start_outside_of_the_room_is_told(files: Any) -> None:
     found = files.faults()
     assert "campaign.yaml:8:5: 'real' starts outside of room 'cage'" in found
     assert any("'twin' starts outside of room 'cage'" in fault for fault in found)
+
+
+def test_a_start_inside_of_a_thing_is_told(files: Any) -> None:
+    box = "  crate:\n    shape: {box: {size_m: [1, 1, 0.5]}}\n    pose: {up_m: 0.25}\n"
+    files.append(box + "    exists_in: {sim: none, wil: W}\n", "world.yaml")
+    assert files.faults() == ["campaign.yaml:8:5: 'real' starts inside of 'crate'"]
+
+
+def test_a_start_on_top_of_a_thing_is_good(files: Any) -> None:
+    box = "  crate:\n    shape: {box: {size_m: [1, 1, 0.5]}}\n    pose: {up_m: 0.25}\n"
+    files.append(box + "    exists_in: {sim: none, wil: W}\n", "world.yaml")
+    files.change("start: {north_m: 0, east_m: 0}", "start: {north_m: 0, east_m: 0, up_m: 0.5}")
+    assert files.load().runs
 
 
 def test_a_goal_above_the_ceiling_of_the_room_is_told(files: Any) -> None:

@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import campaigns
 from campaigns.acceptance import Requirement, Share, parse_share, standings
 from campaigns.expansion import Campaign, RunPlan, load_campaign
 from campaigns.seeds import run_seed
 
-SHIPPED = sorted(Path("campaigns").glob("*.yaml"))
+SHIPPED = sorted(Path(campaigns.__file__).parent.glob("*.yaml"))
 
 
 def names(campaign: Campaign) -> list[str]:
