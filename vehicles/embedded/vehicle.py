@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -62,6 +63,7 @@ class EmbeddedVehicle:
         self._drift = 1.0 + config.profile.clock.drift_ppm * 1e-6
         self._t0_s = 0.0
         self._steps = 0
+        self._boot_step = 0
         self._timer: asyncio.TimerHandle | None = None
         self._alive = False
         self._fault: Exception | None = None
@@ -167,7 +169,7 @@ class EmbeddedVehicle:
             self._autopilot.strike(body.contact)
         self._thrusts = self._autopilot.step(
             estimate,
-            steps / PHYSICS_HZ * self._drift,
+            (steps - self._boot_step) / PHYSICS_HZ * self._drift,
             touching=body.touching,
             charge=body.battery.charge,
             turn=steps % _TURN_STEPS == 0,
@@ -184,6 +186,15 @@ class EmbeddedVehicle:
         for message in self._codec.parse(data):
             self._autopilot.handle(message)
         self._flush()
+        if self._autopilot.reboot_asked:
+            self._reboot()
+
+    def _reboot(self) -> None:
+        """Start the autopilot anew; its parameters stay."""
+        kept = {name: self._autopilot.parameters[name] for name in self._autopilot.parameters}
+        self._autopilot = build_autopilot(replace(self.config, parameters=kept), self._body)
+        self._boot_step = self._steps
+        self._thrusts = STOPPED
 
     def _flush(self) -> None:
         messages = self._autopilot.outbox.take()

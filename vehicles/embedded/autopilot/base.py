@@ -58,7 +58,7 @@ class EmbeddedAutopilot(ABC):
     ) -> None:
         self.identity = identity
         self.parameters = parameters
-        self.state = State(frame=identity.origin, charge=charge)
+        self.state = State(frame=identity.origin, charge=charge, max_thrust_n=airframe.max_thrust_n)
         self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s)
         self.streams = Streams(rates_hz, shortest_s=dt_s)
         self.outbox = Outbox(count_all=self.is_px4)
@@ -131,6 +131,7 @@ class EmbeddedAutopilot(ABC):
         name = self._messages.get(message.get_type())
         if name is not None:
             getattr(self, name)(message)
+            self.outbox.release()
 
     def step(
         self, now: Motion, clock_s: float, *, touching: bool, charge: Charge, turn: bool
@@ -147,7 +148,7 @@ class EmbeddedAutopilot(ABC):
             for message in self._parameter_server.due():
                 self.outbox.send(message)
             self.outbox.turn(texts_heard=self._hears_texts())
-        thrusts = self.flight.step(now, clock_s, touching=touching)
+        thrusts = state.thrusts = self.flight.step(now, clock_s, touching=touching)
         state.target = self.flight.target
         if clock_s >= self.streams.next_due_s:
             for message_id in self.streams.due(clock_s):

@@ -1,7 +1,7 @@
 """ArduCopter's state machine: readiness, arming, modes, and what it says of itself."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -69,6 +69,7 @@ class CopterCore(EmbeddedAutopilot):
         self.mode = CopterMode.STABILIZE
         self.failsafe = False
         self.taking_off = False
+        self._makers = self._makers_by_id()
         self.follow = self._new_follow()
         self.velocity_at_s: float | None = None
         """When the velocity setpoint came that is being flown; None when none is."""
@@ -88,19 +89,28 @@ class CopterCore(EmbeddedAutopilot):
 
     def message(self, message_id: int) -> Any | None:
         """Return a message that depends on modes and readiness."""
-        state = self.state
-        if message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
-            return self._heartbeat()
-        if message_id == mavlink.MAVLINK_MSG_ID_SYS_STATUS:
-            return copter_telemetry.sys_status(state, prearm=self._prearm_bit())
-        if message_id == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
-            no_vtol = mavlink.MAV_VTOL_STATE_MC
-            return mavlink.MAVLink_extended_sys_state_message(no_vtol, self._landed_state())
-        if message_id == mavlink.MAVLINK_MSG_ID_VFR_HUD:
-            return copter_telemetry.vfr_hud(state, self.flight.throttle)
-        if message_id == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
-            return copter_telemetry.autopilot_version(self.identity)
-        return None
+        make = self._makers.get(message_id)
+        return make() if make is not None else None
+
+    def _makers_by_id(self) -> dict[int, Callable[[], Any]]:
+        flight, state = self.flight, self.state
+        return {
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            mavlink.MAVLINK_MSG_ID_SYS_STATUS: lambda: copter_telemetry.sys_status(
+                state, prearm=self._prearm_bit()
+            ),
+            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda: (
+                mavlink.MAVLink_extended_sys_state_message(
+                    mavlink.MAV_VTOL_STATE_MC, self._landed_state()
+                )
+            ),
+            mavlink.MAVLINK_MSG_ID_VFR_HUD: lambda: copter_telemetry.vfr_hud(
+                state, flight.throttle
+            ),
+            mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda: copter_telemetry.autopilot_version(
+                self.identity
+            ),
+        }
 
     def _heartbeat(self) -> Any:
         flight, booting = self.flight, self.t_s < boot.INITIALISED_S
@@ -160,7 +170,10 @@ class CopterCore(EmbeddedAutopilot):
     def enter(self, mode: CopterMode) -> None:
         """Fly a mode from now on."""
         self.taking_off = False
-        self.mode = mode
+        if mode is not self.mode:
+            self.mode = mode
+            # ArduPilot tells a new mode at once, beside its heartbeat of every second.
+            self.outbox.send_later(self._heartbeat())
         self.velocity_at_s = None
         if self.flight.armed:
             self.flight.fly(self._behaviour(mode))

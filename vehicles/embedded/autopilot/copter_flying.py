@@ -17,7 +17,7 @@ from worlds.frames import Vec3
 _FACES_WAYPOINT = {1, 2}
 """WP_YAW_BEHAVIOR: the nose turns to the next waypoint."""
 _FACE_BEYOND_M = 2.0
-_TAKEOFF_RADIUS_M = 0.1
+_TAKEOFF_RADIUS_M = 0.22
 _CLIMB_AT_LEAST_M = 2.5
 """RTL_ABS_MIN_CLIMB."""
 _LEAST_SLOPE = 0.5

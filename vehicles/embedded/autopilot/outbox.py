@@ -21,7 +21,8 @@ class Outbox:
     def __init__(self, *, count_all: bool) -> None:
         self._count_all = count_all
         self._now: list[Any] = []
-        self._later: list[Any | tuple[int, str]] = []
+        self._later: list[Any] = []
+        self._texts: list[tuple[int, str]] = []
         self._text_id = 0
 
     def send(self, message: Any | None) -> None:
@@ -35,17 +36,21 @@ class Outbox:
             self._later.append(message)
 
     def say(self, severity: int, text: str) -> None:
-        """Queue a STATUSTEXT behind the acknowledgement of the command under way."""
-        self._later.append((severity, text))
+        """Queue a STATUSTEXT for the next turn, behind what caused it."""
+        self._texts.append((severity, text))
+
+    def release(self) -> None:
+        """Let go what waited for an acknowledgement."""
+        if self._later:
+            self._now.extend(self._later)
+            self._later.clear()
 
     def turn(self, *, texts_heard: bool) -> None:
-        """Let go what had to wait; texts that nobody hears are dropped."""
-        waiting, self._later = self._later, []
-        for entry in waiting:
-            if not isinstance(entry, tuple):
-                self._now.append(entry)
-            elif texts_heard:
-                self._now.extend(self._statustexts(*entry))
+        """Let go all that waits; texts that nobody hears are dropped."""
+        self.release()
+        texts, self._texts = self._texts, []
+        for severity, text in texts if texts_heard else ():
+            self._now.extend(self._statustexts(severity, text))
 
     def take(self) -> list[Any]:
         """Return what is to be sent now, and forget it."""

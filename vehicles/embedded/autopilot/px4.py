@@ -65,7 +65,6 @@ class Px4(Px4Core):
         self._failsafes = Failsafes(self.parameters)
         self._takeoff_down_m: float | None = None
         self._heading_text_said = False
-        self._flying_said = False
 
     # Setpoints.
 
@@ -112,7 +111,7 @@ class Px4(Px4Core):
         result = super().arm(force=force)
         if self.flight.armed and not was_armed:
             self._failsafes.reset()
-            self._flying_said = False
+            self.flying = False
         return result
 
     @on_command(mavlink.MAV_CMD_NAV_TAKEOFF)
@@ -224,8 +223,8 @@ class Px4(Px4Core):
 
     def _say_phases(self) -> None:
         flying = self.flight.lifting or not self.flight.landed
-        if flying is not self._flying_said:
-            self._flying_said = flying
+        if flying is not self.flying:
+            self.flying = flying
             self.outbox.say(INFO, "Takeoff detected\t" if flying else "Landing detected\t")
 
     def _end_takeoff(self) -> None:

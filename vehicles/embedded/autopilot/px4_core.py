@@ -68,6 +68,8 @@ class Px4Core(EmbeddedAutopilot):
         self.mode = Px4Mode.HOLD
         self.failsafe = False
         self.terminated = False
+        self.flying = False
+        """Whether takeoff was detected, and landing not yet."""
         self.setpoint_at_s = -math.inf
         self.follow = Follow(
             speeds=px4_flying.offboard_speeds(self.parameters), yaw_rad=0.0, may_lift=True
@@ -157,8 +159,7 @@ class Px4Core(EmbeddedAutopilot):
         )
 
     def _landed_state(self) -> int:
-        flight = self.flight
-        if not flight.armed or (flight.landed and not flight.lifting):
+        if not self.flight.armed or not self.flying:
             return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
         if self.mode is Px4Mode.TAKEOFF:
             return int(mavlink.MAV_LANDED_STATE_TAKEOFF)

@@ -136,6 +136,37 @@ def timesync(s: State) -> Any:
     return mavlink.MAVLink_timesync_message(0, s.boot_us * 1000)
 
 
+def ping(s: State) -> Any:
+    """Return a PING to everybody, as PX4 sends each second."""
+    return mavlink.MAVLink_ping_message(s.boot_us, 0, 0, 0)
+
+
+def distance_sensor(s: State) -> Any:
+    """Return DISTANCE_SENSOR: the height above the start in cm, looking down."""
+    height_cm = round(max(0.0, -s.now.position_ned_m[2]) * 100.0)
+    return mavlink.MAVLink_distance_sensor_message(
+        s.boot_ms,
+        0,
+        10000,
+        min(height_cm, 10000),
+        mavlink.MAV_DISTANCE_SENSOR_LASER,
+        0,
+        mavlink.MAV_SENSOR_ROTATION_PITCH_270,
+        0,
+    )
+
+
+def servo_output_raw(s: State) -> Any:
+    """Return SERVO_OUTPUT_RAW: 900 us stopped, 1000 to 2000 us with the thrust."""
+    pulses = [
+        round(1000.0 + 1000.0 * thrust_n / s.max_thrust_n) if thrust_n > 0.0 else 900
+        for thrust_n in s.thrusts
+    ]
+    return mavlink.MAVLink_servo_output_raw_message(
+        s.boot_us & 0xFFFFFFFF, 0, *pulses, 900, 900, 900, 900
+    )
+
+
 _COVARIANCE = (0.04,) + (0.0,) * 20
 
 BUILDERS: dict[int, telemetry.Builder] = {
@@ -145,6 +176,9 @@ BUILDERS: dict[int, telemetry.Builder] = {
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: telemetry.highres_imu,
     mavlink.MAVLINK_MSG_ID_ALTITUDE: telemetry.altitude,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: timesync,
+    mavlink.MAVLINK_MSG_ID_PING: ping,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: distance_sensor,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: servo_output_raw,
 }
 
 LEAN_HZ: dict[int, float] = {
@@ -177,5 +211,8 @@ FULL_HZ: dict[int, float] = LEAN_HZ | {
     mavlink.MAVLINK_MSG_ID_TIMESYNC: 10.0,
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: 1.0,
     mavlink.MAVLINK_MSG_ID_VIBRATION: 0.5,
+    mavlink.MAVLINK_MSG_ID_PING: 1.0,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 10.0,
 }
 """What PX4 sends to an onboard computer (mavlink mode onboard), as counted in the trace."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.controller import Target
-from vehicles.embedded.states import AT_REST, Motion
+from vehicles.embedded.states import AT_REST, STOPPED, Motion, Thrusts
 from worlds.frames import Vec3
 from worlds.geodesy import LocalFrame
 
@@ -35,6 +35,8 @@ class State:
     touching: bool = True
     home_ned_m: Vec3 | None = None
     target: Target | None = None
+    thrusts: Thrusts = STOPPED
+    max_thrust_n: float = 1.0
     mission_seq: int = 0
     mission_total: int = 0
 
