@@ -6,10 +6,7 @@ error of our own, 130 an interrupt. Standard output carries what was asked for, 
 
 import os
 import sys
-import tempfile
-import traceback
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 
 from cyclopts import App, Parameter
 
@@ -65,6 +62,7 @@ def build_app() -> App:
         name="wil-campaign",
         help="World-in-the-loop testing: a real vehicle and its twin fly one test together.",
         version=_version,
+        help_format="plaintext",
         default_parameter=Parameter(negative=()),
     )
     for name, function, summary in _COMMANDS:
@@ -73,6 +71,8 @@ def build_app() -> App:
 
 
 def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - slow, rarely used
+
     try:
         return version("wil-campaign")
     except PackageNotFoundError:
@@ -81,6 +81,9 @@ def _version() -> str:
 
 def _failed(error: Exception) -> int:
     """Tell a person about an error, which is the user's to mend or ours; return the exit code."""
+    import tempfile  # noqa: PLC0415 - not needed for --help
+    import traceback  # noqa: PLC0415 - not needed for --help
+
     from worlds.documents import BadInput  # noqa: PLC0415 - not needed for --help
 
     if isinstance(error, BadInput):

@@ -135,12 +135,6 @@ def test_one_fault_is_told_once_and_at_its_place(
         ("world.yaml", "origin:", "@orign:", "unknown key 'orign'; did you mean 'origin'?"),
         ("world.yaml", "room:", "@rom:", "unknown key 'rom'; did you mean 'room'?"),
         ("world.yaml", "bar_m: 0.1", "bar_m: @thin", "must be a number, is the text 'thin'"),
-        (
-            "world.yaml",
-            "shape: {gate: {inner",
-            "shape: {@gat: {inner",
-            "unknown key 'gat'; did you",
-        ),
         ("recipe.yaml", "[gate]", "[@gaet]", "no object 'gaet' in the world; did you mean 'gate'"),
         ("recipe.yaml", "isolate_objects", "@isolate_object", "unknown step 'isolate_object'; did"),
         ("recipe.yaml", "sensor: camera", "sensor: @camra", "no sensor 'camra' is declared"),
