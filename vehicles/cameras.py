@@ -5,7 +5,7 @@ heavy job goes through `Compute`: inline under virtual time, in a thread under t
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
@@ -31,9 +31,9 @@ __all__ = [
     "Picture",
     "PictureSource",
     "RenderedCamera",
-    "SceneSource",
     "inline",
     "next_tick",
+    "sleep_until",
 ]
 
 MAX_POSE_AGE_S = 0.25
@@ -73,54 +73,6 @@ class PictureSource(Protocol):
         want_ids: bool = False,
     ) -> Picture:
         """Return a picture of its own: the caller keeps it."""
-
-
-class SceneRenderer(Protocol):
-    """What `worlds.render.renderer.Renderer` does."""
-
-    def render(
-        self,
-        camera_pose: Pose,
-        intrinsics: Intrinsics,
-        t_s: float,
-        events: Mapping[str, float],
-        *,
-        want_depth: bool,
-        want_ids: bool,
-    ) -> Picture:
-        """Return the picture of a scene, events given with the times at which they happened."""
-
-
-class SceneSource:
-    """The embedded renderer as a source of pictures.
-
-    events: asked at each picture for what has happened so far, for things that move on events.
-    """
-
-    def __init__(
-        self, renderer: SceneRenderer, events: Callable[[], Mapping[str, float]] = dict
-    ) -> None:
-        self._renderer = renderer
-        self._events = events
-
-    def picture(
-        self,
-        camera_pose: Pose,
-        intrinsics: Intrinsics,
-        t_s: float,
-        *,
-        want_depth: bool = False,
-        want_ids: bool = False,
-    ) -> Picture:
-        """Return a picture of the scene as it is at t_s."""
-        return self._renderer.render(
-            camera_pose,
-            intrinsics,
-            t_s,
-            self._events(),
-            want_depth=want_depth,
-            want_ids=want_ids,
-        )
 
 
 class Compute(Protocol):

@@ -17,7 +17,7 @@ from vehicles.camera_effects import (
     blurred,
     streak_px,
 )
-from vehicles.cameras import AskedCamera, RenderedCamera, SceneSource, next_tick
+from vehicles.cameras import AskedCamera, RenderedCamera, next_tick
 from vehicles.embedded.profile import load_profile
 from vehicles.pose_history import PoseHistory
 from vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage
@@ -225,19 +225,6 @@ def test_an_asked_camera_answers_from_the_pose_it_is_given() -> None:
         assert source.asked[0] == (Pose((1.1, 0.0, 0.0)), 3.0)
 
     run_virtual(main())
-
-
-def test_the_renderer_is_asked_with_the_events_so_far() -> None:
-    asked: list[object] = []
-
-    class Renderer:
-        def render(self, *given: object, want_depth: bool, want_ids: bool) -> FakePicture:
-            asked.extend((*given, want_depth, want_ids))
-            return FakePicture(np.zeros((48, 64, 3), np.uint8))
-
-    pose = Pose((0.0, 0.0, 0.0))
-    SceneSource(Renderer(), lambda: {"go": 2.0}).picture(pose, CAMERA, 5.0, want_ids=True)
-    assert asked == [pose, CAMERA, 5.0, {"go": 2.0}, False, True]
 
 
 def test_ticks() -> None:
