@@ -195,9 +195,9 @@ def person(color: Rgb = SHIRT_RGB) -> Shape:
         return meshes.frustum(*radii, top_m - bottom_m, material, flatten=flatten).moved(tilt)
 
     pieces = [
-        _Piece("hips", limb(0.98, 0.82, (0.165, 0.155), 0.0, trousers, flatten=0.66)),
+        _Piece("hips", limb(0.98, 0.80, (0.168, 0.178), 0.0, trousers, flatten=0.62)),
         _Piece("torso", limb(1.38, 0.96, (0.205, 0.165), 0.0, shirt, flatten=0.58)),
-        _Piece("shoulders", ball((0.115, 0.215, 0.075), (0.0, 0.0, -1.385), shirt)),
+        _Piece("shoulders", ball((0.112, 0.225, 0.080), (0.0, 0.0, -1.385), shirt)),
         _Piece("neck", limb(1.54, 1.42, (0.055, 0.06), 0.0, skin)),
         _Piece("head", ball((0.095, 0.078, 0.118), (0.01, 0.0, -1.622), skin)),
         _Piece("hair", ball((0.098, 0.086, 0.100), (-0.018, 0.0, -1.650), hair)),
@@ -213,7 +213,7 @@ def person(color: Rgb = SHIRT_RGB) -> Shape:
                 limb(1.10, 0.83, (0.042, 0.034), sign * 0.262, skin, tilt_deg=-sign * 3.0),
             ),
             _Piece(f"{side} hand", ball((0.05, 0.03, 0.08), (0.01, sign * 0.27, -0.79), skin)),
-            _Piece(f"{side} leg", limb(0.88, 0.06, (0.095, 0.062), sign * 0.095, trousers)),
+            _Piece(f"{side} leg", limb(0.90, 0.06, (0.088, 0.06), sign * 0.09, trousers)),
             _Piece(f"{side} foot", ball((0.14, 0.05, 0.05), (0.05, sign * 0.1, -0.05), shoes)),
         ]
     return _assembled("person", pieces)
@@ -296,7 +296,7 @@ def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tu
             (0.0, 0.0, -2.0 * h),
             (0.0, -e, 0.0),
             (n, 0.0, 0.0),
-            textures.panels(seeds[5], (196, 198, 198)),
+            textures.panels(seeds[5], (238, 240, 240)),
             2.4,
         ),
     )
