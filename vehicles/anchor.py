@@ -8,7 +8,7 @@ about the vertical (the turn is the error of the vehicle's heading against the w
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from vehicles.errors import AnchorError
 from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
@@ -25,6 +25,17 @@ class Anchor:
 
     origin_ned_m: Vec3
     turn_rad: float = 0.0
+    _cosine: float = field(init=False, repr=False, compare=False)
+    _sine: float = field(init=False, repr=False, compare=False)
+    _turn_wxyz: Quat = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Keep what each of a hundred samples a second needs."""
+        object.__setattr__(self, "_cosine", math.cos(self.turn_rad))
+        object.__setattr__(self, "_sine", math.sin(self.turn_rad))
+        half_rad = self.turn_rad / 2.0
+        turn_wxyz = (math.cos(half_rad), 0.0, 0.0, math.sin(half_rad))
+        object.__setattr__(self, "_turn_wxyz", turn_wxyz)
 
     @classmethod
     def of_poses(cls, *, local: Pose, world: Pose) -> "Anchor":
@@ -43,20 +54,25 @@ class Anchor:
 
     def position(self, local_ned_m: Vec3) -> Vec3:
         """Return in the world frame a position that is given in the autopilot's."""
-        north, east, down = _turn(local_ned_m, self.turn_rad) if self.turn_rad else local_ned_m
-        origin = self.origin_ned_m
-        return (north + origin[0], east + origin[1], down + origin[2])
+        north, east, down = local_ned_m
+        cosine, sine, origin = self._cosine, self._sine, self.origin_ned_m
+        return (
+            cosine * north - sine * east + origin[0],
+            sine * north + cosine * east + origin[1],
+            down + origin[2],
+        )
 
     def velocity(self, local_ned_m_s: Vec3) -> Vec3:
         """Return in the world frame a velocity that is given in the autopilot's."""
-        return _turn(local_ned_m_s, self.turn_rad) if self.turn_rad else local_ned_m_s
+        north, east, down = local_ned_m_s
+        cosine, sine = self._cosine, self._sine
+        return (cosine * north - sine * east, sine * north + cosine * east, down)
 
     def attitude(self, local_q_wxyz: Quat) -> Quat:
         """Return in the world frame an attitude that is given in the autopilot's."""
         if not self.turn_rad:
             return local_q_wxyz
-        half_rad = self.turn_rad / 2.0
-        return quat_multiply((math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)), local_q_wxyz)
+        return quat_multiply(self._turn_wxyz, local_q_wxyz)
 
     def to_local(self, setpoint: Setpoint) -> Setpoint:
         """Return in the autopilot's frame a setpoint that is given in the world's."""

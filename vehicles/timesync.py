@@ -86,6 +86,7 @@ class ClockMap:
         self._run_s = 0.0
         self._remote_s = 0.0
         self._uncertainty_s = math.inf
+        self._half_round_trip_s = 0.0
         self._contradictions = 0
         self._count = 0
         self.resets = 0
@@ -138,7 +139,7 @@ class ClockMap:
     @property
     def half_round_trip_s(self) -> float:
         """Return half the shortest round trip of the window."""
-        return min(each.round_trip_s for each in self._exchanges) / 2.0
+        return self._half_round_trip_s
 
     def estimate(self) -> ClockEstimate:
         """Return the mapping in figures. Raises ValueError before the first exchange."""
@@ -177,6 +178,7 @@ class ClockMap:
         """Intersect the bounds on run minus remote time, all moved to the newest exchange."""
         step_s = self._step_s()
         self._rate, rate_error = self._fitted_rate(step_s)
+        self._half_round_trip_s = min(map(_round_trip, self._exchanges)) / 2.0
         newest = self._exchanges[-1]
         at_s = newest.remote_s
         low, high = -math.inf, math.inf

@@ -30,6 +30,31 @@ def test_pack_counts_its_sequence() -> None:
     assert [raw[4] for raw in raws] == [number % 256 for number in range(300)]
 
 
+@given(
+    x=st.floats(-1e6, 1e6, width=32), mask=st.integers(0, 65535), frame=st.sampled_from([0, 1, 9])
+)
+def test_packs_as_pymavlink_does(x: float, mask: int, frame: int) -> None:
+    messages = [
+        mavlink.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, frame, mask, x, *[0.0] * 9, x
+        ),
+        mavlink.MAVLink_command_long_message(1, 1, 400, 0, x, *[0.0] * 6),
+        mavlink.MAVLink_heartbeat_message(0, 0, 0, mask, 0, 0),
+        mavlink.MAVLink_timesync_message(0, mask),
+        mavlink.MAVLink_command_ack_message(mask, 0, 0, mask, frame, 0),
+        mavlink.MAVLink_param_set_message(1, 1, b"NAME", x, 9),
+        mavlink.MAVLink_attitude_quaternion_message(mask, x, *[0.0] * 6),
+        mavlink.MAVLink_statustext_message(frame, b"text"),
+        mavlink.MAVLink_mission_count_message(1, 1, mask),
+    ]
+    codec = Codec(system_id=245, component_id=190)
+    reference = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
+    for number, message in enumerate(messages):
+        packed = codec.pack(message)
+        reference.seq = number
+        assert packed == bytes(message.pack(reference))
+
+
 def test_header_is_read_without_decoding() -> None:
     raw = _stream(3)[2]
     header = frame_header(raw + b"more")

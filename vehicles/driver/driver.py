@@ -147,12 +147,20 @@ class Driver:
 
         Raises IdentifyError, which says what was heard instead.
         """
+        if self._vehicle is not None:
+            return self._vehicle.identity
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + timeout_s
         target, autopilot = await find_vehicle(
             self._session, self._changes, wanted=self._wanted, timeout_s=timeout_s
         )
-        self._session.target = target
+        identity = await request_identity(
+            self._session,
+            self._changes,
+            autopilot=autopilot,
+            target=target,
+            timeout_s=max(deadline_s - loop.time(), _ANSWER_WITHIN_S),
+        )
         self.parameters.use_bytewise(autopilot.parameters_bytewise)
         self._status = status = Status(
             session=self._session,
@@ -162,13 +170,6 @@ class Driver:
         )
         heard = self._session.heard[target]
         status.heartbeat(heard.heartbeat, heard.t_s)
-        identity = await request_identity(
-            self._session,
-            self._changes,
-            autopilot=autopilot,
-            target=target,
-            timeout_s=max(deadline_s - loop.time(), _ANSWER_WITHIN_S),
-        )
         plan = autopilot.telemetry_plan(self._rates)
         self._vehicle = IdentifiedVehicle(
             identity=identity,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from struct import Struct
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -12,6 +13,10 @@ from vehicles.driver.session import Session
 from vehicles.driver.state import EstimateSample, LocalEstimate
 from vehicles.timesync import VehicleClock
 from worlds.frames import quat_from_euler
+
+_POSITION: Struct = mavlink.MAVLink_local_position_ned_message.unpacker
+_QUATERNION: Struct = mavlink.MAVLink_attitude_quaternion_message.unpacker
+"""Both have their fields on the wire in the order of their definition, time_boot_ms first."""
 
 EstimateListener = Callable[[EstimateSample], None]
 
@@ -30,6 +35,7 @@ class Estimates:
         self._listeners: list[EstimateListener] = []
         self._average = PoseAverage()
         self._anchor: Anchor | None = None
+        self._takes_angles = True
         self._arrived_s = 0.0
         self.on_reboot: Callable[[float], None] | None = None
         """Called with the time of arrival when the vehicle's clock has started anew."""
@@ -38,8 +44,8 @@ class Estimates:
         self.amsl_m: float | None = None
         """The vehicle's height above mean sea level by its own estimate."""
         self.not_numbers = 0
-        session.on(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, self._position)
-        session.on(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, self._quaternion)
+        session.on_payload(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, self._position)
+        session.on_payload(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, self._quaternion)
         session.on(mavlink.MAVLINK_MSG_ID_ATTITUDE, self._angles)
         session.on(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, self._global)
         session.on(mavlink.MAVLINK_MSG_ID_HOME_POSITION, self._home)
@@ -65,21 +71,21 @@ class Estimates:
         """Tell each estimate to `listener`."""
         self._listeners.append(listener)
 
-    def _position(self, message: Any, t_s: float) -> None:
-        boot_s = message.time_boot_ms * 1e-3
-        position = (message.x, message.y, message.z)
-        velocity = (message.vx, message.vy, message.vz)
-        if not math.isfinite(sum(position) + sum(velocity)):
+    def _position(self, payload: bytes, t_s: float) -> None:
+        boot_ms, x, y, z, vx, vy, vz = _unpacked(_POSITION, payload)
+        if not math.isfinite(x + y + z + vx + vy + vz):
             self.not_numbers += 1
             return
-        for estimate in self._pairing.position(boot_s, position, velocity):
+        for estimate in self._pairing.position(boot_ms * 1e-3, (x, y, z), (vx, vy, vz)):
             self._take(estimate, t_s)
 
-    def _quaternion(self, message: Any, t_s: float) -> None:
-        q_wxyz = (message.q1, message.q2, message.q3, message.q4)
+    def _quaternion(self, payload: bytes, t_s: float) -> None:
+        boot_ms, w, x, y, z = _unpacked(_QUATERNION, payload)[:5]
         # ATTITUDE is asked for nowhere, but ArduPilot may send it: one of both is enough.
-        self._session.off(mavlink.MAVLINK_MSG_ID_ATTITUDE, self._angles)
-        self._attitude(message.time_boot_ms * 1e-3, q_wxyz, t_s)
+        if self._takes_angles:
+            self._takes_angles = False
+            self._session.off(mavlink.MAVLINK_MSG_ID_ATTITUDE, self._angles)
+        self._attitude(boot_ms * 1e-3, (w, x, y, z), t_s)
 
     def _angles(self, message: Any, t_s: float) -> None:
         q_wxyz = quat_from_euler(message.roll, message.pitch, message.yaw)
@@ -88,11 +94,11 @@ class Estimates:
     def _attitude(
         self, boot_s: float, q_wxyz: tuple[float, float, float, float], t_s: float
     ) -> None:
-        length = math.sqrt(math.fsum(value * value for value in q_wxyz))
+        w, x, y, z = q_wxyz
+        length = math.sqrt(w * w + x * x + y * y + z * z)
         if not 0.9 < length < 1.1:
             self.not_numbers += 1
             return
-        w, x, y, z = q_wxyz
         unit = (w / length, x / length, y / length, z / length)
         estimate = self._pairing.attitude(boot_s, unit)
         if estimate is not None:
@@ -142,3 +148,7 @@ class Estimates:
     def _home(self, message: Any, _t_s: float) -> None:
         if self.amsl_m is None:
             self.amsl_m = message.altitude * 1e-3
+
+
+def _unpacked(layout: Struct, payload: bytes) -> tuple[float, ...]:
+    return layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))

@@ -42,7 +42,8 @@ async def request_identity(
 ) -> Identity:
     """Return the identity that the vehicle gives when asked for AUTOPILOT_VERSION.
 
-    Raises IdentifyError when it does not answer.
+    From then on the session hears this vehicle only. Raises IdentifyError when it does not
+    answer.
     """
     answers: list[Any] = []
 
@@ -52,6 +53,7 @@ async def request_identity(
 
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
+    session.target = target
     session.on(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, take)
     try:
         while not answers and (left_s := deadline_s - loop.time()) > 0:
@@ -61,6 +63,7 @@ async def request_identity(
     finally:
         session.off(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, take)
     if not answers:
+        session.target = None
         raise IdentifyError(
             f"{session.link.name}: {autopilot.label}, system {target.system}, sends heartbeats but "
             "does not answer what we send; is its link one-way, or does a router drop our system "

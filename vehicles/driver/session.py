@@ -14,6 +14,9 @@ from vehicles.mavlink.framing import Frame
 Handler = Callable[[Any, float], None]
 """Takes a message and the run clock's time of its arrival."""
 
+PayloadHandler = Callable[[bytes, float], None]
+"""Takes a message's payload, trailing zeros missing, and the time of its arrival."""
+
 
 @dataclass(frozen=True, slots=True)
 class Heard:
@@ -51,11 +54,16 @@ class Session:
         self.on_arrival: Callable[[float], None] | None = None
         """Called with the time of each arrival of the target, before its messages."""
         self._handlers: dict[int, list[Handler]] = {}
+        self._payload_handlers: dict[int, list[PayloadHandler]] = {}
         link.receive(self.received)
 
     def on(self, message_id: int, handler: Handler) -> None:
         """Have a message of the vehicle handed to `handler`."""
         self._handlers.setdefault(message_id, []).append(handler)
+
+    def on_payload(self, message_id: int, handler: PayloadHandler) -> None:
+        """Have the payload of a frequent message handed to `handler`, not decoded."""
+        self._payload_handlers.setdefault(message_id, []).append(handler)
 
     def off(self, message_id: int, handler: Handler) -> None:
         """No longer hand the message to `handler`."""
@@ -93,6 +101,8 @@ class Session:
             handler(message, t_s)
 
     def _hand_on(self, frame: Frame, t_s: float) -> None:
+        for payload_handler in self._payload_handlers.get(frame.message_id, ()):
+            payload_handler(frame.payload, t_s)
         handlers = self._handlers.get(frame.message_id)
         if handlers is None:
             return

@@ -75,7 +75,7 @@ class VehicleEvent:
 
     text: for people ("OFFBOARD", "Armed by external command"). mode: of kind "mode", what it
     means. asked: of kind "mode", whether it is the mode that we last asked for. duration_s: of
-    kind "link_back", how long nothing was heard.
+    kind "link_back", how long nothing was heard. severity: of kind "text", its MAV_SEVERITY.
     """
 
     t_s: float
@@ -84,6 +84,7 @@ class VehicleEvent:
     mode: Mode | None = None
     asked: bool = False
     duration_s: float | None = None
+    severity: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -162,7 +162,7 @@ class Status:
             return
         self._texts.append(StatusText(t_s, message.severity, whole))
         self._change(texts=tuple(self._texts))
-        self.tell(VehicleEvent(t_s, "text", whole))
+        self.tell(VehicleEvent(t_s, "text", whole, severity=message.severity))
 
     def _estimator(self, message: Any, t_s: float) -> None:
         self.readiness.feed(message)

@@ -1,6 +1,6 @@
 """The telemetry plan: asked of the autopilot, and looked after that it comes."""
 
-from typing import Any
+from functools import partial
 
 from vehicles.autopilots.base import Autopilot, MessageRate, Target
 from vehicles.driver.session import Session
@@ -31,7 +31,7 @@ class Streams:
         self._plan = plan
         self._last_s: dict[int, float] = {}
         for line in plan:
-            session.on(line.message_id, self._came)
+            session.on_payload(line.message_id, partial(self._came, line.message_id))
 
     def ask(self) -> None:
         """Ask for the whole plan."""
@@ -60,5 +60,5 @@ class Streams:
         last_s = self._last_s.get(line.message_id)
         return last_s is None or now_s - last_s > max(1.0, _SLACK / line.rate_hz)
 
-    def _came(self, message: Any, t_s: float) -> None:
-        self._last_s[message.get_msgId()] = t_s
+    def _came(self, message_id: int, _payload: bytes, t_s: float) -> None:
+        self._last_s[message_id] = t_s

@@ -1,10 +1,27 @@
 """MAVLink messages to bytes and back: pymavlink's ardupilotmega dialect, version 2."""
 
-from typing import Any
+import struct
+from collections.abc import Callable
+from functools import cache
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.mavlink.framing import Frame, FrameSplitter
+from vehicles.mavlink.framing import Frame, FrameSplitter, checksum
+
+_HEADER = struct.Struct("<BBBBBBBHB")
+_CHECKSUM = struct.Struct("<H")
+_MAGIC_V2 = 0xFD
+
+
+class _Layout(NamedTuple):
+    """How a message of plain numbers lies in its payload."""
+
+    values: Callable[[Any], tuple[float, ...]]
+    payload: struct.Struct
+    message_id: int
+    crc_extra: bytes
 
 
 class Codec:
@@ -53,7 +70,31 @@ class Codec:
 
     def pack(self, message: Any) -> bytes:
         """Return the frame of a message, with the next sequence number."""
-        raw: bytes = bytes(message.pack(self._mav))
+        layout = _layout(message.__class__)
+        if layout is None:
+            raw = bytes(message.pack(self._mav))
+        else:
+            raw = self._pack_plain(message, layout)
         # pymavlink counts only in its own send(), which writes to a file.
         self._mav.seq = (self._mav.seq + 1) % 256
         return raw
+
+    def _pack_plain(self, message: Any, layout: _Layout) -> bytes:
+        # As pymavlink's own pack, in a third of its time: it is half of what a setpoint costs.
+        payload = layout.payload.pack(*layout.values(message)).rstrip(b"\0") or b"\0"
+        mav, number = self._mav, layout.message_id
+        header = _HEADER.pack(
+            _MAGIC_V2, len(payload), 0, 0, mav.seq, mav.srcSystem, mav.srcComponent,
+            number & 0xFFFF, number >> 16,
+        )  # fmt: skip
+        body = header[1:] + payload
+        return header[:1] + body + _CHECKSUM.pack(checksum(body, layout.crc_extra))
+
+
+@cache
+def _layout(kind: Any) -> _Layout | None:
+    """Return the layout of a message; None when it holds arrays or texts."""
+    names = kind.ordered_fieldnames
+    if len(names) < 2 or any(kind.array_lengths) or "char" in kind.fieldtypes:
+        return None
+    return _Layout(attrgetter(*names), kind.unpacker, kind.id, bytes([kind.crc_extra]))

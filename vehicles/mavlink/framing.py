@@ -3,6 +3,7 @@
 Layout: https://mavlink.io/en/guide/serialization.html
 """
 
+from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
@@ -13,6 +14,9 @@ _MAGIC_V2 = 0xFD
 _SIGNED = 0x01
 _SIGNATURE_BYTES = 13
 _LONGEST_FRAME = 12 + 255 + _SIGNATURE_BYTES
+
+# pymavlink has it from fastcrc where that is installed; its own wrapper costs thrice as much.
+_crc_in_c: Callable[[bytes, int], int] | None = getattr(mavlink, "mcrf4xx", None)
 
 
 class Frame(NamedTuple):
@@ -26,6 +30,20 @@ class Frame(NamedTuple):
     version: int
     """1 or 2 of MAVLink."""
     signed: bool
+
+    @property
+    def payload(self) -> bytes:
+        """Return the payload as it was sent: trailing zeros may be missing."""
+        start = 10 if self.version == 2 else 6
+        return self.raw[start : start + self.raw[1]]
+
+
+def checksum(covered: bytes, extra: bytes) -> int:
+    """Return the checksum (CRC-16/MCRF4XX) of a frame's bytes and its message's extra byte."""
+    if _crc_in_c is not None:
+        return _crc_in_c(covered + extra, 0xFFFF)
+    crc: int = mavlink.x25crc(covered + extra).crc
+    return crc
 
 
 def frame_header(raw: bytes) -> Frame | None:
@@ -79,10 +97,7 @@ class FrameSplitter:
             return frame if frame.version == 2 and who in self._known else None
         raw = frame.raw
         tail = len(raw) - (2 + _SIGNATURE_BYTES if frame.signed else 2)
-        covered = bytearray(raw[1:tail])
-        covered.append(extra)
-        crc: int = mavlink.x25crc(covered).crc
-        if crc != raw[tail] | raw[tail + 1] << 8:
+        if checksum(raw[1:tail], extra) != raw[tail] | raw[tail + 1] << 8:
             return None
         self._known.add(who)
         return frame
@@ -115,5 +130,5 @@ def _next_magic(buffer: bytes, start: int) -> int:
 
 
 @cache
-def _crc_extras() -> dict[int, int]:
-    return {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
+def _crc_extras() -> dict[int, bytes]:
+    return {number: bytes([kind.crc_extra]) for number, kind in mavlink.mavlink_map.items()}
