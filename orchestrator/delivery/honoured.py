@@ -1,0 +1,167 @@
+"""Would this autopilot, as it is set up and in this mode, act on what we inject? Pure.
+
+Messages that nobody consumes look like a vehicle that does not avoid. So before arming each
+injected thing is held against rules: parameters, modes, and what is never consumed at all. The
+tables are in `honoured_ardupilot` and `honoured_px4`, each line with its source.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+Thing = Literal[
+    "obstacle_distance",
+    "obstacle_distance_3d",
+    "path_planning",
+    "distance_sensor",
+    "distance_sensor_sideways",
+    "adsb_vehicle",
+    "other_global_position",
+    "collision",
+    "landing_target",
+    "vision_position_estimate",
+    "odometry",
+    "gps_input",
+    "fence",
+    "flight_termination",
+    "inject_failure",
+]
+Setpoints = Literal["velocity", "position"]
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """How the vehicle will fly. mode: the autopilot's own word ("GUIDED", "OFFBOARD")."""
+
+    parameters: Mapping[str, float]
+    mode: str
+    setpoints: Setpoints = "velocity"
+
+
+@dataclass(frozen=True, slots=True)
+class Ignored:
+    """Why a thing would be ignored, and what to do.
+
+    parameter, value: what to set; None where no parameter helps. reboot: whether it takes
+    effect after a reboot only.
+    """
+
+    reason: str
+    remedy: str
+    parameter: str | None = None
+    value: float | None = None
+    reboot: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.reason}; {self.remedy}"
+
+
+class Rule(Protocol):
+    """One condition of a thing being acted on."""
+
+    def broken(self, situation: Situation) -> Ignored | None:
+        """Return why it does not hold; None when it does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """A parameter must have one of some values, all of some bits, or exceed a number.
+
+    parameter: its name; more names: those of other versions. advised: the value to set, or the
+    bits to add. meaning: what it is for, as the end of "PARAMETER is 0: ...".
+    """
+
+    parameter: str
+    meaning: str
+    advised: float
+    one_of: tuple[float, ...] = ()
+    bits: int = 0
+    above: float | None = None
+    more_names: tuple[str, ...] = ()
+    reboot: bool = False
+
+    def broken(self, situation: Situation) -> Ignored | None:
+        """Return what is wrong with the parameter, also when it is not there."""
+        names = (self.parameter, *self.more_names)
+        name = next((each for each in names if each in situation.parameters), None)
+        if name is None:
+            return Ignored(
+                f"{self.parameter} does not exist on this autopilot: {self.meaning}",
+                "its firmware lacks the feature, or its parameter is hidden until the one that "
+                "enables it is set",
+                self.parameter,
+                self.advised,
+                self.reboot,
+            )
+        found = situation.parameters[name]
+        if self._fits(found):
+            return None
+        value = float(round(found) | self.bits) if self.bits else self.advised
+        after = " and reboot the autopilot" if self.reboot else ""
+        return Ignored(
+            f"{name} is {found:g}: {self.meaning}",
+            f"set {name} to {value:g}{after}",
+            name,
+            value,
+            self.reboot,
+        )
+
+    def _fits(self, found: float) -> bool:
+        if self.bits:
+            return round(found) & self.bits == self.bits
+        if self.above is not None:
+            return found > self.above
+        return found in self.one_of
+
+
+@dataclass(frozen=True, slots=True)
+class InModes:
+    """Only some modes use it. why: as the end of "in mode X: ..."."""
+
+    modes: frozenset[str]
+    why: str
+
+    def broken(self, situation: Situation) -> Ignored | None:
+        """Return that the mode is not one of them."""
+        if situation.mode in self.modes:
+            return None
+        choices = " or ".join(sorted(self.modes))
+        return Ignored(f"in mode {situation.mode}: {self.why}", f"fly in {choices}")
+
+
+@dataclass(frozen=True, slots=True)
+class When:
+    """A rule that holds only in some modes, and only for some setpoints."""
+
+    rule: Rule
+    modes: frozenset[str]
+    setpoints: Setpoints | None = None
+
+    def broken(self, situation: Situation) -> Ignored | None:
+        """Return what the rule says, where it applies."""
+        if situation.mode not in self.modes:
+            return None
+        if self.setpoints is not None and situation.setpoints != self.setpoints:
+            return None
+        return self.rule.broken(situation)
+
+
+@dataclass(frozen=True, slots=True)
+class Never:
+    """Nothing makes it act on this."""
+
+    why: str
+    remedy: str
+
+    def broken(self, _situation: Situation) -> Ignored | None:
+        """Return that it never does."""
+        return Ignored(self.why, self.remedy)
+
+
+Rules = Mapping[Thing, tuple[Rule, ...]]
+
+
+def broken_rules(rules: Rules, thing: Thing, situation: Situation) -> tuple[Ignored, ...]:
+    """Return every reason why a thing would be ignored, in the order of the rules."""
+    found = (rule.broken(situation) for rule in rules[thing])
+    return tuple(each for each in found if each is not None)

@@ -1,0 +1,129 @@
+"""Poses as messages that move an autopilot's estimate, or guide its landing; pure.
+
+Poses are in the autopilot's own local NED frame: `vehicles.anchor.Anchor` brings them there from
+the world's. They are off unless a campaign names them: a flying vehicle believes them.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from orchestrator.delivery.range_messages import microseconds
+from vehicles.autopilots.base import AutopilotName
+from vehicles.readings import PoseReading
+from worlds.frames import Pose, Vec3, euler_from_quat, norm, quat_conjugate, rotate
+
+_DIAGONAL = (0, 6, 11, 15, 18, 20)
+"""Where a 6 x 6 matrix has its diagonal when its upper triangle is written row by row."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSpread:
+    """One standard deviation of a pose: metres, radians, and metres per second."""
+
+    position_m: float
+    attitude_rad: float
+    velocity_m_s: float = 0.1
+
+
+def vision_position_estimate(reading: PoseReading, *, spread: PoseSpread | None = None) -> Any:
+    """Return a pose as VISION_POSITION_ESTIMATE (102): NED metres, Euler angles in radians.
+
+    spread: None leaves it to the autopilot's parameters. Wanted at 30 Hz and above.
+    """
+    roll, pitch, yaw = euler_from_quat(reading.pose.q_wxyz)
+    return mavlink.MAVLink_vision_position_estimate_message(
+        microseconds(reading.t_s),
+        *reading.pose.position_ned_m,
+        roll,
+        pitch,
+        yaw,
+        covariance=_covariance(spread),
+    )
+
+
+def odometry(
+    reading: PoseReading, *, autopilot: AutopilotName, spread: PoseSpread | None = None
+) -> Any:
+    """Return a pose and velocity as ODOMETRY (331).
+
+    Child frame BODY_FRD. ArduPilot takes frame LOCAL_FRD only and means north by its forward;
+    for PX4 LOCAL_FRD is a frame of unknown heading, so it gets LOCAL_NED. The numbers are the
+    same. Raises ValueError when there is no velocity for ArduPilot, which uses what stands there.
+    """
+    velocity = reading.velocity_ned_m_s
+    if velocity is None and autopilot == "ardupilot":
+        raise ValueError("ArduPilot's ODOMETRY needs a velocity: send VISION_POSITION_ESTIMATE")
+    unknown = (math.nan,) * 3
+    q = reading.pose.q_wxyz
+    velocity_frd = rotate(quat_conjugate(q), velocity) if velocity is not None else unknown
+    is_px4 = autopilot == "px4"
+    return mavlink.MAVLink_odometry_message(
+        microseconds(reading.t_s),
+        mavlink.MAV_FRAME_LOCAL_NED if is_px4 else mavlink.MAV_FRAME_LOCAL_FRD,
+        mavlink.MAV_FRAME_BODY_FRD,
+        *reading.pose.position_ned_m,
+        q,
+        *velocity_frd,
+        *unknown,
+        pose_covariance=_covariance(spread),
+        velocity_covariance=_velocity_covariance(spread),
+        reset_counter=0,
+        estimator_type=mavlink.MAV_ESTIMATOR_TYPE_MOCAP,
+        quality=100,
+    )
+
+
+def landing_target(
+    t_s: float, *, target_ned_m: Vec3, body: Pose, autopilot: AutopilotName, size_m: float = 0.0
+) -> Any:
+    """Return a landing target as LANDING_TARGET (149), with its position.
+
+    target_ned_m, body: in the autopilot's local NED frame. ArduPilot takes BODY_FRD and a
+    distance, PX4 LOCAL_NED; both get the angles of a camera that looks down (x right, y back).
+    size_m: its width, for the angles under which it is seen.
+    """
+    seen = body.to_local(target_ned_m)
+    distance_m = norm(seen)
+    angle_rad = 2.0 * math.atan2(size_m / 2.0, distance_m) if distance_m > 0.0 else 0.0
+    is_px4 = autopilot == "px4"
+    x, y, z = target_ned_m if is_px4 else seen
+    return mavlink.MAVLink_landing_target_message(
+        time_usec=microseconds(t_s),
+        target_num=0,
+        frame=mavlink.MAV_FRAME_LOCAL_NED if is_px4 else mavlink.MAV_FRAME_BODY_FRD,
+        angle_x=math.atan2(seen[1], seen[2]),
+        angle_y=math.atan2(-seen[0], seen[2]),
+        distance=distance_m,
+        size_x=angle_rad,
+        size_y=angle_rad,
+        x=x,
+        y=y,
+        z=z,
+        q=(1.0, 0.0, 0.0, 0.0),
+        type=mavlink.LANDING_TARGET_TYPE_VISION_FIDUCIAL,
+        position_valid=1,
+    )
+
+
+def _covariance(spread: PoseSpread | None) -> Sequence[float]:
+    """Return the upper triangle over x, y, z, roll, pitch, yaw; NaN first where unknown."""
+    if spread is None:
+        return [math.nan, *[0.0] * 20]
+    return _diagonal([spread.position_m] * 3 + [spread.attitude_rad] * 3)
+
+
+def _velocity_covariance(spread: PoseSpread | None) -> Sequence[float]:
+    if spread is None:
+        return [math.nan, *[0.0] * 20]
+    return _diagonal([spread.velocity_m_s] * 3 + [0.0] * 3)
+
+
+def _diagonal(deviations: list[float]) -> list[float]:
+    triangle = [0.0] * 21
+    for place, deviation in zip(_DIAGONAL, deviations, strict=True):
+        triangle[place] = deviation * deviation
+    return triangle
