@@ -191,8 +191,10 @@ class ClockMap:
             high = min(high, each.received_s + moved_s + blur_s)
         self._remote_s = at_s
         self._run_s = (low + high) / 2.0
-        # Negative where the vehicle's clock does not run steadily: then it is what they differ by.
-        self._uncertainty_s = abs(high - low) / 2.0
+        self._uncertainty_s = (high - low) / 2.0
+        if low > high:
+            # The clock does not run steadily, or stamps late: by how much at least, this shows.
+            self._uncertainty_s = self._half_round_trip_s + (low - high) / 2.0
 
     def _fitted_rate(self, step_s: float) -> tuple[float, float]:
         """Return run seconds per vehicle second, and the bound of its error."""

@@ -92,6 +92,18 @@ def test_a_clock_that_advances_in_steps_is_known_to(phase_s: float, step_s: floa
     assert clock.uncertainty_s <= step_s / 2.0 + 0.0015
 
 
+def test_stamps_that_contradict_each_other_widen_the_bound() -> None:
+    clock = ClockMap(max_drift=2e-4)
+    for number in range(20):
+        offset_s = 5.0 if number % 2 else 5.01
+        _exchange(
+            clock, t_s=number * 0.487321, there_s=0.001, back_s=0.001, offset_s=offset_s, drift=0.0
+        )
+    assert clock.resets == 0
+    assert 0.004 < clock.uncertainty_s < 0.008
+    assert clock.run_time(15.005) == pytest.approx(10.0, abs=clock.uncertainty_s)
+
+
 def test_a_restarted_clock_resets_the_mapping() -> None:
     clock = ClockMap()
     for number in range(10):
