@@ -57,6 +57,11 @@ class MotionCaptureFeed:
             )
         self._under_way.append((truth.t_s + self._noise.latency_s, truth, pose))
 
+    @property
+    def next_due_s(self) -> float | None:
+        """Return when the next reading arrives; None when none is under way."""
+        return self._under_way[0][0] if self._under_way else None
+
     def deliver(self, now_s: float) -> None:
         """Give what has arrived by now."""
         while self._under_way and self._under_way[0][0] <= now_s + 1e-9:

@@ -65,8 +65,10 @@ class EmbeddedVehicle:
         self._steps = 0
         self._boot_step = 0
         self._timer: asyncio.TimerHandle | None = None
+        self._mocap_timer: asyncio.TimerHandle | None = None
         self._alive = False
         self._fault: Exception | None = None
+        self._on_fault: Callable[[], None] | None = None
         self._muted = False
         self._struck = False
         link.receive(self._on_bytes)
@@ -93,6 +95,10 @@ class EmbeddedVehicle:
         """Have motion capture's readings given to `callback`, with the profile's faults."""
         self._mocap.add(callback)
 
+    def on_fault(self, callback: Callable[[], None]) -> None:
+        """Have `callback` called when the physics fails."""
+        self._on_fault = callback
+
     def notify(self, event: str, t_s: float) -> None:
         """Pass an event of the world to the surroundings: what moves may start now."""
         if isinstance(self._surroundings, HearsEvents):
@@ -101,8 +107,9 @@ class EmbeddedVehicle:
     def kill(self) -> None:
         """Stop at once and for good, without a word: as when its process dies."""
         self._alive = False
-        if self._timer is not None:
-            self._timer.cancel()
+        for timer in (self._timer, self._mocap_timer):
+            if timer is not None:
+                timer.cancel()
 
     def mute(self, *, muted: bool) -> None:
         """Lose all bytes in both directions, or no longer; the vehicle flies on."""
@@ -142,6 +149,8 @@ class EmbeddedVehicle:
         except Exception as error:
             self._fault = error
             self.kill()
+            if self._on_fault is not None:
+                self._on_fault()
             raise
         if self._alive:
             loop = asyncio.get_running_loop()
@@ -155,9 +164,22 @@ class EmbeddedVehicle:
             self._t0_s += (behind - _STEPS_PER_TICK) / PHYSICS_HZ
             behind = _STEPS_PER_TICK
         for _ in range(behind):
+            if not self._alive:
+                return
             self._step()
         self._flush()
-        self._mocap.deliver(now_s)
+        self._deliver_mocap()
+
+    def _deliver_mocap(self) -> None:
+        """Give the readings that have arrived, each at its own time and not at the next tick."""
+        loop = asyncio.get_running_loop()
+        if self._mocap_timer is not None and self._mocap_timer.when() > loop.time():
+            return
+        self._mocap.deliver(loop.time())
+        due_s = self._mocap.next_due_s
+        self._mocap_timer = (
+            loop.call_at(due_s, self._deliver_mocap) if due_s is not None and self._alive else None
+        )
 
     def _step(self) -> None:
         self._steps += 1

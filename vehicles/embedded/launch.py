@@ -1,0 +1,240 @@
+"""The parent's side: start a vehicle process, hear its feed, end it for certain."""
+
+import asyncio
+import sys
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self, cast
+
+from vehicles.embedded.faults import Fault
+from vehicles.embedded.feed import (
+    FeedError,
+    Kind,
+    Motion,
+    Notice,
+    decode,
+    encode,
+    mocap_reading,
+    truth_sample,
+)
+from vehicles.embedded.settings import ProcessSettings
+from vehicles.embedded.states import TruthSample
+from vehicles.links.base import LinkError
+from vehicles.readings import PoseReading, Source
+
+_FIRST_WORD_S = 20.0
+"""How long a process may take to import, build its physics and send its first datagram."""
+_END_S = 3.0
+_TAIL_LINES = 20
+
+
+class FeedClient(asyncio.DatagramProtocol):
+    """Hears one vehicle's feed; the same interface as the vehicle in process.
+
+    An async context manager that binds `port` (0: any) on loopback.
+    """
+
+    def __init__(self, *, source: Source, port: int = 0, host: str = "127.0.0.1") -> None:
+        self._source = source
+        self._where = (host, port)
+        self._transport: asyncio.DatagramTransport | None = None
+        self._peer: tuple[str, int] | None = None
+        self._truths: list[tuple[float, Callable[[TruthSample], None], list[float]]] = []
+        self._mocaps: list[Callable[[PoseReading], None]] = []
+        self._truth: TruthSample | None = None
+        self._seq_in = -1
+        self._seq_out = 0
+        self.garbage = 0
+        """Datagrams that were none of the feed's."""
+        self.heard = asyncio.Event()
+        """Set with the first datagram."""
+
+    @property
+    def port(self) -> int:
+        """Return the port that is heard on; 0 when closed."""
+        if self._transport is None:
+            return 0
+        return int(self._transport.get_extra_info("sockname")[1])
+
+    def truth(self) -> TruthSample | None:
+        """Return the newest truth; None before the first."""
+        return self._truth
+
+    def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
+        """Have the truth given to `callback`, at most so often."""
+        self._truths.append((1.0 / rate_hz, callback, [-1.0]))
+
+    def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
+        """Have motion capture's readings given to `callback`."""
+        self._mocaps.append(callback)
+
+    def notify(self, event: str, t_s: float) -> None:
+        """Pass an event of the world to the vehicle's surroundings."""
+        self._send(Notice(Kind.EVENT, self._next_seq(), round(t_s * 1e6), event))
+
+    def fault(self, fault: Fault) -> None:
+        """Make a fault in the vehicle."""
+        t_us = round(asyncio.get_running_loop().time() * 1e6)
+        self._send(Notice(Kind.FAULT, self._next_seq(), t_us, str(fault)))
+
+    async def __aenter__(self) -> Self:
+        """Bind the port. Raises LinkError when it is taken."""
+        loop = asyncio.get_running_loop()
+        try:
+            await loop.create_datagram_endpoint(lambda: self, local_addr=self._where)
+        except OSError as error:
+            raise LinkError(f"feed udp://{self._where[0]}:{self._where[1]}: {error}") from error
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the socket."""
+        if self._transport is not None:
+            self._transport.close()
+            self._transport = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take the socket."""
+        self._transport = cast("asyncio.DatagramTransport", transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        """Take a datagram of the vehicle."""
+        try:
+            datagram = decode(data)
+        except FeedError:
+            self.garbage += 1
+            return
+        if not isinstance(datagram, Motion) or datagram.seq <= self._seq_in:
+            return
+        self._peer, self._seq_in = addr, datagram.seq
+        self.heard.set()
+        if datagram.kind is Kind.TRUTH:
+            self._give_truth(truth_sample(datagram))
+            return
+        now_s = asyncio.get_running_loop().time()
+        reading = mocap_reading(datagram, arrived_s=now_s, source=self._source)
+        for callback in self._mocaps:
+            callback(reading)
+
+    def _give_truth(self, sample: TruthSample) -> None:
+        self._truth = sample
+        for interval_s, callback, due_s in self._truths:
+            if sample.t_s >= due_s[0] - 1e-3:
+                due_s[0] = max(due_s[0] + interval_s, sample.t_s)
+                callback(sample)
+
+    def _next_seq(self) -> int:
+        self._seq_out += 1
+        return self._seq_out
+
+    def _send(self, notice: Notice) -> None:
+        if self._transport is not None and self._peer is not None:
+            self._transport.sendto(encode(notice), self._peer)
+
+
+class EmbeddedProcess:
+    """A vehicle in a process of its own, as an async context manager.
+
+    The process has a session of its own, so that Ctrl-C does not reach it, and ends when this
+    one does, however. `feed` has the vehicle's truth, motion capture and faults.
+    """
+
+    def __init__(self, *, settings: ProcessSettings) -> None:
+        self._settings = settings
+        self._process: asyncio.subprocess.Process | None = None
+        self._reader: asyncio.Task[None] | None = None
+        self._tail: deque[str] = deque(maxlen=_TAIL_LINES)
+        self.feed = FeedClient(source=settings.source, port=settings.feed_port)
+
+    @property
+    def pid(self) -> int | None:
+        """Return the process id; None before the start."""
+        return self._process.pid if self._process is not None else None
+
+    @property
+    def exit_code(self) -> int | None:
+        """Return how it ended; None while it lives."""
+        return self._process.returncode if self._process is not None else None
+
+    @property
+    def last_words(self) -> str:
+        """Return the end of what it wrote to stderr."""
+        return "\n".join(self._tail)
+
+    async def __aenter__(self) -> Self:
+        """Start it and wait until it lives. Raises LinkError with its last words otherwise."""
+        await self.feed.__aenter__()
+        try:
+            await self._start()
+        except BaseException:
+            await self.__aexit__(None, None, None)
+            raise
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End it: SIGTERM, then SIGKILL."""
+        process = self._process
+        if process is not None and process.returncode is None:
+            process.terminate()
+            try:
+                async with asyncio.timeout(_END_S):
+                    await process.wait()
+            except TimeoutError:
+                process.kill()
+                await process.wait()
+        if self._reader is not None:
+            await self._reader
+        if process is not None and process.stdin is not None:
+            process.stdin.close()
+        await self.feed.__aexit__(kind, error, trace)
+
+    async def _start(self) -> None:
+        settings = self._settings.model_copy(
+            update={"feed_port": self.feed.port, "end_with_stdin": True}
+        )
+        self._process = process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            "vehicles.embedded",
+            settings.model_dump_json(),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,
+        )
+        self._reader = asyncio.create_task(self._read(), name=f"stderr of vehicle {process.pid}")
+        heard = asyncio.create_task(self.feed.heard.wait(), name="first word of the vehicle")
+        ended = asyncio.create_task(process.wait(), name="end of the vehicle")
+        try:
+            await asyncio.wait(
+                {heard, ended}, timeout=_FIRST_WORD_S, return_when=asyncio.FIRST_COMPLETED
+            )
+        finally:
+            heard.cancel()
+            ended.cancel()
+            await asyncio.gather(heard, ended, return_exceptions=True)
+        if not self.feed.heard.is_set():
+            if process.returncode is not None:
+                await self._reader
+            raise LinkError(
+                f"the embedded vehicle on {settings.link} did not start "
+                f"(exit code {process.returncode}): {self.last_words or 'it said nothing'}"
+            )
+
+    async def _read(self) -> None:
+        """Keep the end of stderr, and the pipe empty."""
+        process = self._process
+        if process is None or process.stderr is None:
+            return
+        async for line in process.stderr:
+            self._tail.append(line.decode(errors="replace").rstrip())

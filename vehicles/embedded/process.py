@@ -1,0 +1,171 @@
+"""One embedded vehicle in its own process, under the wall clock; see `launch` for its parent."""
+
+import asyncio
+import ctypes
+import gc
+import importlib
+import os
+import signal
+import sys
+from collections.abc import Callable
+from typing import cast
+
+from pydantic import ValidationError
+
+from vehicles.embedded.config import Surroundings
+from vehicles.embedded.faults import FaultError, parse_fault
+from vehicles.embedded.feed import (
+    FeedError,
+    Kind,
+    Notice,
+    decode,
+    encode,
+    mocap_datagram,
+    truth_datagram,
+)
+from vehicles.embedded.profile import ProfileError
+from vehicles.embedded.settings import ProcessSettings, Surround
+from vehicles.embedded.states import TruthSample
+from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.links.base import LinkError
+from vehicles.links.opening import open_link
+from vehicles.links.parse import parse_link
+from vehicles.readings import PoseReading
+
+_PR_SET_PDEATHSIG = 1
+BAD_SETTINGS, FAILED = 2, 1
+"""Exit codes; 0 after SIGTERM, SIGINT, a kill fault, or the end of stdin."""
+
+
+class FeedEnd(asyncio.DatagramProtocol):
+    """The vehicle's end of the feed."""
+
+    def __init__(self, *, vehicle: EmbeddedVehicle, stop: asyncio.Event) -> None:
+        self._vehicle = vehicle
+        self._stop = stop
+        self._transport: asyncio.DatagramTransport | None = None
+        self._seq = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take the socket."""
+        self._transport = cast("asyncio.DatagramTransport", transport)
+
+    def datagram_received(self, data: bytes, addr: object) -> None:  # noqa: ARG002 - asyncio's
+        """Take an event or a fault; anything else is said on stderr and dropped."""
+        try:
+            datagram = decode(data)
+            if isinstance(datagram, Notice):
+                self._take(datagram)
+        except (FeedError, FaultError) as error:
+            sys.stderr.write(f"feed: {error}\n")
+
+    def error_received(self, exc: Exception) -> None:
+        """Go on: a parent that does not listen is no reason to fall."""
+
+    def send_truth(self, sample: TruthSample) -> None:
+        """Send a truth sample."""
+        self._send(encode(truth_datagram(sample, self._seq)))
+
+    def send_mocap(self, reading: PoseReading) -> None:
+        """Send a motion-capture reading."""
+        self._send(encode(mocap_datagram(reading, self._seq)))
+
+    def _send(self, data: bytes) -> None:
+        self._seq += 1
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.sendto(data)
+
+    def _take(self, notice: Notice) -> None:
+        if notice.kind is Kind.EVENT:
+            self._vehicle.notify(notice.text, notice.t_us / 1e6)
+            return
+        fault = parse_fault(notice.text)
+        if fault.name == "kill":
+            self._stop.set()
+        elif fault.name == "motor":
+            self._vehicle.fail_motor(fault.motor, factor=fault.factor)
+        else:
+            self._vehicle.mute(muted=fault.name == "mute")
+
+
+async def fly(settings: ProcessSettings, stop: asyncio.Event) -> None:
+    """Run the vehicle until `stop` is set. Raises LinkError, ProfileError, or what it died of."""
+    vehicle = EmbeddedVehicle(
+        config=settings.config(),
+        link=open_link(parse_link(settings.link)),
+        seed=settings.seed,
+        surroundings=_surroundings(settings.surroundings),
+    )
+    vehicle.on_fault(stop.set)
+    feed = FeedEnd(vehicle=vehicle, stop=stop)
+    transport: asyncio.BaseTransport | None = None
+    if settings.feed_port:
+        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+            lambda: feed, remote_addr=(settings.feed_host, settings.feed_port)
+        )
+        vehicle.on_truth(feed.send_truth, settings.truth_hz)
+        vehicle.on_mocap(feed.send_mocap)
+    try:
+        async with vehicle:
+            # What is loaded by now lives as long as the process: the collector need not look.
+            gc.freeze()
+            await stop.wait()
+    finally:
+        if transport is not None:
+            transport.close()
+
+
+def main(arguments: list[str]) -> int:
+    """Run until told to end; the one argument is the settings as JSON. Return the exit code."""
+    if len(arguments) != 1:
+        sys.stderr.write("usage: python -m vehicles.embedded SETTINGS_JSON\n")
+        return BAD_SETTINGS
+    try:
+        settings = ProcessSettings.model_validate_json(arguments[0])
+    except ValidationError as error:
+        sys.stderr.write(f"{error}\n")
+        return BAD_SETTINGS
+    _die_with_parent()
+    try:
+        asyncio.run(_until_told(settings))
+    except (LinkError, ProfileError, ValueError) as error:
+        sys.stderr.write(f"{error}\n")
+        return FAILED
+    return 0
+
+
+async def _until_told(settings: ProcessSettings) -> None:
+    loop, stop = asyncio.get_running_loop(), asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.set)
+    if settings.end_with_stdin:
+        loop.add_reader(sys.stdin.fileno(), _on_stdin, stop.set)
+    await fly(settings, stop)
+
+
+def _on_stdin(stop: Callable[[], None]) -> None:
+    if not os.read(sys.stdin.fileno(), 4096):
+        asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
+        stop()
+
+
+def _surroundings(surround: Surround | None) -> Surroundings | None:
+    """Return who knows the physical things. Raises ValueError when it cannot be had."""
+    if surround is None:
+        return None
+    module, _, name = surround.use.partition(":")
+    try:
+        factory = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"surroundings {surround.use} cannot be had: {error}") from error
+    return cast("Surroundings", factory(surround.argument))
+
+
+def _die_with_parent() -> None:
+    """Have the kernel send SIGTERM when the parent dies (Linux; elsewhere stdin must do)."""
+    if not sys.platform.startswith("linux"):
+        return
+    parent = os.getppid()
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:
+        os.kill(os.getpid(), signal.SIGTERM)
