@@ -57,17 +57,20 @@ def cast_picture(scene: Scene, pose: Pose, camera: Intrinsics) -> tuple[np.ndarr
 
 
 def away_from_edges(ids: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Pixels whose eight neighbours show the same thing at a depth that has no step."""
+    """Pixels whose neighbours show the same thing on the same plane: 1/z is linear there."""
+    inverse, middle = 1.0 / depth, (slice(1, -1), slice(1, -1))
+    same = np.ones(inverse[middle].shape, bool)
+    for row, column in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        before, after = (
+            (slice(1 + sign * row, sign * row - 1 or None),
+             slice(1 + sign * column, sign * column - 1 or None))
+            for sign in (-1, 1)
+        )
+        same &= (ids[before] == ids[middle]) & (ids[after] == ids[middle])
+        bend = inverse[before] + inverse[after] - 2.0 * inverse[middle]
+        same &= np.abs(bend) <= 1e-5 * inverse[middle]
     inner = np.zeros(ids.shape, bool)
-    same = np.ones((ids.shape[0] - 2, ids.shape[1] - 2), bool)
-    middle_ids, middle = ids[1:-1, 1:-1], depth[1:-1, 1:-1]
-    for row in (0, 1, 2):
-        for column in (0, 1, 2):
-            window = (slice(row, ids.shape[0] - 2 + row), slice(column, ids.shape[1] - 2 + column))
-            same &= ids[window] == middle_ids
-            with np.errstate(invalid="ignore"):
-                same &= ~(np.abs(depth[window] - middle) > 0.01 * middle)
-    inner[1:-1, 1:-1] = same
+    inner[middle] = same
     return inner
 
 
