@@ -1,0 +1,213 @@
+"""An autonomy that is a program of the user's: started with a run, and ended with it.
+
+The program flies through MAVLink and sees through video, as it would on the vehicle; where, its
+environment says. It runs in a process group of its own, so that whatever it starts ends with it.
+Wall clock only.
+"""
+
+import asyncio
+import json
+import os
+import signal
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+_TERM_GRACE_S = 3.0
+_KILL_GRACE_S = 2.0
+_POLL_S = 0.02
+_TAIL_BYTES = 2000
+
+
+class ExternalAutonomyError(Exception):
+    """The program could not be started; says which, and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramExit:
+    """How the program ended. code: its own, None when a signal ended it. signal: the name of one.
+
+    ended_by_us: it still ran when the run was over. tail: the last lines of its log.
+    """
+
+    code: int | None
+    signal: str | None
+    ended_by_us: bool
+    tail: str
+
+    @property
+    def crashed(self) -> bool:
+        """Return whether it failed by itself: a verdict of FAIL."""
+        return not self.ended_by_us and self.code != 0
+
+    def __str__(self) -> str:
+        how = f"exit code {self.code}" if self.signal is None else f"signal {self.signal}"
+        return f"ended with the run ({how})" if self.ended_by_us else f"ended by itself, {how}"
+
+
+def autonomy_environment(
+    base: Mapping[str, str],
+    *,
+    mavlink_url: str,
+    video_url: str,
+    goal: Mapping[str, object],
+) -> dict[str, str]:
+    """Return the environment of the program.
+
+    WIL_MAVLINK_URL: link string of the vehicle. WIL_VIDEO_URL: stream, or SDP file, of what it
+    perceives. WIL_GOAL: the campaign's goal as JSON. PYTHONUNBUFFERED, so that the log of a
+    Python program that is killed is not lost.
+    """
+    return {
+        "PYTHONUNBUFFERED": "1",
+        **base,
+        "WIL_MAVLINK_URL": mavlink_url,
+        "WIL_VIDEO_URL": video_url,
+        "WIL_GOAL": json.dumps(dict(goal), allow_nan=False),
+    }
+
+
+class ExternalAutonomy:
+    """Runs the program while its context is open; an async context manager.
+
+    command: program and arguments; the program is looked up in PATH, or relative to `folder`.
+    environment: all of it (see `autonomy_environment`). log_path: takes what it writes, both to
+    stdout and stderr. After the context `exit` says how it ended.
+    """
+
+    def __init__(
+        self,
+        *,
+        command: Sequence[str],
+        environment: Mapping[str, str],
+        log_path: Path,
+        folder: Path | None = None,
+        term_grace_s: float = _TERM_GRACE_S,
+    ) -> None:
+        if not command:
+            raise ExternalAutonomyError("the command of the autonomy is empty")
+        self._command = tuple(command)
+        self._environment = dict(environment)
+        self._log_path = log_path
+        self._folder = folder
+        self._term_grace_s = term_grace_s
+        self._process: asyncio.subprocess.Process | None = None
+        self.exit: ProgramExit | None = None
+
+    async def __aenter__(self) -> Self:
+        """Start it. Raises ExternalAutonomyError."""
+        try:
+            with self._log_path.open("ab") as log:
+                self._process = await self._started(log)
+        except OSError as error:
+            at_fault = error.filename or self._command[0]
+            raise ExternalAutonomyError(
+                f"the autonomy cannot be started: {at_fault}: {error.strerror}; check the path, "
+                "and that the file may be executed"
+            ) from error
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End its whole process group: TERM, and KILL for what does not heed it."""
+        process = self._process
+        if process is None:
+            return
+        ended_by_us = process.returncode is None
+        try:
+            await self._end(process)
+        except asyncio.CancelledError:
+            # Nothing may fly on, however the run is ended.
+            _signal_group(process.pid, signal.SIGKILL)
+            raise
+        self.exit = self._exit(await process.wait(), ended_by_us=ended_by_us)
+
+    @property
+    def running(self) -> bool:
+        """Return whether the program itself still runs."""
+        return self._process is not None and self._process.returncode is None
+
+    async def ended(self) -> ProgramExit:
+        """Wait until the program ends by itself; for a task that fails the run when it crashes."""
+        if self._process is None:
+            raise ExternalAutonomyError("the autonomy was not started")
+        return self._exit(await self._process.wait(), ended_by_us=False)
+
+    async def _started(self, log: IO[bytes]) -> asyncio.subprocess.Process:
+        return await asyncio.create_subprocess_exec(
+            *self._command,
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            env=self._environment,
+            cwd=self._folder,
+            start_new_session=True,
+        )
+
+    async def _end(self, process: asyncio.subprocess.Process) -> None:
+        _signal_group(process.pid, signal.SIGTERM)
+        if not await _gone(process.pid, self._term_grace_s):
+            _signal_group(process.pid, signal.SIGKILL)
+            await _gone(process.pid, _KILL_GRACE_S)
+
+    def _exit(self, returncode: int, *, ended_by_us: bool) -> ProgramExit:
+        tail = _tail(self._log_path)
+        if returncode >= 0:
+            return ProgramExit(returncode, None, ended_by_us, tail)
+        try:
+            name = signal.Signals(-returncode).name
+        except ValueError:
+            name = str(-returncode)
+        return ProgramExit(None, name, ended_by_us, tail)
+
+
+async def _gone(group: int, within_s: float) -> bool:
+    """Return whether every process of a group ended within a time."""
+    for _ in range(max(1, round(within_s / _POLL_S))):
+        if not _lives(group):
+            return True
+        await asyncio.sleep(_POLL_S)
+    return not _lives(group)
+
+
+def _signal_group(group: int, number: signal.Signals) -> None:
+    # The group outlives its leader for as long as a child of it lives, and its number with it.
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(group, number)
+
+
+def _lives(group: int) -> bool:
+    """Return whether a process of a group runs; one that has ended and waits to be reaped not."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return any(_runs_in(group, folder) for folder in Path("/proc").glob("[0-9]*"))
+
+
+def _runs_in(group: int, process_folder: Path) -> bool:
+    try:
+        # proc(5): after the name in parentheses come state, parent and process group.
+        fields = (process_folder / "stat").read_text().rpartition(")")[2].split()
+    except (OSError, UnicodeDecodeError):
+        return False
+    return fields[0] not in {"Z", "X"} and int(fields[2]) == group
+
+
+def _tail(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            stream.seek(0, os.SEEK_END)
+            stream.seek(max(0, stream.tell() - _TAIL_BYTES))
+            return stream.read().decode("utf-8", "replace")
+    except OSError:
+        return ""
