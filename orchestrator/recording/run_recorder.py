@@ -140,14 +140,20 @@ class RunRecorder:
             self._snapshot = frames
 
     async def follow(self, stations: tuple[Station, ...], course: Course) -> None:
-        """Record where all are at 20 Hz until cancelled."""
+        """Record where all are at 20 Hz until cancelled, and once more then."""
         t0_s, tick = self._time(), 0
-        while True:
-            now_s = self._time()
-            for station in stations:
-                self._trajectory.write(_row(station, course.stage, now_s))
-            tick = max(tick + 1, int((now_s - t0_s) * TRAJECTORY_HZ))
-            await sleep_until(t0_s + tick / TRAJECTORY_HZ)
+        try:
+            while True:
+                self._where_all_are(stations, course)
+                tick = max(tick + 1, int((self._time() - t0_s) * TRAJECTORY_HZ))
+                await sleep_until(t0_s + tick / TRAJECTORY_HZ)
+        finally:
+            self._where_all_are(stations, course)
+
+    def _where_all_are(self, stations: tuple[Station, ...], course: Course) -> None:
+        now_s = self._time()
+        for station in stations:
+            self._trajectory.write(_row(station, course.stage, now_s))
 
 
 def _row(station: Station, stage: str, now_s: float) -> TrajectoryRow:

@@ -39,6 +39,7 @@ class Bench:
         self._kinds = kinds
         self._watch = watch
         self._stations: list[Station] = []
+        self._heard_s: dict[str, float] = {}
         self._told = 0
         course.on_stage(self._stage)
 
@@ -80,7 +81,9 @@ class Bench:
         state = station.driver.state
         if state.last_heard_s is None:
             return
-        self._take(self._judge.heard(HeardSample(state.last_heard_s, station.name)))
+        if state.last_heard_s > self._heard_s.get(station.name, -1.0):
+            self._heard_s[station.name] = state.last_heard_s
+            self._take(self._judge.heard(HeardSample(state.last_heard_s, station.name)))
         self._take(self._judge.state(state_sample(station.name, state, t_s)))
 
     def _event(self, station: Station, event: VehicleEvent) -> None:

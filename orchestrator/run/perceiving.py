@@ -32,6 +32,8 @@ Watch = Callable[[Frames], None]
 
 _POSE_WAIT_S = 0.05
 """How long a picture waits for the pose of its exposure, on top of what the camera is late."""
+_SILENT_S = 0.3
+"""Telemetry comes 50 times a second: a vehicle that says nothing for so long may be dead."""
 _STALLED_S = 1.0
 """After how long without a mixed reading in flight the run proves nothing any more."""
 
@@ -73,6 +75,7 @@ class Perception:
         default_factory=list
     )
     mixing: MixingLoop | None = None
+    _doubt: tuple[float, str] | None = None
 
     @property
     def statistics(self) -> MixingStatistics | None:
@@ -90,19 +93,34 @@ class Perception:
                 group.create_task(self._watch(self.mixing), name="mixing watch")
 
     async def _watch(self, mixing: MixingLoop) -> None:
-        """Notice when the mixing stands still while the goal is flown."""
+        """Notice when the mixing stands still while the goal is flown; settle what is in doubt."""
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(_STALLED_S / 4)
-            if self.course.stage != "goal":
-                continue
-            since_s = mixing.statistics.last_delivery_s
-            silent_s = loop.time() - max(since_s or 0.0, self.course.entered_s["goal"])
-            if silent_s > _STALLED_S:
-                self.course.decide(
-                    "INVALID", f"no mixed picture for {silent_s:.1f} s", source="mixing"
+            if self.course.stage == "goal":
+                since_s = max(
+                    mixing.statistics.last_delivery_s or 0.0, self.course.entered_s["goal"]
                 )
+                if loop.time() - since_s > _STALLED_S:
+                    self.spoiled(f"no mixed picture for more than {_STALLED_S:g} s")
+            if self._doubt is not None and not self._someone_is_silent():
+                t_s, reason = self._doubt
+                self.course.decide("INVALID", f"mixing: {reason}", t_s=t_s, source="mixing")
                 return
+
+    def spoiled(self, reason: str) -> None:
+        """Take that what was perceived while the goal was flown proves nothing.
+
+        While a vehicle is silent this may be its death, which is an ERROR that the guard tells;
+        it counts as INVALID only once all are heard again.
+        """
+        if self._doubt is None:
+            self._doubt = (asyncio.get_running_loop().time(), reason)
+
+    def _someone_is_silent(self) -> bool:
+        now_s = asyncio.get_running_loop().time()
+        heard_s = [pilot.station.driver.state.last_heard_s for pilot in self.pilots.values()]
+        return any(t_s is None or now_s - t_s > _SILENT_S for t_s in heard_s)
 
 
 def build_perception(
@@ -182,7 +200,7 @@ class _Builder:
             registration=self._registration(real_camera),
             deliver=deliver,
             watch=self.watch,
-            trouble=self._trouble,
+            trouble=lambda mixed: self._trouble(perception, mixed),
         )
         perception.cameras.append((self._camera(real, real_camera), perception.mixing.real_picture))
         if mixer.pose_request is None:
@@ -247,11 +265,10 @@ class _Builder:
 
         return error_px
 
-    def _trouble(self, mixed: Mixed) -> None:
+    def _trouble(self, perception: Perception, mixed: Mixed) -> None:
         """Take a mixture without its overlay: while the goal is flown it proves nothing."""
         if self.course.stage == "goal":
-            detail = mixed.provenance.detail or str(mixed.provenance.dropped)
-            self.course.decide("INVALID", f"mixing: {detail}", source="mixing")
+            perception.spoiled(mixed.provenance.detail or str(mixed.provenance.dropped))
 
 
 def _camera_named(vehicle: VehicleSetup, name: str) -> CameraSetup:

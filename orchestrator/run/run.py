@@ -2,6 +2,8 @@
 
 import asyncio
 import time
+import traceback
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
@@ -32,9 +34,18 @@ _ALL_DOWN_S = 60.0
 """How long the guard is given to bring all down; its own retries and escalation fit in."""
 
 
-def fly(setup: RunSetup, report: Report, inbox: Inbox) -> RunResult:
-    """Fly one run on its clock and return its result; its streams are in its folder then."""
-    return run_on(setup.clock, _fly(setup, report, inbox))
+Disturb = Callable[[Pair, Course], None]
+"""Is handed the pair once it is there, to make trouble at times of its own: kill, mute, break."""
+
+
+def fly(
+    setup: RunSetup, report: Report, inbox: Inbox, *, disturb: Disturb | None = None
+) -> RunResult:
+    """Fly one run on its clock and return its result; its streams are in its folder then.
+
+    disturb: for runs that are to show what a fault leads to.
+    """
+    return run_on(setup.clock, _fly(setup, report, inbox, disturb))
 
 
 @dataclass(slots=True)
@@ -53,7 +64,7 @@ class _Run:
     inbox: Inbox
 
 
-async def _fly(setup: RunSetup, report: Report, inbox: Inbox) -> RunResult:
+async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb | None) -> RunResult:
     began_s = time.monotonic()
     loop = asyncio.get_running_loop()
     course = Course(time=loop.time)
@@ -84,6 +95,8 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox) -> RunResult:
                     started=sync.goal_given,
                 )
                 sync.attach(pair.stations)
+                if disturb is not None:
+                    disturb(pair, course)
                 run = _Run(
                     setup, course, pair, bench, perception, recorder, goal, sync, report, inbox
                 )
@@ -158,7 +171,16 @@ def _end_of_background(run: _Run, background: list["asyncio.Task[None]"]) -> Non
     """Take what ended a task that should go on until the end: an error of ours."""
     for task in background:
         if task.done() and not task.cancelled() and (error := task.exception()) is not None:
-            run.course.decide("ERROR", f"{task.get_name()}: {type(error).__name__}: {error}")
+            cause = _innermost(error)
+            run.recorder.note("error", trace="".join(traceback.format_exception(error)))
+            run.course.decide("ERROR", f"{task.get_name()}: {type(cause).__name__}: {cause}")
+
+
+def _innermost(error: BaseException) -> BaseException:
+    """Return the first error that is no group of errors."""
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
 
 
 def _record_events(run: _Run, name: str) -> None:

@@ -62,7 +62,11 @@ class VehicleFault(Oracle):
 
 
 class Heard(Oracle):
-    """Is heard without a gap longer than the limit, from the takeoff command to the landing."""
+    """Is heard without a gap longer than the limit, from the takeoff command to the landing.
+
+    A gap is flagged when it ends: one that does not is the loss of the vehicle, an ERROR that the
+    guard tells.
+    """
 
     def __init__(self, *, name: str, vehicle: str, required: bool, max_gap_s: float) -> None:
         super().__init__(name=name, vehicle=vehicle, required=required)
@@ -70,7 +74,6 @@ class Heard(Oracle):
         self._stages = Stages()
         self._since_s: float | None = None
         self._heard = False
-        self._flagged = False
         self._worst: tuple[float, float] = (0.0, 0.0)
 
     def on_stage(self, sample: StageSample) -> Flags:
@@ -84,27 +87,21 @@ class Heard(Oracle):
         return NO_FLAGS
 
     def on_heard(self, sample: HeardSample) -> Flags:
-        """Take a sign of life."""
-        if not self._stages.flying:
-            return NO_FLAGS
-        flags = self.on_tick(sample.t_s)
-        self._since_s, self._heard, self._flagged = sample.t_s, True, False
-        return flags
-
-    def on_tick(self, t_s: float) -> Flags:
-        """Flag a gap when it becomes too long, once."""
+        """Take a sign of life; one that ends a gap that was too long is flagged."""
         if not self._stages.flying or self._since_s is None:
             return NO_FLAGS
-        self._note(t_s)
-        if self._flagged or t_s - self._since_s <= self._max_gap_s:
+        since_s, self._since_s, self._heard = self._since_s, sample.t_s, True
+        gap_s = sample.t_s - since_s
+        if gap_s > self._worst[0]:
+            self._worst = (gap_s, sample.t_s)
+        if gap_s <= self._max_gap_s:
             return NO_FLAGS
-        self._flagged = True
-        text = f"{self.vehicle} was silent for more than {self._max_gap_s:g} s"
-        return self.flag(self._since_s + self._max_gap_s, text)
+        text = f"{self.vehicle} was silent for {gap_s:.1f} s, more than {self._max_gap_s:g} s"
+        return self.flag(sample.t_s, text)
 
     def result(self, t_s: float) -> OracleResult:
         """Return the longest gap."""
-        self.on_tick(t_s)
+        self._note(t_s)
         if not self._heard:
             detail = "never heard in flight"
             return self.verdict(passed=False, limit=self._max_gap_s, unit="s", detail=detail)
@@ -120,7 +117,7 @@ class Heard(Oracle):
         )
 
     def _note(self, t_s: float) -> None:
-        if self._since_s is not None and t_s - self._since_s > self._worst[0]:
+        if self._stages.flying and self._since_s is not None and t_s - self._since_s > self._worst[0]:
             self._worst = (t_s - self._since_s, t_s)
 
 

@@ -1,0 +1,59 @@
+"""Runs of the shipped campaigns, small enough for tests."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from campaigns.expansion import Options, load_campaign
+from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.results import RunResult
+from orchestrator.run.run import Disturb, fly
+from orchestrator.run.setup import RunOrder, RunSetup
+
+ROOT = Path(__file__).parents[2]
+SMALL_CAMERAS = tuple(
+    f"vehicles.{name}.sensors.camera.{key}={value}"
+    for name in ("real", "twin")
+    for key, value in (("width_px", 320), ("height_px", 240))
+)
+"""A quarter of the pixels: the same flight, sooner."""
+
+
+class NoCommands:
+    """An operator who says nothing."""
+
+    def poll(self) -> OperatorCommand | None:
+        return None
+
+
+Flown = tuple[RunResult, Path]
+Fly = Callable[..., Flown]
+
+
+@pytest.fixture
+def fly_run(tmp_path: Path) -> Fly:
+    """Return a function that flies one run of a shipped campaign in virtual time."""
+    flown = 0
+
+    def fly_one(
+        campaign: str = "gate",
+        case: str = "large",
+        mode: str = "wil",
+        *,
+        sets: tuple[str, ...] = (),
+        seed: int | None = None,
+        inbox: Inbox | None = None,
+        disturb: Disturb | None = None,
+    ) -> Flown:
+        nonlocal flown
+        flown += 1
+        options = Options(cases=(case,), modes=(mode,), seed=seed, sets=(*SMALL_CAMERAS, *sets))
+        plan = load_campaign(ROOT / "campaigns" / f"{campaign}.yaml", options).runs[0]
+        folder = tmp_path / f"run{flown}"
+        folder.mkdir()
+        order = RunOrder(plan=plan, folder=folder, clock="virtual")
+        setup = RunSetup.of(order)
+        return fly(setup, lambda _: None, inbox or NoCommands(), disturb=disturb), folder
+
+    return fly_one

@@ -1,0 +1,230 @@
+"""Whole flights in virtual time: good ones, and each way in which one can go wrong."""
+
+import asyncio
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import av
+import pytest
+
+from orchestrator.operator import OperatorCommand
+from orchestrator.results import RunResult
+from orchestrator.run.course import Course, Stage
+from orchestrator.run.opening import Pair
+from orchestrator.writing import to_json
+from vehicles.autonomy import Command, Telemetry
+from vehicles.readings import Reading
+
+Fly = Callable[..., tuple[RunResult, Path]]
+
+
+def log_of(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / "log.jsonl").read_text("utf-8").splitlines()]
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "trajectory.csv").read_text("utf-8").splitlines()))
+
+
+def all_landed(folder: Path) -> bool:
+    """Return whether every vehicle was last seen on the ground and disarmed, in truth."""
+    last = {row["vehicle"]: row for row in rows_of(folder)}
+    return all(
+        row["armed"] == "0" and abs(float(row["true_down_m"])) < 0.2 for row in last.values()
+    )
+
+
+def at_stage(stage: Stage, after_s: float, do: Callable[[Pair], None]) -> Any:
+    """Return a disturbance that does something some time after a stage is entered."""
+
+    def disturb(pair: Pair, course: Course) -> None:
+        def entered(name: Stage, _: float) -> None:
+            if name == stage:
+                asyncio.get_running_loop().call_later(after_s, do, pair)
+
+        course.on_stage(entered)
+
+    return disturb
+
+
+class Script:
+    """An operator who aborts at a time of the run clock."""
+
+    def __init__(self, at_s: float) -> None:
+        self.at_s = at_s
+        self.said = False
+
+    def poll(self) -> OperatorCommand | None:
+        if self.said or asyncio.get_running_loop().time() < self.at_s:
+            return None
+        self.said = True
+        return OperatorCommand("abort", "tester", "enough seen")
+
+
+@pytest.mark.parametrize("campaign", ["gate", "gate-ardupilot"])
+def test_the_pair_flies_through_the_virtual_gate(fly_run: Fly, campaign: str) -> None:
+    result, folder = fly_run(campaign)
+    assert (result.verdict, result.reason) == ("PASS", "")
+    oracles = {(o.name, o.vehicle): o for o in result.oracles}
+    reached = oracles["reached", "real"]
+    assert reached.actual is not None
+    assert reached.margin is not None
+    assert 0.0 <= reached.actual < 0.35
+    assert reached.margin == pytest.approx(0.5 - reached.actual)
+    clearance = oracles["collision", "real"].actual
+    assert clearance is not None
+    assert 0.0 < clearance < 0.5
+    assert oracles["reached", "twin"].required is False
+    assert result.sync.command_skew_s == 0.0
+    assert result.sync.takeoff_skew_s is not None
+    assert result.sync.takeoff_skew_s < 1.0
+    assert result.mixing is not None
+    assert result.mixing.rate_hz == pytest.approx(15.0, abs=0.2)
+    assert result.mixing.skew_ms.p99 == 0.0
+    assert result.mixing.registration_error_px is not None
+    assert result.mixing.registration_error_px.p50 is not None
+    assert all_landed(folder)
+
+
+def test_the_files_of_a_run_are_all_there_and_readable(fly_run: Fly) -> None:
+    result, folder = fly_run()
+    assert set(result.artifacts) == {
+        "log.jsonl",
+        "mixed.mp4",
+        "mixed.png",
+        "real.tlog",
+        "trajectory.csv",
+        "twin.tlog",
+    }
+    with av.open(str(folder / "mixed.mp4")) as video:
+        frames = sum(1 for _ in video.decode(video=0))
+    assert result.mixing is not None
+    assert frames == result.mixing.frames
+    stages = [line["stage"] for line in log_of(folder) if line["event"] == "stage"]
+    assert stages == [
+        "identify",
+        "ready",
+        "arm",
+        "takeoff",
+        "at_height",
+        "goal",
+        "done",
+        "land",
+        "landed",
+        "end",
+    ]
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(fly_run: Fly) -> None:
+    def everything(seed: int) -> tuple[str, bytes, bytes]:
+        result, folder = fly_run(seed=seed)
+        document = json.loads(to_json(result))
+        del document["wall_s"]
+        trajectory = (folder / "trajectory.csv").read_bytes()
+        return json.dumps(document), trajectory, (folder / "real.tlog").read_bytes()
+
+    first, again, other = everything(7), everything(7), everything(8)
+    assert first == again
+    assert all(one != two for one, two in zip(first, other, strict=True))
+
+
+def test_sim_flies_the_twin_alone_and_judges_it(fly_run: Fly) -> None:
+    result, folder = fly_run(mode="sim")
+    assert result.verdict == "PASS"
+    assert {oracle.vehicle for oracle in result.oracles} == {"twin"}
+    assert result.mixing is None
+    assert {row["vehicle"] for row in rows_of(folder)} == {"twin"}
+
+
+def test_touching_the_virtual_gate_fails_and_the_flight_goes_on(fly_run: Fly) -> None:
+    result, folder = fly_run(sets=("world.objects.gate.shape.gate.inner_size_m=0.31",))
+    assert result.verdict == "FAIL"
+    contacts = [flag for flag in result.collisions if flag.vehicle == "real"]
+    assert contacts
+    assert contacts[0].text.startswith("real touched gate.")
+    stages = [line["stage"] for line in log_of(folder) if line["event"] == "stage"]
+    assert "done" in stages
+    assert all_landed(folder)
+
+
+def test_a_physical_contact_in_mode_real_stops_the_motors(fly_run: Fly) -> None:
+    result, folder = fly_run(
+        mode="real",
+        sets=("modes=[real]", "accept=null", "world.objects.gate.shape.gate.inner_size_m=0.31"),
+    )
+    assert result.verdict == "FAIL"
+    assert "gate" in result.reason
+    assert all_landed(folder)
+
+
+def test_a_vehicle_that_never_becomes_ready_is_an_error_with_its_reasons(fly_run: Fly) -> None:
+    def spoil(pair: Pair, _: Course) -> None:
+        pair.vehicles["real"].autopilot.never_ready = True
+
+    result, folder = fly_run(disturb=spoil, sets=("sync.ready_timeout_s=15",))
+    assert result.verdict == "ERROR"
+    assert result.reason.startswith("real: not ready to arm within")
+    assert result.duration_s is None
+    assert all_landed(folder)
+
+
+@pytest.mark.parametrize(("victim", "survivor"), [("real", "twin"), ("twin", "real")])
+@pytest.mark.parametrize("stage", ["takeoff", "goal"])
+def test_a_vehicle_that_dies_in_flight_is_an_error_and_the_other_lands(
+    fly_run: Fly, victim: str, survivor: str, stage: Stage
+) -> None:
+    result, folder = fly_run(
+        disturb=at_stage(stage, 1.0, lambda pair: pair.vehicles[victim].kill())
+    )
+    assert result.verdict == "ERROR"
+    assert victim in result.reason
+    last = {row["vehicle"]: row for row in rows_of(folder)}
+    assert last[survivor]["armed"] == "0"
+    assert abs(float(last[survivor]["true_down_m"])) < 0.2
+
+
+def test_the_operators_abort_lands_both(fly_run: Fly) -> None:
+    result, folder = fly_run(inbox=Script(15.0))
+    assert (result.verdict, result.reason) == ("ABORTED", "aborted by tester")
+    assert all_landed(folder)
+    (line,) = [line for line in log_of(folder) if line["event"] == "operator"]
+    assert (line["who"], line["reason"]) == ("tester", "enough seen")
+
+
+def test_a_fence_that_is_left_brings_both_down_and_fails(fly_run: Fly) -> None:
+    result, folder = fly_run(sets=("geofence.box.north_m=[-0.8, 3.2]",))
+    assert result.verdict == "FAIL"
+    assert "fence" in result.reason
+    assert all_landed(folder)
+
+
+def test_a_crash_of_the_autonomy_is_a_fail_with_its_place(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Crashing:
+        def __init__(self, **_: object) -> None:
+            pass
+
+        def perceive(self, reading: Reading) -> None:
+            pass
+
+        def act(self, telemetry: Telemetry) -> Command:
+            raise ZeroDivisionError("one half of nothing")
+
+    monkeypatch.setattr("campaigns.under_test.find_autonomy", lambda *_: Crashing)
+    result, folder = fly_run()
+    assert result.verdict == "FAIL"
+    assert "the autonomy of" in result.reason
+    assert "ZeroDivisionError" in result.reason
+    assert "test_run.py" in result.reason
+    assert all_landed(folder)
+
+
+def test_an_autonomy_that_never_ends_runs_into_the_time_limit(fly_run: Fly) -> None:
+    result, folder = fly_run(sets=("oracles.time_limit.limit_s=2",))
+    assert result.verdict == "FAIL"
+    assert "not done 2 s after its goal" in result.reason
+    assert all_landed(folder)
