@@ -23,6 +23,8 @@ SYSTEM_IDS = {"real": 1, "twin": 2}
 _LINK_LATENCY_S = 0.003
 """Each way, as measured between processes on one machine's loopback, rounded up."""
 _TRUTH_HZ = 125.0
+_CLOCK_DRIFT = 2e-4
+"""The worst crystal that a vehicle's clock has, ten times over; only SITL drifts by more."""
 
 BODY = BoxShape((0.15, 0.15, 0.05))
 """The embedded airframe: 0.3 m wide over the propellers (the paper's vehicle), 0.1 m high."""
@@ -88,7 +90,11 @@ async def open_pair(
                 fence=setup.campaign.fence,
             )
             driver = Driver(
-                name=vehicle.name, link=outer, autopilot=vehicle.autopilot, start=vehicle.start
+                name=vehicle.name,
+                link=outer,
+                autopilot=vehicle.autopilot,
+                start=vehicle.start,
+                max_clock_drift=_CLOCK_DRIFT,
             )
             stations.append(
                 Station(

@@ -103,8 +103,10 @@ class Perception:
                 )
                 if loop.time() - since_s > _STALLED_S:
                     self.spoiled(f"no mixed picture for more than {_STALLED_S:g} s")
-            if self._doubt is not None and not self._someone_is_silent():
-                t_s, reason = self._doubt
+            if self._doubt is None:
+                continue
+            t_s, reason = self._doubt
+            if loop.time() - t_s > 2 * _SILENT_S and not self._someone_is_silent():
                 self.course.decide("INVALID", f"mixing: {reason}", t_s=t_s, source="mixing")
                 return
 
