@@ -2,16 +2,15 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 from safety.oracles import registry
-from safety.oracles.base import Oracle, OracleContext, OracleError, Parameters, Probe, Separation
+from safety.oracles.base import Oracle, OracleContext, OracleError, Parameters
 from safety.oracles.vehicle import Landed
 from safety.results import Flag, OracleResult
 from safety.samples import HeardSample, PoseSample, StageSample, StateSample
 from safety.verdict import DecisiveEvent, source_of
-from worlds.frames import Pose
 
 S = TypeVar("S")
 Handler = Callable[[S], tuple[Flag, ...]]
@@ -26,25 +25,6 @@ class OracleUse:
     parameters: Parameters
 
 
-class SharedProbe:
-    """A probe that several oracles of one vehicle ask the same: it measures once."""
-
-    def __init__(self, probe: Probe) -> None:
-        self._probe = probe
-        self._asked: tuple[Pose, float, Pose, float] | None = None
-        self._answer: tuple[Separation, ...] = ()
-
-    def sweep(
-        self, pose_0: Pose, t_0: float, pose_1: Pose, t_1: float, events: Mapping[str, float]
-    ) -> tuple[Separation, ...]:
-        """Return what the probe says of this way."""
-        asked = (pose_0, t_0, pose_1, t_1)
-        if asked != self._asked:
-            self._answer = self._probe.sweep(pose_0, t_0, pose_1, t_1, events)
-            self._asked = asked
-        return self._answer
-
-
 def build_oracles(
     uses: Sequence[OracleUse], contexts: Mapping[str, OracleContext]
 ) -> tuple[Oracle, ...]:
@@ -54,12 +34,8 @@ def build_oracles(
     required. One that names a vehicle which does not fly in this mode is left out. That a real
     vehicle is on the ground and disarmed at the end is judged always. Raises OracleError.
     """
-    shared = {
-        name: replace(context, probe=None if context.probe is None else SharedProbe(context.probe))
-        for name, context in contexts.items()
-    }
-    oracles = [oracle for use in uses for oracle in _of_use(use, shared)]
-    if "real" in shared and not any(_is_final(oracle) for oracle in oracles):
+    oracles = [oracle for use in uses for oracle in _of_use(use, contexts)]
+    if "real" in contexts and not any(_is_final(oracle) for oracle in oracles):
         oracles.append(Landed(name="landed_always", vehicle="real", required=True))
     _require_unique(oracles)
     return tuple(oracles)

@@ -32,7 +32,7 @@ class Decision:
 
     verdict: Verdict
     reason: str
-    also: tuple[str, ...] = ()
+    also: tuple[DecisiveEvent, ...] = ()
 
 
 def source_of(oracle: str, vehicle: str) -> str:
@@ -62,7 +62,7 @@ def decide(
     if not known:
         return Decision("PASS", "")
     first, *later = sorted(known, key=_rank)
-    return Decision(first.kind, first.text, tuple(f"{e.kind}: {e.text}" for e in later))
+    return Decision(first.kind, first.text, tuple(later))
 
 
 def _rank(event: DecisiveEvent) -> tuple[float, int]:

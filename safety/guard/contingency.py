@@ -63,7 +63,9 @@ class ContingencyPlan:
     landing: LAND or RTL. terminate: motors may be cut, after `stalls_to_terminate` stalls: each a
     time `stall_s` over which fresh positions show that it came down less than `descent_m`.
     hold_timeout_s exceeds the second between two heartbeats. settle_s, still_m_s: how long, or
-    until how slow, a vehicle in hold brakes before it lands.
+    until how slow, a vehicle in hold brakes before it lands. supervise_s: how long its own failsafe
+    may fly it without descending before it is told to land; a return to launch across any fence of
+    ours is shorter.
     """
 
     landing: Literal[Mode.LAND, Mode.RTL] = Mode.LAND
@@ -76,6 +78,7 @@ class ContingencyPlan:
     descent_m: float = 0.1
     stalls_to_terminate: int = 3
     fresh_s: float = 1.0
+    supervise_s: float = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +93,8 @@ class _View:
     stalled: bool
     """A stall was found just now."""
     landing: Mode
+    level_s: float
+    """How long it has not come lower in this phase."""
     overruled: bool
     """Its own failsafe had its chance."""
 
@@ -124,6 +129,10 @@ def _landed(v: _View) -> bool:
 
 def _left_landing(v: _View) -> bool:
     return v.facts.mode not in {v.landing, Mode.LAND}
+
+
+def _not_helped(v: _View) -> bool:
+    return v.stalled or v.level_s >= v.plan.supervise_s
 
 
 def _hopeless(v: _View) -> bool:
@@ -170,7 +179,7 @@ _TABLE: dict[Phase, tuple[_Step, ...]] = {
     Phase.SUPERVISE: (
         _ON_GROUND,
         _Step(_lands_already, Phase.DESCEND, "its failsafe lands it"),
-        _Step(lambda v: v.stalled, Phase.LAND, "its own failsafe does not bring it down"),
+        _Step(_not_helped, Phase.LAND, "its own failsafe does not bring it down"),
         _Step(
             lambda v: not _own_failsafe(v) and v.facts.mode is not Mode.RTL,
             Phase.HOLD,
@@ -214,6 +223,7 @@ class Contingency:
         self._stalls = 0
         self._lowest_m: float | None = None
         self._progress_s: float | None = None
+        self._lower_s = 0.0
 
     @property
     def started(self) -> bool:
@@ -262,6 +272,7 @@ class Contingency:
             stalls=self._stalls,
             stalled=stalled,
             landing=self._landing,
+            level_s=t_s - self._lower_s,
             overruled=self._overruled,
         )
         for step in (*_ALWAYS, *_TABLE[self.phase]):
@@ -277,6 +288,7 @@ class Contingency:
         self.notes.append(f"{phase.value}: {why}")
         self.phase, self._entered_s, self._sent_s = phase, t_s, None
         self._progress_s = None
+        self._lower_s = t_s
 
     def _find_stall(self, facts: Facts, t_s: float) -> bool:
         """Return whether fresh positions show no progress for `stall_s`; counts it."""
@@ -286,7 +298,10 @@ class Contingency:
             # Without evidence time proves nothing: the clock of a stall starts anew.
             self._progress_s = None
             return False
-        moves = self._progress_s is not None and self._moves(facts)
+        sinks = self._progress_s is not None and self._sinks(facts)
+        moves = sinks or (self._progress_s is not None and self._is_on_its_way(facts))
+        if sinks:
+            self._lower_s = t_s
         if self._progress_s is None or moves:
             self._stalls = 0 if moves else self._stalls
             self._lowest_m, self._progress_s = facts.up_m, t_s
@@ -301,13 +316,13 @@ class Contingency:
         known = facts.up_m is not None and facts.seen_s is not None
         return known and t_s - (facts.seen_s or 0.0) <= self.plan.fresh_s
 
-    def _moves(self, facts: Facts) -> bool:
-        lower_m = (self._lowest_m or 0.0) - (facts.up_m or 0.0)
-        if lower_m >= self.plan.descent_m:
-            return True
+    def _sinks(self, facts: Facts) -> bool:
+        return (self._lowest_m or 0.0) - (facts.up_m or 0.0) >= self.plan.descent_m
+
+    def _is_on_its_way(self, facts: Facts) -> bool:
         # A return to launch climbs and flies level for long: any motion is progress there.
-        on_the_way = self.phase is Phase.SUPERVISE or facts.mode is Mode.RTL
-        return on_the_way and (facts.speed_m_s or 0.0) > self.plan.still_m_s
+        returns = self.phase is Phase.SUPERVISE or facts.mode is Mode.RTL
+        return returns and (facts.speed_m_s or 0.0) > self.plan.still_m_s
 
     def _actions(self, facts: Facts, t_s: float) -> list[Action]:
         if self.phase is Phase.PAUSE and facts.armed is False:

@@ -35,9 +35,10 @@ from safety.guard.wire import (
     SET_MODE,
 )
 from safety.samples import PoseSample
+from vehicles.anchor import Anchor
 from vehicles.autopilots.base import own_heartbeat
 from vehicles.mavlink.framing import Frame
-from worlds.frames import Pose, Vec3
+from worlds.frames import Vec3
 
 _READ = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, LOCAL_POSITION_NED})
 _COMMANDS = frozenset({COMMAND_LONG, COMMAND_INT, SET_MODE})
@@ -81,7 +82,7 @@ class GuardCore:
             ward.contingency.down or ward.seen.heard_s is None for ward in self._wards.values()
         )
 
-    def anchor(self, name: str, anchor: Pose) -> None:
+    def anchor(self, name: str, anchor: Anchor) -> None:
         """Say where a vehicle's local frame is in the world: makes its estimate a position."""
         self._wards[name].seen.anchor = anchor
 

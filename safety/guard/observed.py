@@ -15,9 +15,10 @@ from safety.guard.wire import (
     read_landed,
     read_local_position,
 )
+from vehicles.anchor import Anchor
 from vehicles.autopilots.base import Mode
 from vehicles.mavlink.framing import Frame
-from worlds.frames import Pose, Vec3, norm, rotate
+from worlds.frames import Vec3, norm
 
 _ASKED_AFTERWARDS = frozenset({Mode.LAND, Mode.RTL, Mode.MISSION})
 """Modes from which an autopilot goes on to landing by itself."""
@@ -44,7 +45,7 @@ class Observed:
         self.failsafe = False
         self.taken_over = False
         """A pilot or a ground station has it; for good."""
-        self.anchor: Pose | None = None
+        self.anchor: Anchor | None = None
         """Its local frame in the world; with it, its LOCAL_POSITION_NED is a position source."""
         self._mode_name = ""
         self._asked_s: float | None = None
@@ -102,10 +103,7 @@ class Observed:
             if not self._from_world:
                 self._put(position_m, velocity_m_s, t_s)
             return None
-        return (
-            self.anchor.to_parent(position_m),
-            rotate(self.anchor.q_wxyz, velocity_m_s),
-        )
+        return self.anchor.position(position_m), self.anchor.velocity(velocity_m_s)
 
     def read_state(
         self, frame: Frame, t_s: float, commanded: frozenset[Mode] | None

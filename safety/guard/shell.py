@@ -23,8 +23,8 @@ from safety.guard.events import (
     ToVehicle,
 )
 from safety.samples import PoseSample
+from vehicles.anchor import Anchor
 from vehicles.links.base import Link, Receiver
-from worlds.frames import Pose
 
 TICK_HZ = 20.0
 
@@ -110,7 +110,7 @@ class GuardShell:
         """Take where a vehicle is, from the fastest source there is."""
         self._apply(self.core.position(sample), sample.t_s)
 
-    def anchor(self, name: str, anchor: Pose) -> None:
+    def anchor(self, name: str, anchor: Anchor) -> None:
         """Say where a vehicle's local frame is in the world."""
         self.core.anchor(name, anchor)
 

@@ -41,32 +41,50 @@ class Parameters(BaseModel):
 
 
 class Separation(Protocol):
-    """The clearance to one part of one object of the world; `worlds.clearance.Clearance`."""
+    """The least clearance to one object on a stretch; `worlds.clearance.Clearance`.
+
+    The floor of a room is told apart from the rest of it.
+    """
 
     @property
-    def object(self) -> str:
+    def object_name(self) -> str:
         """Return the object's name in the world file."""
 
     @property
-    def part(self) -> str:
-        """Return which part of it ("left", "floor"); empty when it has but one."""
+    def part_name(self) -> str:
+        """Return which part of it was the nearest ("left"); empty when it has but one."""
 
     @property
     def clearance_m(self) -> float:
-        """Return the smallest distance between the vehicle's body and the part; <= 0 is contact."""
+        """Return the smallest distance between the vehicle's body and it; <= 0 is contact."""
 
     @property
     def at_s(self) -> float:
         """Return when it was that small, on the run clock."""
+
+    @property
+    def is_floor(self) -> bool:
+        """Return whether it is a floor that vehicles stand on."""
 
 
 class Probe(Protocol):
     """Measures a body's clearance to the judged world; `worlds.clearance.ClearanceProbe`."""
 
     def sweep(
-        self, pose_0: Pose, t_0: float, pose_1: Pose, t_1: float, events: Mapping[str, float]
+        self,
+        pose_0: Pose,
+        t_0_s: float,
+        pose_1: Pose,
+        t_1_s: float,
+        events: Mapping[str, float],
+        /,
+        *,
+        below_m: Mapping[tuple[str, bool], float] | None = None,
     ) -> tuple[Separation, ...]:
-        """Return the smallest clearance to every near part on the way from one pose to the next."""
+        """Return the least clearance to each near object on the way between two poses.
+
+        below_m: by name and whether it is a floor; only what is less is reported.
+        """
 
 
 class Gate(Protocol):

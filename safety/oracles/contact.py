@@ -1,6 +1,7 @@
 """Contact with, and clearance to, what stands in the judged world."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Iterator, Mapping
 
 from pydantic import Field
 
@@ -24,7 +25,7 @@ _CLEAR_AGAIN_M = 0.02
 
 
 class ContactParameters(Parameters):
-    """exclude: objects not judged. ground: objects or "object.part" one takes off from."""
+    """exclude: names of objects not judged. ground: objects that one takes off from."""
 
     exclude: tuple[str, ...] = ()
     ground: tuple[str, ...] = ()
@@ -38,17 +39,35 @@ class ClearanceParameters(ContactParameters):
 
 def part_name(separation: Separation) -> str:
     """Return what people call the part: "gate.left", or the object where it has no parts."""
-    if not separation.part:
-        return separation.object
-    return f"{separation.object}.{separation.part}"
+    return f"{separation.object_name}.{separation.part_name}".rstrip(".")
+
+
+class _Limits(Mapping[tuple[str, bool], float]):
+    """Below which clearance an object is of interest, by name and whether it is a floor."""
+
+    def __init__(self) -> None:
+        self.below_m = math.inf
+        self.ignored: frozenset[str] = frozenset()
+        self.floors_ignored = True
+
+    def __getitem__(self, key: tuple[str, bool]) -> float:
+        name, is_floor = key
+        ignored = name in self.ignored or (is_floor and self.floors_ignored)
+        return 0.0 if ignored else self.below_m
+
+    def __iter__(self) -> Iterator[tuple[str, bool]]:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
 
 
 class Clearance(Oracle):
     """The smallest clearance from the takeoff command to the end of the landing.
 
     While the vehicle takes off (until at_height) and lands (from land on), the ground does not
-    count: every part named "floor", and what `ground` names. In between the ground is an obstacle
-    like any other. Clearance is clamped at 0, and 0 is contact.
+    count: floors of rooms, and the objects that `ground` names. In between the ground is an
+    obstacle like any other. Clearance is clamped at 0, and 0 is contact.
     """
 
     def __init__(
@@ -69,16 +88,21 @@ class Clearance(Oracle):
         self._events = context.events
         self._min_m = min_m
         self._exclude = frozenset(exclude)
-        self._ground = frozenset(ground)
+        self._ground = frozenset(ground) | self._exclude
         self._stages = Stages()
         self._last: PoseSample | None = None
         self._seen = False
         self._worst: Separation | None = None
-        self._near: set[str] = set()
+        self._near: set[tuple[str, bool]] = set()
+        self._limits = _Limits()
+        self._limits.ignored = self._ground
 
     def on_stage(self, sample: StageSample) -> Flags:
         """Take a stage: opens, narrows and closes the window."""
         self._stages.reach(sample)
+        near_ground = self._stages.near_ground
+        self._limits.floors_ignored = near_ground
+        self._limits.ignored = self._ground if near_ground else self._exclude
         return NO_FLAGS
 
     def on_pose(self, sample: PoseSample) -> Flags:
@@ -87,8 +111,16 @@ class Clearance(Oracle):
         if not self._stages.flying:
             return NO_FLAGS
         self._seen = True
-        swept = self._probe.sweep(last.pose, last.t_s, sample.pose, sample.t_s, self._events)
-        return self._judge([s for s in swept if not self._ignored(s)])
+        # What is neither nearer than ever nor near an episode costs nothing to leave out.
+        known_m = math.inf if self._worst is None else self._worst.clearance_m
+        self._limits.below_m = max(known_m, self._min_m + _CLEAR_AGAIN_M)
+        swept = self._probe.sweep(
+            last.pose, last.t_s, sample.pose, sample.t_s, self._events, below_m=self._limits
+        )
+        if not swept:
+            self._near.clear()
+            return NO_FLAGS
+        return self._judge(swept)
 
     def result(self, t_s: float) -> OracleResult:
         """Return the smallest clearance as the actual value."""
@@ -113,36 +145,23 @@ class Clearance(Oracle):
     def _kept(self, separation: Separation) -> bool:
         return separation.clearance_m > 0.0 and separation.clearance_m >= self._min_m
 
-    def _ignored(self, separation: Separation) -> bool:
-        if separation.object in self._exclude or part_name(separation) in self._exclude:
-            return True
-        return self._stages.near_ground and self._is_ground(separation)
-
-    def _is_ground(self, separation: Separation) -> bool:
-        names = (separation.object, part_name(separation))
-        return separation.part == "floor" or not self._ground.isdisjoint(names)
-
-    def _judge(self, separations: list[Separation]) -> Flags:
-        nearest: dict[str, Separation] = {}
-        for separation in separations:
+    def _judge(self, swept: tuple[Separation, ...]) -> Flags:
+        flags: Flags = NO_FLAGS
+        still_near: set[tuple[str, bool]] = set()
+        for separation in swept:
+            key = (separation.object_name, separation.is_floor)
+            if self._limits[key] == 0.0:
+                continue
             if self._worst is None or separation.clearance_m < self._worst.clearance_m:
                 self._worst = separation
-            best = nearest.get(separation.object)
-            if best is None or separation.clearance_m < best.clearance_m:
-                nearest[separation.object] = separation
-        flags: list[Flags] = [self._episode(s) for s in nearest.values()]
-        self._near &= nearest.keys()
-        return tuple(flag for group in flags for flag in group)
-
-    def _episode(self, separation: Separation) -> Flags:
-        if self._kept(separation):
-            if separation.clearance_m > self._min_m + _CLEAR_AGAIN_M:
-                self._near.discard(separation.object)
-            return NO_FLAGS
-        if separation.object in self._near:
-            return NO_FLAGS
-        self._near.add(separation.object)
-        return self.flag(separation.at_s, self._text(separation))
+            if not self._kept(separation):
+                if key not in self._near:
+                    flags += self.flag(separation.at_s, self._text(separation))
+                still_near.add(key)
+            elif key in self._near and separation.clearance_m <= self._min_m + _CLEAR_AGAIN_M:
+                still_near.add(key)
+        self._near = still_near
+        return flags
 
     def _text(self, separation: Separation) -> str:
         part = part_name(separation)

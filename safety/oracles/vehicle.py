@@ -117,7 +117,11 @@ class Heard(Oracle):
         )
 
     def _note(self, t_s: float) -> None:
-        if self._stages.flying and self._since_s is not None and t_s - self._since_s > self._worst[0]:
+        if (
+            self._stages.flying
+            and self._since_s is not None
+            and t_s - self._since_s > self._worst[0]
+        ):
             self._worst = (t_s - self._since_s, t_s)
 
 
