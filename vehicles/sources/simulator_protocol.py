@@ -152,10 +152,13 @@ def _named_parts(header: Header, parts: Sequence[Buffer]) -> dict[str, tuple[str
     listed = header.headers("parts")
     if len(listed) != len(parts):
         raise BadMessageError(f"`parts` lists {len(listed)}, {len(parts)} came")
-    return {
+    found = {
         each.text("name"): (each.text("encoding"), data)
         for each, data in zip(listed, parts, strict=True)
     }
+    if len(found) != len(listed):
+        raise BadMessageError("`parts` lists a name twice")
+    return found
 
 
 def _check_echo(header: Header, ask: Ask) -> None:
