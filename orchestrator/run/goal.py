@@ -15,8 +15,8 @@ _OTHERS_S = 2.0
 class GoalFlight:
     """Flies the goal with every pilot.
 
-    events: learns of t0 as the world's event "goal". started: told when each vehicle got its
-    first setpoint.
+    events: learns of t0 as the world's event "goal"; notify: told of it as well. started: told
+    when each vehicle got its first setpoint.
     """
 
     pilots: Mapping[str, Pilot]
@@ -24,10 +24,12 @@ class GoalFlight:
     course: Course
     events: dict[str, float]
     started: Callable[[str, float], None]
+    notify: Callable[[str, float], None]
 
     async def fly(self, t0_s: float) -> None:
         """Return when the subject's autonomy is done, and the other's is or was waited for."""
         self.events["goal"] = t0_s
+        self.notify("goal", t0_s)
         for pilot in self.pilots.values():
             pilot.on_first_setpoint(self.started)
         tasks = [

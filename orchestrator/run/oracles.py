@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from orchestrator.run.opening import BODY
+from orchestrator.run.hangar import BODY
 from orchestrator.run.setup import RunSetup
 from safety.judge import Judge, build_oracles
 from safety.oracles.base import OracleContext

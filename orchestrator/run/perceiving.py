@@ -10,8 +10,8 @@ import numpy as np
 from campaigns.setup import CameraSetup, VehicleSetup
 from orchestrator.run.control import Pilot
 from orchestrator.run.course import Course
+from orchestrator.run.hangar import vehicle_seed
 from orchestrator.run.mixing import Frames, MixingLoop
-from orchestrator.run.opening import vehicle_seed
 from orchestrator.run.registration import box_corners, registration_error_px
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station

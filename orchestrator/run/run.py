@@ -23,6 +23,7 @@ from orchestrator.run.oracles import build_judge
 from orchestrator.run.outcome import result_of
 from orchestrator.run.perceiving import Perception, build_perception
 from orchestrator.run.setup import RunSetup
+from orchestrator.run.station import Station
 from orchestrator.run.synchronisation import Synchronisation
 from safety.guard.events import GuardEvent, decisive
 from vehicles.errors import VehicleError
@@ -83,9 +84,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
             watch=recorder.flag,
         )
         try:
-            async with open_pair(
-                setup, events=events, record=sync.recording(recorder.frame)
-            ) as pair:
+            async with open_pair(setup, record=sync.recording(recorder.frame)) as pair:
                 perception = build_perception(setup, pair.stations, course, events, recorder.frames)
                 goal = GoalFlight(
                     pilots=perception.pilots,
@@ -93,6 +92,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                     course=course,
                     events=events,
                     started=sync.goal_given,
+                    notify=pair.notify,
                 )
                 sync.attach(pair.stations)
                 if disturb is not None:
@@ -137,7 +137,7 @@ async def _conduct(run: _Run) -> None:
     """Fly, and whatever comes, have everything down before this returns."""
     for station in run.pair.stations:
         run.bench.attach(station)
-        _record_events(run, station.name)
+        _record_events(run, station)
     run.pair.guard.on_event(lambda event: _guard_event(run, event))
     background = [
         asyncio.create_task(coroutine, name=name)
@@ -183,10 +183,8 @@ def _innermost(error: BaseException) -> BaseException:
     return error
 
 
-def _record_events(run: _Run, name: str) -> None:
-    station = run.pair.station(name)
-    if station is not None:
-        station.driver.on_event(lambda event: run.recorder.vehicle_event(name, event))
+def _record_events(run: _Run, station: Station) -> None:
+    station.driver.on_event(lambda event: run.recorder.vehicle_event(station.name, event))
 
 
 async def _flight(run: _Run) -> None:

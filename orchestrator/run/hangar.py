@@ -1,0 +1,154 @@
+"""Where the vehicles of a run live: in this process under virtual time, else each in its own."""
+
+import math
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from typing import Protocol
+
+from campaigns.setup import VehicleSetup
+from orchestrator.run.setup import RunSetup
+from vehicles.embedded.airframe import Airframe
+from vehicles.embedded.config import EmbeddedConfig
+from vehicles.embedded.launch import EmbeddedProcess
+from vehicles.embedded.settings import ProcessSettings, Start, Surround
+from vehicles.embedded.states import TruthSample
+from vehicles.embedded.surroundings import SceneSurroundings, as_argument, body_of
+from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.links.base import Link
+from vehicles.links.memory import memory_pair
+from vehicles.links.parse import LinkAddress
+from vehicles.links.udp import UdpLink
+from vehicles.readings import PoseReading
+from worlds.parts import BoxShape
+
+SYSTEM_IDS = {"real": 1, "twin": 2}
+BODY: BoxShape = body_of(Airframe())
+"""What judging and physical contact take the embedded vehicle for."""
+_LINK_LATENCY_S = 0.003
+"""Each way, as measured between processes on one machine's loopback, rounded up."""
+TRUTH_HZ = 125.0
+
+
+class Feed(Protocol):
+    """What an embedded vehicle gives beside MAVLink."""
+
+    def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
+        """Have the truth given to `callback` so often."""
+
+    def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
+        """Have motion capture's readings given to `callback`."""
+
+    def notify(self, event: str, t_s: float) -> None:
+        """Pass an event of the world to the vehicle's surroundings."""
+
+
+class Hangar(Protocol):
+    """Makes the links to the vehicles of a run, and then starts them."""
+
+    def link(self, vehicle: VehicleSetup) -> Link:
+        """Return the guard's end of the link to a vehicle, not opened yet."""
+
+    async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
+        """Start a vehicle whose link is open; leaving the stack stops it. Raises LinkError."""
+
+
+class InProcess:
+    """Vehicles in this event loop, at the far end of links in memory."""
+
+    def __init__(self, setup: RunSetup) -> None:
+        self._setup = setup
+        self._far: dict[str, Link] = {}
+
+    def link(self, vehicle: VehicleSetup) -> Link:
+        """Return the near end of a link in memory."""
+        far, near = memory_pair(latency_s=_LINK_LATENCY_S, name=vehicle.name)
+        self._far[vehicle.name] = far
+        return near
+
+    async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> EmbeddedVehicle:
+        """Start the vehicle in this loop."""
+        setup, frame = self._setup, self._setup.campaign.world.frame
+        scene = setup.real_scene
+        real = vehicle.name == "real"
+        embedded = EmbeddedVehicle(
+            config=EmbeddedConfig(
+                autopilot=vehicle.autopilot,
+                profile=setup.profiles[vehicle.name],
+                source=vehicle.name,
+                system_id=SYSTEM_IDS[vehicle.name],
+                start=vehicle.start,
+                latitude_deg=frame.latitude_deg,
+                longitude_deg=frame.longitude_deg,
+                altitude_m=frame.altitude_m,
+                parameters=vehicle.params,
+            ),
+            link=self._far[vehicle.name],
+            seed=vehicle_seed(setup.seed, vehicle.name),
+            surroundings=SceneSurroundings(scene=scene, body=BODY) if real else None,
+        )
+        await stack.enter_async_context(embedded)
+        return embedded
+
+
+class OwnProcesses:
+    """Each vehicle a process of its own on UDP, on ports that were free."""
+
+    def __init__(self, setup: RunSetup) -> None:
+        self._setup = setup
+        self._links: dict[str, UdpLink] = {}
+
+    def link(self, vehicle: VehicleSetup) -> Link:
+        """Return a UDP socket on a port of the system's choice."""
+        link = UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
+        self._links[vehicle.name] = link
+        return link
+
+    async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
+        """Start the vehicle's process; it speaks to the socket that `link` made."""
+        process = EmbeddedProcess(settings=self._settings(vehicle))
+        await stack.enter_async_context(process)
+        return process.feed
+
+    def _settings(self, vehicle: VehicleSetup) -> ProcessSettings:
+        setup, frame = self._setup, self._setup.campaign.world.frame
+        north_m, east_m, down_m = vehicle.start.position_ned_m
+        return ProcessSettings(
+            autopilot=vehicle.autopilot,
+            link=f"udpout://127.0.0.1:{self._links[vehicle.name].local_port}",
+            seed=vehicle_seed(setup.seed, vehicle.name),
+            profile=vehicle.profile,
+            source=vehicle.name,
+            system_id=SYSTEM_IDS[vehicle.name],
+            start=Start(
+                north_m=north_m,
+                east_m=east_m,
+                up_m=-down_m,
+                yaw_deg=math.degrees(vehicle.start.yaw_rad),
+            ),
+            latitude_deg=frame.latitude_deg,
+            longitude_deg=frame.longitude_deg,
+            altitude_m=frame.altitude_m,
+            parameters=dict(vehicle.params),
+            truth_hz=TRUTH_HZ,
+            surroundings=self._surround() if vehicle.name == "real" else None,
+        )
+
+    def _surround(self) -> Surround | None:
+        """Return what the real vehicle can hit: only it can break anything."""
+        world = self._setup.order.plan.files.world
+        if world is None:
+            return None
+        return Surround(
+            use="vehicles.embedded.surroundings:from_argument",
+            argument=as_argument(world, self._setup.mode, "W"),
+        )
+
+
+def hangar_of(setup: RunSetup) -> Hangar:
+    """Return where the vehicles of a run live."""
+    return InProcess(setup) if setup.clock == "virtual" else OwnProcesses(setup)
+
+
+def vehicle_seed(seed: int, name: str) -> int:
+    """Return the seed of one vehicle: real and twin must not share their noise."""
+    return seed * 2 + (1 if name == "twin" else 0)
