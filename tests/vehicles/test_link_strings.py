@@ -20,6 +20,12 @@ from vehicles.links.parse import LinkAddress, LinkAddressError, parse_link
             "serial:///dev/ttyACM0:921600",
             LinkAddress("serial", device="/dev/ttyACM0", baud=921600),
         ),
+        (
+            "serial:///dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0:57600",
+            LinkAddress(
+                "serial", device="/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0", baud=57600
+            ),
+        ),
         ("memory://", LinkAddress("memory")),
     ],
 )

@@ -2,21 +2,26 @@
 
 from vehicles.links.base import Link, LinkError
 from vehicles.links.parse import LinkAddress
+from vehicles.links.serial import SerialLink
+from vehicles.links.tcp import TcpInLink, TcpOutLink
 from vehicles.links.udp import UdpLink
 
 
 def open_link(address: LinkAddress) -> Link:
     """Return the link of an address, not yet entered.
 
-    Raises LinkError for a kind that this version does not speak.
+    Raises LinkError for memory://, whose two ends are made at once.
     """
-    if address.kind in {"udpin", "udpout"}:
-        return UdpLink(address=address)
-    if address.kind == "memory":
-        raise LinkError(
-            "memory:// links have two ends in one process; memory_pair() makes both at once"
-        )
-    raise LinkError(
-        f"{address}: {address.kind} links are not spoken by this version; use udpin:// or "
-        "udpout://, with a router such as mavlink-routerd between them and the vehicle"
-    )
+    match address.kind:
+        case "udpin" | "udpout":
+            return UdpLink(address=address)
+        case "tcpout":
+            return TcpOutLink(address=address)
+        case "tcpin":
+            return TcpInLink(address=address)
+        case "serial":
+            return SerialLink(address=address)
+        case "memory":
+            raise LinkError(
+                "memory:// links have two ends in one process; memory_pair() makes both at once"
+            )

@@ -13,7 +13,7 @@ _KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
 _USUAL_BAUD = 57600
 """Telemetry radios (SiK) come set to it."""
 _HOST_PORT = re.compile(r"(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^:/\[\]\s]+):(?P<port>\d{1,5})")
-_DEVICE_BAUD = re.compile(r"(?P<device>[^:\s]+):(?P<baud>\d+)")
+_DEVICE_BAUD = re.compile(r"(?P<device>\S+):(?P<baud>\d+)")
 _FOREIGN_NET = re.compile(
     r"(?P<kind>udpin|udpout|udp|udpbcast|udpci|tcp|tcpin|tcpout):(?://)?"
     r"(?P<host>\[[0-9A-Fa-f:.]+\]|[^:/\[\]\s]*):(?P<port>\d{1,5})/?"

@@ -1,0 +1,50 @@
+"""What comes over a link, for tests on the wall clock."""
+
+import asyncio
+import socket
+from collections.abc import Callable
+
+import pytest
+
+from vehicles.links.base import Link
+
+
+class Inbox:
+    """Collects what a link receives, and waits for it."""
+
+    def __init__(self, link: Link) -> None:
+        self.data = b""
+        self.pieces: list[bytes] = []
+        self.times_s: list[float] = []
+        link.receive(self._take)
+
+    def _take(self, data: bytes, t_s: float) -> None:
+        self.data += data
+        self.pieces.append(data)
+        self.times_s.append(t_s)
+
+    async def holds(self, data: bytes, within_s: float = 5.0) -> None:
+        await until(lambda: data in self.data, within_s)
+
+
+async def until(condition: Callable[[], bool], within_s: float = 5.0) -> None:
+    async with asyncio.timeout(within_s):
+        while not condition():  # noqa: ASYNC110 - what is waited for is not ours
+            await asyncio.sleep(0.005)
+
+
+@pytest.fixture
+def free_tcp_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def inbox() -> type[Inbox]:
+    return Inbox
+
+
+@pytest.fixture
+def wait_until() -> Callable[..., object]:
+    return until

@@ -1,0 +1,131 @@
+"""Serial links: a radio or an autopilot's USB port, opened again when it was unplugged."""
+
+import asyncio
+import errno
+import os
+from types import TracebackType
+from typing import Self
+
+from vehicles.links.base import LinkError, Receiver
+from vehicles.links.parse import LinkAddress
+from vehicles.links.recovery import BackOff, Recovery
+from vehicles.links.serial_port import open_port, remedy
+
+_AT_ONCE = 4096
+_MOST_WAITING_BYTES = 4096
+"""0.7 s of a radio at 57600 baud: what would come later than that is given up."""
+
+
+class SerialLink:
+    """A serial port, 8N1 without flow control; wall clock only.
+
+    The port is ours alone while it is open. When it vanishes it is opened again by its name; a
+    name of /dev/serial/by-id stays the same when the device is plugged in anew.
+    """
+
+    def __init__(self, *, address: LinkAddress, back_off: BackOff | None = None) -> None:
+        self._address = address
+        self._receiver: Receiver | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._port: int | None = None
+        self._waiting = bytearray()
+        self.dropped_writes = 0
+        self._recovery = Recovery(name=self.name, again=self._again, back_off=back_off or BackOff())
+
+    @property
+    def name(self) -> str:
+        """Return the link string."""
+        return str(self._address)
+
+    @property
+    def trouble(self) -> str:
+        """Return why it is lost; empty while it is there."""
+        return self._recovery.trouble
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set who is handed what arrives."""
+        self._receiver = receiver
+
+    def write(self, data: bytes) -> None:
+        """Send bytes, while the port is there and not clogged."""
+        if self._port is None or self._loop is None:
+            return
+        if len(self._waiting) > _MOST_WAITING_BYTES:
+            self.dropped_writes += 1
+            return
+        idle = not self._waiting
+        self._waiting += data
+        if idle:
+            self._send()
+
+    async def __aenter__(self) -> Self:
+        """Open the port. Raises LinkError, which says what to do."""
+        self._loop = asyncio.get_running_loop()
+        self._open(self._loop)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the port."""
+        self._receiver = None
+        await self._recovery.stop()
+        self._close()
+
+    async def _again(self) -> None:
+        if self._loop is not None:
+            self._open(self._loop)
+
+    def _open(self, loop: asyncio.AbstractEventLoop) -> None:
+        device, baud = self._address.device, self._address.baud
+        try:
+            self._port = open_port(device, baud)
+        except OSError as error:
+            raise LinkError(f"{self.name}: {remedy(error, device, baud)}") from error
+        self._waiting.clear()
+        loop.add_reader(self._port, self._read)
+
+    def _close(self) -> None:
+        port, self._port = self._port, None
+        if port is not None and self._loop is not None:
+            self._loop.remove_reader(port)
+            self._loop.remove_writer(port)
+            os.close(port)
+
+    def _read(self) -> None:
+        if self._port is None or self._loop is None:
+            return
+        try:
+            data = os.read(self._port, _AT_ONCE)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(error)
+            return
+        if not data:
+            self._lost(OSError(errno.EIO, "it was unplugged"))
+        elif self._receiver is not None:
+            self._receiver(data, self._loop.time())
+
+    def _send(self) -> None:
+        if self._port is None or self._loop is None:
+            return
+        try:
+            sent = os.write(self._port, self._waiting)
+        except BlockingIOError:
+            sent = 0
+        except OSError as error:
+            self._lost(error)
+            return
+        del self._waiting[:sent]
+        if self._waiting:
+            self._loop.add_writer(self._port, self._send)
+        else:
+            self._loop.remove_writer(self._port)
+
+    def _lost(self, error: OSError) -> None:
+        self._close()
+        self._recovery.lost(error.strerror or str(error))

@@ -1,0 +1,103 @@
+"""Serial ports of a POSIX system: open one for raw bytes, and say in words why it cannot be."""
+
+import errno
+import fcntl
+import grp
+import os
+import stat
+import struct
+import sys
+import termios
+from pathlib import Path
+
+_TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B
+_BOTHER, _CBAUD = 0o010000, 0o010017
+_TERMIOS2 = struct.Struct("4IB19s2I")
+"""Linux, asm-generic/ioctls.h and termbits.h: speeds that have no name."""
+_USUAL_NAMES = ("ttyACM*", "ttyUSB*", "ttyAMA*", "cu.usb*")
+
+
+def open_port(device: str, baud: int) -> int:
+    """Return the descriptor of a serial port: raw, 8N1, not blocking, ours alone.
+
+    Raises OSError; its words for people are `remedy`'s.
+    """
+    # Without O_NONBLOCK a port without carrier blocks for ever.
+    port = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        # TIOCEXCL does not hold against root, the lock does not hold against others' programs.
+        fcntl.flock(port, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _make_raw(port, baud)
+        fcntl.ioctl(port, termios.TIOCEXCL)
+        termios.tcflush(port, termios.TCIOFLUSH)
+    except termios.error as error:
+        os.close(port)
+        raise OSError(*error.args) from error
+    except BaseException:
+        os.close(port)
+        raise
+    return port
+
+
+def ports() -> tuple[str, ...]:
+    """Return the serial ports that look like an autopilot's or a radio's."""
+    return tuple(sorted(str(path) for name in _USUAL_NAMES for path in Path("/dev").glob(name)))
+
+
+def remedy(error: OSError, device: str, baud: int) -> str:
+    """Return in words why a port could not be opened, and what to do."""
+    match error.errno:
+        case errno.ENOENT | errno.ENODEV | errno.ENXIO:
+            there = ", ".join(ports())
+            return f"there is no {device}; " + (
+                f"these are there: {there}" if there else "no serial device is plugged in"
+            )
+        case errno.EACCES | errno.EPERM:
+            group = _group(device)
+            return (
+                f"no permission for {device}; add yourself to its group ('sudo usermod -aG "
+                f"{group} $USER') and log in again"
+            )
+        case errno.EBUSY | errno.EWOULDBLOCK:
+            return (
+                f"{device} is in use by another program (a ground station, ModemManager, or a run "
+                "that was left over); end it"
+            )
+        case errno.ENOTTY | errno.EISDIR:
+            return f"{device} is no serial port"
+        case errno.EINVAL:
+            return f"{device} does not run at {baud} baud"
+        case _:
+            return f"{device}: {error.strerror or error}"
+
+
+def _make_raw(port: int, baud: int) -> None:
+    attributes = termios.tcgetattr(port)
+    special = attributes[6]
+    special[termios.VMIN], special[termios.VTIME] = 1, 0
+    control = termios.CS8 | termios.CREAD | termios.CLOCAL
+    named = getattr(termios, f"B{baud}", None)
+    speed = termios.B9600 if named is None else named
+    termios.tcsetattr(port, termios.TCSANOW, [0, 0, control, 0, speed, speed, special])
+    if named is None:
+        _set_unnamed_speed(port, baud)
+
+
+def _set_unnamed_speed(port: int, baud: int) -> None:
+    if not sys.platform.startswith("linux"):
+        raise OSError(errno.EINVAL, f"no such speed: {baud}")
+    raw = fcntl.ioctl(port, _TCGETS2, bytes(_TERMIOS2.size))
+    fields = list(_TERMIOS2.unpack(raw))
+    fields[2] = fields[2] & ~_CBAUD | _BOTHER
+    fields[-2:] = [baud, baud]
+    fcntl.ioctl(port, _TCSETS2, _TERMIOS2.pack(*fields))
+
+
+def _group(device: str) -> str:
+    try:
+        found = Path(device).stat()
+        if stat.S_ISCHR(found.st_mode):
+            return grp.getgrgid(found.st_gid).gr_name
+    except (OSError, KeyError):
+        pass
+    return "dialout"

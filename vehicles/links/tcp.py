@@ -1,0 +1,246 @@
+"""TCP links: `tcpout` connects, and again when lost; `tcpin` listens for the one that connects."""
+
+import asyncio
+import errno
+import socket
+import sys
+from types import TracebackType
+from typing import Self
+
+from vehicles.links.base import LinkError, Receiver
+from vehicles.links.parse import LinkAddress
+from vehicles.links.recovery import BackOff, Recovery
+from vehicles.links.stream import StreamPeer
+from vehicles.mavlink.framing import FrameSplitter
+
+_CONNECT_WITHIN_S = 5.0
+_SILENT_S = 3.0
+"""A client that was silent for so long makes way for one that comes."""
+_UNANSWERED_MS = 5000
+"""What the other side does not acknowledge for so long counts as lost (TCP_USER_TIMEOUT)."""
+
+
+class TcpOutLink:
+    """A TCP connection that we make; wall clock only.
+
+    When it is lost it is made again, after waits that grow; meanwhile what is written is lost.
+    """
+
+    def __init__(self, *, address: LinkAddress, back_off: BackOff | None = None) -> None:
+        self._address = address
+        self._receiver: Receiver | None = None
+        self._peer: StreamPeer | None = None
+        self._recovery = Recovery(
+            name=self.name, again=self._connect, back_off=back_off or BackOff()
+        )
+
+    @property
+    def name(self) -> str:
+        """Return the link string."""
+        return str(self._address)
+
+    @property
+    def trouble(self) -> str:
+        """Return why it is lost; empty while it is there."""
+        return self._recovery.trouble
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set who is handed what arrives."""
+        self._receiver = receiver
+
+    def write(self, data: bytes) -> None:
+        """Send bytes, while connected."""
+        if self._peer is not None:
+            self._peer.write(data)
+
+    async def __aenter__(self) -> Self:
+        """Connect. Raises LinkError when nobody answers there."""
+        await self._connect()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the connection."""
+        self._receiver = None
+        await self._recovery.stop()
+        await _close(self._peer)
+        self._peer = None
+
+    async def _connect(self) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            async with asyncio.timeout(_CONNECT_WITHIN_S):
+                await loop.create_connection(self._new_peer, self._address.host, self._address.port)
+        except OSError as error:
+            # TimeoutError is one of them.
+            raise LinkError(f"{self.name}: {_remedy(error, self._address)}") from error
+
+    def _new_peer(self) -> StreamPeer:
+        return StreamPeer(opened=self._opened, received=self._received, lost=self._lost)
+
+    def _opened(self, peer: StreamPeer) -> None:
+        _notice_dead_peers(peer)
+        self._peer = peer
+
+    def _received(self, _peer: StreamPeer, data: bytes, t_s: float) -> None:
+        if self._receiver is not None:
+            self._receiver(data, t_s)
+
+    def _lost(self, _peer: StreamPeer, why: str) -> None:
+        self._peer = None
+        self._recovery.lost(why)
+
+
+class TcpInLink:
+    """A TCP port that a vehicle, or several ground stations, connect to; wall clock only.
+
+    clients: how many may be connected. One more is turned away, unless one of them has been
+    silent, as after a loss that it noticed and we did not. Of several clients whole MAVLink
+    frames are handed on, so that theirs do not mix; what is written goes to all.
+    """
+
+    def __init__(self, *, address: LinkAddress, clients: int = 1) -> None:
+        if clients < 1:
+            raise ValueError(f"clients is {clients}: a port for nobody")
+        self._address = address
+        self._most = clients
+        self._receiver: Receiver | None = None
+        self._server: asyncio.Server | None = None
+        self._peers: dict[StreamPeer, FrameSplitter] = {}
+        self._recovery = Recovery(name=self.name, again=None, back_off=BackOff())
+        self._turned_away = ""
+
+    @property
+    def name(self) -> str:
+        """Return the link string."""
+        return str(self._address)
+
+    @property
+    def trouble(self) -> str:
+        """Return why nobody is connected, or who was turned away; empty otherwise."""
+        if not self._peers:
+            return self._recovery.trouble or "nobody has connected"
+        return self._turned_away
+
+    @property
+    def local_port(self) -> int:
+        """Return the port that is listened on; 0 when closed."""
+        if self._server is None or not self._server.sockets:
+            return 0
+        return int(self._server.sockets[0].getsockname()[1])
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set who is handed what arrives."""
+        self._receiver = receiver
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to who is connected."""
+        for peer in self._peers:
+            peer.write(data)
+
+    async def __aenter__(self) -> Self:
+        """Listen. Raises LinkError when the port is taken or the address is not ours."""
+        loop = asyncio.get_running_loop()
+        host, port = self._address.host, self._address.port
+        try:
+            self._server = await loop.create_server(self._new_peer, host, port, reuse_address=True)
+        except OSError as error:
+            raise LinkError(f"{self.name}: {_remedy(error, self._address)}") from error
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the port and all connections."""
+        self._receiver = None
+        if self._server is not None:
+            self._server.close()
+        peers, self._peers = tuple(self._peers), {}
+        for peer in peers:
+            peer.close()
+        if self._server is not None:
+            await self._server.wait_closed()
+            self._server = None
+        await self._recovery.stop()
+        # An aborted transport closes its socket one turn later.
+        await asyncio.sleep(0)
+
+    def _new_peer(self) -> StreamPeer:
+        return StreamPeer(opened=self._opened, received=self._received, lost=self._lost)
+
+    def _opened(self, peer: StreamPeer) -> None:
+        if len(self._peers) >= self._most and not self._made_way(peer.heard_s):
+            self._turned_away = f"{peer.address} was turned away: the port is in use"
+            peer.close()
+            return
+        _notice_dead_peers(peer)
+        self._peers[peer] = FrameSplitter()
+        self._recovery.back()
+
+    def _made_way(self, now_s: float) -> bool:
+        """Close the client that has been silent the longest; return whether there was one."""
+        oldest = min(self._peers, key=lambda peer: peer.heard_s)
+        if now_s - oldest.heard_s < _SILENT_S:
+            return False
+        del self._peers[oldest]
+        oldest.close()
+        return True
+
+    def _received(self, peer: StreamPeer, data: bytes, t_s: float) -> None:
+        splitter = self._peers.get(peer)
+        if splitter is None or self._receiver is None:
+            return
+        if self._most > 1:
+            data = b"".join([frame.raw for frame in splitter.feed(data)])
+        if data:
+            self._receiver(data, t_s)
+
+    def _lost(self, peer: StreamPeer, why: str) -> None:
+        if self._peers.pop(peer, None) is not None and not self._peers:
+            self._recovery.lost(why)
+
+
+async def _close(peer: StreamPeer | None) -> None:
+    if peer is not None:
+        peer.close()
+        # An aborted transport closes its socket one turn later.
+        await asyncio.sleep(0)
+
+
+def _notice_dead_peers(peer: StreamPeer) -> None:
+    """Have the kernel tell us of a peer that vanished without a word (Linux)."""
+    stream = peer.socket
+    if stream is not None and sys.platform.startswith("linux"):
+        stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNANSWERED_MS)
+
+
+def _remedy(error: OSError, address: LinkAddress) -> str:
+    if isinstance(error, socket.gaierror):
+        return f"host {address.host!r} is unknown; check its name, or give its IP address"
+    listens = address.kind == "tcpin"
+    words = {
+        errno.ECONNREFUSED: f"nothing listens on port {address.port} of {address.host}; is the "
+        "vehicle running, and is the port right?",
+        errno.EHOSTUNREACH: f"{address.host} cannot be reached; check network and address",
+        errno.ENETUNREACH: f"no network leads to {address.host}; check cable, WLAN and address",
+        errno.EADDRINUSE: f"port {address.port} is taken by another program (a ground station, or "
+        "a run that was left over); end it, or choose another port",
+        errno.EADDRNOTAVAIL: f"{address.host} is no address of this machine; 0.0.0.0 listens on "
+        "all of them",
+        errno.EACCES: f"no permission for port {address.port}; choose one above 1023",
+    }.get(error.errno or 0)
+    if words is not None:
+        return words
+    if isinstance(error, TimeoutError) and not listens:
+        return (
+            f"{address.host} does not answer on port {address.port} within "
+            f"{_CONNECT_WITHIN_S:g} s; is it switched on and on this network?"
+        )
+    return f"{error.strerror or error}; check the network and the address"
