@@ -1,12 +1,13 @@
 """Gets pictures from whatever FFmpeg opens, and keeps back those that lost data damaged."""
 
 import io
+import time
 from collections.abc import Iterator
 from typing import Any
 
 import av
 
-from vehicles.sources.av_input import AvInput, opening_error, shown
+from vehicles.sources.av_input import AvInput, nothing_came, opening_error, shown
 from vehicles.sources.base import SourceError
 from vehicles.sources.h264 import LossFinder
 from vehicles.sources.live import Grabbed
@@ -32,9 +33,18 @@ class AvGrabber:
         self._losses = LossFinder()
         self._finds_losses = False
         self._broken = False
+        self._first: Grabbed | None = None
 
     def open(self) -> None:
-        """Open the address. Raises SourceError."""
+        """Open the address and wait for its first picture. Raises SourceError."""
+        deadline_s = time.monotonic() + self._open_timeout_s
+        self._open_stream(deadline_s)
+        while self._first is None:
+            self._first = self._next()
+            if self._first is None and time.monotonic() > deadline_s:
+                raise nothing_came(self._source.url)
+
+    def _open_stream(self, deadline_s: float) -> None:
         source = self._source
         try:
             self._container = av.open(
@@ -44,6 +54,9 @@ class AvGrabber:
                 timeout=(self._open_timeout_s, _READ_TIMEOUT_S),
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
+            # A wait that was broken off shows in many ways, as broken data too.
+            if time.monotonic() >= deadline_s:
+                raise nothing_came(source.url) from error
             raise opening_error(source.url, error) from error
         if not self._container.streams.video:
             raise SourceError(f"{shown(source.url)}: carries no video")
@@ -58,22 +71,30 @@ class AvGrabber:
 
     def grab(self) -> Grabbed | None:
         """Return the next picture; None when none came for a moment. Raises SourceError."""
-        try:
-            frame = next(self._frames, None)
-            if frame is None:
-                packet = self._packet()
-                if packet is None:
-                    return None
-                self._frames = self._decoded(packet)
-                frame = next(self._frames, None)
-        except av.error.InvalidDataError:
-            return self._damaged(None)
-        return None if frame is None else self._judged(frame)
+        first, self._first = self._first, None
+        return first or self._next()
 
     def close(self) -> None:
         """Close the stream or device."""
         if self._container is not None:
             self._container.close()
+
+    def _next(self) -> Grabbed | None:
+        frame = next(self._frames, None)
+        if frame is not None:
+            return self._judged(frame)
+        packet = self._packet()
+        if packet is None:
+            return None
+        try:
+            self._frames = self._decoded(packet)
+        except av.error.InvalidDataError:
+            self._broken = True
+        frame = next(self._frames, None)
+        if frame is not None:
+            return self._judged(frame)
+        # A decoder without its references gives nothing; a sound one may only be gathering.
+        return Grabbed(None, _stamp_s(packet)) if self._broken else None
 
     def _packet(self) -> Any | None:
         if self._packets is None:
@@ -100,14 +121,11 @@ class AvGrabber:
         return iter(packet.decode())
 
     def _judged(self, frame: Any) -> Grabbed:
-        stamp_s = frame.time
-        if frame.is_corrupt:
-            return self._damaged(stamp_s)
-        if self._broken and not frame.key_frame:
-            return Grabbed(None, stamp_s)
-        self._broken = False
-        return Grabbed(frame.to_ndarray(format="bgr24"), stamp_s)
+        self._broken = frame.is_corrupt or (self._broken and not frame.key_frame)
+        if self._broken:
+            return Grabbed(None, frame.time)
+        return Grabbed(frame.to_ndarray(format="bgr24"), frame.time)
 
-    def _damaged(self, stamp_s: float | None) -> Grabbed:
-        self._broken = True
-        return Grabbed(None, stamp_s)
+
+def _stamp_s(packet: Any) -> float | None:
+    return None if packet.pts is None else float(packet.pts * packet.time_base)

@@ -121,10 +121,6 @@ _REMEDIES: tuple[tuple[type[Exception], str], ...] = (
         ConnectionRefusedError,
         "nothing listens there; start the camera or its server, and check host and port",
     ),
-    (
-        av.error.ExitError,
-        "no picture came in time; check that it is sent to this host and port",
-    ),
     (TimeoutError, "no answer came in time; check host, port and network"),
     (av.error.InvalidDataError, "is not video that can be decoded; play it with ffplay to see"),
     (av.error.HTTPUnauthorizedError, "asks for a user and password: rtsp://USER:PASSWORD@HOST/..."),
@@ -134,9 +130,18 @@ _REMEDIES: tuple[tuple[type[Exception], str], ...] = (
 )
 
 
+def nothing_came(address: str) -> SourceError:
+    """Return the error for an address from which no picture came in time."""
+    return SourceError(
+        f"{shown(address)}: no picture came in time; check that it is sent to this host and port"
+    )
+
+
 def opening_error(address: str, error: Exception) -> SourceError:
     """Return FFmpeg's complaint as a message that says what to do."""
     name = shown(address)
+    if isinstance(error, av.error.ExitError):
+        return nothing_came(address)
     for kind, remedy in _REMEDIES:
         if isinstance(error, kind):
             return SourceError(f"{name}: {remedy}")

@@ -110,7 +110,7 @@ def test_an_echo_may_have_been_through_single_precision() -> None:
         ({"parts": 3}, "list of maps"),
         ({"parts": [{"name": "image"}] * 3}, "`encoding` is missing"),
         ({"parts": [{"name": "image", "encoding": "bgr8"}] * 3}, "a name twice"),
-        ({"parts": [{"name": "x", "encoding": "u8"}] * 3}, "asked were"),
+        ({"parts": [{"name": k, "encoding": "u8"} for k in "xyz"]}, "asked were"),
     ],
 )
 def test_a_wrong_answer_says_what_is_wrong(changed: dict[str, Any], words: str) -> None:
