@@ -13,6 +13,7 @@ from worlds.frames import Vec3
 
 GRAVITY_M_S2 = 9.80665
 _OUTER_EVERY = 2
+_EASE_PER_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +22,8 @@ class Gains:
 
     position: MPC_XY_P, MPC_Z_P (1/s). velocity: MPC_XY_VEL_P_ACC, MPC_Z_VEL_P_ACC (1/s).
     integral: MPC_XY_VEL_I_ACC, MPC_Z_VEL_I_ACC (1/s2). acceleration: how fast a velocity setpoint
-    may change, inf for at once. attitude: MC_ROLL_P, MC_YAW_P (1/s). rate: bandwidth of the rate
-    loop (1/s), bounded by the motors' lag. The rest are limits.
+    may change, inf for at once and without feed-forward. attitude: MC_ROLL_P, MC_YAW_P (1/s).
+    rate: bandwidth of the rate loop (1/s), bounded by the motors' lag. The rest are limits.
     """
 
     position: tuple[float, float] = (0.95, 1.0)
@@ -61,6 +62,7 @@ class Controller:
         self._integral: list[float] = [0.0, 0.0, 0.0]
         self._velocity_setpoint: list[float] = [0.0, 0.0, 0.0]
         self._acceleration: Vec3 = (0.0, 0.0, 0.0)
+        self._feed_forward: Vec3 = (0.0, 0.0, 0.0)
         self._calls = 0
         self._yaw_rad = 0.0
 
@@ -114,16 +116,20 @@ class Controller:
         self._slew(north, east, down)
 
     def _slew(self, north: float, east: float, down: float) -> None:
+        """Move the velocity setpoint towards this one, and keep how fast as feed-forward."""
         setpoint, limit, dt = self._velocity_setpoint, self._gains.acceleration_m_s2, self._dt_s
         dn, de = north - setpoint[0], east - setpoint[1]
         change = math.hypot(dn, de)
-        if change > limit[0] * dt:
-            dn, de = dn * limit[0] * dt / change, de * limit[0] * dt / change
-        step = limit[1] * dt
-        dd = down - setpoint[2]
+        if limit[0] < math.inf and change > 0.0:
+            # Eased in at the end: the body cannot tilt back at once.
+            share = min(limit[0] / change, _EASE_PER_S) * dt
+            dn, de = dn * share, de * share
+        dd = _clamp(down - setpoint[2], limit[1] * dt)
         setpoint[0] += dn
         setpoint[1] += de
-        setpoint[2] += -step if dd < -step else min(dd, step)
+        setpoint[2] += dd
+        if limit[0] < math.inf:
+            self._feed_forward = (dn / dt, de / dt, dd / dt)
 
     def _accelerate(self, now: Motion) -> Vec3:
         gains, dt = self._gains, self._dt_s
@@ -134,10 +140,11 @@ class Controller:
         integral[0] = _clamp(integral[0] + ki * en * dt, 4.0)
         integral[1] = _clamp(integral[1] + ki * ee * dt, 4.0)
         integral[2] = _clamp(integral[2] + kiz * ed * dt, 5.0)
+        north, east, down = self._feed_forward
         return (
-            kv * en + integral[0],
-            kv * ee + integral[1],
-            _clamp(kvz * ed + integral[2], 6.0),
+            kv * en + integral[0] + north,
+            kv * ee + integral[1] + east,
+            _clamp(kvz * ed + integral[2] + down, 6.0),
         )
 
     def _turn(self, target: Target) -> None:

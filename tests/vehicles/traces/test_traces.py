@@ -50,9 +50,9 @@ EVENTS = {
     # 5 Hz. From takeoff to "in the air" as above; the descent starts from another height on PX4
     # (its climb of RTL is another), and is compared by its speed instead.
     "landed": Tolerance(0.5, {"armed": 1.2, "flying": 0.4, "land": 4.0}),
-    # 2 and 5 Hz, 1 and 5 Hz, 5 Hz.
+    # Sent at 2 and 5 Hz, 1 and 5 Hz, 5 Hz.
     "prearm": Tolerance(0.6, {}),
-    "estimator": Tolerance(0.6, {}),
+    "estimator": Tolerance(0.6, {"armed": 1.1, "landed": 1.1}),
     "gps": Tolerance(0.3, {}),
     "texts": Tolerance(0.3, {"armed": 0.5, "land": 4.0}),
     # The script waits for the height before it goes on.
@@ -93,12 +93,21 @@ async def flown(autopilot: str) -> Any:
         return await fly(far)
 
 
+def landed_and_armed(event: list[Any]) -> bool:
+    """Whether a heartbeat fell between landing and disarming: 0.4 s on ArduCopter, by chance."""
+    anchor, _, base_mode, _, status = event
+    return anchor in {"land", "landed"} and bool(base_mode & 128) and status == 3
+
+
 @pytest.fixture(scope="module", params=["px4-1.18-offboard", "arducopter-4.7-guided"])
 def pair(request: pytest.FixtureRequest) -> tuple[dict[str, Any], dict[str, Any]]:
     name = request.param
     golden = json.loads((HERE / f"{name}.json").read_text(encoding="utf-8"))
     autopilot = "px4" if name.startswith("px4") else "ardupilot"
-    return golden, asdict(DISTIL.distil(run_virtual(flown(autopilot))))
+    ours = asdict(DISTIL.distil(run_virtual(flown(autopilot))))
+    for line in (golden, ours):
+        line["modes"] = [event for event in line["modes"] if not landed_and_armed(event)]
+    return golden, ours
 
 
 def test_says_who_it_is(pair: tuple[dict[str, Any], dict[str, Any]]) -> None:

@@ -30,12 +30,13 @@ from vehicles.embedded.controller import Gains
 _FILE = Path(__file__).with_name("copter_parameters.yaml")
 _GAINS = Gains(
     # PSC_NE_POS_P, PSC_D_POS_P; PSC_NE_VEL_P, PSC_D_VEL_P; PSC_NE_VEL_I; WP_ACC, WP_ACC_Z;
-    # ATC_ANG_RLL_P, ATC_ANG_YAW_P; ATC_ANGLE_MAX
+    # ATC_ANG_YAW_P; ATC_ANGLE_MAX. Roll and pitch stiffer than ATC_ANG_RLL_P of 4.5, for the
+    # rate feed-forward that ArduCopter has and this controller has not.
     position=(1.0, 1.0),
     velocity=(2.0, 5.0),
     integral=(1.0, 2.0),
     acceleration_m_s2=(2.5, 1.0),
-    attitude=(4.5, 4.5),
+    attitude=(7.0, 4.5),
     max_tilt_rad=math.radians(30.0),
 )
 

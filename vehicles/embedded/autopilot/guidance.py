@@ -52,7 +52,7 @@ class Behaviour(ABC):
 class Hold(Behaviour):
     """Brake, then stay where the vehicle came to rest, or at a given place."""
 
-    _SLOW_M_S = 0.3
+    _SLOW_M_S = 0.15
 
     def __init__(
         self, *, speeds: Speeds, yaw_rad: float, position_ned_m: Vec3 | None = None
@@ -217,7 +217,7 @@ class Land(Behaviour):
             self._yaw_rad = now.euler_rad[2]
         north: float | None = None
         east: float | None = None
-        if self._place is None and math.hypot(*now.velocity_ned_m_s[:2]) < 0.3:
+        if self._place is None and math.hypot(*now.velocity_ned_m_s[:2]) < 0.15:
             self._place = now.position_ned_m[:2]
         if self._place is not None:
             north, east = self._place

@@ -34,6 +34,8 @@ _GCS_SILENT_AFTER_S = 2.5
 _POSITION_S = 3.2
 _CHECKS_PASS_S = 4.9
 _PREARM_BIT_S = 6.3
+_TERRAIN_LOST_S = 0.7
+"""After landing the estimator's height above ground is gone."""
 _PREARM_BIT_OFF_S = 0.18
 """How long the pre-arm bit falls when a failsafe begins."""
 
@@ -131,7 +133,9 @@ class Px4Core(EmbeddedAutopilot):
             mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: lambda: px4_telemetry.estimator_status(
                 state,
                 armed=flight.armed,
-                landed_after_flight=flight.landed and flight.landed_at_s is not None,
+                landed_after_flight=flight.landed
+                and flight.landed_at_s is not None
+                and self.t_s - flight.landed_at_s > _TERRAIN_LOST_S,
             ),
             mavlink.MAVLINK_MSG_ID_VFR_HUD: lambda: px4_telemetry.vfr_hud(state, flight.throttle),
             mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda: px4_telemetry.autopilot_version(

@@ -1,0 +1,261 @@
+import asyncio
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+STABILIZE, AUTO, GUIDED, LOITER, RTL_MODE, LAND_MODE, BRAKE = 0, 3, 4, 5, 6, 9, 17
+VELOCITY_MASK = 0b0000_1101_1100_0111
+POSITION_MASK = 0b0000_1101_1111_1000
+FAILED = mavlink.MAV_RESULT_FAILED
+Scenario = Callable[[Any], Any]
+
+
+def copter(rig: Any, **config: Any) -> Any:
+    return rig(autopilot="ardupilot", **config)
+
+
+def test_guided_is_refused_before_there_is_a_position(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await asyncio.sleep(10.0)
+            assert await r.command(400, 1) == FAILED
+            await asyncio.sleep(0.1)
+            assert "Arm: Need Position Estimate" in r.texts()
+            await asyncio.sleep(20.0)
+            # The pre-arm bit is true by now, and still GUIDED cannot be had.
+            assert await r.command(512, mavlink.MAVLINK_MSG_ID_SYS_STATUS) == 0
+            bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+            assert r.last["SYS_STATUS"].onboard_control_sensors_health & bit
+            assert await r.command(176, 1, GUIDED) == FAILED
+            await asyncio.sleep(0.1)
+            assert "Mode change to Guided failed: requires position" in r.texts()
+            await asyncio.sleep(12.0)
+            assert await r.command(176, 1, GUIDED) == 0
+
+    virtually(scenario())
+
+
+def test_sends_nothing_but_heartbeats_until_asked(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await asyncio.sleep(19.0)
+            assert set(r.last) == {"HEARTBEAT", "TIMESYNC", "STATUSTEXT"}
+            r.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+            await asyncio.sleep(5.0)
+            assert len(r.of("ATTITUDE")) == pytest.approx(20, abs=2)
+            assert len(r.of("SYS_STATUS")) == pytest.approx(20, abs=2)
+            before = len(r.of("ATTITUDE"))
+            r.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 0))
+            await asyncio.sleep(5.0)
+            assert len(r.of("ATTITUDE")) <= before + 1
+
+    virtually(scenario())
+
+
+def test_takes_off_only_armed_and_guided(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await asyncio.sleep(42.0)
+            assert await r.command(22, 0, 0, 0, 0, 0, 0, 3) == FAILED
+            await r.command(176, 1, GUIDED)
+            assert await r.command(22, 0, 0, 0, 0, 0, 0, 3) == FAILED
+            await r.command(400, 1)
+            assert await r.command(22, 0, 0, 0, 0, 0, 0, 0) == FAILED
+            assert await r.command(22, 0, 0, 0, 0, 0, 0, 3) == 0
+            await asyncio.sleep(10.0)
+            assert r.height_m == pytest.approx(3.0, abs=0.15)
+            assert await r.command(22, 0, 0, 0, 0, 0, 0, 3) == FAILED
+
+    virtually(scenario())
+
+
+def test_disarms_itself_when_it_does_not_take_off(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await asyncio.sleep(42.0)
+            await r.command(176, 1, GUIDED)
+            assert await r.command(400, 1) == 0
+            assert await r.until(lambda: not r.armed) == pytest.approx(10.0, abs=0.1)
+
+    virtually(scenario())
+
+
+def test_lost_velocity_setpoints_stop_it_after_three_seconds(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await r.hover()
+            await r.stream(4.0, mask=VELOCITY_MASK, velocity=(1.0, 0.0, 0.0))
+            await asyncio.sleep(2.5)
+            assert r.speed_m_s == pytest.approx(1.0, abs=0.15)
+            await asyncio.sleep(3.0)
+            assert r.speed_m_s < 0.15
+            assert r.custom_mode == GUIDED
+            assert r.status == mavlink.MAV_STATE_ACTIVE
+
+    virtually(scenario())
+
+
+def test_position_setpoints_need_no_stream(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await r.hover()
+            r.setpoint(mask=POSITION_MASK, position=(2.0, 1.0, -2.0))
+            await asyncio.sleep(8.0)
+            assert r.vehicle.truth().pose.position_ned_m == pytest.approx((2, 1, -2), abs=0.2)
+            # Offsets count from the present place, in the frame of the heading for frame 9.
+            r.setpoint(mask=POSITION_MASK, frame=9, position=(1.0, 0.0, 0.0))
+            await asyncio.sleep(6.0)
+            yaw = r.vehicle.truth().pose.yaw_rad
+            expected = (2.0 + math.cos(yaw), 1.0 + math.sin(yaw), -2.0)
+            assert r.vehicle.truth().pose.position_ned_m == pytest.approx(expected, abs=0.25)
+
+    virtually(scenario())
+
+
+def test_setpoints_count_in_guided_only(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await r.hover()
+            assert await r.command(176, 1, LOITER) == 0
+            await r.stream(3.0, mask=VELOCITY_MASK, velocity=(2.0, 0.0, 0.0))
+            assert r.speed_m_s < 0.15
+
+    virtually(scenario())
+
+
+def test_brake_and_land(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await r.hover()
+            await r.stream(3.0, mask=VELOCITY_MASK, velocity=(2.0, 0.0, 0.0))
+            assert await r.command(176, 1, BRAKE) == 0
+            await asyncio.sleep(3.0)
+            assert r.custom_mode == BRAKE
+            assert r.speed_m_s < 0.1
+            assert await r.command(21) == 0
+            await r.until(lambda: not r.armed)
+            assert r.custom_mode == LAND_MODE
+            assert await r.command(400, 1) == FAILED
+
+    virtually(scenario())
+
+
+def test_returns_at_the_height_of_its_cone(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig, parameters={"RTL_LOIT_TIME": 1000}) as r:
+            await r.hover(2.0)
+            r.setpoint(mask=POSITION_MASK, position=(3.0, 0.0, -2.0))
+            await asyncio.sleep(6.0)
+            highest = [0.0]
+            r.vehicle.on_truth(
+                lambda s: highest.append(max(highest[-1], -s.pose.position_ned_m[2])), 10
+            )
+            assert await r.command(20) == 0
+            await r.until(lambda: not r.armed)
+            # Three metres away, a slope of 3: nine metres up.
+            assert highest[-1] == pytest.approx(9.0, abs=0.4)
+            assert r.vehicle.truth().pose.position_ned_m[0] == pytest.approx(0.0, abs=0.3)
+
+    virtually(scenario())
+
+
+@pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, RTL_MODE), (5, LAND_MODE)])
+def test_lost_ground_station(rig: Any, virtually: Scenario, action: int, mode: int) -> None:
+    async def scenario() -> None:
+        async with copter(rig, parameters={"FS_GCS_ENABLE": action}) as r:
+            await r.hover()
+            r.silence()
+            await asyncio.sleep(4.0)
+            assert r.custom_mode == GUIDED
+            await asyncio.sleep(2.5)
+            assert r.custom_mode == mode
+            assert ("GCS Failsafe" in r.texts()) == (action != 0)
+            critical = r.status == mavlink.MAV_STATE_CRITICAL
+            assert critical == (action != 0)
+
+    virtually(scenario())
+
+
+def test_low_battery(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        parameters = {"BATT_FS_LOW_ACT": 2, "BATT_LOW_VOLT": 11.0, "BATT_FS_CRT_ACT": 1}
+        async with copter(rig, parameters={**parameters, "BATT_CRT_VOLT": 10.7}) as r:
+            await r.hover()
+            r.vehicle.body.battery.set_remaining(0.2)
+            await asyncio.sleep(1.1)
+            assert r.custom_mode == RTL_MODE
+            assert any(text.startswith("Battery 1 is low 10.9") for text in r.texts())
+            r.vehicle.body.battery.set_remaining(0.05)
+            await asyncio.sleep(1.1)
+            assert r.custom_mode == LAND_MODE
+
+    virtually(scenario())
+
+
+def test_force_arms_before_ready_and_disarms_in_the_air(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await asyncio.sleep(5.0)
+            assert await r.command(400, 1, 2989) == 0
+            assert await r.command(400, 0) == 0
+            await r.hover()
+            assert await r.command(400, 0) == FAILED
+            assert await r.command(400, 0, 2989) == FAILED
+            assert await r.command(400, 0, 21196) == 0
+            await asyncio.sleep(2.0)
+            assert r.vehicle.truth().on_ground
+
+    virtually(scenario())
+
+
+def test_termination_disarms_at_once(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await r.hover()
+            assert await r.command(185, 1) == 0
+            assert not r.armed
+
+    virtually(scenario())
+
+
+def test_goes_where_it_is_sent_and_faces_it(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await r.hover()
+            goal = r.vehicle.autopilot.state.frame.to_geodetic((0.0, 4.0, -3.0))
+            x, y = round(goal.latitude_deg * 1e7), round(goal.longitude_deg * 1e7)
+            frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+            changing, staying = (-1.0, 1.0, 0.0, math.nan), (-1.0, 0.0, 0.0, math.nan)
+            goal_int = (x, y, 3.0)
+            assert await r.command_int(192, frame=frame, params=changing, place=goal_int) == 0
+            await asyncio.sleep(8.0)
+            assert r.vehicle.truth().pose.position_ned_m == pytest.approx((0, 4, -3), abs=0.2)
+            assert r.vehicle.truth().pose.yaw_rad == pytest.approx(math.pi / 2, abs=0.1)
+            await r.command(176, 1, LOITER)
+            denied = mavlink.MAV_RESULT_DENIED
+            assert await r.command_int(192, frame=frame, params=staying, place=goal_int) == denied
+
+    virtually(scenario())
+
+
+def test_never_ready_stays_without_position(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig, never_ready=True) as r:
+            await asyncio.sleep(60.0)
+            assert await r.command(176, 1, GUIDED) == FAILED
+            assert not any("is using GPS" in text for text in r.texts())
+
+    virtually(scenario())
+
+
+def test_unknown_modes_fail(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await asyncio.sleep(3.0)
+            assert await r.command(176, 1, 13) == FAILED
+            assert await r.command(176, 0, GUIDED) == mavlink.MAV_RESULT_DENIED
+
+    virtually(scenario())
