@@ -69,6 +69,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
     began_s = time.monotonic()
     loop = asyncio.get_running_loop()
     course = Course(time=loop.time)
+    loop.set_exception_handler(lambda _, context: _unhandled(course, context))
     events: dict[str, float] = {}
     judge = build_judge(setup, events)
     sync = Synchronisation(setup=setup.campaign.sync, course=course)
@@ -174,6 +175,13 @@ def _end_of_background(run: _Run, background: list["asyncio.Task[None]"]) -> Non
             cause = _innermost(error)
             run.recorder.note("error", trace="".join(traceback.format_exception(error)))
             run.course.decide("ERROR", f"{task.get_name()}: {type(cause).__name__}: {cause}")
+
+
+def _unhandled(course: Course, context: dict[str, Any]) -> None:
+    """Take an error in a callback of the loop: physics gone wrong, a recording that broke off."""
+    error = context.get("exception")
+    said = context.get("message", "") if error is None else f"{type(error).__name__}: {error}"
+    course.decide("ERROR", f"in flight: {said}")
 
 
 def _innermost(error: BaseException) -> BaseException:
