@@ -1,0 +1,166 @@
+"""A link made worse on purpose: for flights over the field's bad radio, in any time."""
+
+import asyncio
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from vehicles.links.base import Link, Receiver, TellsTrouble
+from vehicles.links.impairment import ImpairedWay, Impairment, ImpairmentCounts
+from vehicles.mavlink.framing import FrameSplitter
+
+
+class ImpairedLink:
+    """Wraps any link; whole MAVLink frames are lost, late, doubled and broken each by itself.
+
+    outgoing: what is done to what we write; incoming: to what we hear. rng: a generator of its
+    own; the same seed and the same frames at the same times give the same arrivals.
+    """
+
+    def __init__(
+        self,
+        *,
+        link: Link,
+        outgoing: Impairment,
+        incoming: Impairment,
+        rng: np.random.Generator,
+    ) -> None:
+        self._link = link
+        self._receiver: Receiver | None = None
+        out_rng, in_rng = rng.spawn(2)
+        self._out = _Way(outgoing, out_rng, self._send)
+        self._in = _Way(incoming, in_rng, self._hand_on)
+        link.receive(self._received)
+
+    @property
+    def name(self) -> str:
+        """Return the name of the wrapped link."""
+        return self._link.name
+
+    @property
+    def trouble(self) -> str:
+        """Return the wrapped link's trouble."""
+        return self._link.trouble if isinstance(self._link, TellsTrouble) else ""
+
+    @property
+    def outgoing(self) -> ImpairmentCounts:
+        """Return what became of the frames that we wrote."""
+        return self._out.counts
+
+    @property
+    def incoming(self) -> ImpairmentCounts:
+        """Return what became of the frames that came."""
+        return self._in.counts
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set who is handed what arrives."""
+        self._receiver = receiver
+
+    def write(self, data: bytes) -> None:
+        """Send frames, as well as this link does."""
+        self._out.put(data)
+
+    def black_out(self, duration_s: float) -> None:
+        """Let nothing through either way, from now on for a while."""
+        self._out.black_out(duration_s)
+        self._in.black_out(duration_s)
+
+    async def __aenter__(self) -> Self:
+        """Open the wrapped link; blackouts count from here. Raises LinkError."""
+        self._out.open()
+        self._in.open()
+        await self._link.__aenter__()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the wrapped link; what is under way is lost."""
+        self._out.close()
+        self._in.close()
+        await self._link.__aexit__(kind, error, trace)
+
+    def _received(self, data: bytes, _t_s: float) -> None:
+        self._in.put(data)
+
+    def _send(self, frames: list[bytes], _t_s: float) -> None:
+        self._link.write(b"".join(frames))
+
+    def _hand_on(self, frames: list[bytes], t_s: float) -> None:
+        if self._receiver is not None:
+            self._receiver(b"".join(frames), t_s)
+
+
+class _Way:
+    """One way, with the one timer that its next arrival needs."""
+
+    def __init__(
+        self,
+        impairment: Impairment,
+        rng: np.random.Generator,
+        deliver: Callable[[list[bytes], float], None],
+    ) -> None:
+        self._impairment = impairment
+        self._rng = rng
+        self._deliver = deliver
+        self._splitter = FrameSplitter()
+        self._way: ImpairedWay | None = None
+        self._open = False
+        self._timer: asyncio.TimerHandle | None = None
+
+    @property
+    def counts(self) -> ImpairmentCounts:
+        """Return what became of the frames; zeros before the link is opened."""
+        return ImpairmentCounts() if self._way is None else self._way.counts
+
+    def open(self) -> None:
+        """Begin to take frames."""
+        now_s = asyncio.get_running_loop().time()
+        self._way = ImpairedWay(impairment=self._impairment, rng=self._rng, opened_s=now_s)
+        self._open = True
+
+    def close(self) -> None:
+        """Take no more, and lose what is under way."""
+        self._open = False
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def black_out(self, duration_s: float) -> None:
+        """Let nothing through for a while."""
+        if self._way is not None:
+            self._way.black_out(asyncio.get_running_loop().time(), duration_s)
+
+    def put(self, data: bytes) -> None:
+        """Take bytes that are sent now."""
+        way = self._way
+        if way is None or not self._open:
+            return
+        now_s = asyncio.get_running_loop().time()
+        for frame in self._splitter.feed(data):
+            way.put(frame.raw, now_s)
+        self._give(now_s)
+
+    def _tick(self) -> None:
+        self._timer = None
+        # A loop's timer may fire a hair before its time.
+        now_s = asyncio.get_running_loop().time()
+        self._give(now_s)
+
+    def _give(self, now_s: float) -> None:
+        way = self._way
+        if way is None:
+            return
+        arrived = way.take(now_s)
+        due_s = way.next_due_s
+        if due_s is not None and (self._timer is None or due_s < self._timer.when()):
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer = asyncio.get_running_loop().call_at(due_s, self._tick)
+        if arrived:
+            self._deliver(arrived, now_s)

@@ -1,0 +1,222 @@
+"""What a bad radio does to frames: the settings, and when each frame arrives, if at all; pure."""
+
+import heapq
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+_DRAWS = 7
+"""Uniform numbers per frame, drawn for every frame: a setting does not shift the luck of others."""
+_BLOCK = 256
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bursts:
+    """Loss that comes in bursts, by Gilbert's and Elliott's model of two states.
+
+    Per frame: the chance to fall into a burst and to leave it, and the loss within and between.
+    E. N. Gilbert, "Capacity of a burst-noise channel" (1960); E. O. Elliott (1963).
+    """
+
+    enter: float
+    leave: float
+    loss_within: float = 1.0
+    loss_between: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("enter", "leave", "loss_within", "loss_between"):
+            _check_chance(name, getattr(self, name))
+        if self.enter > 0.0 and self.leave == 0.0:
+            raise ValueError("leave is 0: a burst would never end; use a blackout")
+
+
+@dataclass(frozen=True, slots=True)
+class Blackout:
+    """A time in which nothing arrives: seconds after the link was opened, and for how long."""
+
+    from_s: float
+    duration_s: float
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.from_s < math.inf and 0.0 < self.duration_s < math.inf):
+            raise ValueError(f"blackout from {self.from_s} s for {self.duration_s} s")
+
+    def covers(self, t_s: float) -> bool:
+        """Return whether a moment lies in it."""
+        return self.from_s <= t_s < self.from_s + self.duration_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Impairment:
+    """How one way of a link treats each MAVLink frame; the default does nothing.
+
+    latency_s, jitter_s: a frame takes latency_s, more or less by up to jitter_s, evenly spread;
+    frames keep their order, as on a radio. loss, duplicate, reorder, corrupt: chances per frame.
+    A reordered frame is late by reorder_by_s, and those after it go past. A corrupted one has one
+    bit flipped. bandwidth_bit_s: the frames queue for it; what would wait longer than queue_s is
+    lost. Raises ValueError for impossible values.
+    """
+
+    latency_s: float = 0.0
+    jitter_s: float = 0.0
+    loss: float = 0.0
+    bursts: Bursts | None = None
+    duplicate: float = 0.0
+    reorder: float = 0.0
+    reorder_by_s: float = 0.05
+    corrupt: float = 0.0
+    bandwidth_bit_s: float | None = None
+    queue_s: float = 1.0
+    blackouts: tuple[Blackout, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("loss", "duplicate", "reorder", "corrupt"):
+            _check_chance(name, getattr(self, name))
+        for name in ("latency_s", "jitter_s", "reorder_by_s", "queue_s"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"{name} is {value}: it is a time of 0 s or more")
+        if self.jitter_s > self.latency_s:
+            raise ValueError(
+                f"jitter_s is {self.jitter_s} and latency_s {self.latency_s}: a frame would arrive "
+                "before it was sent"
+            )
+        if self.bandwidth_bit_s is not None and not 0.0 < self.bandwidth_bit_s < math.inf:
+            raise ValueError(f"bandwidth_bit_s is {self.bandwidth_bit_s}: give it, or leave it out")
+
+
+@dataclass(slots=True)
+class ImpairmentCounts:
+    """What became of the frames of one way."""
+
+    frames: int = 0
+    lost: int = 0
+    blacked_out: int = 0
+    overflowed: int = 0
+    duplicated: int = 0
+    reordered: int = 0
+    corrupted: int = 0
+    delivered: int = 0
+
+
+class ImpairedWay:
+    """One way of an impaired link: takes frames, gives them back when they arrive.
+
+    Times are seconds of any one clock; `opened_s` is the moment from which blackouts count.
+    """
+
+    def __init__(
+        self, *, impairment: Impairment, rng: np.random.Generator, opened_s: float
+    ) -> None:
+        self._set = impairment
+        self._luck = _uniforms(rng)
+        self._opened_s = opened_s
+        self._queue: list[tuple[float, int, bytes]] = []
+        self._number = 0
+        self._busy_until_s = -math.inf
+        self._last_due_s = -math.inf
+        self._in_burst = False
+        self._forced_until_s = -math.inf
+        self.counts = ImpairmentCounts()
+
+    def black_out(self, now_s: float, duration_s: float) -> None:
+        """Let nothing through from now on for a while."""
+        self._forced_until_s = max(self._forced_until_s, now_s + duration_s)
+
+    def put(self, frame: bytes, now_s: float) -> None:
+        """Take one frame that is sent now."""
+        setting, counts = self._set, self.counts
+        lost, burst, in_burst, delay, copy, order, corrupt = next(self._luck)
+        counts.frames += 1
+        sent_s = self._through_bottleneck(len(frame), now_s)
+        if sent_s is None:
+            counts.overflowed += 1
+            return
+        if self._dark(now_s):
+            counts.blacked_out += 1
+            return
+        # Both chances are drawn for every frame: a burst's state goes on whatever is lost.
+        if self._lost_in_burst(burst, in_burst) or lost < setting.loss:
+            counts.lost += 1
+            return
+        if corrupt < setting.corrupt:
+            counts.corrupted += 1
+            # What is left of the number chooses the bit.
+            frame = _with_bit_flipped(frame, corrupt / setting.corrupt)
+        due_s = sent_s + setting.latency_s + (2.0 * delay - 1.0) * setting.jitter_s
+        if order < setting.reorder:
+            counts.reordered += 1
+            due_s += setting.reorder_by_s
+        else:
+            due_s = self._last_due_s = max(due_s, self._last_due_s)
+        self._push(due_s, frame)
+        if copy < setting.duplicate:
+            counts.duplicated += 1
+            self._push(due_s, frame)
+
+    @property
+    def next_due_s(self) -> float | None:
+        """Return when the next frame arrives; None when none is under way."""
+        return self._queue[0][0] if self._queue else None
+
+    def take(self, now_s: float) -> list[bytes]:
+        """Return the frames that have arrived by now, in their order."""
+        arrived = []
+        while self._queue and self._queue[0][0] <= now_s:
+            due_s, _, frame = heapq.heappop(self._queue)
+            # What was under way when the lights went out is gone too.
+            if self._dark(due_s):
+                self.counts.blacked_out += 1
+            else:
+                arrived.append(frame)
+        self.counts.delivered += len(arrived)
+        return arrived
+
+    def _push(self, due_s: float, frame: bytes) -> None:
+        self._number += 1
+        heapq.heappush(self._queue, (due_s, self._number, frame))
+
+    def _dark(self, t_s: float) -> bool:
+        if t_s < self._forced_until_s:
+            return True
+        since_s = t_s - self._opened_s
+        return any(blackout.covers(since_s) for blackout in self._set.blackouts)
+
+    def _through_bottleneck(self, size: int, now_s: float) -> float | None:
+        """Return when a frame has left the bottleneck; None when its queue is full."""
+        rate = self._set.bandwidth_bit_s
+        if rate is None:
+            return now_s
+        begin_s = max(now_s, self._busy_until_s)
+        if begin_s - now_s > self._set.queue_s:
+            return None
+        self._busy_until_s = begin_s + 8.0 * size / rate
+        return self._busy_until_s
+
+    def _lost_in_burst(self, change: float, luck: float) -> bool:
+        bursts = self._set.bursts
+        if bursts is None:
+            return False
+        if self._in_burst:
+            self._in_burst = change >= bursts.leave
+        else:
+            self._in_burst = change < bursts.enter
+        return luck < (bursts.loss_within if self._in_burst else bursts.loss_between)
+
+
+def _uniforms(rng: np.random.Generator) -> Iterator[tuple[float, ...]]:
+    while True:
+        yield from map(tuple, rng.random((_BLOCK, _DRAWS)).tolist())
+
+
+def _with_bit_flipped(frame: bytes, where: float) -> bytes:
+    bit = min(int(where * 8 * len(frame)), 8 * len(frame) - 1)
+    at = bit // 8
+    return frame[:at] + bytes([frame[at] ^ 1 << bit % 8]) + frame[at + 1 :]
+
+
+def _check_chance(name: str, value: float) -> None:
+    if not 0.0 <= value <= 1.0:
+        raise ValueError(f"{name} is {value}: it is a chance from 0 to 1")
