@@ -1,7 +1,9 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -12,10 +14,11 @@ from safety.oracles.gates import SceneGate, gates_of
 from safety.results import Flag, OracleResult
 from safety.samples import HeardSample, PoseSample, Stage, StageSample, StateSample
 from vehicles.autopilots.base import Mode
+from worlds.clearance import BoxShape, Clearance, ClearanceProbe
 from worlds.frames import Pose, Vec3
 from worlds.motion import Motion, StartOn, Waypoint
 from worlds.scene import Scene, SceneObject
-from worlds.shapes import gate
+from worlds.shapes import gate, room
 
 FENCE = Fence.box(north_m=(-1, 4), east_m=(-2, 2), up_m=(-0.5, 2.5))
 
@@ -604,3 +607,82 @@ def test_a_value_that_is_not_finite_never_reaches_a_result() -> None:
     result = judge.verdict(passed=True, actual=math.nan, margin=1.0)
     assert (result.verdict, result.actual, result.margin) == ("FAIL", None, None)
     assert "not finite" in result.detail
+
+
+# Against the real probe
+
+
+def probed(inner_size_m: float) -> Oracle:
+    things = (
+        SceneObject(1, "cage", room(6, 6, 2.5), Pose.of(1.5, 0, 0)),
+        SceneObject(2, "gate", gate("square", inner_size_m, 0.1), Pose.of(3, 0, 1.2)),
+    )
+    probe = ClearanceProbe(Scene(things), BoxShape((0.15, 0.15, 0.05)))
+    context = OracleContext(mode="wil", subject="real", vehicle="real", probe=probe)
+    return build("collision", context=context)
+
+
+def through(judge: Oracle, east_m: float, *, step_m: float) -> list[Flag]:
+    stage(judge, takeoff=0.0)
+    flags = list(judge.on_pose(pose(0.0, (0, east_m, -0.05))))
+    flags += judge.on_pose(pose(0.9, (0, east_m, -1.2)))
+    stage(judge, at_height=0.95)
+    for i in range(round(4.0 / step_m) + 1):
+        flags += judge.on_pose(pose(1.0 + i * step_m, (i * step_m, east_m, -1.2)))
+    return flags
+
+
+@pytest.mark.parametrize("step_m", [0.01, 0.4, 4.0])
+def test_the_middle_of_a_gate_is_clear_by_its_half_size_less_the_vehicle_s(step_m: float) -> None:
+    judge = probed(1.0)
+    assert through(judge, 0.0, step_m=step_m) == []
+    result = judge.result(9.0)
+    assert result.verdict == "PASS"
+    # 0.5 m to the bar, 0.15 m of vehicle
+    assert result.margin == pytest.approx(0.35, abs=2e-3)
+
+
+@pytest.mark.parametrize("step_m", [0.01, 0.4, 4.0])
+def test_a_bar_of_the_gate_is_touched_however_coarse_the_samples(step_m: float) -> None:
+    judge = probed(1.0)
+    flags = through(judge, 0.45, step_m=step_m)
+    assert [flag.text for flag in flags] == ["real touched gate.right"]
+    # The bar is 0.1 m thick at 3 m, the vehicle 0.15 m before and behind its centre, at 1 m/s.
+    assert 3.8 - 1e-3 <= flags[0].t_s <= 4.2 + 1e-3
+    result = judge.result(9.0)
+    assert (result.verdict, result.actual, result.margin) == ("FAIL", 0.0, 0.0)
+
+
+def test_limits_given_to_the_probe_change_no_result() -> None:
+    # Only what is nearer than ever, or near an episode, is asked for: the answer must be the same
+    # as when all is asked for.
+    class Asking:
+        def __init__(self, probe: ClearanceProbe) -> None:
+            self.probe = probe
+
+        def sweep(self, *stretch: Any, below_m: object = None) -> tuple[Clearance, ...]:
+            return self.probe.sweep(*stretch)
+
+    frugal, full = probed(0.6), probed(0.6)
+    vars(full)["_probe"] = Asking(vars(full)["_probe"])
+    rng = np.random.default_rng(3)
+    # To and fro through the bars and beside them.
+    walks = [(3.0 + 0.8 * math.sin(i / 7), *rng.uniform(-0.5, 0.5, 2)) for i in range(250)]
+    flags: list[list[str]] = []
+    for judge in (frugal, full):
+        stage(judge, takeoff=0.0, at_height=0.5)
+        poses = [pose(1.0 + i, (n, float(e), float(d) - 1.2)) for i, (n, e, d) in enumerate(walks)]
+        flags.append([f.text for each in poses for f in judge.on_pose(each)])
+    assert flags[0] == flags[1]
+    assert len(flags[0]) > 5
+    assert frugal.result(999.0).actual == full.result(999.0).actual == 0.0
+
+
+def test_limits_given_to_the_probe_keep_the_smallest_clearance() -> None:
+    judge, east_m = probed(1.0), [0.1, 0.2, 0.05, 0.15]
+    stage(judge, takeoff=0.0, at_height=0.5)
+    for i, east in enumerate(east_m):
+        assert not judge.on_pose(pose(1.0 + i, (3.0, east, -1.2)))
+    # 0.2 m aside in the gate: 0.5 - 0.2 - 0.15
+    assert judge.result(9.0).actual == pytest.approx(0.15, abs=2e-3)
+    assert judge.result(9.0).at_s == pytest.approx(2.0, abs=1e-6)

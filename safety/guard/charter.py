@@ -1,0 +1,161 @@
+"""What a guard's process is told at its start, as values and as what travels; pure."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, cast
+
+from safety.areas import Area, Circle, Polygon
+from safety.geofence import Fence
+from safety.guard.contingency import ContingencyPlan
+from safety.guard.events import GuardedVehicle, GuardSettings
+from vehicles.autopilots.base import AutopilotName, Mode, Target
+from vehicles.autopilots.registry import autopilot_named
+
+_LANDINGS = frozenset({Mode.LAND.value, Mode.RTL.value})
+
+
+class CharterError(ValueError):
+    """A charter that cannot be read; says why."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Guarded:
+    """A vehicle for a guard's process. link: its link string; empty for a free UDP port of
+    loopback, at which a vehicle is going to be started. gcs: link string of a ground station port
+    ("udpout://127.0.0.1:14550"); empty for none.
+    """
+
+    vehicle: GuardedVehicle
+    link: str = ""
+    gcs: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardCharter:
+    """All that a guard's process has to know.
+
+    folder: of the run, where it writes its journal and each vehicle's .tlog; run: what people
+    call the run. epoch_s: UTC at which the run clock was zero. token: what an operator's socket
+    command has to bring; empty for none (the socket is its owner's alone). patience_s: how long
+    after the orchestrator's end vehicles that can break nothing are given to come down.
+    """
+
+    run: str
+    folder: str
+    epoch_s: float
+    vehicles: Mapping[str, Guarded]
+    settings: GuardSettings = field(default_factory=GuardSettings)
+    plan: ContingencyPlan = field(default_factory=ContingencyPlan)
+    token: str = ""
+    patience_s: float = 120.0
+
+    def plain(self) -> dict[str, Any]:
+        """Return the charter in plain values, for `from_plain`."""
+        return {
+            "run": self.run,
+            "folder": self.folder,
+            "epoch_s": self.epoch_s,
+            "token": self.token,
+            "patience_s": self.patience_s,
+            "vehicles": {name: _plain_guarded(one) for name, one in self.vehicles.items()},
+            "settings": asdict(self.settings),
+            "plan": {**asdict(self.plan), "landing": self.plan.landing.value},
+        }
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> "GuardCharter":
+        """Return the charter of plain values. Raises CharterError."""
+        try:
+            plan = dict(plain["plan"])
+            plan["landing"] = _landing(plan["landing"])
+            charter = cls(
+                run=str(plain["run"]),
+                folder=str(plain["folder"]),
+                epoch_s=float(plain["epoch_s"]),
+                token=str(plain["token"]),
+                patience_s=float(plain["patience_s"]),
+                vehicles={name: _guarded(one) for name, one in plain["vehicles"].items()},
+                settings=GuardSettings(**plain["settings"]),
+                plan=ContingencyPlan(**plan),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise CharterError(f"the charter cannot be read: {error!r}") from error
+        if not charter.vehicles or not math.isfinite(charter.epoch_s):
+            raise CharterError("a charter names vehicles, and when the run clock was zero")
+        return charter
+
+
+def _plain_guarded(guarded: Guarded) -> dict[str, Any]:
+    vehicle = guarded.vehicle
+    return {
+        "link": guarded.link,
+        "gcs": guarded.gcs,
+        "autopilot": vehicle.autopilot.name,
+        "target": [vehicle.target.system, vehicle.target.component],
+        "fence": None if vehicle.fence is None else _plain_fence(vehicle.fence),
+        "attached": vehicle.attached,
+        "landing": vehicle.landing.value,
+        "terminate": vehicle.terminate,
+    }
+
+
+def _guarded(plain: Mapping[str, Any]) -> Guarded:
+    fence = plain["fence"]
+    return Guarded(
+        link=str(plain["link"]),
+        gcs=str(plain["gcs"]),
+        vehicle=GuardedVehicle(
+            autopilot=_autopilot(plain["autopilot"]),
+            target=Target(*plain["target"]),
+            fence=None if fence is None else _fence(fence),
+            attached=bool(plain["attached"]),
+            landing=_landing(plain["landing"]),
+            terminate=bool(plain["terminate"]),
+            gcs=bool(plain["gcs"]),
+        ),
+    )
+
+
+def _autopilot(name: str) -> Any:
+    try:
+        return autopilot_named(cast("AutopilotName", name))
+    except StopIteration as error:
+        raise ValueError(f"autopilot {name!r} is not known") from error
+
+
+def _landing(value: str) -> Literal[Mode.LAND, Mode.RTL]:
+    if value not in _LANDINGS:
+        raise ValueError(f"{value!r} is no way to land")
+    return Mode.RTL if value == Mode.RTL.value else Mode.LAND
+
+
+def _plain_fence(fence: Fence) -> dict[str, Any]:
+    return {
+        "inclusions": [_plain_area(area) for area in fence.inclusions],
+        "exclusions": [_plain_area(area) for area in fence.exclusions],
+        "floor_up_m": fence.floor_up_m,
+        "ceiling_up_m": fence.ceiling_up_m,
+    }
+
+
+def _fence(plain: Mapping[str, Any]) -> Fence:
+    return Fence(
+        inclusions=[_area(area) for area in plain["inclusions"]],
+        exclusions=[_area(area) for area in plain["exclusions"]],
+        floor_up_m=plain["floor_up_m"],
+        ceiling_up_m=plain["ceiling_up_m"],
+    )
+
+
+def _plain_area(area: Area) -> dict[str, Any]:
+    if isinstance(area, Circle):
+        return {"centre_m": list(area.centre_m), "radius_m": area.radius_m}
+    return {"corners_m": [list(corner) for corner in area.corners_m]}
+
+
+def _area(plain: Mapping[str, Any]) -> Area:
+    if "corners_m" in plain:
+        return Polygon(tuple((float(n), float(e)) for n, e in plain["corners_m"]))
+    north_m, east_m = plain["centre_m"]
+    return Circle((float(north_m), float(east_m)), float(plain["radius_m"]))

@@ -1,0 +1,372 @@
+"""What the orchestrator and the guard's process say to each other; pure.
+
+One message is one packet of a SOCK_SEQPACKET Unix socket: a byte that names its kind, then its
+body, little-endian. Frequent kinds have a fixed layout, the others msgpack:
+
+    kind  who            body
+    1     orchestrator   Charter: a map, see `charter`
+    2     orchestrator   Start: [vehicle, [argument, ...], {variable: value}]
+    3     both           Bytes: u8 vehicle, f64 t_s, MAVLink frames
+    4     orchestrator   Position: u8 vehicle, f64 t_s, 3 position, 4 attitude, 3 velocity
+    5     orchestrator   Alive: empty
+    6     orchestrator   Order: [order, text]
+    7     orchestrator   AnchorAt: [vehicle, [north, east, down], turn]
+    8     orchestrator   End: empty
+    16    guard          Opened: [pid, [port, ...]]
+    17    guard          Started: [vehicle, pid]
+    18    guard          Ended: [vehicle, exit code or nil, last words]
+    19    guard          OnWire: u8 vehicle, f64 t_s, one command frame that went to the vehicle
+    20    guard          Event: [t_s, kind, vehicle, text]
+    21    guard          Status: [latched or nil, all down, [phase, ...]]
+    22    guard          Failed: [text]
+
+Vehicles go by their place in the charter. Times are CLOCK_MONOTONIC, which all processes share.
+"""
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, cast, get_args
+
+import msgpack  # type: ignore[import-untyped]  # ships no types
+
+from safety.guard.contingency import Phase
+from safety.guard.events import Cause, EventKind, GuardEvent
+from worlds.frames import Quat, Vec3
+
+LONGEST_MESSAGE_BYTES = 1 << 17
+OrderKind = Literal["abort", "hold", "resume", "bring_down"]
+_ORDERS: frozenset[str] = frozenset(get_args(OrderKind))
+_EVENTS: frozenset[str] = frozenset(get_args(EventKind))
+_CAUSES: frozenset[str] = frozenset(get_args(Cause))
+_head = struct.Struct("<BBd")
+_position = struct.Struct("<BBd10d")
+
+
+class ProtocolError(ValueError):
+    """A packet that is none of the protocol's; says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class CharterMessage:
+    """What the guard is to guard, as plain values."""
+
+    plain: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Start a vehicle's process as a child of the guard."""
+
+    vehicle: str
+    argv: tuple[str, ...]
+    environment: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Bytes:
+    """MAVLink frames of the vehicle at `index`, or for it; t_s: when the guard had them."""
+
+    index: int
+    t_s: float
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """Where the vehicle at `index` is, world frame."""
+
+    index: int
+    t_s: float
+    position_ned_m: Vec3
+    q_wxyz: Quat
+    velocity_ned_m_s: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Alive:
+    """A sign of life of the orchestrator's event loop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A command; text: who gave it, or for bring_down the reason."""
+
+    kind: OrderKind
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorAt:
+    """Where a vehicle's local frame is in the world."""
+
+    vehicle: str
+    origin_ned_m: Vec3
+    turn_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """Nothing more is to be flown: reap and end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """The links are open; ports: the local UDP port of each, 0 for a link without one."""
+
+    pid: int
+    ports: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """A vehicle's process runs."""
+
+    vehicle: str
+    pid: int
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """A vehicle's process ended, or could not be started (exit_code None)."""
+
+    vehicle: str
+    exit_code: int | None
+    last_words: str
+
+
+@dataclass(frozen=True, slots=True)
+class OnWire:
+    """A command that just went to a vehicle."""
+
+    index: int
+    t_s: float
+    frame: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """An event of the guard."""
+
+    event: GuardEvent
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """Where the guard stands; sent several times a second, as its sign of life."""
+
+    latched: Cause | None
+    all_down: bool
+    phases: tuple[Phase, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """The guard could not begin; says why."""
+
+    text: str
+
+
+Message = (
+    CharterMessage
+    | Start
+    | Bytes
+    | Position
+    | Alive
+    | Order
+    | AnchorAt
+    | End
+    | Opened
+    | Started
+    | Ended
+    | OnWire
+    | Told
+    | Status
+    | Failed
+)
+
+
+def encode(message: Message) -> bytes:
+    """Return the packet of a message. Raises ProtocolError when it is too long."""
+    match message:
+        case Bytes(index, t_s, data):
+            packet = _head.pack(3, index, t_s) + data
+        case OnWire(index, t_s, frame):
+            packet = _head.pack(19, index, t_s) + frame
+        case Position(index, t_s, position, q_wxyz, velocity):
+            packet = _position.pack(4, index, t_s, *position, *q_wxyz, *velocity)
+        case Alive():
+            packet = b"\x05"
+        case End():
+            packet = b"\x08"
+        case _:
+            kind, body = _plain(message)
+            packet = bytes((kind,)) + cast("bytes", msgpack.packb(body))
+    if len(packet) > LONGEST_MESSAGE_BYTES:
+        raise ProtocolError(f"a message of {len(packet)} bytes is too long")
+    return packet
+
+
+def _plain(message: Message) -> tuple[int, Any]:
+    """Return kind and body of a message that is not frequent."""
+    match message:
+        case CharterMessage(plain):
+            return 1, plain
+        case Start(vehicle, argv, environment):
+            return 2, [vehicle, list(argv), environment]
+        case Order(kind, text):
+            return 6, [kind, text]
+        case AnchorAt(vehicle, origin, turn):
+            return 7, [vehicle, list(origin), turn]
+        case Opened(pid, ports):
+            return 16, [pid, list(ports)]
+        case Started(vehicle, pid):
+            return 17, [vehicle, pid]
+        case Ended(vehicle, code, words):
+            return 18, [vehicle, code, words]
+        case Told(event):
+            return 20, [event.t_s, event.kind, event.vehicle, event.text]
+        case Status(latched, all_down, phases):
+            return 21, [latched, all_down, [phase.name for phase in phases]]
+        case Failed(text):
+            return 22, [text]
+        case _:
+            raise ProtocolError(f"{type(message).__name__} is no message")
+
+
+def decode(packet: bytes) -> Message:
+    """Return the message of a packet. Raises ProtocolError for what is none."""
+    if not packet:
+        raise ProtocolError("an empty packet")
+    read = _READERS.get(packet[0])
+    if read is None:
+        raise ProtocolError(f"kind {packet[0]} is not known")
+    try:
+        return read(packet)
+    except ProtocolError:
+        raise
+    except (struct.error, ValueError, TypeError, KeyError, msgpack.UnpackException) as error:
+        raise ProtocolError(f"kind {packet[0]}: {error}") from error
+
+
+def _read_bytes(packet: bytes) -> Message:
+    kind, index, t_s = _head.unpack_from(packet)
+    _require_finite(t_s)
+    data = packet[_head.size :]
+    return Bytes(index, t_s, data) if kind == 3 else OnWire(index, t_s, data)
+
+
+def _read_position(packet: bytes) -> Message:
+    # NaN in a position is for the core to judge: it says so once and goes on.
+    _, index, t_s, n, e, d, w, x, y, z, vn, ve, vd = _position.unpack(packet)
+    _require_finite(t_s)
+    return Position(index, t_s, (n, e, d), (w, x, y, z), (vn, ve, vd))
+
+
+def _body(packet: bytes) -> Any:
+    return msgpack.unpackb(packet[1:], strict_map_key=True)
+
+
+def _read_charter(packet: bytes) -> Message:
+    plain = _body(packet)
+    if not isinstance(plain, dict):
+        raise ProtocolError("a charter is a map")
+    return CharterMessage(plain)
+
+
+def _read_start(packet: bytes) -> Message:
+    vehicle, argv, environment = _body(packet)
+    texts = [vehicle, *argv, *environment, *environment.values()]
+    if not argv:
+        raise ProtocolError("nothing to start")
+    _texts(*texts)
+    return Start(vehicle, tuple(argv), environment)
+
+
+def _read_order(packet: bytes) -> Message:
+    kind, text = _texts(*_body(packet))
+    if kind not in _ORDERS:
+        raise ProtocolError(f"order {kind!r} is not known")
+    return Order(cast("OrderKind", kind), text)
+
+
+def _read_anchor(packet: bytes) -> Message:
+    vehicle, (north, east, down), turn = _body(packet)
+    _texts(vehicle)
+    _require_finite(north, east, down, turn)
+    return AnchorAt(vehicle, (float(north), float(east), float(down)), float(turn))
+
+
+def _read_opened(packet: bytes) -> Message:
+    pid, ports = _body(packet)
+    return Opened(*_integers(pid), _integers(*ports))
+
+
+def _read_started(packet: bytes) -> Message:
+    vehicle, pid = _body(packet)
+    return Started(*_texts(vehicle), *_integers(pid))
+
+
+def _read_ended(packet: bytes) -> Message:
+    vehicle, code, words = _body(packet)
+    vehicle, words = _texts(vehicle, words)
+    return Ended(vehicle, None if code is None else _integers(code)[0], words)
+
+
+def _read_event(packet: bytes) -> Message:
+    t_s, kind, vehicle, text = _body(packet)
+    _require_finite(t_s)
+    kind, vehicle, text = _texts(kind, vehicle, text)
+    if kind not in _EVENTS:
+        raise ProtocolError(f"event {kind!r} is not known")
+    return Told(GuardEvent(float(t_s), cast("EventKind", kind), vehicle, text))
+
+
+def _read_status(packet: bytes) -> Message:
+    latched, all_down, phases = _body(packet)
+    if latched is not None and latched not in _CAUSES:
+        raise ProtocolError(f"cause {latched!r} is not known")
+    return Status(
+        cast("Cause | None", latched), bool(all_down), tuple(Phase[name] for name in _texts(*phases))
+    )
+
+
+def _read_failed(packet: bytes) -> Message:
+    return Failed(*_texts(*_body(packet)))
+
+
+def _texts(*values: Any) -> tuple[str, ...]:
+    if not all(isinstance(value, str) for value in values):
+        raise ProtocolError(f"{values!r} are not all texts")
+    return values
+
+
+def _integers(*values: Any) -> tuple[int, ...]:
+    if not all(type(value) is int for value in values):
+        raise ProtocolError(f"{values!r} are not all integers")
+    return values
+
+
+def _require_finite(*values: Any) -> None:
+    if not all(isinstance(value, float | int) and math.isfinite(value) for value in values):
+        raise ProtocolError(f"{values!r} are not all finite numbers")
+
+
+_READERS: dict[int, Callable[[bytes], Message]] = {
+    1: _read_charter,
+    2: _read_start,
+    3: _read_bytes,
+    4: _read_position,
+    5: lambda _: Alive(),
+    6: _read_order,
+    7: _read_anchor,
+    8: lambda _: End(),
+    16: _read_opened,
+    17: _read_started,
+    18: _read_ended,
+    19: _read_bytes,
+    20: _read_event,
+    21: _read_status,
+    22: _read_failed,
+}
