@@ -52,6 +52,8 @@ class RtpSink:
             self._stream = self._container.add_stream("libx264", rate=self._settings.rate)
             self._stream.time_base = RTP_CLOCK
             self._settings.configure(self._stream.codec_context, width, height)
+            # Else the host's name is looked up with the first picture.
+            self._container.start_encoding()
         except (av.error.FFmpegError, OSError, ValueError) as error:
             said = getattr(error, "strerror", None) or error
             raise DeliveryError(

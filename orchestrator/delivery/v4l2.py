@@ -35,6 +35,7 @@ class V4l2Sink:
             self._stream = self._container.add_stream("rawvideo", rate=self._rate)
             self._stream.width, self._stream.height = self._size[0] & ~1, self._size[1] & ~1
             self._stream.pix_fmt = "yuv420p"
+            self._container.start_encoding()
         except (av.error.FFmpegError, OSError, ValueError) as error:
             said = getattr(error, "strerror", None) or error
             raise DeliveryError(

@@ -22,7 +22,9 @@ _LOW_DELAY: Mapping[str, str] = {
 }
 _NETWORK: Mapping[str, str] = {
     **_LOW_DELAY,
-    "reorder_queue_size": "8",
+    # A queue holds all back while it waits for what was lost, and takes the numbers of a sender
+    # that starts anew for old ones. What comes out of order counts as lost.
+    "reorder_queue_size": "0",
     "buffer_size": "1048576",
 }
 
