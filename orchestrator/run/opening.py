@@ -14,6 +14,8 @@ from vehicles.autopilots.registry import autopilot_named
 from vehicles.driver import Driver
 from vehicles.links.memory import memory_pair
 
+_OTHERS_TRUTH_HZ = 50.0
+"""The truth of a vehicle that nobody judges by it: its camera interpolates, and it is recorded."""
 _CLOCK_DRIFT = 2e-4
 """The worst crystal that a vehicle's clock has, ten times over; only SITL drifts by more."""
 
@@ -63,14 +65,16 @@ async def open_pair(setup: RunSetup, *, record: Record) -> AsyncIterator[Pair]:
         await stack.enter_async_context(guard)
         feeds: dict[str, Feed] = {}
         for vehicle, station in zip(setup.vehicles, stations, strict=True):
+            truth_hz = TRUTH_HZ if vehicle.name == setup.subject else _OTHERS_TRUTH_HZ
             feeds[vehicle.name] = feed = await hangar.start(stack, vehicle)
             await stack.enter_async_context(station.driver)
-            _wire(station, feed, guard)
+            _wire(station, feed, guard, truth_hz=truth_hz)
         yield Pair(tuple(stations), feeds, guard)
 
 
-def _wire(station: Station, feed: Feed, guard: GuardShell) -> None:
+def _wire(station: Station, feed: Feed, guard: GuardShell, *, truth_hz: float) -> None:
     station.driver.on_estimate(station.take_estimate)
-    feed.on_mocap(station.take_mocap)
-    feed.on_truth(station.take_truth, TRUTH_HZ)
+    if station.pose_source == "mocap":
+        feed.on_mocap(station.take_mocap)
+    feed.on_truth(station.take_truth, truth_hz)
     station.on_pose(guard.position)

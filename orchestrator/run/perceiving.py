@@ -86,6 +86,7 @@ class Perception:
         """From the takeoff on, take, mix and deliver pictures until cancelled."""
         await self.course.reaching("takeoff")
         async with asyncio.TaskGroup() as group:
+            group.create_task(self.course.reaching("end"), name="perception without cameras")
             for camera, deliver in self.cameras:
                 group.create_task(camera.run(deliver), name="camera")
             if self.mixing is not None:

@@ -171,10 +171,15 @@ async def _finish(run: _Run, flight: "asyncio.Task[None]") -> None:
 def _end_of_background(run: _Run, background: list["asyncio.Task[None]"]) -> None:
     """Take what ended a task that should go on until the end: an error of ours."""
     for task in background:
-        if task.done() and not task.cancelled() and (error := task.exception()) is not None:
-            cause = _innermost(error)
-            run.recorder.note("error", trace="".join(traceback.format_exception(error)))
-            run.course.decide("ERROR", f"{task.get_name()}: {type(cause).__name__}: {cause}")
+        if not task.done() or task.cancelled():
+            continue
+        error = task.exception()
+        if error is None:
+            run.course.decide("ERROR", f"{task.get_name()} ended before the flight did")
+            continue
+        cause = _innermost(error)
+        run.recorder.note("error", trace="".join(traceback.format_exception(error)))
+        run.course.decide("ERROR", f"{task.get_name()}: {type(cause).__name__}: {cause}")
 
 
 def _unhandled(course: Course, context: dict[str, Any]) -> None:
