@@ -5,10 +5,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue, ValidationError, field_validator
 
-from recipes.recipe import Combination, Recipe, Sensor, Step
+from recipes.recipe import Budget, Combination, Recipe, Sensor, Step
 from recipes.registry import STAGES, Stage, StepParameters, StepType, find, resembling, steps
 from recipes.working import SIDES, Side
-from worlds.documents import BadInput, Data, Document, Part, Path, Problem, check, closest
+from worlds.documents import (
+    BadInput,
+    Data,
+    Document,
+    KeyFaultError,
+    Part,
+    Path,
+    Problem,
+    check,
+    closest,
+)
 
 SCHEMA = "wil/recipe/1"
 
@@ -16,11 +26,29 @@ MAX_SKEW_MS = 100.0
 """Bound of the skew where a recipe sets none: an overlay is never held for ever."""
 
 
-class SensorPart(Part):
-    """One sensor: its type, and the rate of its mixed readings."""
+SensorType = Literal[
+    "camera",
+    "depth",
+    "lidar",
+    "lidar_points",
+    "rangefinder",
+    "gps",
+    "pose",
+    "imu",
+    "microphone",
+]
 
-    type: Literal["camera"]
-    rate_hz: Annotated[float, Field(gt=0, le=1000)] | None = None
+
+class SensorPart(Part):
+    """One sensor: the type and rate of its mixed readings.
+
+    real_type, twin_type: what a source delivers, where a transform makes it into `type`.
+    """
+
+    type: SensorType
+    rate_hz: Annotated[float, Field(gt=0, le=100_000)] | None = None
+    real_type: SensorType | None = None
+    twin_type: SensorType | None = None
 
 
 class CombinePart(Part):
@@ -32,6 +60,10 @@ class CombinePart(Part):
     merge: JsonValue
     publish: Annotated[list[Side], Field(min_length=1)] = Field(default_factory=lambda: [*SIDES])
     max_skew_ms: Annotated[float, Field(gt=0, le=10_000)] = MAX_SKEW_MS
+    max_latency_ms: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    min_rate_hz: Annotated[float, Field(gt=0, le=100_000)] | None = None
+    max_registration_error_px: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    publish_raw: bool = False
 
     @field_validator("publish")
     @classmethod
@@ -42,12 +74,24 @@ class CombinePart(Part):
 
 
 class RecipePart(Part):
-    """A recipe file."""
+    """A recipe file. twins: names of the twins; there is room for several, and one flies now."""
 
     schema_: Literal["wil/recipe/1"] = Field(alias="schema")
     description: str = ""
+    twins: Annotated[list[str], Field(min_length=1)] = Field(default_factory=lambda: ["twin"])
     sensors: Annotated[dict[str, SensorPart], Field(min_length=1)]
     combine: Annotated[list[CombinePart], Field(min_length=1)]
+
+    @field_validator("twins")
+    @classmethod
+    def _one_twin(cls, twins: list[str]) -> list[str]:
+        if len(twins) > 1:
+            raise KeyFaultError(
+                1, "several twins are not supported yet: a pair is one real vehicle and one twin"
+            )
+        if twins[0] != "twin":
+            raise KeyFaultError(0, "the one twin is called 'twin'", "twin")
+        return twins
 
 
 def load_recipe(document: Document) -> Recipe:
@@ -58,7 +102,10 @@ def load_recipe(document: Document) -> Recipe:
         part = check(document, RecipePart)
     except BadInput as error:
         raise BadInput(_in_order([*error.problems, *reader.problems])) from None
-    sensors = tuple(Sensor(name, one.type, one.rate_hz) for name, one in part.sensors.items())
+    sensors = tuple(
+        Sensor(name, one.type, one.rate_hz, one.real_type, one.twin_type)
+        for name, one in part.sensors.items()
+    )
     _check_sensors(reader, part, sensors, parsed)
     _check_receivers(reader, part)
     if reader.problems:
@@ -80,7 +127,13 @@ def _combination(part: CombinePart, sensors: tuple[Sensor, ...], found: list[Ste
         steps=tuple(step for step in found if step.kind.stage != "merge"),
         merge=next(step for step in found if step.kind.stage == "merge"),
         publish=tuple(part.publish),
-        max_skew_s=part.max_skew_ms / 1000.0,
+        budget=Budget(
+            max_skew_s=part.max_skew_ms / 1000.0,
+            max_latency_s=None if part.max_latency_ms is None else part.max_latency_ms / 1000.0,
+            min_rate_hz=part.min_rate_hz,
+            max_registration_error_px=part.max_registration_error_px,
+        ),
+        publish_raw=part.publish_raw,
     )
 
 
@@ -91,18 +144,56 @@ def _in_order(problems: list[Problem]) -> list[Problem]:
 def _check_sensors(
     reader: "_Reader", part: RecipePart, sensors: tuple[Sensor, ...], parsed: list[list[Step]]
 ) -> None:
-    kinds = {sensor.name: sensor.kind for sensor in sensors}
+    known = {sensor.name: sensor for sensor in sensors}
     for index, (one, found) in enumerate(zip(part.combine, parsed, strict=True)):
-        kind = kinds.get(one.sensor)
-        if kind is None:
+        sensor = known.get(one.sensor)
+        if sensor is None:
             message = f"no sensor '{one.sensor}' is declared under 'sensors'"
-            reader.note(("combine", index, "sensor"), message, closest(one.sensor, kinds))
-            continue
-        for step in found:
-            if kind not in step.kind.sensors:
-                works = " and ".join(step.kind.sensors)
-                message = f"step '{step.kind.name}' works on {works}, not on {kind}"
-                reader.note(step.path, message, key=True)
+            reader.note(("combine", index, "sensor"), message, closest(one.sensor, known))
+        else:
+            _check_kinds(reader, sensor, found)
+        if one.max_registration_error_px is not None and sensor and sensor.kind not in _PICTURES:
+            message = f"a {sensor.kind} has no pixels to be registered"
+            reader.note(("combine", index, "max_registration_error_px"), message, key=True)
+
+
+_PICTURES = ("camera", "depth")
+
+
+def _check_kinds(reader: "_Reader", sensor: Sensor, found: list[Step]) -> None:
+    """Follow what each side delivers through the steps; refuse what a step cannot work on."""
+    kinds: dict[Side, str] = {side: sensor.kind_of(side) for side in SIDES}
+    for step in found:
+        if step.kind.stage == "merge":
+            _check_merged(reader, sensor, kinds, step)
+        sides: tuple[Side, ...] = step.parameters.sides()
+        if not sides:
+            sides = ("twin",) if step.kind.stage != "merge" else SIDES
+        for kind in dict.fromkeys(kinds[side] for side in sides):
+            refusal = _refusal(step, kind)
+            if refusal:
+                reader.note(step.path, refusal, key=True)
+                return
+        for side in sides:
+            kinds[side] = step.kind.gives.get(kinds[side], kinds[side])
+
+
+def _refusal(step: Step, kind: str) -> str:
+    if kind not in step.kind.sensors:
+        works = " and ".join(step.kind.sensors)
+        return f"step '{step.kind.name}' works on {works}, not on {kind}"
+    return step.parameters.refuses(kind)
+
+
+def _check_merged(reader: "_Reader", sensor: Sensor, kinds: dict[Side, str], merge: Step) -> None:
+    for side in SIDES:
+        if kinds[side] != sensor.kind:
+            message = (
+                f"{sensor.name} is a {sensor.kind}, but {side} comes to its merge as {kinds[side]};"
+                " a transform has to make one of the other"
+            )
+            reader.note(merge.path, message, key=True)
+            kinds[side] = sensor.kind
 
 
 def _check_receivers(reader: "_Reader", part: RecipePart) -> None:
@@ -153,6 +244,9 @@ class _Reader:
         if isinstance(given, str):
             kind = self._kind(at, given, stage)
             return self._bare(at, kind) if kind is not None else []
+        if isinstance(given, dict) and "use" in given:
+            own = find("use", stage)
+            return self._checked(own, at, shorthand=False) if own is not None else []
         if not isinstance(given, dict) or len(given) != 1:
             example = next(kind.name for kind in steps() if kind.stage == stage)
             self.note(at, f"a step is its name, or one mapping {{{example}: parameters}}")
@@ -161,12 +255,19 @@ class _Reader:
         kind = self._kind((*at, name), name, stage)
         if kind is None:
             return []
+        return self._checked(kind, (*at, name), shorthand=not isinstance(value, dict))
+
+    def _checked(self, kind: StepType, at: Path, *, shorthand: bool) -> list[Step]:
+        """Return the step whose parameters stand at a path, when nothing is wrong with them."""
         try:
-            parameters = check(self.document, kind.parameters, (*at, name))
+            parameters = check(self.document, kind.parameters, at)
         except BadInput as error:
             self.problems += error.problems
             return []
-        return [Step(kind, parameters, (*at, name), not isinstance(value, dict))]
+        step = Step(kind, parameters, at, shorthand)
+        for fault in parameters.faults(self.document.path.parent):
+            self.note(step.place_of(fault.path), fault.message, fault.suggestion)
+        return [step]
 
     def _bare(self, at: Path, kind: StepType) -> list[Step]:
         try:
@@ -178,7 +279,7 @@ class _Reader:
         return [Step(kind, parameters, at)]
 
     def _kind(self, at: Path, name: str, stage: Stage) -> StepType | None:
-        kind = find(name)
+        kind = find(name, stage)
         if kind is None:
             meant = resembling(name, stage)
             known = ", ".join(one.name for one in steps() if one.stage == stage)

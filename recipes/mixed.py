@@ -1,9 +1,14 @@
 """What a mixture is, and what is told of it."""
 
 from dataclasses import dataclass
+from typing import Generic
+
+from typing_extensions import TypeVar
 
 from recipes.working import DropReason
-from vehicles.readings import CameraReading
+from vehicles.readings import CameraReading, Reading
+
+R = TypeVar("R", bound=Reading, default=CameraReading)
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,12 +23,13 @@ class StageTime:
 class Provenance:
     """Where a mixed reading comes from.
 
-    real_*, twin_*: number and middle of exposure (run clock) of the inputs; None when there was
-    none. skew_ms: by how much the exposures differ, without sign; None when one is missing.
-    latency_ms: from the real exposure to now; None without a real picture. alignment: how the
-    pose of the twin's picture was found, as the caller says. dropped: why nothing of the twin
-    is in the mixture, or why there is no mixture; None when all is in. detail: the same in a
-    sentence. stages: empty without a clock, so that virtual runs repeat to the byte.
+    real_*, twin_*: number and middle of exposure (run clock) of the inputs, where a step chose
+    among several of the one chosen; None when there was none. skew_ms: by how much the exposures
+    differ, without sign; None when one is missing. latency_ms: from the real exposure to now; None
+    without a real reading. alignment: how the pose of the twin's reading was found, as the caller
+    says. dropped: why nothing of the twin is in the mixture, or why there is no mixture; None when
+    all is in. detail: the same in a sentence. stages: empty without a clock, so that virtual runs
+    repeat to the byte.
     """
 
     real_seq: int | None
@@ -39,10 +45,10 @@ class Provenance:
 
 
 @dataclass(frozen=True, slots=True)
-class Mixed:
+class Mixed(Generic[R]):
     """A mixed reading, or None where there is nothing to show, and its provenance."""
 
-    reading: CameraReading | None
+    reading: R | None
     provenance: Provenance
 
 
@@ -51,9 +57,11 @@ class MixCounts:
     """What became of the frames so far.
 
     frames: calls. mixed: with everything in. dropped: each reason and how often; such a frame
-    shows the real picture alone, or nothing where that is what was missing.
+    shows the real reading alone, or nothing where that is what was missing. faults: what was
+    wrong with readings that were refused, as "twin not_finite", and how often.
     """
 
     frames: int
     mixed: int
     dropped: tuple[tuple[DropReason, int], ...]
+    faults: tuple[tuple[str, int], ...] = ()

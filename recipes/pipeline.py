@@ -1,34 +1,33 @@
 """The mixing pipeline: a recipe and the readings of both worlds in, the mixed reading out.
 
-Pure but for its buffers: what `mix` returns depends on the readings that it is given and on
-nothing else, unless a clock is handed in to measure the steps.
+Pure but for its buffers and for what its steps remember: what `mix` returns depends on the
+readings that it was given and on nothing else, unless a clock is handed in to measure the steps.
 """
 
-import math
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import cast
+from collections.abc import Mapping
+from typing import TypeVar, cast
 
-import numpy as np
-
+from recipes.intake import Intake
 from recipes.mixed import MixCounts, Mixed, Provenance, StageTime
+from recipes.perceived import perceived
 from recipes.recipe import Combination, Recipe
 from recipes.registry import Context
+from recipes.stages import Merging, Stage, Stopwatch, compile_stages
 from recipes.working import (
-    SIDES,
+    AnyMasked,
     CannotMixError,
     DropReason,
     Masked,
-    Merge,
     Need,
-    Operator,
     PoseRequest,
     Side,
 )
-from vehicles.readings import CameraReading
+from vehicles.readings import Reading
 
-Stopwatch = Callable[[], float]
+__all__ = ["Mixer", "Stopwatch", "compile_recipe"]
+
+R = TypeVar("R", bound=Reading)
 
 _STAMP_S = 1e-6
 """MAVLink stamps count microseconds: a skew at its limit is within it."""
@@ -42,69 +41,55 @@ def compile_recipe(
 ) -> tuple["Mixer", ...]:
     """Return a mixer for each combination of a recipe, in their order.
 
-    object_ids: what `object_ids` of the twin's pictures mean. stopwatch: seconds, to measure the
+    object_ids: what `object_ids` of the twin's readings mean. stopwatch: seconds, to measure the
     steps; None leaves the provenance without durations. Raises ValueError for an object that
     the world has not (`Recipe.unknown_objects` says it with its place).
     """
-    context = Context(object_ids)
-    return tuple(_compile(one, context, stopwatch) for one in recipe.combinations)
+    context = Context(object_ids, recipe.document.path.parent)
+    return tuple(_compile(one, context, recipe, stopwatch) for one in recipe.combinations)
 
 
-@dataclass(frozen=True, slots=True)
-class _Stage:
-    name: str
-    sides: tuple[Side, ...]
-    operators: Mapping[Side, Operator]
-    """One operator for each side: each has buffers, and perhaps a memory, of its own."""
-
-
-def _compile(combination: Combination, context: Context, stopwatch: Stopwatch | None) -> "Mixer":
-    stages: list[_Stage] = []
-    request: PoseRequest | None = None
-    needs: frozenset[Need] = frozenset()
-    for step in combination.steps:
-        sides = step.parameters.sides()
-        needs |= step.parameters.needs
-        built = {side: step.kind.build(step.parameters, context) for side in sides or SIDES[1:]}
-        first = next(iter(built.values()))
-        if isinstance(first, PoseRequest):
-            request = first
-        else:
-            stages.append(_Stage(step.kind.name, sides, cast("Mapping[Side, Operator]", built)))
-    merge = combination.merge
+def _compile(
+    combination: Combination, context: Context, recipe: Recipe, stopwatch: Stopwatch | None
+) -> "Mixer":
+    compiled = compile_stages(combination, context, recipe.document)
     return Mixer(
         combination=combination,
-        stages=tuple(stages),
-        merge=cast("Merge", merge.kind.build(merge.parameters, context)),
-        pose_request=request,
-        needs=needs | merge.parameters.needs,
+        stages=compiled.stages,
+        merging=compiled.merging,
+        pose_request=compiled.pose_request,
+        needs=compiled.needs,
         stopwatch=stopwatch,
     )
 
 
 class Mixer:
-    """Mixes the readings of one sensor.
+    """Mixes the readings of one sensor, of whatever type.
 
     Hand it one pair at a time: its steps keep buffers. What it returns shares no buffer with it,
-    but may share the real picture, unchanged, where nothing is laid over it.
+    but may share the real reading, unchanged, where nothing is laid over it.
     """
 
     def __init__(
         self,
         *,
         combination: Combination,
-        stages: tuple[_Stage, ...],
-        merge: Merge,
+        stages: tuple[Stage, ...],
+        merging: Merging,
         pose_request: PoseRequest | None,
-        needs: frozenset[Need],
+        needs: Mapping[Side, frozenset[Need]],
         stopwatch: Stopwatch | None,
     ) -> None:
         self.combination = combination
         self.pose_request = pose_request
-        self.needs = needs
+        self.needs = needs["twin"]
+        self.real_needs = needs["real"]
         self._stages = stages
-        self._merge = merge
+        self._merging = merging
         self._stopwatch = stopwatch
+        sensor = combination.sensor
+        self._real = Intake("real", sensor.kind_of("real"))
+        self._twin = Intake("twin", sensor.kind_of("twin"))
         self._frames = 0
         self._mixed = 0
         self._dropped: Counter[DropReason] = Counter()
@@ -121,135 +106,191 @@ class Mixer:
 
     def counts(self) -> MixCounts:
         """Return what became of the frames so far."""
-        return MixCounts(self._frames, self._mixed, tuple(sorted(self._dropped.items())))
+        faults = sorted((self._real.faults + self._twin.faults).items())
+        dropped = tuple(sorted(self._dropped.items()))
+        return MixCounts(self._frames, self._mixed, dropped, tuple(faults))
+
+    def offer(self, side: Side, reading: Reading) -> None:
+        """Take a reading that no mixture asks for: a step may choose it later by its time.
+
+        For sources faster than the mixing, where the recipe resamples or delays; readings that
+        `mix` is given need not be offered. One that is at fault is counted and left out.
+        """
+        intake = self._real if side == "real" else self._twin
+        if intake.fault_of(reading) is None:
+            for stage in self._stages:
+                stage.offer(side, reading)
 
     def mix(
         self,
-        real: CameraReading | None,
-        twin: CameraReading | None,
+        real: R | None,
+        twin: Reading | None,
         *,
         now_s: float,
         alignment: str = "",
-    ) -> Mixed:
+    ) -> Mixed[R]:
         """Return the mixture of two readings, delivered at `now_s` on the run clock.
 
-        The real picture sets the time: without one there is no mixture, for a vehicle whose
-        camera is silent must not be told that it sees. Without a usable twin's picture (none,
-        too far in time, wrong size) the real one passes through; both are counted and said.
-        alignment: how the pose of the twin's picture was found, for the record.
+        The real reading sets the time: without one there is no mixture, for a vehicle whose
+        sensor is silent must not be told that it senses. Without a usable one of the twin (none,
+        too far in time, too late, wrong size) the real one passes through; both are counted and
+        said. alignment: how the pose of the twin's reading was found, for the record. Raises
+        StepError when a step fails by a fault of its own.
         """
-        times: list[StageTime] = []
-        reading, fault = self._run(real, twin, times)
+        run = _Frame(self._stages, self._merging, self._stopwatch, self._frames)
         self._frames += 1
+        reading, fault = self._run(run, real, twin, now_s)
         if fault is None:
             self._mixed += 1
         else:
             self._dropped[fault.reason] += 1
-        mixed = None if reading is None or real is None else perceived(reading, real, now_s)
-        provenance = _provenance(real, twin, now_s, fault)
-        return Mixed(mixed, replace(provenance, alignment=alignment, stages=tuple(times)))
+        used = run.sides.get("real")
+        mixed = None if reading is None or used is None else perceived(reading, used.reading, now_s)
+        told = _provenance(
+            real=run.used("real", real),
+            twin=run.used("twin", twin),
+            now_s=now_s,
+            fault=fault,
+            alignment=alignment,
+            times=run.times,
+        )
+        return Mixed(cast("R | None", mixed), told)
 
     def _run(
-        self, real: CameraReading | None, twin: CameraReading | None, times: list[StageTime]
-    ) -> tuple[CameraReading | None, CannotMixError | None]:
+        self, run: "_Frame", real: Reading | None, twin: Reading | None, now_s: float
+    ) -> tuple[Reading | None, CannotMixError | None]:
         """Return what is to be seen, if anything, and what is missing of the mixture, if so."""
         if real is None:
-            return None, CannotMixError("no_real", "no picture of the real camera")
-        if (fault := _fault_of(real)) is not None:
-            return None, CannotMixError("bad_real", fault)
-        try:
-            usable = self._usable(real, twin)
-            return self._apply({"real": Masked(real), "twin": Masked(usable)}, times), None
-        except CannotMixError as fault_of_twin:
-            reason = fault_of_twin
-        try:
-            return self._apply({"real": Masked(real)}, times), reason
-        except CannotMixError as second:
-            return None, second
-
-    def _usable(self, real: CameraReading, twin: CameraReading | None) -> CameraReading:
+            return None, CannotMixError("no_real", f"no {self._real.kind} reading of real")
+        if (bad := self._real.fault_of(real)) is not None:
+            return None, CannotMixError("bad_real", bad)
+        run.sides["real"] = Masked(real)
+        fault: CannotMixError | None = None
         if twin is None:
-            raise CannotMixError("no_twin", "no picture of the twin's camera")
-        if (fault := _fault_of(twin)) is not None:
-            raise CannotMixError("bad_twin", fault)
-        skew_s, limit_s = abs(real.t_s - twin.t_s), self.combination.max_skew_s
-        if skew_s > limit_s + _STAMP_S:
-            raise CannotMixError(
-                "stale",
-                f"exposures {skew_s * 1000:.0f} ms apart, more than {limit_s * 1000:.0f} ms",
-            )
-        return twin
+            fault = CannotMixError("no_twin", f"no {self._twin.kind} reading of the twin")
+        elif (bad := self._twin.fault_of(twin)) is not None:
+            fault = CannotMixError("bad_twin", bad)
+        else:
+            run.sides["twin"] = Masked(twin)
+        try:
+            fault = run.apply() or fault
+            fault = self._overdue(run.sides, now_s) or fault
+            return run.merged(fault)
+        except CannotMixError as nothing:
+            return None, nothing
 
-    def _apply(self, sides: dict[Side, Masked], times: list[StageTime]) -> CameraReading:
-        """Run the steps on the sides that are there, then the merge."""
+    def _overdue(self, sides: dict[Side, AnyMasked], now_s: float) -> CannotMixError | None:
+        """Leave out the twin's reading when it is too far in time, or too late."""
+        if "twin" not in sides:
+            return None
+        real_s, twin_s = sides["real"].reading.t_s, sides["twin"].reading.t_s
+        budget = self.combination.budget
+        skew_s, age_s = abs(real_s - twin_s), now_s - min(real_s, twin_s)
+        if skew_s > budget.max_skew_s + _STAMP_S:
+            reason: DropReason = "stale"
+            said = f"exposures {_ms(skew_s)} apart, more than {_ms(budget.max_skew_s)}"
+        elif budget.max_latency_s is not None and age_s > budget.max_latency_s + _STAMP_S:
+            reason = "late"
+            said = f"{_ms(age_s)} old at delivery, more than {_ms(budget.max_latency_s)}"
+        else:
+            return None
+        del sides["twin"]
+        return CannotMixError(reason, said)
+
+
+class _Frame:
+    """One run of the steps: the sides as they become, and how long each step took."""
+
+    __slots__ = ("_frame", "_merging", "_stages", "_stopwatch", "sides", "times")
+
+    def __init__(
+        self,
+        stages: tuple[Stage, ...],
+        merging: Merging,
+        stopwatch: Stopwatch | None,
+        frame: int,
+    ) -> None:
+        self._stages = stages
+        self._merging = merging
+        self._stopwatch = stopwatch
+        self._frame = frame
+        self.sides: dict[Side, AnyMasked] = {}
+        self.times: list[StageTime] = []
+
+    def used(self, side: Side, given: Reading | None) -> Reading | None:
+        """Return the reading of a side that counts: the one chosen by a step, or the given."""
+        work = self.sides.get(side)
+        return given if work is None else cast("Reading", work.reading)
+
+    def apply(self) -> CannotMixError | None:
+        """Run the steps on the sides that are there; return why the twin's was left out.
+
+        Raises CannotMixError when it is the real side that cannot be worked on.
+        """
+        left_out: CannotMixError | None = None
         for stage in self._stages:
             started_s = self._now()
             for side in stage.sides:
-                if side in sides:
-                    other: Side = "twin" if side == "real" else "real"
-                    sides[side] = stage.operators[side](sides[side], sides.get(other))
-            self._note(times, stage.name, started_s)
+                if side not in self.sides:
+                    continue
+                try:
+                    self.sides[side] = stage.apply(side, self.sides, self._frame)
+                except CannotMixError as fault:
+                    if side == "real":
+                        raise
+                    left_out = fault
+                    del self.sides["twin"]
+            self._note(stage.name, started_s)
+        return left_out
+
+    def merged(self, fault: CannotMixError | None) -> tuple[Reading, CannotMixError | None]:
+        """Return the merged reading; the real side's alone, and why, when the two do not fit."""
         started_s = self._now()
-        merged = self._merge(sides)
-        self._note(times, self.combination.merge.kind.name, started_s)
-        return merged
+        try:
+            reading = self._merging.apply(self.sides, self._frame)
+        except CannotMixError as mismatch:
+            if "twin" not in self.sides:
+                raise
+            fault = mismatch
+            reading = self._merging.apply({"real": self.sides["real"]}, self._frame)
+        self._note(self._merging.name, started_s)
+        return reading, fault
 
     def _now(self) -> float:
         return self._stopwatch() if self._stopwatch is not None else 0.0
 
-    def _note(self, times: list[StageTime], name: str, started_s: float) -> None:
+    def _note(self, name: str, started_s: float) -> None:
         if self._stopwatch is not None:
-            times.append(StageTime(name, self._stopwatch() - started_s))
+            self.times.append(StageTime(name, self._stopwatch() - started_s))
 
 
-def perceived(reading: CameraReading, real: CameraReading, now_s: float) -> CameraReading:
-    """Return the reading as the autonomy gets it: the real's time, and nothing but the picture.
-
-    Depth, ids and the pose that was rendered from are the simulator's knowledge of the scene.
-    """
-    return replace(
-        reading,
-        t_s=real.t_s,
-        arrived_s=now_s,
-        seq=real.seq,
-        source="mixed",
-        depth_m=None,
-        object_ids=None,
-        camera_pose=None,
-        rendered=real.rendered,
-    )
-
-
-def _fault_of(reading: CameraReading) -> str | None:
-    """Return what is wrong with a picture in itself; None when nothing is."""
-    image, intrinsics = reading.image_bgr, reading.intrinsics
-    expected = (intrinsics.height_px, intrinsics.width_px, 3)
-    if image.dtype != np.uint8 or image.shape != expected:
-        return (
-            f"picture of {reading.source} is {image.dtype} {image.shape},"
-            f" its intrinsics say uint8 {expected}"
-        )
-    if not math.isfinite(reading.t_s):
-        return f"picture of {reading.source} has no time ({reading.t_s})"
-    return None
+def _ms(time_s: float) -> str:
+    return f"{time_s * 1000:.0f} ms"
 
 
 def _provenance(
-    real: CameraReading | None,
-    twin: CameraReading | None,
+    *,
+    real: Reading | None,
+    twin: Reading | None,
     now_s: float,
     fault: CannotMixError | None,
+    alignment: str,
+    times: list[StageTime],
 ) -> Provenance:
     real_t_s = real.t_s if real is not None else None
     twin_t_s = twin.t_s if twin is not None else None
-    both = real_t_s is not None and twin_t_s is not None
+    skew_ms = (
+        abs(real_t_s - twin_t_s) * 1000.0 if real_t_s is not None and twin_t_s is not None else None
+    )
     return Provenance(
         real_seq=real.seq if real is not None else None,
         real_t_s=real_t_s,
         twin_seq=twin.seq if twin is not None else None,
         twin_t_s=twin_t_s,
-        skew_ms=abs(cast("float", real_t_s) - cast("float", twin_t_s)) * 1000.0 if both else None,
+        skew_ms=skew_ms,
         latency_ms=(now_s - real_t_s) * 1000.0 if real_t_s is not None else None,
+        alignment=alignment,
         dropped=fault.reason if fault is not None else None,
         detail=str(fault) if fault is not None else "",
+        stages=tuple(times),
     )

@@ -20,29 +20,64 @@ class Step:
         """Return the path in the document of a parameter of this step."""
         return (*self.path, *(inner[1:] if self.shorthand else inner))
 
+    @property
+    def label(self) -> str:
+        """Return what people call the step."""
+        return self.parameters.label() or self.kind.name
+
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A sensor that the recipe declares. rate_hz: of the mixed readings; None: the real's."""
+    """A sensor that the recipe declares.
+
+    kind: type of the mixed readings. rate_hz: theirs; None: the real's. real_kind, twin_kind: what
+    the two sources deliver, where transforms make it into `kind`; None: the same.
+    """
 
     name: str
     kind: str
     rate_hz: float | None
+    real_kind: str | None = None
+    twin_kind: str | None = None
+
+    def kind_of(self, side: Side) -> str:
+        """Return the type of what a side's source delivers."""
+        return (self.real_kind if side == "real" else self.twin_kind) or self.kind
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """What the mixing of a sensor may cost before a run proves nothing; None: no limit.
+
+    max_skew_s: between the two exposures. max_latency_s: from the older exposure to delivery.
+    min_rate_hz: of the mixed readings. max_registration_error_px: of what is overlaid.
+    """
+
+    max_skew_s: float
+    max_latency_s: float | None = None
+    min_rate_hz: float | None = None
+    max_registration_error_px: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Combination:
     """How one sensor's readings are mixed, and for whom.
 
-    steps: transforms and filters in their order. max_skew_s: an overlay whose exposure differs by
-    more is not drawn.
+    steps: transforms and filters in their order. budget: an overlay beyond its skew or latency is
+    not drawn. publish_raw: whether S and Sv go out beside Sm.
     """
 
     sensor: Sensor
     steps: tuple[Step, ...]
     merge: Step
     publish: tuple[Side, ...]
-    max_skew_s: float
+    budget: Budget
+    publish_raw: bool = False
+
+    @property
+    def max_skew_s(self) -> float:
+        """Return by how much the exposures may differ."""
+        return self.budget.max_skew_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +94,7 @@ class Recipe:
         return tuple(
             (step.place_of(path), name)
             for combination in self.combinations
-            for step in combination.steps
+            for step in (*combination.steps, combination.merge)
             for path, name in step.parameters.objects()
         )
 

@@ -7,6 +7,7 @@ is what people read in the listing.
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path as FilePath
 from typing import Any, ClassVar, Literal, TypeVar
 
 from pydantic import model_validator
@@ -18,11 +19,20 @@ Stage = Literal["transform", "filter", "merge"]
 STAGES: tuple[Stage, ...] = ("transform", "filter", "merge")
 
 
+@dataclass(frozen=True, slots=True)
+class ParameterFault:
+    """What is wrong with a parameter in view of other files. path: in the step's parameters."""
+
+    path: Path
+    message: str
+    suggestion: str = ""
+
+
 class StepParameters(Part):
     """What a step may be given in a recipe; unknown keys are refused.
 
     shorthand: the parameter that a value stands for which is no mapping: `resize: real`.
-    needs: what the step needs of a side's pictures beside the colours.
+    needs: what the step needs of a side's readings beside their values.
     """
 
     shorthand: ClassVar[str] = ""
@@ -37,6 +47,24 @@ class StepParameters(Part):
 
     def sides(self) -> tuple[Side, ...]:
         """Return the sides that the step works on; a merge works on none of its own."""
+        return ()
+
+    def needed(self) -> frozenset[Need]:
+        """Return what the step needs, as it is used."""
+        return self.needs
+
+    def label(self) -> str:
+        """Return what people call the step where its name does not tell; "" for its name."""
+        return ""
+
+    def refuses(self, kind: str) -> str:
+        """Return why the step, as used, does not work on a sensor of this type; "" if it does."""
+        del kind
+        return ""
+
+    def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
+        """Return what is wrong with files that are named; they are relative to a folder."""
+        del folder
         return ()
 
     def objects(self) -> tuple[tuple[Path, str], ...]:
@@ -56,14 +84,24 @@ class SidedParameters(StepParameters):
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What is known of the run when a recipe is compiled. object_ids: ids of the twin's world."""
+    """What is known of the run when a recipe is compiled.
+
+    object_ids: ids of the twin's world. folder: what files in the recipe are relative to. side:
+    the one that an operator is built for; None for a merge.
+    """
 
     object_ids: Mapping[str, int] = field(default_factory=dict)
+    folder: FilePath = FilePath()
+    side: Side | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class StepType:
-    """A kind of step. sensors: the types that it works on. summary: one sentence."""
+    """A kind of step.
+
+    sensors: the types that it works on. gives: the type that it turns one of these into, where
+    that is another. summary: one sentence.
+    """
 
     name: str
     stage: Stage
@@ -71,6 +109,7 @@ class StepType:
     parameters: type[StepParameters]
     summary: str
     build: Callable[[Any, Context], Built]
+    gives: Mapping[str, str] = field(default_factory=dict)
 
 
 class DuplicateStepError(ValueError):
@@ -80,19 +119,25 @@ class DuplicateStepError(ValueError):
 P = TypeVar("P", bound=StepParameters)
 B = TypeVar("B", bound=Built)
 
-_TYPES: dict[str, StepType] = {}
+_TYPES: dict[tuple[str, Stage], StepType] = {}
 
 
 def step(
-    name: str, *, stage: Stage, sensors: tuple[str, ...], parameters: type[P]
+    name: str,
+    *,
+    stage: Stage,
+    sensors: tuple[str, ...],
+    parameters: type[P],
+    gives: Mapping[str, str] | None = None,
 ) -> Callable[[Callable[[P, Context], B]], Callable[[P, Context], B]]:
     """Register a function as the step of this name. Raises DuplicateStepError on a second one."""
 
     def register(build: Callable[[P, Context], B]) -> Callable[[P, Context], B]:
-        if name in _TYPES:
-            raise DuplicateStepError(f"step '{name}' is registered already")
+        if (name, stage) in _TYPES:
+            raise DuplicateStepError(f"step '{name}' is registered already as a {stage}")
         summary = (build.__doc__ or "").partition("\n")[0].strip()
-        _TYPES[name] = StepType(name, stage, sensors, parameters, summary, build)
+        kind = StepType(name, stage, sensors, parameters, summary, build, dict(gives or {}))
+        _TYPES[name, stage] = kind
         return build
 
     return register
@@ -104,16 +149,16 @@ def steps() -> tuple[StepType, ...]:
     return tuple(sorted(_TYPES.values(), key=lambda kind: (STAGES.index(kind.stage), kind.name)))
 
 
-def find(name: str) -> StepType | None:
-    """Return the step of this name; None when there is none."""
-    _load()
-    return _TYPES.get(name)
+def find(name: str, stage: Stage | None = None) -> StepType | None:
+    """Return the step of this name, that of the stage if several have it; None for no step."""
+    found = {kind.stage: kind for kind in steps() if kind.name == name}
+    return found.get(stage) if stage in found else next(iter(found.values()), None)
 
 
 def resembling(name: str, stage: Stage) -> str:
     """Return the step that was probably meant, of this stage if one is like it; "" when none."""
     known = [kind.name for kind in steps() if kind.stage == stage]
-    return closest(name, known) or closest(name, _TYPES)
+    return closest(name, known) or closest(name, [kind.name for kind in steps()])
 
 
 def _load() -> None:

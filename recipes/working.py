@@ -1,11 +1,19 @@
 """What steps work on: a reading with the part of it that is kept, and what may stop a mixture."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Generic, Literal, TypeVar
 
 from vehicles.perception.hsv import Mask
-from vehicles.readings import CameraReading
+from vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    LidarPointsReading,
+    LidarScanReading,
+    MicrophoneReading,
+    Reading,
+)
 from worlds.frames import Pose
 
 Side = Literal["real", "twin"]
@@ -14,29 +22,64 @@ SIDES: tuple[Side, ...] = ("real", "twin")
 Need = Literal["depth", "ids"]
 Align = Literal["interpolate", "latest", "hold"]
 
-DropReason = Literal["no_real", "no_twin", "stale", "mismatch", "bad_real", "bad_twin", "no_ids"]
+DropReason = Literal[
+    "no_real",
+    "no_twin",
+    "stale",
+    "late",
+    "mismatch",
+    "bad_real",
+    "bad_twin",
+    "no_ids",
+    "no_depth",
+    "no_history",
+]
+"""stale: the two exposures are too far apart. late: older than `max_latency_ms` at delivery.
+bad_*: the reading itself is at fault. no_history: nothing of the time asked for is known."""
+
+R = TypeVar("R", bound=Reading)
 
 
 @dataclass(frozen=True, slots=True)
-class Masked:
+class Masked(Generic[R]):
     """A reading between two steps, and which of its elements are kept.
 
-    mask: one value per element, never per channel: (height, width) uint8 for a picture, 255
-    kept and 0 not; None keeps all. A mask may be the buffer of the step that made it: it
-    holds until that step's next frame and never leaves the mixer.
+    mask: one value per element, never per channel: (height, width) uint8 for a picture, (beams,)
+    for a scan, (points,) for points, (1,) for a reading of one value; 255 kept and 0 not; None
+    keeps all. A mask may be the buffer of the step that made it: it holds until that step's next
+    frame and never leaves the mixer.
     """
 
-    reading: CameraReading
+    reading: R
     mask: Mask | None = None
+
+
+AnyMasked = Masked[Any]
+"""A side whatever its sensor; which one it is, the recipe's check has settled."""
+
+
+def element_shape(reading: Reading) -> tuple[int, ...]:
+    """Return the shape of a mask for this reading: how its elements are laid out."""
+    if isinstance(reading, CameraReading):
+        return reading.image_bgr.shape[:2]
+    if isinstance(reading, DepthReading):
+        return reading.depth_m.shape
+    if isinstance(reading, LidarScanReading):
+        return reading.ranges_m.shape
+    if isinstance(reading, LidarPointsReading):
+        return reading.points_frd_m.shape[:1]
+    if isinstance(reading, MicrophoneReading):
+        return reading.samples.shape
+    return (1,)
 
 
 @dataclass(frozen=True, slots=True)
 class PoseRequest:
-    """What `register` asks of a side's source: a picture from this pose at the real exposure.
+    """What `register` asks of a side's source: a reading from this pose at the real exposure.
 
     pose: whose pose it is taken from. align: `interpolate` between the samples around the middle
     of the exposure; `latest` takes the newest sample there is; `hold` the last one at or before
-    the exposure. max_gap_s: no picture when the samples used are farther apart, or the one used
+    the exposure. max_gap_s: no reading when the samples used are farther apart, or the one used
     is farther from the exposure.
     """
 
@@ -67,13 +110,42 @@ class CannotMixError(Exception):
         self.reason: DropReason = reason
 
 
-Sides = Mapping[Side, Masked]
+class StepError(Exception):
+    """A step failed by a fault of its own: the run proves nothing, and its verdict is ERROR.
+
+    file, line: of the step in the recipe. step: its name, or the user's file and function.
+    frame: how many readings were mixed before. detail: what was raised, and where.
+    """
+
+    def __init__(self, *, file: str, line: int, step: str, frame: int, detail: str) -> None:
+        super().__init__(f"{file}:{line}: step {step}, frame {frame}: {detail}")
+        self.file = file
+        self.line = line
+        self.step = step
+        self.frame = frame
+        self.detail = detail
+
+
+Sides = Mapping[Side, AnyMasked]
 """The sides that are there, after transform and filter."""
 
-Operator = Callable[[Masked, Masked | None], Masked]
+Operator = Callable[[AnyMasked, AnyMasked | None], AnyMasked]
 """Transform or filter: this side, and the other where there is one, to this side made anew."""
 
-Merge = Callable[[Sides], CameraReading]
+Merge = Callable[[Sides], Reading]
 """Combines the sides; the mixer sets times and source of what it returns."""
+
+
+class TimedOperator(ABC):
+    """An operator that chooses among a side's readings by time, so it wants to see all of them."""
+
+    @abstractmethod
+    def offer(self, reading: Reading) -> None:
+        """Take a reading of this side; one that is there already changes nothing."""
+
+    @abstractmethod
+    def __call__(self, work: AnyMasked, other: AnyMasked | None) -> AnyMasked:
+        """Return the reading of this side that stands for the time of the other."""
+
 
 Built = Operator | Merge | PoseRequest

@@ -1,20 +1,17 @@
 """Transforms of a picture's geometry."""
 
-from dataclasses import replace
-from typing import Annotated, Literal, TypeVar
+from typing import Literal
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
+from recipes.optics import Picture, cropped, remapped, resized, size_of
+from recipes.parts import PICTURES, IntrinsicsPart, RotationPart, SizePx
 from recipes.registry import Context, SidedParameters, step
-from recipes.working import CannotMixError, DropReason, Masked, Operator
-from worlds.camera import Intrinsics
+from recipes.working import CannotMixError, DropReason, Masked, Operator, Side
 from worlds.documents import KeyFaultError, Part
+from worlds.frames import IDENTITY
 
-Pixel = TypeVar("Pixel", np.uint8, np.float32)
-SizePx = Annotated[int, Field(ge=1, le=16384)]
+Work = Masked[Picture]
 
 
 class Size(Part):
@@ -22,6 +19,20 @@ class Size(Part):
 
     width_px: SizePx
     height_px: SizePx
+
+
+def refuse_own(parameters: SidedParameters, to: object, what: str) -> None:
+    """Raise KeyFaultError when a step takes something of the side that it works on."""
+    if to in parameters.sides():
+        raise KeyFaultError("to", f"{to} would take its own {what}; 'on' says {parameters.on}")
+
+
+def the_other(name: str, to: Side, other: Work | None) -> Work:
+    """Return the other side. Raises CannotMixError when it is missing."""
+    if other is None:
+        missing: DropReason = "no_real" if to == "real" else "no_twin"
+        raise CannotMixError(missing, f"{name} to {to}: there is no reading of {to}")
+    return other
 
 
 class ResizeParameters(SidedParameters):
@@ -33,70 +44,87 @@ class ResizeParameters(SidedParameters):
 
     @model_validator(mode="after")
     def _not_to_itself(self) -> "ResizeParameters":
-        if self.to in self.sides():
-            raise KeyFaultError("to", f"{self.to} would take its own size; 'on' says {self.on}")
+        refuse_own(self, self.to, "size")
         return self
 
 
-@step("resize", stage="transform", sensors=("camera",), parameters=ResizeParameters)
+@step("resize", stage="transform", sensors=PICTURES, parameters=ResizeParameters)
 def resize(parameters: ResizeParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Scale a picture to a size, or to the other side's, with its intrinsics, depth and ids."""
+    """Scale a picture to a size, or to the other side's, with its intrinsics, depth and ids.
+
+    image_bgr (h, w, 3) uint8 to (h', w', 3); depth_m in metres and object_ids take the nearest.
+    """
     to = parameters.to
 
-    def operator(work: Masked, other: Masked | None) -> Masked:
+    def operator(work: Work, other: Work | None) -> Work:
         if isinstance(to, Size):
             return resized(work, to.width_px, to.height_px)
-        if other is None:
-            missing: DropReason = "no_real" if to == "real" else "no_twin"
-            raise CannotMixError(missing, f"resize to {to}: there is no picture of {to}")
-        height_px, width_px = other.reading.image_bgr.shape[:2]
-        return resized(work, width_px, height_px)
+        return resized(work, *size_of(the_other("resize", to, other).reading))
 
     return operator
 
 
-def resized(work: Masked, width_px: int, height_px: int) -> Masked:
-    """Return the picture scaled to a size in pixels.
+class CropParameters(SidedParameters):
+    """left_px, top_px: of the part's first pixel; None puts the part into the middle."""
 
-    Colours are averaged over areas when both sides shrink, else interpolated linearly. Depth, ids
-    and mask take the nearest pixel: between two objects there is no third.
+    width_px: SizePx
+    height_px: SizePx
+    left_px: int | None = None
+    top_px: int | None = None
+
+
+@step("crop", stage="transform", sensors=PICTURES, parameters=CropParameters)
+def crop(parameters: CropParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Cut a part out of a picture; its intrinsics say where it was.
+
+    image_bgr (h, w, 3) to (height_px, width_px, 3), likewise depth_m and object_ids. A part that
+    does not lie within the picture is a mismatch.
     """
-    reading = work.reading
-    if reading.image_bgr.shape[:2] == (height_px, width_px):
-        return work
-    size = (width_px, height_px)
-    shrinks = width_px <= reading.image_bgr.shape[1] and height_px <= reading.image_bgr.shape[0]
-    kind = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-    scaled = replace(
-        reading,
-        image_bgr=cv2.resize(reading.image_bgr, size, interpolation=kind),
-        intrinsics=scaled_intrinsics(reading.intrinsics, width_px, height_px),
-        depth_m=_nearest(reading.depth_m, size),
-        object_ids=_nearest(reading.object_ids, size),
-    )
-    return Masked(scaled, _nearest(work.mask, size))
+    p = parameters
+
+    def operator(work: Work, other: Work | None) -> Work:  # noqa: ARG001 - the interface
+        across, down = size_of(work.reading)
+        left_px = (across - p.width_px) // 2 if p.left_px is None else p.left_px
+        top_px = (down - p.height_px) // 2 if p.top_px is None else p.top_px
+        try:
+            return cropped(work, left_px, top_px, p.width_px, p.height_px)
+        except ValueError as error:
+            raise CannotMixError("mismatch", f"crop: {error}") from None
+
+    return operator
 
 
-def scaled_intrinsics(intrinsics: Intrinsics, width_px: int, height_px: int) -> Intrinsics:
-    """Return the intrinsics of the same view at another size.
+class CameraModelParameters(SidedParameters):
+    """to: the other side, whose camera to imitate, or a camera; turn: how that one is turned.
 
-    The edges of the picture stay where they are, at -0.5 and width - 0.5 (pixel (0, 0) is the
-    centre of the first pixel): u' = (u + 0.5) width'/width - 0.5. Distortion has no unit.
+    turn: attitude of the camera to imitate in the FRD frame of the one that took the picture.
     """
-    across, down = width_px / intrinsics.width_px, height_px / intrinsics.height_px
-    return Intrinsics(
-        width_px=width_px,
-        height_px=height_px,
-        fx_px=intrinsics.fx_px * across,
-        fy_px=intrinsics.fy_px * down,
-        cx_px=(intrinsics.cx_px + 0.5) * across - 0.5,
-        cy_px=(intrinsics.cy_px + 0.5) * down - 0.5,
-        distortion=intrinsics.distortion,
-    )
+
+    shorthand = "to"
+
+    to: Literal["real", "twin"] | IntrinsicsPart
+    turn: RotationPart = RotationPart()
+
+    @model_validator(mode="after")
+    def _not_to_itself(self) -> "CameraModelParameters":
+        refuse_own(self, self.to, "camera")
+        return self
 
 
-def _nearest(plane: NDArray[Pixel] | None, size: tuple[int, int]) -> NDArray[Pixel] | None:
-    if plane is None:
-        return None
-    scaled: NDArray[Pixel] = cv2.resize(plane, size, interpolation=cv2.INTER_NEAREST_EXACT)
-    return scaled
+@step("camera_model", stage="transform", sensors=PICTURES, parameters=CameraModelParameters)
+def camera_model(parameters: CameraModelParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Show a picture as another camera would: its size, intrinsics and lens distortion.
+
+    Each pixel (u, v) of the new picture is traced through both models (OpenCV's pinhole with
+    Brown distortion). What the old camera did not see is not kept. depth_m: metres along the new
+    optical axis. `turn` rotates the view; no warp can move it.
+    """
+    to, angles = parameters.to, parameters.turn.quaternion()
+    turn = IDENTITY if parameters.turn == RotationPart() else angles
+
+    def operator(work: Work, other: Work | None) -> Work:
+        if isinstance(to, IntrinsicsPart):
+            return remapped(work, to.intrinsics(), turn)
+        return remapped(work, the_other("camera_model", to, other).reading.intrinsics, turn)
+
+    return operator

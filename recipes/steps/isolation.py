@@ -1,4 +1,4 @@
-"""Filters that keep a part of a picture: by colour, or by the objects that a simulator marks."""
+"""Filters that keep a part of a reading: by colour, or by the objects that a simulator marks."""
 
 from typing import Annotated
 
@@ -6,10 +6,14 @@ import cv2
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from recipes.masks import both
 from recipes.registry import Context, SidedParameters, step
-from recipes.working import CannotMixError, Masked, Operator
+from recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from vehicles.perception.hsv import FULL_CIRCLE_DEG, NAMED_COLORS, HsvMask, HsvRange, Mask
+from vehicles.readings import CameraReading, DepthReading, LidarPointsReading, LidarScanReading
 from worlds.documents import KeyFaultError, Part, Path, closest
+
+Identified = CameraReading | DepthReading | LidarScanReading | LidarPointsReading
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Degrees = Annotated[float, Field(ge=0, le=360)]
@@ -79,10 +83,13 @@ def isolate_color(parameters: IsolateColorParameters, context: Context) -> Opera
     named = NAMED_COLORS[parameters.name] if parameters.name is not None else ()
     finder = HsvMask((*named, *(part.range() for part in parameters.ranges)))
 
-    def operator(work: Masked, other: Masked | None) -> Masked:  # noqa: ARG001 - the interface
+    def operator(
+        work: Masked[CameraReading],
+        other: AnyMasked | None,  # noqa: ARG001 - the interface
+    ) -> Masked[CameraReading]:
         mask = finder.of(work.reading.image_bgr)
         _clean(mask, parameters)
-        return Masked(work.reading, _both(mask, work.mask))
+        return Masked(work.reading, both(mask, work.mask))
 
     return operator
 
@@ -119,17 +126,30 @@ class IsolateObjectsParameters(SidedParameters):
         return tuple((("names", index), name) for index, name in enumerate(self.names))
 
 
-@step("isolate_objects", stage="filter", sensors=("camera",), parameters=IsolateObjectsParameters)
+@step(
+    "isolate_objects",
+    stage="filter",
+    sensors=("camera", "depth", "lidar", "lidar_points"),
+    parameters=IsolateObjectsParameters,
+)
 def isolate_objects(parameters: IsolateObjectsParameters, context: Context) -> Operator:
-    """Keep the pixels of objects, by the ids that the simulator gives with the picture."""
+    """Keep the pixels, beams or points of objects, by the ids that the simulator gives with them.
+
+    object_ids: (height, width), (beams,) or (points,) uint8. Drops the overlay ("no_ids") when
+    the reading has none.
+    """
     table = np.zeros(256, np.uint8)
     for name in parameters.names:
         table[_id_of(name, context)] = 255
 
-    def operator(work: Masked, other: Masked | None) -> Masked:  # noqa: ARG001 - the interface
-        if work.reading.object_ids is None:
-            raise CannotMixError("no_ids", "isolate_objects: the picture says no objects' ids")
-        return Masked(work.reading, _both(cv2.LUT(work.reading.object_ids, table), work.mask))
+    def operator(
+        work: Masked[Identified],
+        other: AnyMasked | None,  # noqa: ARG001 - the interface
+    ) -> Masked[Identified]:
+        ids = work.reading.object_ids
+        if ids is None:
+            raise CannotMixError("no_ids", "isolate_objects: the reading says no objects' ids")
+        return Masked(work.reading, both(cv2.LUT(ids, table).reshape(ids.shape), work.mask))
 
     return operator
 
@@ -143,10 +163,3 @@ def _id_of(name: str, context: Context) -> int:
 
 class UnknownObjectError(ValueError):
     """A recipe names an object that the twin's world has not."""
-
-
-def _both(mask: Mask, earlier: Mask | None) -> Mask:
-    """Return the pixels that this mask and an earlier one keep; writes into this one."""
-    if earlier is not None:
-        cv2.bitwise_and(mask, earlier, dst=mask)
-    return mask

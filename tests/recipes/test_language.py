@@ -76,7 +76,7 @@ def test_all_faults_at_once_in_order_of_their_places() -> None:
     ("parts", "said"),
     [
         ({"transform": "[{regster: {}}]"}, "unknown step 'regster'; did you mean 'register'?"),
-        ({"transform": "[{zzz: {}}]"}, "unknown step 'zzz' (known for transform: register, resize"),
+        ({"transform": "[{zzz: {}}]"}, "unknown step 'zzz' (known for transform: "),
         ({"transform": "[{isolate_color: orange}]"}, "belongs under 'filter', not 'transform'"),
         ({"filter": "[{isolate_color: {}}]"}, "needs a colour: 'name' or 'ranges'"),
         ({"filter": "[isolate_color]"}, "step 'isolate_color' needs parameters"),

@@ -9,8 +9,7 @@ import pytest
 from recipes.language import load_recipe
 from recipes.mixed import MixCounts
 from recipes.pipeline import Mixer, compile_recipe
-from recipes.registry import StepParameters
-from recipes.working import PoseRequest
+from recipes.working import PoseRequest, StepError
 from vehicles.readings import BgrImage, CameraReading, Source
 from worlds.camera import Intrinsics
 from worlds.documents import parse
@@ -202,13 +201,13 @@ def test_durations_are_measured_only_with_a_clock() -> None:
     ]
 
 
-def test_an_error_of_a_step_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_a_step_names_file_line_step_and_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     one = mixer()
+    one.mix(real(), twin(), now_s=1.1)
 
     def broken(*_: object) -> CameraReading:
         raise RuntimeError("the step's own fault")
 
-    monkeypatch.setattr(one, "_merge", broken)
-    with pytest.raises(RuntimeError, match="own fault"):
+    monkeypatch.setattr(one, "_merging", replace(one._merging, merge=broken))
+    with pytest.raises(StepError, match=r"^r.yaml:3: step overlay, frame 1: RuntimeError: .* own"):
         one.mix(real(), twin(), now_s=1.1)
-    assert StepParameters().objects() == ()

@@ -25,7 +25,7 @@ def test_a_second_step_of_a_name_is_refused() -> None:
     def again(parameters: StepParameters, context: Context) -> Operator:
         return lambda work, _other: Masked(work.reading)
 
-    decorate = step("resize", stage="filter", sensors=("camera",), parameters=StepParameters)
+    decorate = step("resize", stage="transform", sensors=("camera",), parameters=StepParameters)
     with pytest.raises(DuplicateStepError, match="'resize'"):
         decorate(again)
     found = registry.find("resize")

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recipes.registry import Context, StepParameters, find
-from recipes.steps.geometry import resized, scaled_intrinsics
-from recipes.steps.overlays import disagreement_px
+from recipes.optics import disagreement_px, resized, scaled_intrinsics
 from recipes.working import CannotMixError, Masked, Merge, Operator
 from vehicles.readings import BgrImage, CameraReading, Source
 from worlds.camera import Intrinsics

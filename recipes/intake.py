@@ -1,0 +1,45 @@
+"""What is let into a mixture: readings of the right type, whole, and not from the past."""
+
+from collections import Counter
+
+from vehicles.readings import Reading, sensor_type_of
+from vehicles.readings.checks import Fault, fault_after, fault_of
+
+
+class Intake:
+    """Judges the readings of one side, each against itself and against the one before.
+
+    A reading that is older than the one before is refused, as long as it takes; one that differs
+    in size or intrinsics is refused once, so that the change is counted, and then let in. The
+    same reading may come again: a slow source is held.
+    """
+
+    def __init__(self, side: str, kind: str) -> None:
+        self.kind = kind
+        self.faults: Counter[str] = Counter()
+        self._side = side
+        self._previous: Reading | None = None
+
+    def fault_of(self, reading: Reading) -> str | None:
+        """Return what is wrong with a reading; None when nothing is."""
+        if reading is self._previous:
+            return None
+        fault = self._of_kind(reading) or fault_of(reading) or self._after(reading)
+        if fault is None:
+            self._previous = reading
+            return None
+        self.faults[f"{self._side} {fault.kind}"] += 1
+        return f"{self.kind} reading of {self._side}: {fault.detail}"
+
+    def _of_kind(self, reading: Reading) -> Fault | None:
+        kind = sensor_type_of(reading)
+        return None if kind == self.kind else Fault("type", f"is of type {kind}")
+
+    def _after(self, reading: Reading) -> Fault | None:
+        previous = self._previous
+        fault = fault_after(reading, previous)
+        if fault is None or previous is None or reading.t_s == previous.t_s:
+            return None
+        if fault.kind != "backwards":
+            self._previous = reading
+        return fault

@@ -1,0 +1,56 @@
+"""Soft edges: a layer fades into the ground within its own kept part, so nothing leaks out."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicles.perception.hsv import Mask
+from vehicles.readings import BgrImage
+
+
+class SoftEdge:
+    """Blends a layer over the ground, its weight rising from its edge inward.
+
+    width_px: from the edge of the kept part (weight near 0) to where the layer is opaque. Weight
+    is the distance to the edge over the width, so that no pixel beyond the mask, which shows the
+    layer's background, ever has one: no halo. The edges of the picture are no edges of the
+    object. Works on the box around the mask only.
+    """
+
+    def __init__(self, width_px: float) -> None:
+        self._width_px = width_px
+
+    def __call__(self, layer_bgr: BgrImage, shown: Mask | None, ground_bgr: BgrImage) -> None:
+        """Write the blend into `ground_bgr`; shown: what is kept of the layer and not hidden.
+
+        Where a nearer thing of the ground cuts the layer, its edge fades likewise.
+        """
+        if shown is None:
+            np.copyto(ground_bgr, layer_bgr)
+            return
+        left, top, across, down = cv2.boundingRect(shown)
+        if not across or not down:
+            return
+        rows, columns = slice(top, top + down), slice(left, left + across)
+        weight = self._weights(shown, rows, columns)
+        part = ground_bgr[rows, columns]
+        upper = layer_bgr[rows, columns].astype(np.float32)
+        part[:] = np.rint(part + (upper - part) * weight[:, :, None]).astype(np.uint8)
+
+    def _weights(self, shown: Mask, rows: slice, columns: slice) -> NDArray[np.float32]:
+        """Return 0 to 1 per pixel of the box around what is shown."""
+        box = shown[rows, columns]
+        height_px, width_px = shown.shape
+        # A border of zeros where the box ends within the picture; none where the picture ends.
+        framed = cv2.copyMakeBorder(box, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+        if rows.start > 0:
+            framed[0] = 0
+        if rows.stop < height_px:
+            framed[-1] = 0
+        if columns.start > 0:
+            framed[:, 0] = 0
+        if columns.stop < width_px:
+            framed[:, -1] = 0
+        far = cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+        weight: NDArray[np.float32] = np.minimum(far / np.float32(self._width_px + 1.0), 1.0)
+        return weight

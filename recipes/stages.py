@@ -1,0 +1,134 @@
+"""Steps made ready to run: an operator for each side, and the place to name when one fails."""
+
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+from recipes.recipe import Combination, Step
+from recipes.registry import Context
+from recipes.working import (
+    SIDES,
+    AnyMasked,
+    CannotMixError,
+    Merge,
+    Need,
+    Operator,
+    PoseRequest,
+    Side,
+    Sides,
+    StepError,
+    TimedOperator,
+)
+from vehicles.readings import Reading
+from worlds.documents import Document
+
+Stopwatch = Callable[[], float]
+
+
+@dataclass(frozen=True, slots=True)
+class StepPlace:
+    """Where a step stands in its recipe, and what people call it."""
+
+    file: str
+    line: int
+    label: str
+
+    def failed(self, error: Exception, frame: int) -> StepError:
+        """Return the error that says where a step failed."""
+        return StepError(
+            file=self.file, line=self.line, step=self.label, frame=frame, detail=_told(error)
+        )
+
+
+def _told(error: Exception) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name} line {frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {error}{where}"
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A transform or filter; one operator for each side, for each has buffers of its own."""
+
+    name: str
+    sides: tuple[Side, ...]
+    operators: Mapping[Side, Operator]
+    place: StepPlace
+
+    def apply(self, side: Side, sides: Sides, frame: int) -> AnyMasked:
+        """Return one side made anew. Raises CannotMixError, or StepError for any other fault."""
+        other: Side = "twin" if side == "real" else "real"
+        try:
+            return self.operators[side](sides[side], sides.get(other))
+        except CannotMixError:
+            raise
+        except Exception as error:
+            raise self.place.failed(error, frame) from error
+
+    def offer(self, side: Side, reading: Reading) -> None:
+        """Let a step that chooses by time see a reading."""
+        operator = self.operators.get(side)
+        if isinstance(operator, TimedOperator):
+            operator.offer(reading)
+
+
+@dataclass(frozen=True, slots=True)
+class Merging:
+    """The merge, and its place."""
+
+    name: str
+    merge: Merge
+    place: StepPlace
+
+    def apply(self, sides: Sides, frame: int) -> Reading:
+        """Return the merged reading. Raises CannotMixError, or StepError for any other fault."""
+        try:
+            return self.merge(sides)
+        except CannotMixError:
+            raise
+        except Exception as error:
+            raise self.place.failed(error, frame) from error
+
+
+@dataclass(frozen=True, slots=True)
+class Compiled:
+    """A combination made ready. needs: what each side's readings must carry."""
+
+    stages: tuple[Stage, ...]
+    merging: Merging
+    pose_request: PoseRequest | None
+    needs: Mapping[Side, frozenset[Need]]
+
+
+def compile_stages(combination: Combination, context: Context, document: Document) -> Compiled:
+    """Return the steps of a combination, built. Raises ValueError for an unknown object."""
+    stages: list[Stage] = []
+    request: PoseRequest | None = None
+    needs: dict[Side, frozenset[Need]] = {
+        side: combination.merge.parameters.needed() for side in SIDES
+    }
+    for step in combination.steps:
+        sides = step.parameters.sides()
+        built = {
+            side: step.kind.build(step.parameters, replace(context, side=side))
+            for side in sides or SIDES[1:]
+        }
+        for side in built:
+            needs[side] |= step.parameters.needed()
+        first = next(iter(built.values()))
+        if isinstance(first, PoseRequest):
+            request = first
+        else:
+            operators = cast("Mapping[Side, Operator]", built)
+            stages.append(Stage(step.label, sides, operators, _place(step, document)))
+    step = combination.merge
+    merge = cast("Merge", step.kind.build(step.parameters, context))
+    merging = Merging(step.label, merge, _place(step, document))
+    return Compiled(tuple(stages), merging, request, needs)
+
+
+def _place(step: Step, document: Document) -> StepPlace:
+    line, _ = document.place(step.path, key=True)
+    return StepPlace(document.name, line, step.label)
