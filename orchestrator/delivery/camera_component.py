@@ -70,8 +70,8 @@ class CameraComponent:
         """Return what is due by itself: a heartbeat a second."""
         if t_s < self._heartbeat_due_s:
             return []
-        self._heartbeat_due_s = max(self._heartbeat_due_s, t_s - HEARTBEAT_PERIOD_S)
-        self._heartbeat_due_s += HEARTBEAT_PERIOD_S
+        is_late = t_s - self._heartbeat_due_s >= HEARTBEAT_PERIOD_S
+        self._heartbeat_due_s = (t_s if is_late else self._heartbeat_due_s) + HEARTBEAT_PERIOD_S
         return [_heartbeat()]
 
     def take(self, message: Any, t_s: float) -> list[Any]:

@@ -63,6 +63,6 @@ class Paced:
             self.stale += 1
             return None
         period_s = 1.0 / self._plan.rate_hz
-        self._due_s = max(self._due_s + period_s, now_s + period_s / 2.0)
+        self._due_s = (now_s if now_s - self._due_s >= period_s else self._due_s) + period_s
         self.sent += 1
         return message
