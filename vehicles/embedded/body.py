@@ -17,6 +17,9 @@ _AIR_HZ = 25
 _CONTACT_HZ = 50
 _NEAR_M = 0.5
 """Above this height over the start no leg can touch the flat ground, even upside down."""
+_WRECK_HEIGHT_M = 0.15
+"""Half the body's width: tilted far over below this height, a propeller strikes the ground."""
+_WRECK_COSINE = 0.5
 _STILL = 2e-3
 """m/s and rad/s below which a disarmed vehicle on its legs counts as resting."""
 
@@ -59,6 +62,7 @@ class Body:
         self._checked: tuple[Pose, float] | None = None
         self._steps = 0
         self._resting_steps = 0
+        self._wrecked = False
         self.truth = self._plant.motion()
         """The true motion, relative to the start, in the earth's north."""
         self.touching = True
@@ -82,6 +86,8 @@ class Body:
             self._plant.step((a * factor, b * factor, c * factor, d * factor))
             self.truth = self._plant.motion()
             self.touching = self.truth.position_ned_m[2] > -_NEAR_M and self._plant.on_ground()
+            if self.truth.position_ned_m[2] > -_WRECK_HEIGHT_M and _tilted(self.truth):
+                self._wreck()
         if self._steps % (PHYSICS_HZ // _CONTACT_HZ) == 0:
             self._look_around(t_s)
         return self._estimator.estimate(self.truth)
@@ -119,6 +125,8 @@ class Body:
         The physics of a vehicle that stands and waits is skipped; readiness may take 40 s.
         """
         truth = self.truth
+        if self._wrecked:
+            return True
         if not (self.motors_stopped and self.touching):
             self._resting_steps = 0
             return False
@@ -128,6 +136,16 @@ class Body:
             return False
         return True
 
+    def _wreck(self) -> None:
+        """Come to rest where it lies: legs alone do not carry what has turned over.
+
+        The ground is then what it has touched.
+        """
+        self._wrecked = self.touching = self.motors_stopped = True
+        self.contact = self.contact or "ground"
+        still = (0.0, 0.0, 0.0)
+        self.truth = self.truth._replace(velocity_ned_m_s=still, rates_rad_s=still)
+
     def _look_around(self, t_s: float) -> None:
         if self._surroundings is None or self.contact is not None:
             return
@@ -136,3 +154,8 @@ class Body:
             before, t_before_s = self._checked
             self.contact = self._surroundings.contact(before, t_before_s, pose, t_s)
         self._checked = (pose, t_s)
+
+
+def _tilted(motion: Motion) -> bool:
+    roll, pitch, _ = motion.euler_rad
+    return math.cos(roll) * math.cos(pitch) < _WRECK_COSINE

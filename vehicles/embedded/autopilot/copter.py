@@ -20,6 +20,7 @@ from vehicles.embedded.autopilot.commands import (
 from vehicles.embedded.autopilot.copter_core import CopterCore
 from vehicles.embedded.autopilot.copter_failsafes import Failsafes, View
 from vehicles.embedded.autopilot.copter_modes import CopterMode
+from vehicles.embedded.autopilot.flight import TiltWatch
 from vehicles.embedded.autopilot.guidance import Behaviour, ReturnHome, Wanted
 from vehicles.embedded.autopilot.mission_flight import FlyMission, Kit, steps_of
 from vehicles.embedded.autopilot.outbox import INFO
@@ -35,6 +36,8 @@ _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""
 _ALTITUDE_FENCE, _CIRCLE_FENCE, _POLYGON_FENCE, _FLOOR_FENCE = 1, 2, 4, 8
 """Bits of FENCE_TYPE."""
+_CRASH_TILT_RAD, _CRASH_AFTER_S = math.radians(60.0), 2.0
+"""ATC_ANGLE_MAX of 30 degrees and 30 degrees of error beyond it, for 2 s (crash_check.cpp)."""
 _DISARM_AFTER_LANDING_S = 0.4
 
 
@@ -54,6 +57,7 @@ class ArduCopter(CopterCore):
             identity=identity, airframe=airframe, dt_s=dt_s, charge=charge, overrides=overrides
         )
         self._failsafes = Failsafes(self.parameters)
+        self._tilt = TiltWatch(limit_rad=_CRASH_TILT_RAD, for_s=_CRASH_AFTER_S)
         self._texts_said = 0
         self._yaw_aligned = False
         self._on_ground = True
@@ -207,6 +211,8 @@ class ArduCopter(CopterCore):
             self.velocity_at_s = None
             self.follow.stand(self.state.now)
         self._check_failsafes()
+        if self._tilt.tumbling(self.state.now, t_s):
+            self.strike("tumbling")
         self._disarm_when_due()
 
     def _boot(self) -> None:

@@ -1,5 +1,6 @@
 """From arming to landing: motors, behaviours, and what the autopilot knows of the ground."""
 
+import math
 from dataclasses import dataclass
 
 from vehicles.embedded.airframe import Airframe
@@ -78,8 +79,8 @@ class Flight:
         if not self.armed or self.motors_cut or self.behaviour is None:
             self._throttle_n = 0.0
             self.target = None
-            if touching:
-                self.landed = True
+            if touching and not self.landed:
+                self._land(t_s)
             return STOPPED
         if self.landed:
             self.target = None
@@ -122,6 +123,28 @@ class Flight:
         elif self._touch_began_s is None:
             self._touch_began_s = t_s
         elif t_s - self._touch_began_s >= self._style.touch_s:
-            self.landed = True
-            self.lifting = False
-            self.landed_at_s = t_s
+            self._land(t_s)
+
+    def _land(self, t_s: float) -> None:
+        self.landed = True
+        self.lifting = False
+        self.landed_at_s = t_s
+
+
+class TiltWatch:
+    """Tells when the body has been tilted beyond a limit for some time: nobody flies so."""
+
+    def __init__(self, *, limit_rad: float, for_s: float) -> None:
+        self._cosine = math.cos(limit_rad)
+        self._for_s = for_s
+        self._since_s: float | None = None
+
+    def tumbling(self, now: Motion, t_s: float) -> bool:
+        """Take the present attitude; return whether the time is up."""
+        roll, pitch, _ = now.euler_rad
+        if math.cos(roll) * math.cos(pitch) >= self._cosine:
+            self._since_s = None
+            return False
+        if self._since_s is None:
+            self._since_s = t_s
+        return t_s - self._since_s >= self._for_s

@@ -17,6 +17,7 @@ from vehicles.embedded.autopilot.commands import (
     on_message,
 )
 from vehicles.embedded.autopilot.fence import Fence
+from vehicles.embedded.autopilot.flight import TiltWatch
 from vehicles.embedded.autopilot.guidance import Behaviour, GoTo, Hold, TakeOff, Wanted
 from vehicles.embedded.autopilot.mission_flight import FlyMission, Kit, steps_of
 from vehicles.embedded.autopilot.outbox import CRITICAL, INFO, WARNING
@@ -34,6 +35,10 @@ from worlds.frames import Vec3, quat_from_euler, rotate
 
 _HEADING_TEXT_S = 2.55
 _RADIUS_M = 0.3
+_TILT_FOR_S = 0.3
+"""FD_FAIL_R_TTRI, FD_FAIL_P_TTRI."""
+_BREAKER_CLOSED = 121212
+"""Of CBRK_FLIGHTTERM: the failure detector does not terminate by itself."""
 _FAILSAFE_MODES = {
     Action.HOLD: Px4Mode.HOLD,
     Action.RETURN: Px4Mode.RTL,
@@ -63,6 +68,9 @@ class Px4(Px4Core):
             full_streams=full_streams,
         )
         self._failsafes = Failsafes(self.parameters)
+        self._tilt = TiltWatch(
+            limit_rad=math.radians(self.parameters["FD_FAIL_R"]), for_s=_TILT_FOR_S
+        )
         self._takeoff_down_m: float | None = None
         self._heading_text_said = False
 
@@ -213,13 +221,17 @@ class Px4(Px4Core):
         if not self.flight.armed:
             return
         self._say_phases()
-        if self.terminated:
-            return
-        self._end_takeoff()
-        decision = self._failsafes.check(self._view())
-        if decision is not None:
-            self._act(decision)
+        if not self.terminated:
+            self._end_takeoff()
+            if self._tilt.tumbling(self.state.now, self.t_s) and self._may_terminate():
+                self.terminate("Critical failure detected: terminate flight")
+            decision = self._failsafes.check(self._view())
+            if decision is not None:
+                self._act(decision)
         self._disarm_when_due()
+
+    def _may_terminate(self) -> bool:
+        return int(self.parameters["CBRK_FLIGHTTERM"]) != _BREAKER_CLOSED
 
     def _say_phases(self) -> None:
         flying = self.flight.lifting or not self.flight.landed

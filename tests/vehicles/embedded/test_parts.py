@@ -1,0 +1,418 @@
+"""The vehicle's parts by themselves: values in, values out."""
+
+import math
+import struct
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from shapely.geometry import Point as ShapelyPoint
+from shapely.geometry import Polygon as ShapelyPolygon
+
+from vehicles.embedded.airframe import Airframe, aircraft_root, aircraft_xml
+from vehicles.embedded.autopilot.commands import marked, on_command
+from vehicles.embedded.autopilot.fence import Circle, Fence, Polygon
+from vehicles.embedded.autopilot.guidance import LandProfile
+from vehicles.embedded.autopilot.outbox import Outbox
+from vehicles.embedded.autopilot.parameters import Parameter, Parameters
+from vehicles.embedded.autopilot.px4_modes import Px4Mode, px4_mode
+from vehicles.embedded.autopilot.setpoints import local_setpoint
+from vehicles.embedded.autopilot.streams import Streams
+from vehicles.embedded.battery import Battery
+from vehicles.embedded.controller import Controller, Gains, Target
+from vehicles.embedded.estimator import Estimator
+from vehicles.embedded.mocap import MotionCaptureFeed
+from vehicles.embedded.noise import GaussMarkov
+from vehicles.embedded.plant import Plant, PlantError
+from vehicles.embedded.profile import ProfileError, list_profiles, load_profile
+from vehicles.embedded.states import AT_REST, STOPPED, TruthSample
+from worlds.frames import Pose, angle_between
+
+AIRFRAME = Airframe()
+NOMINAL, CAGE = load_profile("nominal"), load_profile("cage")
+HOVER = (AIRFRAME.hover_thrust_n,) * 4
+finite = st.floats(-100.0, 100.0)
+
+
+def plant(
+    *, yaw_rad: float = 0.0, factors: tuple[float, float, float, float] = (1, 1, 1, 1)
+) -> Plant:
+    return Plant(
+        airframe=AIRFRAME,
+        motor_lag_s=0.05,
+        motor_factors=factors,
+        latitude_deg=47.4,
+        longitude_deg=8.5,
+        altitude_m=488.0,
+        yaw_rad=yaw_rad,
+        rate_hz=250,
+    )
+
+
+# Airframe and physics.
+
+
+def test_the_aircraft_file_is_xml_with_four_motors_and_legs() -> None:
+    root = ET.fromstring(aircraft_xml(AIRFRAME, motor_lag_s=0.05))  # noqa: S314 - our own text
+    assert len(root.findall("ground_reactions/contact")) == 4
+    assert len(root.findall("external_reactions/force")) == 4
+    weight = root.findtext("mass_balance/emptywt")
+    assert weight is not None
+    assert float(weight) == AIRFRAME.mass_kg
+
+
+def test_equal_aircraft_share_a_folder_and_a_spoilt_one_is_mended() -> None:
+    root = aircraft_root(AIRFRAME, motor_lag_s=0.0512)
+    assert aircraft_root(AIRFRAME, motor_lag_s=0.0512) == root
+    assert aircraft_root(AIRFRAME, motor_lag_s=0.0513) != root
+    file = root / "aircraft" / "quadx" / "quadx.xml"
+    file.write_text("half a fi", encoding="utf-8")
+    aircraft_root(AIRFRAME, motor_lag_s=0.0512)
+    assert file.read_text(encoding="utf-8") == aircraft_xml(AIRFRAME, motor_lag_s=0.0512)
+
+
+def test_stands_still_with_its_heading() -> None:
+    p = plant(yaw_rad=-2.5)
+    for _ in range(500):
+        p.step(STOPPED)
+    motion = p.motion()
+    assert p.on_ground()
+    assert motion.position_ned_m == pytest.approx((0, 0, 0), abs=1e-3)
+    assert motion.euler_rad == pytest.approx((0, 0, -2.5), abs=1e-3)
+    assert motion.specific_force_m_s2 == pytest.approx((0, 0, -9.8), abs=0.05)
+
+
+def test_hover_thrust_hovers_and_more_climbs() -> None:
+    p = plant()
+    for _ in range(250):
+        p.step(tuple(1.2 * t for t in HOVER))
+    north, east, down = p.motion().position_ned_m
+    # 0.2 g for a second less the motors' lag.
+    assert -1.0 < down < -0.6
+    assert (north, east) == pytest.approx((0, 0), abs=0.01)
+    assert not p.on_ground()
+
+
+@pytest.mark.parametrize(
+    ("motors", "axis", "sign"),
+    [((0, 3), 0, -1), ((1, 2), 0, 1), ((0, 2), 1, 1), ((1, 3), 1, -1), ((0, 1), 2, 1)],
+)
+def test_each_motor_turns_it_the_right_way(motors: tuple[int, int], axis: int, sign: int) -> None:
+    p = plant()
+    thrusts = [1.3 * t for t in HOVER]
+    for _ in range(100):
+        p.step(tuple(thrusts))
+    for motor in motors:
+        thrusts[motor] *= 1.1
+    for _ in range(25):
+        p.step(tuple(thrusts))
+    assert p.motion().rates_rad_s[axis] * sign > 0.1
+
+
+def test_wind_carries_it_along() -> None:
+    p = plant()
+    for _ in range(100):
+        p.step(tuple(1.3 * t for t in HOVER))
+    p.set_wind((0.0, 3.0, 0.0))
+    for _ in range(100):
+        p.step(HOVER)
+    assert p.motion().velocity_ned_m_s[1] > 0.02
+    assert abs(p.motion().velocity_ned_m_s[0]) < 0.005
+
+
+def test_a_failed_motor_gives_nothing() -> None:
+    p = plant()
+    for _ in range(100):
+        p.step(tuple(1.3 * t for t in HOVER))
+    p.fail_motor(0)
+    for _ in range(50):
+        p.step(HOVER)
+    assert max(map(abs, p.motion().rates_rad_s)) > 1.0
+
+
+def test_numbers_that_are_none_are_an_error() -> None:
+    p = plant()
+    for _ in range(10):
+        p.step((math.nan, 0.0, 0.0, 0.0))
+    with pytest.raises(PlantError, match="finite"):
+        p.motion()
+
+
+# Controller.
+
+
+@given(
+    target=st.tuples(finite, finite, finite),
+    velocity=st.tuples(finite, finite, finite),
+    yaw=st.floats(-3.0, 3.0),
+)
+def test_thrusts_stay_within_the_motors(
+    target: tuple[float, float, float], velocity: tuple[float, float, float], yaw: float
+) -> None:
+    controller = Controller(airframe=AIRFRAME, gains=Gains(), dt_s=0.004)
+    now = AT_REST._replace(velocity_ned_m_s=velocity)
+    for _ in range(20):
+        thrusts = controller.run(now, Target(target, yaw_rad=yaw))
+        assert all(0.0 <= thrust <= AIRFRAME.max_thrust_n + 1e-9 for thrust in thrusts)
+
+
+@given(velocity=st.tuples(finite, finite, finite))
+def test_velocity_setpoints_stay_within_the_limits(velocity: tuple[float, float, float]) -> None:
+    controller = Controller(airframe=AIRFRAME, gains=Gains(), dt_s=0.004)
+    controller.run(AT_REST, Target((None, None, None), velocity, 0.0, speed_m_s=(2.0, 1.0, 0.5)))
+    north, east, down = controller.velocity_setpoint_ned_m_s
+    assert math.hypot(north, east) <= 2.0 + 1e-9
+    assert -1.0 <= down <= 0.5
+    if math.hypot(velocity[0], velocity[1]) > 0.1:
+        assert math.atan2(east, north) == pytest.approx(math.atan2(velocity[1], velocity[0]))
+
+
+# Profiles and noise.
+
+
+def test_both_profiles_are_there_and_say_why() -> None:
+    assert list_profiles() == ("cage", "nominal")
+    assert not any(NOMINAL.air.sigma_m_s)
+    assert any(CAGE.air.sigma_m_s)
+    folder = Path(load_profile.__code__.co_filename).parent / "profiles"
+    for name in list_profiles():
+        numbers = 0
+        for line in (folder / f"{name}.yaml").read_text(encoding="utf-8").splitlines():
+            numbers += line.strip().startswith("#")
+        assert numbers > 5
+
+
+def test_a_wrong_profile_says_what_is_wrong(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError, match="there are cage, nominal"):
+        load_profile("cafe")
+    file = tmp_path / "mine.yaml"
+    file.write_text("schema: wil/profile/1\nair: {sigma_m_s: [1, 2]}\nextra: 1\n", encoding="utf-8")
+    with pytest.raises(ProfileError, match=r"air\.sigma_m_s.*extra"):
+        load_profile(file)
+    file.write_bytes(b"\xff\xfe: [")
+    with pytest.raises(ProfileError, match="cannot be read"):
+        load_profile(file)
+
+
+def test_gauss_markov_noise_has_its_spread_and_its_time() -> None:
+    walk = GaussMarkov(sigma=(0.5,), time_constant_s=2.0, dt_s=0.04, rng=np.random.default_rng(5))
+    values = np.array([walk.advance()[0] for _ in range(200_000)])
+    assert values.std() == pytest.approx(0.5, rel=0.05)
+    assert values.mean() == pytest.approx(0.0, abs=0.03)
+    lag = 50
+    correlation = float(np.corrcoef(values[:-lag], values[lag:])[0, 1])
+    assert correlation == pytest.approx(math.exp(-lag * 0.04 / 2.0), abs=0.05)
+
+
+def test_silent_noise_draws_nothing() -> None:
+    rng = np.random.default_rng(5)
+    walk = GaussMarkov(sigma=(0.0, 0.0), time_constant_s=2.0, dt_s=0.04, rng=rng)
+    state = rng.bit_generator.state
+    assert walk.advance() == (0.0, 0.0)
+    assert rng.bit_generator.state == state
+
+
+def test_the_estimate_is_late_and_starts_at_its_origin() -> None:
+    noise = NOMINAL.estimator.model_copy(
+        update={"delay_s": 0.02, "velocity_sigma_m_s": (0.0, 0.0), "position_sigma_m": (0.0, 0.0)}
+    )
+    estimator = Estimator(noise=noise, rate_hz=250, rng=np.random.default_rng(1))
+    for step in range(100):
+        estimate = estimator.estimate(AT_REST._replace(position_ned_m=(step * 0.004, 0.0, 0.0)))
+    # Five steps late.
+    assert estimate.position_ned_m[0] == pytest.approx((99 - 5) * 0.004)
+    noisy = Estimator(noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(1))
+    assert noisy.estimate(AT_REST).position_ned_m == pytest.approx((0, 0, 0), abs=0.02)
+
+
+def test_the_estimate_wanders_as_the_profile_says() -> None:
+    estimator = Estimator(noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(3))
+    velocities = [estimator.estimate(AT_REST).velocity_ned_m_s for _ in range(250 * 400)]
+    across, down = CAGE.estimator.velocity_sigma_m_s
+    spread = np.array(velocities[::10]).std(axis=0)
+    assert spread == pytest.approx([across, across, down], rel=0.25)
+
+
+def test_motion_capture_is_noisy_and_late() -> None:
+    feed = MotionCaptureFeed(
+        noise=CAGE.mocap, source="real", physics_hz=250, rng=np.random.default_rng(1)
+    )
+    readings: list[Any] = []
+    feed.add(readings.append)
+    pose = Pose.of(1.0, 2.0, 3.0, yaw_rad=0.4)
+    truths = [TruthSample(0.01 * k, pose, (0, 0, 0), False, False) for k in range(2000)]
+    for truth in truths:
+        feed.take(truth)
+    feed.deliver(0.005)
+    assert readings == []
+    feed.deliver(100.0)
+    assert [reading.t_s for reading in readings] == [truth.t_s for truth in truths]
+    offsets = np.array([r.pose.position_ned_m for r in readings]) - pose.position_ned_m
+    assert offsets.std(axis=0) == pytest.approx([0.001] * 3, rel=0.1)
+    angles = [angle_between(pose.q_wxyz, r.pose.q_wxyz) for r in readings]
+    assert np.mean(angles) == pytest.approx(math.radians(0.2) * 1.6, rel=0.1)
+
+
+def test_the_battery_drains_sags_and_fades() -> None:
+    battery = Battery(profile=CAGE.battery, hover_thrust_n=4.9)
+    full = battery.charge
+    assert full.remaining == 1.0
+    assert battery.thrust_factor == 1.0
+    for _ in range(600):
+        battery.drain(4.9, 1.0)
+    # Ten minutes of hover at 6.5 A out of 2700 mAh.
+    assert battery.charge.remaining == pytest.approx(1.0 - (6.5 + 0.3) * 600 / 3.6 / 2700)
+    assert battery.charge.voltage_v < full.voltage_v - 0.5
+    assert 0.8 < battery.thrust_factor < 1.0
+    battery.set_remaining(0.0)
+    assert battery.charge.remaining == 0.0
+    battery.drain(4.9, 10.0)
+    assert battery.charge.remaining == 0.0
+
+
+# The autopilots' parts.
+
+
+@given(st.integers(-(2**31), 2**31 - 1))
+def test_bytewise_integers_survive_the_wire(number: int) -> None:
+    bits = struct.pack("<i", number)
+    # A signalling NaN is quietened by the processor: that is so on every autopilot's link too.
+    assume(not (bits[3] & 0x7F == 0x7F and 0x80 <= bits[2] < 0xC0))
+    table = Parameters((Parameter("A", mavlink.MAV_PARAM_TYPE_INT32, 0.0),), bytewise=True)
+    table.set("A", number)
+    assert table.from_wire(mavlink.MAV_PARAM_TYPE_INT32, table.to_wire("A")) == number
+
+
+@given(st.integers(-(2**24), 2**24))
+def test_cast_integers_survive_the_wire(number: int) -> None:
+    table = Parameters((Parameter("A", mavlink.MAV_PARAM_TYPE_INT32, 0.0),), bytewise=False)
+    table.set("A", number)
+    assert table.to_wire("A") == number
+    assert table.from_wire(mavlink.MAV_PARAM_TYPE_INT32, table.to_wire("A")) == number
+
+
+coordinate = st.integers(-50, 50).map(float)
+
+
+@given(
+    corners=st.lists(st.tuples(coordinate, coordinate), min_size=3, max_size=8, unique=True),
+    point=st.tuples(st.floats(-60, 60), st.floats(-60, 60)),
+)
+def test_polygon_fences_agree_with_shapely(
+    corners: list[tuple[float, float]], point: tuple[float, float]
+) -> None:
+    shape = ShapelyPolygon(corners)
+    assume(shape.is_valid)
+    assume(shape.boundary.distance(ShapelyPoint(point)) > 1e-6)
+    inside = shape.contains(ShapelyPoint(point))
+    assert Fence((Polygon(tuple(corners), inside=True),)).breached(*point) is not inside
+    assert Fence((Polygon(tuple(corners), inside=False),)).breached(*point) is inside
+
+
+def test_one_inclusion_must_hold_and_every_exclusion() -> None:
+    west = Circle((0.0, -10.0), 5.0, inside=True)
+    east = Circle((0.0, 10.0), 5.0, inside=True)
+    hole = Circle((0.0, 10.0), 1.0, inside=False)
+    fence = Fence((west, east, hole))
+    assert not fence.breached(0.0, -10.0)
+    assert not fence.breached(0.0, 7.0)
+    assert fence.breached(0.0, 10.0)
+    assert fence.breached(0.0, 0.0)
+    assert not Fence().breached(1e6, 1e6)
+
+
+@given(yaw=st.floats(-3.0, 3.0), vector=st.tuples(finite, finite, finite))
+def test_body_setpoints_turn_with_the_heading(
+    yaw: float, vector: tuple[float, float, float]
+) -> None:
+    now = AT_REST._replace(position_ned_m=(1.0, 2.0, 3.0), euler_rad=(0.1, -0.2, yaw))
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, mavlink.MAV_FRAME_BODY_OFFSET_NED, 0b0000_1101_1111_1000, *vector, *(0.0,) * 8
+    )
+    wanted = local_setpoint(message, now)
+    assert wanted is not None
+    north, east, down = wanted.position_ned_m
+    assert north == pytest.approx(1.0 + vector[0] * math.cos(yaw) - vector[1] * math.sin(yaw))
+    assert east == pytest.approx(2.0 + vector[0] * math.sin(yaw) + vector[1] * math.cos(yaw))
+    assert down == pytest.approx(3.0 + vector[2])
+    assert wanted.yaw_rad is None
+
+
+def test_setpoints_of_nothing_are_none() -> None:
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0b1111_1111_1111, *(0.0,) * 11
+    )
+    assert local_setpoint(message, AT_REST) is None
+    message.type_mask = 0b1111_1111_1000
+    message.x = message.y = message.z = math.nan
+    assert local_setpoint(message, AT_REST) is None
+
+
+def test_streams_keep_their_rates_on_a_coarse_clock() -> None:
+    streams = Streams({1: 10.0, 2: 3.0}, shortest_s=0.004)
+    counts = {1: 0, 2: 0}
+    for step in range(1, 2501):
+        for message_id in streams.due(step * 0.004):
+            counts[message_id] += 1
+    # Both ends of the ten seconds.
+    assert counts == {1: 101, 2: 31}
+    streams.set_rate(1, 0.0, now_s=10.0)
+    assert 1 not in streams.due(11.0)
+    streams.set_rate(3, 1e9, now_s=10.0)
+    assert streams.interval_s(3) == 0.004
+
+
+def test_a_command_has_one_owner() -> None:
+    class Twice:
+        @on_command(5)
+        def a(self) -> None: ...
+
+        @on_command(5)
+        def b(self) -> None: ...
+
+    class Child(Twice):
+        pass
+
+    with pytest.raises(ValueError, match="takes 5 twice"):
+        marked(Child, "mav_commands")
+
+
+def test_long_texts_are_cut_into_chunks() -> None:
+    px4, copter = Outbox(count_all=True), Outbox(count_all=False)
+    for box in (px4, copter):
+        box.say(6, "short")
+        box.say(6, "x" * 120)
+        box.turn(texts_heard=False)
+        assert box.take() == []
+        box.say(6, "short")
+        box.say(6, "x" * 120)
+        box.turn(texts_heard=True)
+    assert [(m.id, m.chunk_seq) for m in px4.take()] == [(0, 0), (1, 0), (1, 1), (1, 2)]
+    assert [(m.id, m.chunk_seq) for m in copter.take()] == [(0, 0), (1, 0), (1, 1), (1, 2)]
+
+
+@pytest.mark.parametrize("mode", list(Px4Mode))
+def test_px4_modes_are_found_by_their_numbers(mode: Px4Mode) -> None:
+    assert px4_mode(mode.custom_mode >> 16 & 0xFF, mode.custom_mode >> 24) is mode
+
+
+def test_unknown_px4_modes_are_none() -> None:
+    assert px4_mode(4, 0) is None
+    assert px4_mode(99, 0) is None
+
+
+@given(st.floats(-5.0, 40.0))
+def test_landing_speeds_lie_between_their_steps(height_m: float) -> None:
+    profile = LandProfile(((10.0, 1.5), (5.0, 0.7), (1.0, 0.7), (1.0, 0.3)))
+    assert 0.3 <= profile.speed(height_m) <= 1.5
+    if height_m < 1.0:
+        assert profile.speed(height_m) == 0.3
+    if height_m > 10.0:
+        assert profile.speed(height_m) == 1.5
+    if 1.0 < height_m < 5.0:
+        assert profile.speed(height_m) == pytest.approx(0.7)
