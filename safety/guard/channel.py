@@ -82,7 +82,7 @@ class Channel:
         except (BlockingIOError, InterruptedError):
             self._keep(message, packet)
         except OSError:
-            self._lose()
+            return  # What it said last is read first; then `_read` finds the end.
 
     def _keep(self, message: Message, packet: bytes) -> None:
         if isinstance(message, _DROPPABLE) or len(self._kept) >= _LONGEST_QUEUE:
@@ -100,8 +100,7 @@ class Channel:
         except (BlockingIOError, InterruptedError):
             return
         except OSError:
-            self._lose()
-            return
+            self._kept.clear()
         self._loop.remove_writer(self._socket)
 
     def _read(self) -> None:
@@ -112,6 +111,8 @@ class Channel:
                 packet = self._socket.recv(LONGEST_MESSAGE_BYTES)
             except (BlockingIOError, InterruptedError):
                 return
+            except ConnectionResetError:
+                continue  # It went without reading all; what it said before comes now.
             except OSError:
                 packet = b""
             if not packet:

@@ -77,10 +77,23 @@ class GuardCore:
 
     @property
     def all_down(self) -> bool:
-        """Return whether it latched and every vehicle that ever spoke is disarmed."""
+        """Return whether it latched and every vehicle that ever spoke is disarmed or ended."""
         return self.latched is not None and all(
-            ward.contingency.down or ward.seen.heard_s is None for ward in self._wards.values()
+            ward.contingency.down or ward.gone or ward.seen.heard_s is None
+            for ward in self._wards.values()
         )
+
+    def may_be_armed(self, t_s: float) -> tuple[str, ...]:
+        """Return the vehicles that are armed or were just told to arm, as far as is known."""
+        return tuple(
+            name
+            for name, ward in self._wards.items()
+            if not ward.gone and ward.seen.may_be_armed(t_s)
+        )
+
+    def heard_s(self, name: str) -> float | None:
+        """Return when a vehicle was last heard; None for never."""
+        return self._wards[name].seen.heard_s
 
     def anchor(self, name: str, anchor: Anchor) -> None:
         """Say where a vehicle's local frame is in the world: makes its estimate a position."""
@@ -171,16 +184,28 @@ class GuardCore:
             out = (self._event(t_s, "heard", "", "the orchestrator is back"),)
         return out
 
+    def orchestrator_ended(self, t_s: float) -> Outputs:
+        """Take that the orchestrator is gone for good; what may be armed is brought down."""
+        if not self.may_be_armed(t_s):
+            return ()
+        return tuple(self._latch("silence", "", "the orchestrator ended", t_s))
+
+    def vehicle_ended(self, name: str, text: str, t_s: float) -> Outputs:
+        """Take that the process that was a vehicle ended: there is nothing left to bring down."""
+        ward = self._wards[name]
+        ward.gone = ward.lost = True
+        return tuple(self._latch("lost", name, f"{name} ended: {text}", t_s))
+
     def tick(self, t_s: float) -> Outputs:
         """Take that time has passed; 20 Hz is expected, the rate at which setpoints stream."""
         out: list[Output] = []
         silent_s = 0.0 if self._alive_s is None else t_s - self._alive_s
-        if silent_s > self.settings.orchestrator_silent_s:
+        if silent_s > self.settings.orchestrator_silent_s and self.may_be_armed(t_s):
             out += self._latch("silence", "", "the orchestrator fell silent", t_s)
         for ward in self._wards.values():
             out += self._check_lost(ward, t_s)
         for ward in self._wards.values():
-            if ward.contingency.phase is not Phase.IDLE:
+            if ward.contingency.phase is not Phase.IDLE and not ward.gone:
                 actions = ward.contingency.step(ward.seen.facts(t_s), t_s)
                 out += self._send(ward, actions, t_s)
         return tuple(out)

@@ -26,11 +26,13 @@ EventKind = Literal[
     "heard",
     "pose",
     "record",
+    "guard",
 ]
 """A cause; hold, resume: the operator's; refused: a command that cannot be followed now; action: a
 step of a contingency; dropped: frames of the orchestrator that were not passed; heard: a lost
 vehicle or orchestrator is back; pose: a position that is not finite was let go;
-record: the log of frames cannot be written any more."""
+record: the log of frames cannot be written any more; guard: the guard's own process ended, or
+erred."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +135,7 @@ _DECISIVE: dict[EventKind, DecisiveKind] = {
     "failsafe": "FAIL",
     "silence": "ERROR",
     "lost": "ERROR",
+    "guard": "ERROR",
     "abort": "ABORTED",
     "takeover": "ABORTED",
 }

@@ -139,6 +139,16 @@ class GuardShell:
         now_s = self._now_s()
         self._apply(self.core.bring_down(reason, now_s), now_s)
 
+    def orchestrator_ended(self) -> None:
+        """Take that the orchestrator is gone for good."""
+        now_s = self._now_s()
+        self._apply(self.core.orchestrator_ended(now_s), now_s)
+
+    def vehicle_ended(self, name: str, text: str) -> None:
+        """Take that the process that was a vehicle ended, and how."""
+        now_s = self._now_s()
+        self._apply(self.core.vehicle_ended(name, text, now_s), now_s)
+
     async def all_down(self, timeout_s: float) -> bool:
         """Wait until the guard has brought all down; False when they are not after `timeout_s`."""
         try:

@@ -29,6 +29,8 @@ class Ward:
         self.from_orchestrator = FrameSplitter()
         self.from_gcs = FrameSplitter()
         self.lost = False
+        self.gone = False
+        """The process that was this vehicle has ended."""
         self.told: set[str] = set()
         self.heartbeat_s: float | None = None
 

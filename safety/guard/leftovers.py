@@ -1,0 +1,164 @@
+"""Who flies on this machine: a record of each guard, and the reaping of what was left over.
+
+A record is a JSON file in a folder of the user's own that does not outlive the boot. Processes
+are named by id and start time: an id alone may have gone to another.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import stat
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+_END_S = 3.0
+_POLL_S = 0.02
+_FOLDER = "wil-campaign"
+
+
+class RuntimeFolderError(OSError):
+    """The folder for records and sockets cannot be had safely; says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessId:
+    """A process; started: its start time in clock ticks since boot (proc(5), field 22)."""
+
+    pid: int
+    started: int
+
+    @classmethod
+    def of(cls, pid: int) -> "ProcessId | None":
+        """Return the process that has this id now; None when none lives by it."""
+        try:
+            # The second field is a name in brackets and may hold anything, brackets too.
+            fields = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
+        except OSError:
+            return None
+        return None if fields[0] in {b"Z", b"X"} else cls(pid, int(fields[19]))
+
+    @property
+    def lives(self) -> bool:
+        """Return whether it lives; one that only waits to be reaped does not."""
+        return ProcessId.of(self.pid) == self
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardRecord:
+    """One guard. run, folder: what it guards. socket: where it hears its operator.
+
+    owner: the orchestrator's process. children: of the vehicles. since_s: CLOCK_BOOTTIME.
+    """
+
+    run: str
+    folder: str
+    socket: str
+    guard: ProcessId
+    owner: ProcessId | None
+    since_s: float
+    children: tuple[ProcessId, ...] = ()
+
+    def with_child(self, child: ProcessId) -> "GuardRecord":
+        """Return the record with one more child."""
+        return replace(self, children=(*self.children, child))
+
+
+def runtime_folder() -> Path:
+    """Return the user's own folder for sockets and records; it is made when it is not there.
+
+    XDG_RUNTIME_DIR where there is one, else beneath the folder for temporary files: paths of Unix
+    sockets have at most 107 bytes. Raises RuntimeFolderError when it is not ours alone.
+    """
+    base = os.environ.get("XDG_RUNTIME_DIR", "")
+    folder = Path(base) / _FOLDER if base else Path("/tmp") / f"{_FOLDER}-{os.getuid()}"  # noqa: S108 - checked below
+    folder.mkdir(mode=0o700, exist_ok=True)
+    about = folder.lstat()
+    if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.getuid() or about.st_mode & 0o077:
+        raise RuntimeFolderError(
+            f"{folder} belongs to another, or others may write there; remove it, or set "
+            "XDG_RUNTIME_DIR to a folder of your own"
+        )
+    return folder
+
+
+def record_path(folder: Path, guard: ProcessId) -> Path:
+    """Return where a guard's record is."""
+    return folder / f"guard-{guard.pid}-{guard.started}.json"
+
+
+def write_record(folder: Path, record: GuardRecord) -> None:
+    """Write a guard's record, whole. Raises OSError."""
+    path = record_path(folder, record.guard)
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(asdict(record)), encoding="utf-8")
+    part.replace(path)
+
+
+def remove_record(folder: Path, guard: ProcessId) -> None:
+    """Remove a guard's record, if there is one."""
+    record_path(folder, guard).unlink(missing_ok=True)
+
+
+def records(folder: Path) -> tuple[GuardRecord, ...]:
+    """Return all records, the newest last; what cannot be read is passed over."""
+    return tuple(sorted(_records(folder), key=lambda record: record.since_s))
+
+
+def running(folder: Path) -> tuple[GuardRecord, ...]:
+    """Return the records of guards that live, the newest last."""
+    return tuple(record for record in records(folder) if record.guard.lives)
+
+
+def _records(folder: Path) -> Iterator[GuardRecord]:
+    for path in sorted(folder.glob("guard-*.json")):
+        with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
+            yield _record(json.loads(path.read_text(encoding="utf-8")))
+
+
+def _record(plain: dict[str, Any]) -> GuardRecord:
+    owner = plain["owner"]
+    return GuardRecord(
+        run=plain["run"],
+        folder=plain["folder"],
+        socket=plain["socket"],
+        guard=ProcessId(**plain["guard"]),
+        owner=None if owner is None else ProcessId(**owner),
+        since_s=float(plain["since_s"]),
+        children=tuple(ProcessId(**child) for child in plain["children"]),
+    )
+
+
+def reap_leftovers(folder: Path) -> tuple[str, ...]:
+    """End vehicle processes whose guard and orchestrator are both gone; returns what was done.
+
+    A guard that lives looks after its own; without it its orchestrator does, while it lives.
+    Waits up to three seconds for each process: for the start of a program, not for a flight.
+    """
+    done: list[str] = []
+    for record in records(folder):
+        if record.guard.lives or (record.owner is not None and record.owner.lives):
+            continue
+        done += [
+            f"process {child.pid} was left over from {record.run} in {record.folder}: {how}"
+            for child in record.children
+            if child.lives and (how := end_process(child))
+        ]
+        remove_record(folder, record.guard)
+        Path(record.socket).unlink(missing_ok=True)
+    return tuple(done)
+
+
+def end_process(process: ProcessId) -> str:
+    """End a process that is not ours to wait for: SIGTERM, then SIGKILL; returns what it took."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process.pid, number)
+        for _ in range(round(_END_S / _POLL_S)):
+            if not process.lives:
+                return f"ended by {number.name}"
+            time.sleep(_POLL_S)
+    return "it does not end"

@@ -1,0 +1,73 @@
+"""What an operator's socket hears and answers: one JSON object a line; pure.
+
+Asked: {"command": "abort" | "hold" | "resume" | "status" | "watch", "who": "anna", "token": "..."}
+Answered: {"ok": true, "command": "abort", "text": "...", ...}
+"""
+
+import hmac
+import json
+from dataclasses import dataclass
+from typing import Any, Literal, cast, get_args
+
+LONGEST_LINE_BYTES = 4096
+_LONGEST_WHO = 64
+OperatorWord = Literal["abort", "hold", "resume", "status", "watch"]
+_WORDS: frozenset[str] = frozenset(get_args(OperatorWord))
+_KEYS = frozenset({"command", "who", "token"})
+
+
+class RefusedLine(ValueError):
+    """A line that is not obeyed; says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorLine:
+    """A command and who gave it."""
+
+    command: OperatorWord
+    who: str
+
+
+def parse_line(line: bytes, *, token: str = "") -> OperatorLine:
+    """Return the command of a line. Raises RefusedLine.
+
+    token: what it has to bring; with an empty one none is asked for.
+    """
+    if len(line) > LONGEST_LINE_BYTES:
+        raise RefusedLine(f"longer than {LONGEST_LINE_BYTES} bytes")
+    try:
+        asked: Any = json.loads(line.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise RefusedLine("not UTF-8") from error
+    except (ValueError, RecursionError) as error:
+        raise RefusedLine("not JSON") from error
+    if not isinstance(asked, dict):
+        raise RefusedLine("not a JSON object")
+    if extra := sorted(set(asked) - _KEYS):
+        raise RefusedLine(f"unknown keys: {', '.join(extra)[:_LONGEST_WHO]}")
+    if token and not same_token(asked.get("token"), token):
+        raise RefusedLine("wrong token" if "token" in asked else "a token is needed")
+    command = asked.get("command")
+    if not isinstance(command, str) or command not in _WORDS:
+        raise RefusedLine(f"command is one of {', '.join(get_args(OperatorWord))}")
+    return OperatorLine(cast("OperatorWord", command), checked_who(asked.get("who", "operator")))
+
+
+def checked_who(who: Any) -> str:
+    """Return a name that is fit for a record. Raises RefusedLine."""
+    if not isinstance(who, str) or not 1 <= len(who) <= _LONGEST_WHO or not who.isprintable():
+        raise RefusedLine(f"who is a name of 1 to {_LONGEST_WHO} printable characters")
+    return who
+
+
+def same_token(given: Any, token: str) -> bool:
+    """Return whether a token is right, in a time that tells nothing of it."""
+    return isinstance(given, str) and hmac.compare_digest(
+        given.encode("utf-8", "replace"), token.encode()
+    )
+
+
+def answer(*, ok: bool, text: str, command: str = "", **details: Any) -> bytes:
+    """Return the line of an answer."""
+    said = {"ok": ok, "command": command, "text": text, **details}
+    return json.dumps(said, ensure_ascii=False).encode() + b"\n"

@@ -1,0 +1,40 @@
+"""The .tlog of a vehicle: every frame both ways, as MAVExplorer and Mission Planner read it."""
+
+import struct
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+_FLUSH_S = 1.0
+
+
+class TlogWriter:
+    """Appends MAVLink frames with their time; a context manager.
+
+    Format: for each frame the time as 8-byte big-endian microseconds since 1970, then the raw
+    frame (pymavlink's mavlogfile). `epoch_s` is the UTC time at which the run clock was zero.
+    """
+
+    def __init__(self, *, path: Path, epoch_s: float) -> None:
+        self._path = path
+        self._epoch_s = epoch_s
+
+    def __enter__(self) -> Self:
+        self._file = self._path.open("xb", buffering=1 << 16)
+        self._last_flush_s = 0.0
+        return self
+
+    def write(self, t_s: float, frame: bytes) -> None:
+        """Append one frame that passed at the run clock's t_s. Raises OSError."""
+        self._file.write(struct.pack(">Q", round((self._epoch_s + t_s) * 1e6)) + frame)
+        if t_s - self._last_flush_s >= _FLUSH_S:
+            self._last_flush_s = t_s
+            self._file.flush()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()
