@@ -150,7 +150,8 @@ class Body:
         if self._surroundings is None or self.contact is not None:
             return
         pose = self.pose()
-        if self._checked is not None and not self.motors_stopped:
+        flies = not (self.motors_stopped and self.touching)
+        if self._checked is not None and flies:
             before, t_before_s = self._checked
             self.contact = self._surroundings.contact(before, t_before_s, pose, t_s)
         self._checked = (pose, t_s)
