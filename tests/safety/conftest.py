@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from safety.guard.core import GuardCore
 from safety.guard.events import GuardEvent, Output, ToOrchestrator, ToVehicle
 from safety.samples import PoseSample
+from tests.safety.guard_rigs import make_pair
 from vehicles.autopilots.base import Autopilot, Mode, Target
 from vehicles.autopilots.px4 import Px4, px4_custom_mode
 from vehicles.mavlink.codec import Codec
@@ -189,3 +190,9 @@ def fake_vehicle() -> type[FakeVehicle]:
 @pytest.fixture
 def rig() -> type[Rig]:
     return Rig
+
+
+@pytest.fixture
+def pair(fake_vehicle: Any, rig: Any) -> Any:
+    """Return a rig of a PX4 as real and an ArduCopter as twin, both flying in GUIDED."""
+    return make_pair(fake_vehicle, rig)
