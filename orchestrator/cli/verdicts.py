@@ -10,7 +10,19 @@ from campaigns.acceptance import Requirement, Standing
 from orchestrator.cli.display import VERDICT_STYLES
 from orchestrator.results import RunResult, Summary, standings_of
 
-_COLUMNS = ("case", "mode", "passed", "verdict", "clearance", "offset", "takeoff skew", "mixing")
+_COLUMNS = (
+    "case",
+    "mode",
+    "passed",
+    "verdict",
+    "clearance\nm",
+    "offset\nm",
+    "skew\nms",
+    "mixing\nHz",
+    "error\npx",
+)
+"""Of all runs of a row the worst: clearance, offset in the gate, takeoff skew, mixing rate, and
+the largest median of the registration error."""
 
 
 def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> RenderableType:
@@ -35,10 +47,10 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
     return (
         f"{passed}/{len(runs)}",
         _verdict(runs, standing),
-        _worst(runs, "collision", "m"),
-        _worst(runs, "reached", "m", largest=True),
+        _worst(runs, "collision"),
+        _worst(runs, "reached", largest=True),
         _largest_ms([run.sync.takeoff_skew_s for run in runs]),
-        _mixing(runs),
+        *_mixing(runs),
     )
 
 
@@ -51,7 +63,7 @@ def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
     return Text(f"{worst} ({standing.requirement.share})", style=VERDICT_STYLES[worst])
 
 
-def _worst(runs: Sequence[RunResult], name: str, unit: str, *, largest: bool = False) -> str:
+def _worst(runs: Sequence[RunResult], name: str, *, largest: bool = False) -> str:
     """Return the worst value that the judged vehicle had in an oracle over all runs."""
     values = [
         oracle.actual
@@ -61,7 +73,7 @@ def _worst(runs: Sequence[RunResult], name: str, unit: str, *, largest: bool = F
     ]
     if not values:
         return "-"
-    return f"{max(values) if largest else min(values):.2f} {unit}"
+    return f"{max(values) if largest else min(values):.2f}"
 
 
 def subject(run: RunResult) -> str:
@@ -71,18 +83,17 @@ def subject(run: RunResult) -> str:
 
 def _largest_ms(values: Sequence[float | None]) -> str:
     known = [abs(value) for value in values if value is not None]
-    return f"{max(known) * 1000:.0f} ms" if known else "-"
+    return f"{max(known) * 1000:.0f}" if known else "-"
 
 
-def _mixing(runs: Sequence[RunResult]) -> str:
+def _mixing(runs: Sequence[RunResult]) -> tuple[str, str]:
     mixed = [run.mixing for run in runs if run.mixing is not None]
     if not mixed:
-        return "-"
-    rate_hz = min(one.rate_hz for one in mixed)
+        return "-", "-"
     errors = [one.registration_error_px for one in mixed]
     medians = [error.p50 for error in errors if error is not None and error.p50 is not None]
-    shown = f"{rate_hz:.1f} Hz"
-    return f"{shown}, {max(medians):.1f} px" if medians else shown
+    rate = f"{min(one.rate_hz for one in mixed):.1f}"
+    return rate, f"{max(medians):.1f}" if medians else "-"
 
 
 def _reasons(summary: Summary) -> list[Text]:
