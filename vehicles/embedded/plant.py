@@ -110,7 +110,9 @@ class Plant:
             y.get_double_value() * _METRES_PER_FOOT,
             z.get_double_value() * _METRES_PER_FOOT,
         )
-        if not math.isfinite(sum(position) + sum(velocity) + sum(euler) + sum(rates)):
+        everything = position[0] + position[1] + position[2] + velocity[0] + velocity[1]
+        everything += velocity[2] + euler[0] + euler[1] + euler[2] + rates[0] + rates[1] + rates[2]
+        if not math.isfinite(everything):
             raise PlantError(
                 f"the physics left the finite numbers: position {position}, "
                 f"velocity {velocity}, attitude {euler}, rates {rates}"

@@ -125,7 +125,8 @@ def main(arguments: list[str]) -> int:
     except ValidationError as error:
         sys.stderr.write(f"{error}\n")
         return BAD_SETTINGS
-    _die_with_parent()
+    if settings.end_with_parent:
+        _die_with_parent()
     try:
         asyncio.run(_until_told(settings))
     except (LinkError, ProfileError, ValueError) as error:

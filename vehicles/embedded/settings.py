@@ -35,7 +35,8 @@ class ProcessSettings(_Part):
 
     link: a link string, seen from the vehicle (udpout://127.0.0.1:14540). feed_host, feed_port:
     where truth and motion capture are sent; 0 for no feed. end_with_stdin: end when the pipe on
-    stdin closes.
+    stdin closes. end_with_parent: end when the process that started it ends; not where others hold
+    the pipe as well, so that its failsafes can act.
     """
 
     autopilot: AutopilotKind
@@ -56,6 +57,7 @@ class ProcessSettings(_Part):
     truth_hz: float = Field(default=50.0, gt=0.0, le=250.0)
     surroundings: Surround | None = None
     end_with_stdin: bool = False
+    end_with_parent: bool = True
     never_ready: bool = False
     refuse_arm: str | None = None
 

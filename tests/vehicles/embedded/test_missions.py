@@ -1,0 +1,233 @@
+"""Missions and fences over the link, for both autopilots."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+Scenario = Callable[[Any], Any]
+BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+GLOBAL_RELATIVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+
+
+def item(seq: int, command: int, kind: int, **values: Any) -> Any:
+    params = values.get("params", (0.0, 0.0, 0.0, 0.0))
+    return mavlink.MAVLink_mission_item_int_message(
+        1, 1, seq, values.get("frame", GLOBAL_RELATIVE), command, 0, 1, *params,
+        values.get("x", 0), values.get("y", 0), values.get("z", 0.0), kind,
+    )  # fmt: skip
+
+
+async def upload(r: Any, kind: int, items: list[Any]) -> int:
+    """Upload as a ground station does; return the MAV_MISSION_RESULT."""
+    r.last.pop("MISSION_ACK", None)
+    r.last.pop("MISSION_REQUEST_INT", None)
+    r.send(mavlink.MAVLink_mission_count_message(1, 1, len(items), kind))
+    for seq, each in enumerate(items):
+        await r.until(
+            lambda seq=seq: getattr(r.last.get("MISSION_REQUEST_INT"), "seq", -1) == seq,
+            limit_s=3.0,
+        )
+        r.send(each)
+    await r.until(lambda: "MISSION_ACK" in r.last, limit_s=3.0)
+    ack = r.last["MISSION_ACK"]
+    assert (ack.target_system, ack.target_component) == (255, 190)
+    assert ack.mission_type == kind
+    return int(ack.type)
+
+
+async def download(r: Any, kind: int) -> list[Any]:
+    r.send(mavlink.MAVLink_mission_request_list_message(1, 1, kind))
+    await asyncio.sleep(0.05)
+    count = r.last["MISSION_COUNT"]
+    assert count.mission_type == kind
+    items = []
+    for seq in range(count.count):
+        r.send(mavlink.MAVLink_mission_request_int_message(1, 1, seq, kind))
+        await asyncio.sleep(0.05)
+        items.append(r.last["MISSION_ITEM_INT"])
+        assert items[-1].seq == seq
+    return items
+
+
+def square(r: Any, half_m: float, *, inside: bool = True) -> list[Any]:
+    command = 5001 if inside else 5002
+    corners = [(half_m, half_m), (half_m, -half_m), (-half_m, -half_m), (-half_m, half_m)]
+    items = []
+    for seq, (north, east) in enumerate(corners):
+        place = r.vehicle.autopilot.state.frame.to_geodetic((north, east, 0.0))
+        x, y = round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7)
+        items.append(item(seq, command, 1, params=(4.0, 0.0, 0.0, 0.0), x=x, y=y, frame=0))
+    return items
+
+
+@BOTH
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_lists_are_uploaded_read_back_and_cleared(
+    rig: Any, virtually: Scenario, autopilot: str, kind: int
+) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot) as r:
+            await asyncio.sleep(4.0)
+            if kind == 1:
+                items = square(r, 20.0)
+            else:
+                command = 16 if kind == 0 else 5100
+                items = [
+                    item(seq, command, kind, x=473977400 + seq, y=85455900, z=2.0 + seq)
+                    for seq in range(3)
+                ]
+            assert await upload(r, kind, items) == 0
+            back = await download(r, kind)
+            # Item 0 of ArduPilot's missions is home, whatever was sent.
+            first = 1 if (autopilot, kind) == ("ardupilot", 0) else 0
+            for sent, got in list(zip(items, back, strict=True))[first:]:
+                assert (got.command, got.x, got.y, got.z) == (sent.command, sent.x, sent.y, sent.z)
+                assert (got.frame, got.param1) == (sent.frame, sent.param1)
+            r.send(mavlink.MAVLink_mission_clear_all_message(1, 1, kind))
+            await asyncio.sleep(0.05)
+            assert r.last["MISSION_ACK"].type == 0
+            left = 1 if (autopilot, kind) == ("ardupilot", 0) else 0
+            assert len(await download(r, kind)) == left
+
+    virtually(scenario())
+
+
+@BOTH
+def test_a_lost_item_is_asked_for_again(rig: Any, virtually: Scenario, autopilot: str) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot) as r:
+            await asyncio.sleep(1.0)
+            r.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 2))
+            await asyncio.sleep(1.3)
+            asked = [m.seq for m in r.of("MISSION_REQUEST_INT")]
+            assert asked == [0, 0, 0]
+            # Out of order: asked again for the one that is due.
+            r.send(item(1, 5100, 2))
+            await asyncio.sleep(0.05)
+            assert r.last["MISSION_REQUEST_INT"].seq == 0
+            r.send(item(0, 5100, 2))
+            r.send(item(1, 5100, 2))
+            await asyncio.sleep(0.05)
+            assert r.last["MISSION_ACK"].type == 0
+            r.last.pop("MISSION_ACK")
+            r.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 2))
+            await asyncio.sleep(6.0)
+            cancelled = mavlink.MAV_MISSION_OPERATION_CANCELLED
+            assert r.last["MISSION_ACK"].type == cancelled
+            r.send(mavlink.MAVLink_mission_request_int_message(1, 1, 99, 2))
+            r.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 77))
+            await asyncio.sleep(0.05)
+            refused = [m.type for m in r.of("MISSION_ACK")[-2:]]
+            assert refused == [
+                mavlink.MAV_MISSION_INVALID_SEQUENCE,
+                mavlink.MAV_MISSION_UNSUPPORTED,
+            ]
+
+    virtually(scenario())
+
+
+@BOTH
+def test_fences_that_are_none_are_invalid(rig: Any, virtually: Scenario, autopilot: str) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot) as r:
+            await asyncio.sleep(4.0)
+            assert await upload(r, 1, square(r, 20.0)) == 0
+            invalid = mavlink.MAV_MISSION_INVALID
+            assert await upload(r, 1, square(r, 20.0)[:3]) == invalid
+            circle = item(0, 5003, 1, params=(-2.0, 0.0, 0.0, 0.0))
+            assert await upload(r, 1, [circle]) == invalid
+            assert await upload(r, 1, [item(0, 16, 1)]) == invalid
+            # The old fence stays.
+            assert len(await download(r, 1)) == 4
+
+    virtually(scenario())
+
+
+def test_px4_refuses_a_fence_without_home(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot="px4") as r:
+            await asyncio.sleep(5.0)
+            denied = mavlink.MAV_MISSION_DENIED
+            assert await upload(r, 1, square(r, 5.0, inside=False)) == denied
+            assert await upload(r, 1, square(r, 5.0)) == 0
+
+    virtually(scenario())
+
+
+def test_px4_acts_on_its_fence(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot="px4", parameters={"GF_ACTION": 5, "COM_FAIL_ACT_T": 0}) as r:
+            await asyncio.sleep(5.0)
+            assert await upload(r, 1, square(r, 3.0)) == 0
+            await r.hover()
+            await r.stream(0.3, mask=3527, velocity=(1.0, 0.0, 0.0))
+            await r.command(176, 1, 6)
+            await r.stream(4.5, mask=3527, velocity=(1.0, 0.0, 0.0))
+            assert r.custom_mode == 0x06040000
+            assert r.status == mavlink.MAV_STATE_CRITICAL
+            await r.until(lambda: not r.armed)
+            assert r.vehicle.truth().pose.position_ned_m[0] == pytest.approx(3.6, abs=0.6)
+
+    virtually(scenario())
+
+
+def test_copter_acts_on_its_fence_when_it_is_on(rig: Any, virtually: Scenario) -> None:
+    async def scenario(enabled: int) -> int:
+        async with rig(autopilot="ardupilot", parameters={"FENCE_ACTION": 2}) as r:
+            await asyncio.sleep(30.0)
+            assert await upload(r, 1, square(r, 3.0)) == 0
+            assert await r.command(207, enabled) == 0
+            await r.hover()
+            await r.stream(5.0, mask=3527, velocity=(1.0, 0.0, 0.0))
+            said = [text for text in r.texts() if "fence breached" in text]
+            assert said == (["Polygon fence breached"] if enabled else [])
+            return int(r.custom_mode)
+
+    assert virtually(scenario(1)) == 9
+    assert virtually(scenario(0)) == 4
+
+
+def test_copter_does_not_arm_outside_its_fence(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot="ardupilot", parameters={"FENCE_ENABLE": 1}) as r:
+            await asyncio.sleep(30.0)
+            assert await upload(r, 1, square(r, 3.0, inside=False)) == 0
+            assert await r.command(400, 1) == mavlink.MAV_RESULT_FAILED
+            await asyncio.sleep(0.05)
+            assert "Arm: vehicle outside fence" in r.texts()
+
+    virtually(scenario())
+
+
+@BOTH
+def test_flies_an_uploaded_mission(rig: Any, virtually: Scenario, autopilot: str) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot) as r:
+            await asyncio.sleep(7.0 if autopilot == "px4" else 42.0)
+            goal = r.vehicle.autopilot.state.frame.to_geodetic((12.0, 0.0, 0.0))
+            x, y = round(goal.latitude_deg * 1e7), round(goal.longitude_deg * 1e7)
+            items = [item(0, 22, 0, z=3.0), item(1, 16, 0, x=x, y=y, z=3.0), item(2, 21, 0)]
+            if autopilot == "ardupilot":
+                home = item(0, 16, 0)
+                items = [home, *(i for i in items)]
+                for seq, each in enumerate(items):
+                    each.seq = seq
+            assert await upload(r, 0, items) == 0
+            if autopilot == "px4":
+                assert await r.command(400, 1) == 0
+                assert await r.command(176, 1, 4, 4) == 0
+            else:
+                await r.command(176, 1, 4)
+                assert await r.command(400, 1) == 0
+                assert await r.command(300) == 0
+            await r.until(lambda: r.height_m > 2.0)
+            await r.until(lambda: not r.armed)
+            north_m = r.vehicle.truth().pose.position_ned_m[0]
+            assert north_m == pytest.approx(12.0, abs=2.5)
+            reached = [m.seq for m in r.of("MISSION_ITEM_REACHED")]
+            assert reached == ([0, 1] if autopilot == "px4" else [1, 2])
+
+    virtually(scenario())
