@@ -18,6 +18,9 @@ _JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
 _FLIGHT_ENDS = frozenset({"time_limit", "vehicle_fault"})
 """Kinds of oracle whose decisive flag leaves nothing to fly for; the fence is the guard's."""
 
+_JUDGED_EVERY_S = 0.018
+"""50 poses a second are judged: between two, a vehicle that brakes at 3 m/s^2 leaves the straight
+way that is swept by a dt^2 / 8 = 0.15 mm, less than the tolerance of 1 mm of a clearance."""
 _CLEARANCE_KINDS = frozenset({"collision", "clearance"})
 
 FlagWatcher = Callable[[Flag], None]
@@ -40,6 +43,7 @@ class Bench:
         self._watch = watch
         self._stations: list[Station] = []
         self._heard_s: dict[str, float] = {}
+        self._due_s: dict[str, float] = {}
         self._told = 0
         course.on_stage(self._stage)
 
@@ -75,6 +79,10 @@ class Bench:
             self._state(station, t_s)
 
     def _pose(self, sample: PoseSample) -> None:
+        due_s = self._due_s.get(sample.vehicle, 0.0)
+        if sample.t_s < due_s:
+            return
+        self._due_s[sample.vehicle] = sample.t_s + _JUDGED_EVERY_S
         self._take(self._judge.pose(sample))
 
     def _state(self, station: Station, t_s: float) -> None:
