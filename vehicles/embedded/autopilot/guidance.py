@@ -58,18 +58,18 @@ class Hold(Behaviour):
         self, *, speeds: Speeds, yaw_rad: float, position_ned_m: Vec3 | None = None
     ) -> None:
         super().__init__()
-        self._speeds = speeds
-        self._yaw_rad = yaw_rad
+        self._target = Target((None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds)
         self._place = position_ned_m
+        if position_ned_m is not None:
+            self._target = self._target._replace(position_ned_m=position_ned_m)
 
     def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
         """Return zero velocity while fast, then the place."""
-        if self._place is None:
-            if _speed(now) > self._SLOW_M_S:
-                return Target((None, None, None), yaw_rad=self._yaw_rad, speed_m_s=self._speeds)
+        if self._place is None and _speed(now) <= self._SLOW_M_S:
             self._place = now.position_ned_m
-        self.done = True
-        return Target(self._place, yaw_rad=self._yaw_rad, speed_m_s=self._speeds)
+            self._target = self._target._replace(position_ned_m=self._place)
+        self.done = self._place is not None
+        return self._target
 
 
 class GoTo(Behaviour):
