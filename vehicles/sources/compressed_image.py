@@ -6,13 +6,12 @@ ROS 1, and of ROS 2 in CDR (DDS-RTPS 2.3, 10.2).
 """
 
 import base64
-import binascii
 import json
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from vehicles.sources.packing import BadMessageError
+from vehicles.sources.packing import BadMessageError, Header
 
 Decode = Callable[[bytes], "CompressedImage"]
 
@@ -35,7 +34,7 @@ def _guarded(decode: Decode) -> Decode:
     def guarded(message: bytes) -> CompressedImage:
         try:
             return decode(message)
-        except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
+        except (ValueError, KeyError, IndexError, RecursionError, struct.error) as error:
             raise BadMessageError(f"is no compressed image: {error}") from error
 
     return guarded
@@ -55,14 +54,13 @@ def _protobuf(message: bytes) -> CompressedImage:
 
 
 def _json(message: bytes) -> CompressedImage:
-    value = json.loads(message)
-    stamp = value.get("timestamp") or {}
-    try:
-        data = base64.b64decode(value["data"], validate=True)
-    except binascii.Error as error:
-        raise BadMessageError(f"its data is not base64: {error}") from error
-    seconds, nanoseconds = int(stamp.get("sec", 0)), int(stamp.get("nsec", 0))
-    return CompressedImage(_stamp(seconds, nanoseconds), str(value["format"]), data)
+    header = Header.of(json.loads(message))
+    seconds = nanoseconds = 0
+    if "timestamp" in header:
+        stamp = header.header("timestamp")
+        seconds, nanoseconds = stamp.whole("sec"), stamp.whole("nsec")
+    data = base64.b64decode(header.text("data"), validate=True)
+    return CompressedImage(_stamp(seconds, nanoseconds), header.text("format"), data)
 
 
 def _ros1(message: bytes) -> CompressedImage:

@@ -61,12 +61,15 @@ class _Handoff:
         self._waiting: deque[_Arrived] = deque()
         self._depth = depth
         self._wake = wake
-        self.dropped = 0
+        self._surplus = 0
         self.error: SourceError | None = None
         self.opened = False
 
     def put(self, item: _Arrived) -> None:
         with self._lock:
+            if len(self._waiting) >= self._depth:
+                self._waiting.popleft()
+                self._surplus += 1
             self._waiting.append(item)
         self._wake()
 
@@ -79,11 +82,9 @@ class _Handoff:
         self._wake()
 
     def take(self) -> tuple[_Arrived | None, int]:
-        """Return the oldest one worth having, and how many made way for it."""
+        """Return the oldest one worth having, and how many before it made way."""
         with self._lock:
-            surplus = max(0, len(self._waiting) - self._depth)
-            for _ in range(surplus):
-                self._waiting.popleft()
+            surplus, self._surplus = self._surplus, 0
             return (self._waiting.popleft() if self._waiting else None), surplus
 
 

@@ -143,11 +143,20 @@ class ZmqPictureSource:
             self._seq += 1
             ask = Ask(self._seq, t_s, camera_pose, intrinsics, want_depth, want_ids, events)
             self._count(asked=1)
-            deadline_s = time.monotonic() + self._timeout_s
-            self._send(ask_parts(ask), deadline_s)
-            picture = self._answer(lambda parts: picture_of(parts, ask), deadline_s)
+            try:
+                picture = self._answered(ask)
+            except zmq.ZMQError as error:
+                raise SimulatorError(
+                    f"{self.name}: the connection is closed ({error.strerror}); ask within "
+                    "`async with`"
+                ) from error
             self._count(answered=1)
             return picture
+
+    def _answered(self, ask: Ask) -> SimulatedPicture:
+        deadline_s = time.monotonic() + self._timeout_s
+        self._send(ask_parts(ask), deadline_s)
+        return self._answer(lambda parts: picture_of(parts, ask), deadline_s)
 
     def _connected(self) -> "zmq.Socket[bytes]":
         socket = self._context.socket(zmq.DEALER)

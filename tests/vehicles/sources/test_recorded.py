@@ -259,7 +259,15 @@ def test_decoders_read_what_was_written(kind: str) -> None:
     assert decode(encode(0, 0)).stamp_s is None
 
 
-@given(kind=st.sampled_from(list(KINDS)), data=st.binary(max_size=80))
+JSON = st.recursive(
+    st.none() | st.integers() | st.text(max_size=5),
+    lambda inner: st.dictionaries(
+        st.sampled_from(["timestamp", "sec", "nsec", "data", "format"]), inner, max_size=4
+    ),
+).map(lambda value: json.dumps(value).encode())
+
+
+@given(kind=st.sampled_from(list(KINDS)), data=st.binary(max_size=80) | JSON)
 def test_decoders_of_garbage_say_so_or_give_bytes(kind: str, data: bytes) -> None:
     decode = decoder_for(*KINDS[kind][:2])
     assert decode is not None

@@ -196,6 +196,14 @@ async def test_questions_from_several_threads_get_their_own_answers() -> None:
     assert sorted(found) == list(range(1, 21))
 
 
+async def test_after_closing_there_is_nobody_to_ask() -> None:
+    with Simulator(right) as simulator:
+        async with ZmqPictureSource(address=simulator.address) as source:
+            await ask(source)
+        with pytest.raises(SimulatorError, match="connection is closed"):
+            await ask(source)
+
+
 async def test_nobody_there_is_said_at_the_start() -> None:
     with pytest.raises(SimulatorTimeoutError, match="no simulator is connected; start it"):
         async with ZmqPictureSource(address="tcp://127.0.0.1:9", open_timeout_s=0.2):
