@@ -200,7 +200,7 @@ class GuardCore:
         """Take that time has passed; 20 Hz is expected, the rate at which setpoints stream."""
         out: list[Output] = []
         silent_s = 0.0 if self._alive_s is None else t_s - self._alive_s
-        if silent_s > self.settings.orchestrator_silent_s and self.may_be_armed(t_s):
+        if silent_s > self.settings.orchestrator_silent_s:
             out += self._latch("silence", "", "the orchestrator fell silent", t_s)
         for ward in self._wards.values():
             out += self._check_lost(ward, t_s)

@@ -1,0 +1,376 @@
+"""The guard in a process and session of its own, under the wall clock: started first, ended last.
+
+`python -m safety.guard.process CHANNEL LIFELINE HOLD` with three inherited file descriptors: its
+end of the packet socket, the end of a pipe that becomes its children's stdin, and the pipe's other
+end, which it only keeps open: the children's stdin ends when guard and orchestrator are both gone.
+"""
+
+import asyncio
+import contextlib
+import gc
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import AsyncExitStack, ExitStack
+from pathlib import Path
+from typing import Any
+
+from safety.guard.channel import Channel
+from safety.guard.channel_link import ChannelLink
+from safety.guard.charter import CharterError, Guarded, GuardCharter
+from safety.guard.events import GuardEvent
+from safety.guard.journal import Journal
+from safety.guard.leftovers import (
+    GuardRecord,
+    ProcessId,
+    reap_leftovers,
+    remove_record,
+    runtime_folder,
+    write_record,
+)
+from safety.guard.operator_lines import OperatorLine, RefusedLine
+from safety.guard.operator_socket import POINTER, OperatorSocket
+from safety.guard.protocol import (
+    Alive,
+    AnchorAt,
+    Bytes,
+    CharterMessage,
+    End,
+    Ended,
+    Failed,
+    Message,
+    OnWire,
+    Opened,
+    Order,
+    Position,
+    Start,
+    Started,
+    Status,
+    Told,
+)
+from safety.guard.shell import GuardLinks, GuardShell
+from safety.samples import PoseSample
+from vehicles.anchor import Anchor
+from vehicles.child import ChildProcess
+from vehicles.links.base import Link, LinkError
+from vehicles.links.opening import open_link
+from vehicles.links.parse import LinkAddress, parse_link
+from vehicles.links.udp import UdpLink
+from vehicles.mavlink.tlog import TlogWriter
+from worlds.frames import Pose
+
+STATUS_S = 0.1
+_CHARTER_S = 20.0
+_LAST_POLL_S = 0.05
+JOURNAL = "guard.jsonl"
+
+
+class GuardProcess:
+    """Runs one guard from its charter to the end of its last child."""
+
+    def __init__(self, *, end: socket.socket, lifeline: int) -> None:
+        self._channel = Channel(end, take=self._take, closed=self._orphaned)
+        self._lifeline = lifeline
+        self._chartered: asyncio.Future[CharterMessage | None]
+        self._over = asyncio.Event()
+        self._ending = False
+        self._lost = False
+        self._children: dict[str, ChildProcess] = {}
+        self._starts: set[asyncio.Task[None]] = set()
+        self._names: tuple[str, ...] = ()
+        self._links: list[ChannelLink] = []
+        self._tlogs: dict[str, TlogWriter] = {}
+
+    async def run(self) -> int:
+        """Guard until the orchestrator says the end, or is gone and all are down."""
+        loop = asyncio.get_running_loop()
+        self._chartered = loop.create_future()
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            loop.add_signal_handler(number, self._told_to_end, number)
+        self._channel.open()
+        async with asyncio.timeout(_CHARTER_S):
+            message = await self._chartered
+        if message is None:
+            return 1
+        try:
+            await self._guard(GuardCharter.from_plain(message.plain))
+        except (CharterError, LinkError, OSError) as error:
+            self._channel.send(Failed(f"the guard cannot begin: {error}"))
+            return 1
+        finally:
+            self._channel.close()
+        return 0
+
+    async def _guard(self, charter: GuardCharter) -> None:
+        self._charter = charter
+        self._names = tuple(charter.vehicles)
+        folder = Path(charter.folder)
+        self._journal = Journal(path=folder / JOURNAL)
+        try:
+            with ExitStack() as logs:
+                for name in self._names:
+                    log = TlogWriter(path=folder / f"{name}.tlog", epoch_s=charter.epoch_s)
+                    self._tlogs[name] = logs.enter_context(log)
+                    # A full disk is told by the guard when it writes; at the close nobody hears.
+                    logs.push(lambda kind, *_: kind is not None and issubclass(kind, OSError))
+                async with AsyncExitStack() as stack:
+                    await self._open(stack, charter)
+                    await self._over.wait()
+                    await self._last()
+        finally:
+            self._note("end", dropped=self._channel.dropped, garbage=self._channel.garbage)
+            self._journal.close()
+
+    async def _open(self, stack: AsyncExitStack, charter: GuardCharter) -> None:
+        runtime = runtime_folder()
+        for text in await asyncio.to_thread(reap_leftovers, runtime):
+            self._note("leftover", text=text)
+        outer = {name: _vehicle_link(one) for name, one in charter.vehicles.items()}
+        links: dict[str, GuardLinks] = {}
+        for index, (name, one) in enumerate(charter.vehicles.items()):
+            inner = ChannelLink(name=f"{name} orchestrator", index=index, channel=self._channel)
+            self._links.append(inner)
+            gcs = open_link(parse_link(one.gcs)) if one.gcs else None
+            links[name] = GuardLinks(vehicle=outer[name], orchestrator=inner, gcs=gcs)
+        self._shell = GuardShell(
+            vehicles={name: one.vehicle for name, one in charter.vehicles.items()},
+            links=links,
+            settings=charter.settings,
+            plan=charter.plan,
+            record=self._record_frame,
+        )
+        self._shell.on_event(self._event)
+        asyncio.get_running_loop().set_exception_handler(self._erred)
+        await stack.enter_async_context(self._shell)
+        stack.push_async_callback(self._reap)
+        await self._enlist(stack, runtime)
+        self._opened(outer)
+
+    async def _enlist(self, stack: AsyncExitStack, runtime: Path) -> None:
+        """Open the operator's socket and say on this machine that we fly."""
+        me = ProcessId.of(os.getpid()) or ProcessId(os.getpid(), 0)
+        path = runtime / f"guard-{me.pid}.sock"
+        path.unlink(missing_ok=True)
+        await stack.enter_async_context(
+            OperatorSocket(
+                path=path,
+                obey=self._obey,
+                status=self._status,
+                refused=lambda text: self._note("refused", text=text),
+                token=self._charter.token,
+                pointer=Path(self._charter.folder) / POINTER,
+            )
+        )
+        self._runtime = runtime
+        self._record = GuardRecord(
+            run=self._charter.run,
+            folder=self._charter.folder,
+            socket=str(path),
+            guard=me,
+            owner=ProcessId.of(os.getppid()),
+            since_s=time.clock_gettime(time.CLOCK_BOOTTIME),
+        )
+        write_record(runtime, self._record)
+        stack.callback(remove_record, runtime, me)
+
+    def _opened(self, outer: Mapping[str, Link]) -> None:
+        ports = tuple(
+            link.local_port if isinstance(link, UdpLink) else 0 for link in outer.values()
+        )
+        self._note("opened", pid=os.getpid())
+        self._channel.send(Opened(os.getpid(), ports))
+        self._tell_status()
+        # What is loaded by now lives as long as the process: the collector need not look.
+        gc.freeze()
+
+    def _tell_status(self) -> None:
+        core, loop = self._shell.core, asyncio.get_running_loop()
+        if not core.may_be_armed(loop.time()):
+            # Who is busy with other things on the ground endangers nobody by its silence.
+            self._shell.alive()
+        self._channel.send(Status(core.latched, core.all_down, tuple(core.phases.values())))
+        loop.call_later(STATUS_S, self._tell_status)
+
+    def _take(self, message: Message) -> None:
+        """Take a message of the orchestrator; the frequent ones first."""
+        match message:
+            case Bytes(index, _, data) if index < len(self._links):
+                self._links[index].arrive(data, asyncio.get_running_loop().time())
+            case Position(index, t_s, place, q_wxyz, velocity) if index < len(self._links):
+                pose = Pose(place, q_wxyz)
+                self._shell.position(PoseSample(t_s, self._names[index], pose, velocity))
+            case Alive() if self._links:
+                self._shell.alive()
+            case CharterMessage() if not self._chartered.done():
+                self._chartered.set_result(message)
+            case Order() if self._links:
+                self._order(message)
+            case AnchorAt(name, origin, turn) if name in self._names:
+                self._shell.anchor(name, Anchor(origin, turn))
+            case Start() if message.vehicle in self._names:
+                task = asyncio.create_task(self._start(message), name=f"start {message.vehicle}")
+                self._starts.add(task)
+                task.add_done_callback(self._starts.discard)
+            case End():
+                self._over.set()
+            case _:
+                self._note("refused", text=f"{type(message).__name__} makes no sense now")
+
+    def _order(self, order: Order) -> None:
+        match order.kind:
+            case "abort":
+                self._shell.abort(order.text)
+            case "hold":
+                self._shell.hold(order.text)
+            case "resume":
+                self._shell.resume(order.text)
+            case "bring_down":
+                self._shell.bring_down(order.text)
+
+    def _obey(self, line: OperatorLine) -> str:
+        """Do what the operator's socket says."""
+        core, who = self._shell.core, f"socket:{line.who}"
+        if line.command == "abort":
+            self._shell.abort(who)
+            return "all are brought down"
+        if core.latched is not None:
+            raise RefusedLine(f"{line.command}: all are landing already ({core.latched})")
+        if line.command == "hold":
+            self._shell.hold(who)
+            return "all hold"
+        if not core.paused:
+            raise RefusedLine("resume: nothing is held")
+        self._shell.resume(who)
+        return "all go on"
+
+    def _status(self) -> dict[str, Any]:
+        """Return where all stand, for the operator."""
+        core = self._shell.core
+        return {
+            "run": self._charter.run,
+            "t_s": round(asyncio.get_running_loop().time(), 3),
+            "latched": core.latched,
+            "held": core.paused,
+            "all_down": core.all_down,
+            "orchestrator": "lost" if self._lost else "there",
+            "vehicles": {name: phase.value for name, phase in core.phases.items()},
+        }
+
+    async def _start(self, start: Start) -> None:
+        """Start a vehicle's process; its death is told as soon as it is seen."""
+        child = ChildProcess(
+            argv=start.argv, lifeline=self._lifeline, environment=start.environment
+        )
+        try:
+            await child.start(lambda one: self._child_ended(start.vehicle, one))
+        except OSError as error:
+            self._channel.send(Ended(start.vehicle, None, str(error)))
+            return
+        self._children[start.vehicle] = child
+        pid = child.pid or 0
+        known = ProcessId.of(pid)
+        if known is not None:
+            self._record = self._record.with_child(known)
+            with contextlib.suppress(OSError):
+                write_record(self._runtime, self._record)
+        self._note("started", vehicle=start.vehicle, pid=pid)
+        self._channel.send(Started(start.vehicle, pid))
+
+    def _child_ended(self, name: str, child: ChildProcess) -> None:
+        code = child.exit_code
+        how = _how_it_ended(code)
+        self._note("ended", vehicle=name, text=how)
+        if not self._ending:
+            self._shell.vehicle_ended(name, how)
+        self._channel.send(Ended(name, code, child.last_words))
+
+    async def _reap(self) -> None:
+        """End all children, at the same time."""
+        self._ending = True
+        for task in tuple(self._starts):
+            await asyncio.wait([task])
+        await asyncio.gather(*(child.end() for child in self._children.values()))
+
+    async def _last(self) -> None:
+        """With no orchestrator any more: have all down before the children end."""
+        loop = asyncio.get_running_loop()
+        since_s = loop.time()
+        self._shell.orchestrator_ended()
+        while busy := self._shell.core.may_be_armed(loop.time()):
+            if loop.time() - since_s > self._charter.patience_s and not self._needed(busy):
+                self._note("given up", text=f"{', '.join(busy)} did not come down")
+                return
+            await asyncio.sleep(_LAST_POLL_S)
+
+    def _needed(self, busy: tuple[str, ...]) -> bool:
+        """Return whether an armed vehicle that may break something was heard lately."""
+        now_s, core = asyncio.get_running_loop().time(), self._shell.core
+        return any(
+            self._charter.vehicles[name].vehicle.attached
+            and now_s - (core.heard_s(name) or 0.0) < self._charter.patience_s
+            for name in busy
+        )
+
+    def _orphaned(self) -> None:
+        if not self._chartered.done():
+            self._chartered.set_result(None)
+        elif self._names:
+            self._lost = True
+            self._note("orphaned", text="the orchestrator's end of the pipe is closed")
+        self._over.set()
+
+    def _told_to_end(self, number: signal.Signals) -> None:
+        """Take SIGTERM of a machine that shuts down; SIGHUP and SIGINT are not for us."""
+        self._note("signal", text=number.name)
+        if number == signal.SIGTERM:
+            self._over.set()
+
+    def _erred(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Take an error of our own: whoever guards wrongly must not go on as if all were well."""
+        error = context.get("exception")
+        said = context.get("message", "") if error is None else f"{type(error).__name__}: {error}"
+        event = GuardEvent(asyncio.get_running_loop().time(), "guard", "", f"in the guard: {said}")
+        self._event(event)
+        self._shell.bring_down(event.text)
+
+    def _record_frame(self, name: str, t_s: float, frame: bytes) -> None:
+        self._tlogs[name].write(t_s, frame)
+        # COMMAND_INT, COMMAND_LONG of MAVLink 2: when they went out is the measure of a skew.
+        if frame[7] in {75, 76} and frame[8] == 0 and frame[0] == 0xFD:
+            self._channel.send(OnWire(self._names.index(name), t_s, frame))
+
+    def _event(self, event: GuardEvent) -> None:
+        self._channel.send(Told(event))
+        details = {"kind": event.kind, "vehicle": event.vehicle, "text": event.text}
+        self._journal.write(event.t_s, "guard", **details)
+
+    def _note(self, event: str, **details: str | float | bool | None) -> None:
+        self._journal.write(asyncio.get_running_loop().time(), event, **details)
+
+
+def _vehicle_link(guarded: Guarded) -> Link:
+    if guarded.link:
+        return open_link(parse_link(guarded.link))
+    return UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
+
+
+def _how_it_ended(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"its process was ended by {signal.Signals(-code).name}"
+    return f"its process ended with exit status {code}"
+
+
+def main(arguments: list[str]) -> int:
+    """Guard until the end; returns the exit status."""
+    channel, lifeline, hold = (int(argument) for argument in arguments)
+    os.set_inheritable(hold, False)
+    end = socket.socket(fileno=channel)
+    end.set_inheritable(False)
+    return asyncio.run(GuardProcess(end=end, lifeline=lifeline).run())
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,375 @@
+"""The orchestrator's side of a guard in another process: what `GuardShell` is in this one."""
+
+import asyncio
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from safety.guard.channel import Channel, channel_pair
+from safety.guard.channel_link import ChannelLink
+from safety.guard.charter import Guarded, GuardCharter
+from safety.guard.contingency import Phase
+from safety.guard.events import GuardEvent
+from safety.guard.leftovers import ProcessId, end_process
+from safety.guard.lost_links import LostLinks
+from safety.guard.protocol import (
+    Alive,
+    AnchorAt,
+    Bytes,
+    CharterMessage,
+    End,
+    Ended,
+    Failed,
+    Message,
+    OnWire,
+    Opened,
+    Order,
+    OrderKind,
+    Position,
+    Start,
+    Started,
+    Status,
+    Told,
+)
+from safety.guard.shell import Record
+from safety.samples import PoseSample
+from vehicles.anchor import Anchor
+from vehicles.links.base import Link, LinkError
+from vehicles.links.opening import open_link
+from vehicles.links.parse import LinkAddress, parse_link
+from vehicles.links.udp import UdpLink
+
+ALIVE_S = 0.1
+_OPEN_S = 20.0
+_START_S = 10.0
+_END_S = 15.0
+_CHECK_S = 0.2
+_CHECKS_WITHOUT_A_WORD = 10
+"""Of our own turns, not of time: a machine that was asleep must not make us kill our guard."""
+_POLL_S = 0.1
+_STDERR = "guard.stderr"
+
+
+class RemoteGuard:
+    """Starts the guard's process and speaks to it; an async context manager, wall clock only.
+
+    record: gets the commands that went to a vehicle, with the time of the wire; all frames are in
+    the .tlog files, which the guard itself writes. Leaving ends vehicles and guard: land before
+    that. A guard that dies is told as an event of kind `guard`; `all_down` then waits for the
+    autopilots' own failsafes.
+    """
+
+    def __init__(self, *, charter: GuardCharter, record: Record | None = None) -> None:
+        self._charter = charter
+        self._record = record
+        self._names = tuple(charter.vehicles)
+        self._links = {
+            name: ChannelLink(name=f"{name} guard", index=index)
+            for index, name in enumerate(self._names)
+        }
+        self.events: list[GuardEvent] = []
+        self._listeners: list[Callable[[GuardEvent], None]] = []
+        self._phases = dict.fromkeys(self._names, Phase.IDLE)
+        self._down = asyncio.Event()
+        self._gone = False
+        self._ending = False
+        self._silent_checks = 0
+        self._ports: dict[str, int] = {}
+        self._heard: set[str] = set()
+        self._children: dict[str, ProcessId] = {}
+        self._ended: dict[str, Ended] = {}
+        self._waiting: dict[str, asyncio.Future[Message]] = {}
+        self._timers: list[asyncio.TimerHandle] = []
+        self._aftermath: asyncio.Task[None] | None = None
+
+    @property
+    def phases(self) -> dict[str, Phase]:
+        """Return where each vehicle's contingency stands, a tenth of a second old at most."""
+        return dict(self._phases)
+
+    @property
+    def pid(self) -> int:
+        """Return the guard's process id."""
+        return self._process.pid
+
+    def link(self, name: str) -> Link:
+        """Return the link to a vehicle through the guard."""
+        return self._links[name]
+
+    def port(self, name: str) -> int:
+        """Return the guard's UDP port for a vehicle; 0 for a link that has none."""
+        return self._ports[name]
+
+    async def __aenter__(self) -> Self:
+        """Start the guard's process and wait until its links are open. Raises LinkError."""
+        opened: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
+        self._waiting[""] = opened
+        await self._spawn()
+        try:
+            self._channel.send(CharterMessage(self._charter.plain()))
+            async with asyncio.timeout(_OPEN_S):
+                answer = await opened
+        except TimeoutError as error:
+            self._ending = True
+            self._process.kill()
+            await self._end_process()
+            raise LinkError(f"the guard did not open its links in {_OPEN_S:g} s") from error
+        if not isinstance(answer, Opened):
+            self._ending = True
+            await self._end_process()
+            said = answer.text if isinstance(answer, Failed) else ""
+            raise LinkError(said or self._last_words())
+        self._ports = dict(zip(self._names, answer.ports, strict=True))
+        self._beat()
+        self._check()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the vehicles, then the guard."""
+        self._ending = True
+        for timer in self._timers:
+            timer.cancel()
+        if self._aftermath is not None:
+            self._aftermath.cancel()
+            await asyncio.wait([self._aftermath])
+        self._channel.send(End())
+        await self._end_process()
+        await self._reap()
+
+    def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
+        """Have every event told to `listener`, at once, from the event loop."""
+        self._listeners.append(listener)
+
+    def position(self, sample: PoseSample) -> None:
+        """Take where a vehicle is, from the fastest source there is."""
+        index = self._names.index(sample.vehicle)
+        pose = sample.pose
+        self._channel.send(
+            Position(
+                index, sample.t_s, pose.position_ned_m, pose.q_wxyz, sample.velocity_ned_m_s
+            )
+        )
+
+    def anchor(self, name: str, anchor: Anchor) -> None:
+        """Say where a vehicle's local frame is in the world."""
+        self._channel.send(AnchorAt(name, anchor.origin_ned_m, anchor.turn_rad))
+
+    def alive(self) -> None:
+        """Give a sign of life; from the start on this is done by itself, from the event loop."""
+        self._channel.send(Alive())
+
+    def abort(self, who: str) -> None:
+        """Bring all down because an operator says so."""
+        self._order("abort", who)
+
+    def hold(self, who: str) -> None:
+        """Have all vehicles hold until `resume`."""
+        self._order("hold", who)
+
+    def resume(self, who: str) -> None:
+        """Give the vehicles back to the orchestrator after a hold."""
+        self._order("resume", who)
+
+    def bring_down(self, reason: str) -> None:
+        """Bring all down for a reason of the orchestrator's own."""
+        self._order("bring_down", reason)
+
+    async def all_down(self, timeout_s: float) -> bool:
+        """Wait until all were brought down; False when they are not after `timeout_s`."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._down.wait()
+        except TimeoutError:
+            return False
+        return True
+
+    async def start(
+        self, name: str, argv: Sequence[str], environment: Mapping[str, str] | None = None
+    ) -> int:
+        """Have the guard start a vehicle's process as its child; returns its process id.
+
+        Raises LinkError when it cannot be started.
+        """
+        started: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
+        self._waiting[name] = started
+        self._channel.send(Start(name, tuple(argv), dict(environment or {})))
+        try:
+            async with asyncio.timeout(_START_S):
+                answer = await started
+        except TimeoutError as error:
+            raise LinkError(f"{name}: the guard did not start it in {_START_S:g} s") from error
+        if not isinstance(answer, Started):
+            said = answer.last_words if isinstance(answer, Ended) else "the guard ended"
+            raise LinkError(f"{name} could not be started: {said}")
+        return answer.pid
+
+    def ended(self, name: str) -> Ended | None:
+        """Return how a vehicle's process ended; None while it lives."""
+        return self._ended.get(name)
+
+    async def _spawn(self) -> None:
+        ours, theirs = channel_pair()
+        lifeline, hold = os.pipe()
+        self._hold = hold
+        self._channel = Channel(ours, take=self._take, closed=self._lost)
+        for link in self._links.values():
+            link.channel = self._channel
+        try:
+            self._stderr: IO[bytes] = (Path(self._charter.folder) / _STDERR).open("w+b")
+            descriptors = (theirs.fileno(), lifeline, hold)
+            # Not asyncio's: its transport kills a process that outlives it, and a guard may.
+            self._process = await asyncio.to_thread(
+                subprocess.Popen,
+                [sys.executable, "-m", "safety.guard.process", *map(str, descriptors)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=self._stderr,
+                pass_fds=descriptors,
+                start_new_session=True,
+            )
+        except OSError as error:
+            ours.close()
+            os.close(hold)
+            raise LinkError(f"the guard's process cannot be started: {error}") from error
+        finally:
+            theirs.close()
+            os.close(lifeline)
+        self._channel.open()
+
+    def _order(self, kind: OrderKind, text: str) -> None:
+        self._channel.send(Order(kind, text))
+
+    def _beat(self) -> None:
+        self._channel.send(Alive())
+        self._later(ALIVE_S, self._beat)
+
+    def _check(self) -> None:
+        """Take a guard that says nothing for one that is dead, and make it so."""
+        self._silent_checks += 1
+        if self._silent_checks > _CHECKS_WITHOUT_A_WORD and not self._gone:
+            self._process.kill()
+            return
+        self._later(_CHECK_S, self._check)
+
+    def _later(self, delay_s: float, call: Callable[[], None]) -> None:
+        loop = asyncio.get_running_loop()
+        self._timers = [timer for timer in self._timers if timer.when() > loop.time()]
+        self._timers.append(loop.call_later(delay_s, call))
+
+    def _take(self, message: Message) -> None:
+        """Take a message of the guard; the frequent ones first."""
+        self._silent_checks = 0
+        match message:
+            case Bytes(index, t_s, data):
+                name = self._names[index]
+                self._heard.add(name)
+                self._links[name].arrive(data, t_s)
+            case OnWire(index, t_s, frame):
+                if self._record is not None:
+                    self._record(self._names[index], t_s, frame)
+            case Status(_, all_down, phases):
+                self._phases = dict(zip(self._names, phases, strict=True))
+                (self._down.set if all_down else self._down.clear)()
+            case Told(event):
+                self._tell(event)
+            case Started(name, pid):
+                if (known := ProcessId.of(pid)) is not None:
+                    self._children[name] = known
+                self._answer(name, message)
+            case Ended(name):
+                self._ended[name] = message
+                self._answer(name, message)
+            case _:
+                self._answer("", message)
+
+    def _answer(self, name: str, message: Message) -> None:
+        future = self._waiting.pop(name, None)
+        if future is not None and not future.done():
+            future.set_result(message)
+
+    def _tell(self, event: GuardEvent) -> None:
+        self.events.append(event)
+        for listener in self._listeners:
+            listener(event)
+
+    def _lost(self) -> None:
+        """Take that the guard's process ended, which it should not have."""
+        self._gone = True
+        for name in tuple(self._waiting):
+            self._answer(name, Failed(""))
+        if self._ending:
+            return
+        now_s = asyncio.get_running_loop().time()
+        self._down.clear()
+        self._aftermath = asyncio.create_task(self._watch_failsafes(), name="after the guard")
+        text = "the guard's process ended; the autopilots' own failsafes have to act"
+        self._tell(GuardEvent(now_s, "guard", "", text))
+
+    async def _watch_failsafes(self) -> None:
+        """Hear the vehicles without a word of ours until all say that they are disarmed."""
+        vehicles = self._charter.vehicles
+        watched = {
+            name: self._link_maker(name, one)
+            for name, one in vehicles.items()
+            if name in self._heard and name not in self._ended
+        }
+        targets = {name: vehicles[name].vehicle.target for name in watched}
+        async with LostLinks(links=watched, targets=targets, hear=self._hear) as links:
+            while not all(self._stands(name, links) for name in watched):
+                await asyncio.sleep(_POLL_S)
+            self._down.set()
+            # Driver and judge go on hearing until the run is over.
+            await asyncio.Event().wait()
+
+    def _stands(self, name: str, links: LostLinks) -> bool:
+        child = self._children.get(name)
+        return links.armed.get(name) is False or (child is not None and not child.lives)
+
+    def _hear(self, name: str, data: bytes, t_s: float) -> None:
+        self._links[name].arrive(data, t_s)
+
+    def _link_maker(self, name: str, guarded: Guarded) -> Callable[[], Link]:
+        if guarded.link:
+            return lambda: open_link(parse_link(guarded.link))
+        address = LinkAddress(kind="udpin", host="127.0.0.1", port=self._ports[name])
+        return lambda: UdpLink(address=address)
+
+    async def _end_process(self) -> None:
+        """Wait for the guard; one that still has a vehicle in the air is left to it."""
+        try:
+            await asyncio.to_thread(self._process.wait, _END_S)
+        except subprocess.TimeoutExpired:
+            now_s = asyncio.get_running_loop().time()
+            text = "the guard goes on by itself: something is in the air still"
+            self._tell(GuardEvent(now_s, "guard", "", text))
+        self._channel.close()
+        os.close(self._hold)
+        self._stderr.close()
+        path = Path(self._charter.folder) / _STDERR
+        with contextlib.suppress(OSError):
+            if path.stat().st_size == 0:
+                path.unlink()
+
+    async def _reap(self) -> None:
+        """End what a dead guard left over."""
+        if self._process.poll() is None:
+            return
+        left = [child for child in self._children.values() if child.lives]
+        for child in left:
+            await asyncio.to_thread(end_process, child)
+
+    def _last_words(self) -> str:
+        words = ""
+        with contextlib.suppress(OSError):
+            words = (Path(self._charter.folder) / _STDERR).read_text(encoding="utf-8")
+        return f"the guard's process ended: {words[-2000:].strip() or 'it said nothing'}"
