@@ -123,8 +123,8 @@ class PoseAverage:
 
     @property
     def rate_hz(self) -> float:
-        """Return how often poses came; 0 while there are fewer than two."""
-        if len(self._samples) < 2:
+        """Return how often poses came; 0 while there are too few to tell a mean."""
+        if len(self._samples) < self._least_samples:
             return 0.0
         span_s = self._samples[-1][0] - self._samples[0][0]
         return (len(self._samples) - 1) / span_s if span_s > 0 else 0.0

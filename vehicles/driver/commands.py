@@ -13,6 +13,8 @@ from vehicles.mavlink.names import command_name, result_name
 
 _PROGRESS_TIMEOUT_S = 10.0
 """How long a command that said IN_PROGRESS may then say nothing."""
+_LAST_WAIT = 3.0
+"""So many times longer is the wait after the last try: a radio's round trip may be a second."""
 
 
 @dataclass(slots=True)
@@ -29,8 +31,8 @@ class Commander:
     """Sends COMMAND_LONGs and waits for their COMMAND_ACKs.
 
     An unanswered command goes out again every `ack_timeout_s` with its confirmation counted up,
-    `tries` times in all; so does one that was rejected temporarily. circumstances: gives words
-    that are added to errors (the last STATUSTEXTs).
+    `tries` times in all, with a longer wait after the last; so does one that was rejected
+    temporarily. circumstances: gives words that are added to errors (the last STATUSTEXTs).
     """
 
     def __init__(
@@ -39,7 +41,7 @@ class Commander:
         session: Session,
         circumstances: Callable[[], str],
         ack_timeout_s: float = 0.5,
-        tries: int = 5,
+        tries: int = 6,
     ) -> None:
         self._session = session
         self._circumstances = circumstances
@@ -105,7 +107,8 @@ class Commander:
         pending.message.confirmation = min(pending.sent, 255)
         pending.sent += 1
         self._session.send(pending.message)
-        self._await_answer(pending, self._ack_timeout_s)
+        last = pending.sent >= self._tries
+        self._await_answer(pending, self._ack_timeout_s * (_LAST_WAIT if last else 1.0))
 
     def _answered(self, ack: Any, _t_s: float) -> None:
         pending = self._pending.get(ack.command)

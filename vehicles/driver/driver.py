@@ -3,8 +3,9 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from functools import partial
 from types import TracebackType
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from vehicles.anchor import Anchor
 from vehicles.autopilots.base import AutopilotName, Mode, Target, TelemetryRates
@@ -212,23 +213,21 @@ class Driver:
         """
         vehicle = self._flying()
         status, autopilot = vehicle.status, vehicle.autopilot
+        # On a bad link the last second may hold too few positions to anchor it by.
+        await self._changes.until(lambda: not self._reasons(), _SEEN_WITHIN_S)
         self._capture_anchor()
         if status.state.mode is not autopilot.arming_mode:
             await self._reach(autopilot.arming_mode)
-        command = autopilot.arm(vehicle.target)
         try:
-            await self._commander.run(command, done_anyway=lambda: status.state.armed)
+            await self._insist(autopilot.arm, lambda: status.state.armed, "armed")
         except CommandError as error:
             raise await self._arm_refused(error) from error
-        await self._see(lambda: status.state.armed, _SEEN_WITHIN_S, "armed")
 
     async def disarm(self) -> None:
         """Disarm on the ground. Raises CommandError when refused (in the air)."""
         vehicle = self._flying()
         status = vehicle.status
-        command = vehicle.autopilot.disarm(vehicle.target)
-        await self._commander.run(command, done_anyway=lambda: not status.state.armed)
-        await self.disarmed(_SEEN_WITHIN_S)
+        await self._insist(vehicle.autopilot.disarm, lambda: not status.state.armed, "disarmed")
 
     def begin_takeoff(self, altitude_m: float) -> Awaitable[None]:
         """Send the takeoff command now; the awaitable is its acceptance.
@@ -301,11 +300,31 @@ class Driver:
         vehicle = self._flying()
         status = vehicle.status
         status.asked_modes = (mode,)
-        command = vehicle.autopilot.set_mode(vehicle.target, mode)
-        await self._commander.run(command, done_anyway=lambda: status.state.mode is mode)
-        await self._see(lambda: status.state.mode is mode, _SEEN_WITHIN_S, f"in {mode.value}")
+        await self._insist(
+            partial(vehicle.autopilot.set_mode, mode=mode),
+            lambda: status.state.mode is mode,
+            f"in {mode.value}",
+        )
         if mode is not Mode.GUIDED:
             vehicle.setpoints.stop()
+
+    async def _insist(
+        self, command: Callable[[Target], Any], done: Callable[[], bool], what: str
+    ) -> None:
+        """Have a command accepted and see it done.
+
+        An acknowledgement does not say of which of two commands of one kind it is, and on a bad
+        link it may be the earlier one's: what is not seen done is asked for once more, unless
+        somebody else has changed the mode since.
+        """
+        vehicle = self._flying()
+        before = vehicle.status.state.custom_mode
+        await self._commander.run(command(vehicle.target), done_anyway=done)
+        if await self._changes.until(done, _SEEN_WITHIN_S / 2.0):
+            return
+        if vehicle.status.state.custom_mode == before:
+            await self._commander.run(command(vehicle.target), done_anyway=done)
+        await self._see(done, _SEEN_WITHIN_S, what)
 
     async def _see(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
         if await self._changes.until(condition, timeout_s):

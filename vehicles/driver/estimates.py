@@ -18,6 +18,9 @@ _POSITION: Struct = mavlink.MAVLink_local_position_ned_message.unpacker
 _QUATERNION: Struct = mavlink.MAVLink_attitude_quaternion_message.unpacker
 """Both have their fields on the wire in the order of their definition, time_boot_ms first."""
 
+_REBOOT_S = 1.0
+"""A stamp that is older by less was overtaken or doubled on its way; by more, a clock restarted."""
+
 EstimateListener = Callable[[EstimateSample], None]
 
 
@@ -44,6 +47,8 @@ class Estimates:
         self.amsl_m: float | None = None
         """The vehicle's height above mean sea level by its own estimate."""
         self.not_numbers = 0
+        self.overtaken = 0
+        """Estimates that came after a newer one, or a second time, and were dropped."""
         session.on_payload(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, self._position)
         session.on_payload(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, self._quaternion)
         session.on(mavlink.MAVLINK_MSG_ID_ATTITUDE, self._angles)
@@ -105,6 +110,10 @@ class Estimates:
             self._take(estimate, t_s)
 
     def _take(self, estimate: LocalEstimate, arrived_s: float) -> None:
+        last = self.local
+        if last is not None and last.boot_s - _REBOOT_S < estimate.boot_s <= last.boot_s:
+            self.overtaken += 1
+            return
         self.local = estimate
         self._arrived_s = arrived_s
         reboots = self._clock.reboots

@@ -13,6 +13,8 @@ from vehicles.mavlink.names import enum_name
 
 ParameterValue = int | float
 
+_DOUBTS = 2
+"""How often an answer with another value is doubted before it is believed."""
 _REAL32 = mavlink.MAV_PARAM_TYPE_REAL32
 _FORMATS: dict[int, str] = {
     mavlink.MAV_PARAM_TYPE_UINT8: "B",
@@ -67,7 +69,7 @@ class _Answer:
 class Parameters:
     """Reads and writes the autopilot's parameters, one at a time."""
 
-    def __init__(self, *, session: Session, timeout_s: float = 0.7, tries: int = 4) -> None:
+    def __init__(self, *, session: Session, timeout_s: float = 0.7, tries: int = 6) -> None:
         self._session = session
         self._timeout_s = timeout_s
         self._tries = tries
@@ -106,9 +108,14 @@ class Parameters:
                 mavlink.MAVLink_param_set_message, name.encode(), wire, before.kind
             )
             answer = await self._exchange(name, message)
-            if answer.value != wanted:
-                # The first answer may have been under way before the value was set.
+            for _ in range(_DOUBTS):
+                if answer.value == wanted:
+                    break
+                # It may answer what was asked before (a late or doubled frame), and the request
+                # itself be lost: read what it is, and if it still differs set it once more.
                 answer = await self._read(name)
+                if answer.value != wanted:
+                    answer = await self._exchange(name, message)
             if answer.value != wanted:
                 raise ParameterError(
                     f"{self._session.link.name}: {name} did not take {value}, it is "

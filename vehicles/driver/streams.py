@@ -8,6 +8,10 @@ from vehicles.mavlink.names import message_name
 
 _SLACK = 3.0
 """A message counts as away after so many of its periods, and at least a second."""
+_LEAST_RATE = 0.5
+"""What comes less often than this part of its rate was asked for in vain: the request was lost, and
+the autopilot sends it at a rate of its own."""
+_SHORTEST_LOOK_S = 1.0
 
 
 class Streams:
@@ -30,6 +34,9 @@ class Streams:
         self._target = target
         self._plan = plan
         self._last_s: dict[int, float] = {}
+        self._counts = dict.fromkeys((line.message_id for line in plan), 0)
+        self._counts_then = dict(self._counts)
+        self._looked_s: float | None = None
         for line in plan:
             session.on_payload(line.message_id, partial(self._came, line.message_id))
 
@@ -39,10 +46,14 @@ class Streams:
             self._session.send(self._autopilot.ask_interval(self._target, line))
 
     def ask_missing(self, now_s: float) -> None:
-        """Ask again for what does not come."""
+        """Ask again for what does not come, or came too seldom since this was called last."""
+        looked_s = now_s if self._looked_s is None else self._looked_s
         for line in self._plan:
-            if self._away(line, now_s):
+            if self._away(line, now_s) or self._slow(line, now_s - looked_s):
                 self._session.send(self._autopilot.ask_interval(self._target, line))
+        if self._looked_s is None or now_s - looked_s >= _SHORTEST_LOOK_S:
+            self._looked_s = now_s
+            self._counts_then = dict(self._counts)
 
     def missing(self, now_s: float) -> tuple[str, ...]:
         """Return the names of the required messages that do not come."""
@@ -60,5 +71,11 @@ class Streams:
         last_s = self._last_s.get(line.message_id)
         return last_s is None or now_s - last_s > max(1.0, _SLACK / line.rate_hz)
 
+    def _slow(self, line: MessageRate, elapsed_s: float) -> bool:
+        came = self._counts[line.message_id] - self._counts_then[line.message_id]
+        wanted = line.rate_hz * elapsed_s
+        return elapsed_s >= _SHORTEST_LOOK_S and wanted >= 2.0 and came < _LEAST_RATE * wanted
+
     def _came(self, message_id: int, _payload: bytes, t_s: float) -> None:
         self._last_s[message_id] = t_s
+        self._counts[message_id] += 1

@@ -16,20 +16,29 @@ _BLOCK = 256
 class Bursts:
     """Loss that comes in bursts, by Gilbert's and Elliott's model of two states.
 
-    Per frame: the chance to fall into a burst and to leave it, and the loss within and between.
+    The state changes with time, not with each frame, so that a burst takes both ways alike however
+    much they carry: length_s and gap_s are the mean lengths of bursts and of the times between,
+    both exponential. loss_within, loss_between: the chances of a frame then.
     E. N. Gilbert, "Capacity of a burst-noise channel" (1960); E. O. Elliott (1963).
     """
 
-    enter: float
-    leave: float
+    length_s: float
+    gap_s: float
     loss_within: float = 1.0
     loss_between: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("enter", "leave", "loss_within", "loss_between"):
+        for name in ("loss_within", "loss_between"):
             _check_chance(name, getattr(self, name))
-        if self.enter > 0.0 and self.leave == 0.0:
-            raise ValueError("leave is 0: a burst would never end; use a blackout")
+        for name in ("length_s", "gap_s"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}: it is a mean time above 0 s")
+
+    def chance_within(self, *, was_within: bool, elapsed_s: float) -> float:
+        """Return the chance to be in a burst so long after it was known whether one was on."""
+        share = self.length_s / (self.length_s + self.gap_s)
+        forgotten = math.exp(-elapsed_s * (1.0 / self.length_s + 1.0 / self.gap_s))
+        return share + ((1.0 if was_within else 0.0) - share) * forgotten
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +127,7 @@ class ImpairedWay:
         self._busy_until_s = -math.inf
         self._last_due_s = -math.inf
         self._in_burst = False
+        self._looked_s = opened_s
         self._forced_until_s = -math.inf
         self.counts = ImpairmentCounts()
 
@@ -128,7 +138,7 @@ class ImpairedWay:
     def put(self, frame: bytes, now_s: float) -> None:
         """Take one frame that is sent now."""
         setting, counts = self._set, self.counts
-        lost, burst, in_burst, delay, copy, order, corrupt = next(self._luck)
+        lost, state, burst, delay, copy, order, corrupt = next(self._luck)
         counts.frames += 1
         sent_s = self._through_bottleneck(len(frame), now_s)
         if sent_s is None:
@@ -137,8 +147,7 @@ class ImpairedWay:
         if self._dark(now_s):
             counts.blacked_out += 1
             return
-        # Both chances are drawn for every frame: a burst's state goes on whatever is lost.
-        if self._lost_in_burst(burst, in_burst) or lost < setting.loss:
+        if self._lost_in_burst(state, burst, now_s) or lost < setting.loss:
             counts.lost += 1
             return
         if corrupt < setting.corrupt:
@@ -195,14 +204,13 @@ class ImpairedWay:
         self._busy_until_s = begin_s + 8.0 * size / rate
         return self._busy_until_s
 
-    def _lost_in_burst(self, change: float, luck: float) -> bool:
+    def _lost_in_burst(self, state: float, luck: float, now_s: float) -> bool:
         bursts = self._set.bursts
         if bursts is None:
             return False
-        if self._in_burst:
-            self._in_burst = change >= bursts.leave
-        else:
-            self._in_burst = change < bursts.enter
+        elapsed_s, self._looked_s = now_s - self._looked_s, now_s
+        chance = bursts.chance_within(was_within=self._in_burst, elapsed_s=elapsed_s)
+        self._in_burst = state < chance
         return luck < (bursts.loss_within if self._in_burst else bursts.loss_between)
 
 

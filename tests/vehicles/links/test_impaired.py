@@ -2,6 +2,7 @@
 
 import asyncio
 import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -84,13 +85,21 @@ def test_loss_is_what_was_asked_for() -> None:
 
 
 def test_bursts_have_their_length_and_share() -> None:
-    arrived = _fly(Impairment(bursts=Bursts(enter=0.01, leave=0.2)), count=20_000)
+    arrived = _fly(Impairment(bursts=Bursts(length_s=0.05, gap_s=0.95)), count=20_000)
     there = {number for _, number in arrived}
     lost = [number not in there for number in range(1, 20_001)]
     runs = [len(list(run)) for gone, run in itertools.groupby(lost) if gone]
-    # Geometric with mean 1 / leave; in a burst enter / (enter + leave) of the time.
-    assert sum(runs) / len(runs) == pytest.approx(5.0, rel=0.15)
-    assert sum(lost) / len(lost) == pytest.approx(0.01 / 0.21, rel=0.25)
+    # Seen each 10 ms, a burst of mean length 50 ms ends with this chance before the next frame.
+    leave = 0.95 * (1.0 - math.exp(-PERIOD_S * (1.0 / 0.05 + 1.0 / 0.95)))
+    assert sum(runs) / len(runs) == pytest.approx(1.0 / leave, rel=0.15)
+    assert sum(lost) / len(lost) == pytest.approx(0.05, rel=0.25)
+
+
+def test_a_burst_lasts_as_long_for_a_way_of_few_frames() -> None:
+    bursts = Bursts(length_s=2.0, gap_s=3.0)
+    assert bursts.chance_within(was_within=True, elapsed_s=0.0) == 1.0
+    assert bursts.chance_within(was_within=True, elapsed_s=60.0) == pytest.approx(0.4)
+    assert bursts.chance_within(was_within=False, elapsed_s=60.0) == pytest.approx(0.4)
 
 
 def test_duplicates_come_behind_their_original() -> None:
@@ -165,7 +174,7 @@ EVERYTHING = Impairment(
     latency_s=0.05,
     jitter_s=0.05,
     loss=0.1,
-    bursts=Bursts(enter=0.02, leave=0.3),
+    bursts=Bursts(length_s=0.03, gap_s=0.5),
     duplicate=0.05,
     reorder=0.05,
     corrupt=0.05,
@@ -219,8 +228,8 @@ def test_impossible_settings_are_refused(fields: dict[str, Any], words: str) -> 
 
 
 def test_impossible_bursts_and_blackouts_are_refused() -> None:
-    with pytest.raises(ValueError, match="never end"):
-        Bursts(enter=0.1, leave=0.0)
+    with pytest.raises(ValueError, match="length_s is 0"):
+        Bursts(length_s=0.0, gap_s=1.0)
     with pytest.raises(ValueError, match=r"blackout from 1\.0 s for 0\.0 s"):
         Blackout(1.0, 0.0)
 
