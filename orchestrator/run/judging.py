@@ -12,6 +12,7 @@ from safety.samples import HeardSample, PoseSample, StageSample, StateSample
 from safety.samples import Stage as JudgedStage
 from vehicles.cameras import sleep_until
 from vehicles.driver.state import VehicleEvent, VehicleState
+from vehicles.embedded.states import TruthSample
 
 TICK_HZ = 10.0
 _JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
@@ -52,6 +53,7 @@ class Bench:
         self._stations.append(station)
         station.on_pose(self._pose)
         station.driver.on_event(lambda event: self._event(station, event))
+        station.on_contact(lambda truth: self._contact(station, truth))
 
     async def run(self) -> None:
         """Have time pass for the oracles until cancelled."""
@@ -99,6 +101,15 @@ class Bench:
             self._take(
                 self._judge.state(state_sample(station.name, station.driver.state, event.t_s))
             )
+
+    def _contact(self, station: Station, truth: TruthSample) -> None:
+        """Take that a vehicle physically hit something: a broken drone, whatever it judged."""
+        self._course.decide(
+            "FAIL",
+            f"{station.name} physically touched {truth.contact}",
+            t_s=truth.t_s,
+            source=f"contact/{station.name}",
+        )
 
     def _stage(self, stage: Stage, t_s: float) -> None:
         if stage in _JUDGED_STAGES:

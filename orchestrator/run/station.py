@@ -18,6 +18,7 @@ HISTORY_S = 2.0
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 PoseListener = Callable[[PoseSample], None]
+ContactListener = Callable[[TruthSample], None]
 
 
 @dataclass(slots=True)
@@ -40,10 +41,15 @@ class Station:
     lifted_s: float | None = None
     contact: str | None = None
     _listeners: list[PoseListener] = field(default_factory=list)
+    _contact_listeners: list[ContactListener] = field(default_factory=list)
 
     def on_pose(self, listener: PoseListener) -> None:
         """Call `listener` with each pose of the campaign's pose source."""
         self._listeners.append(listener)
+
+    def on_contact(self, listener: ContactListener) -> None:
+        """Call `listener` with the truth at its first contact with a physical thing."""
+        self._contact_listeners.append(listener)
 
     def height_m(self) -> float | None:
         """Return its height above its start by its own estimate; None while unknown."""
@@ -76,7 +82,10 @@ class Station:
     def take_truth(self, sample: TruthSample) -> None:
         """Take where it truly is."""
         self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
-        self.contact = sample.contact
+        if sample.contact is not None and self.contact is None:
+            self.contact = sample.contact
+            for told in self._contact_listeners:
+                told(sample)
 
     def _take_pose(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
         if not self.poses.add(t_s, pose, velocity_ned_m_s):

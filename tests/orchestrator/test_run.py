@@ -156,7 +156,7 @@ def test_a_physical_contact_in_mode_real_stops_the_motors(fly_run: Fly) -> None:
         sets=("modes=[real]", "accept=null", "world.objects.gate.shape.gate.inner_size_m=0.31"),
     )
     assert result.verdict == "FAIL"
-    assert "gate" in result.reason
+    assert result.reason.startswith("real physically touched gate.")
     assert all_landed(folder)
 
 
