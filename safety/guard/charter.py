@@ -21,9 +21,11 @@ class CharterError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Guarded:
-    """A vehicle for a guard's process. link: its link string; empty for a free UDP port of
-    loopback, at which a vehicle is going to be started. gcs: link string of a ground station port
-    ("udpout://127.0.0.1:14550"); empty for none.
+    """A vehicle for a guard's process.
+
+    link: its link string; empty for a free UDP port of loopback, at which a vehicle is going to
+    be started. gcs: link string of a ground station port ("udpout://127.0.0.1:14550"); empty for
+    none.
     """
 
     vehicle: GuardedVehicle

@@ -16,7 +16,7 @@ _WORDS: frozenset[str] = frozenset(get_args(OperatorWord))
 _KEYS = frozenset({"command", "who", "token"})
 
 
-class RefusedLine(ValueError):
+class RefusedLineError(ValueError):
     """A line that is not obeyed; says why."""
 
 
@@ -29,34 +29,34 @@ class OperatorLine:
 
 
 def parse_line(line: bytes, *, token: str = "") -> OperatorLine:
-    """Return the command of a line. Raises RefusedLine.
+    """Return the command of a line. Raises RefusedLineError.
 
     token: what it has to bring; with an empty one none is asked for.
     """
     if len(line) > LONGEST_LINE_BYTES:
-        raise RefusedLine(f"longer than {LONGEST_LINE_BYTES} bytes")
+        raise RefusedLineError(f"longer than {LONGEST_LINE_BYTES} bytes")
     try:
         asked: Any = json.loads(line.decode("utf-8"))
     except UnicodeDecodeError as error:
-        raise RefusedLine("not UTF-8") from error
+        raise RefusedLineError("not UTF-8") from error
     except (ValueError, RecursionError) as error:
-        raise RefusedLine("not JSON") from error
+        raise RefusedLineError("not JSON") from error
     if not isinstance(asked, dict):
-        raise RefusedLine("not a JSON object")
+        raise RefusedLineError("not a JSON object")
     if extra := sorted(set(asked) - _KEYS):
-        raise RefusedLine(f"unknown keys: {', '.join(extra)[:_LONGEST_WHO]}")
+        raise RefusedLineError(f"unknown keys: {', '.join(extra)[:_LONGEST_WHO]}")
     if token and not same_token(asked.get("token"), token):
-        raise RefusedLine("wrong token" if "token" in asked else "a token is needed")
+        raise RefusedLineError("wrong token" if "token" in asked else "a token is needed")
     command = asked.get("command")
     if not isinstance(command, str) or command not in _WORDS:
-        raise RefusedLine(f"command is one of {', '.join(get_args(OperatorWord))}")
+        raise RefusedLineError(f"command is one of {', '.join(get_args(OperatorWord))}")
     return OperatorLine(cast("OperatorWord", command), checked_who(asked.get("who", "operator")))
 
 
 def checked_who(who: Any) -> str:
-    """Return a name that is fit for a record. Raises RefusedLine."""
+    """Return a name that is fit for a record. Raises RefusedLineError."""
     if not isinstance(who, str) or not 1 <= len(who) <= _LONGEST_WHO or not who.isprintable():
-        raise RefusedLine(f"who is a name of 1 to {_LONGEST_WHO} printable characters")
+        raise RefusedLineError(f"who is a name of 1 to {_LONGEST_WHO} printable characters")
     return who
 
 

@@ -15,7 +15,7 @@ from typing import Any, Self
 from safety.guard.operator_lines import (
     LONGEST_LINE_BYTES,
     OperatorLine,
-    RefusedLine,
+    RefusedLineError,
     answer,
     parse_line,
 )
@@ -34,7 +34,7 @@ Obey = Callable[[OperatorLine], str]
 class OperatorSocket:
     """Listens at `path`; an async context manager.
 
-    obey: called with abort, hold and resume; may raise RefusedLine. status: what `status` and
+    obey: called with abort, hold and resume; may raise RefusedLineError. status: what `status` and
     `watch` are told. refused: called with the reason of each line that was not obeyed. pointer:
     where to write where the socket is. Raises OSError when the socket cannot be had.
     """
@@ -127,7 +127,7 @@ class OperatorSocket:
             asked = parse_line(line, token=self._token)
             watching = asked.command in {"status", "watch"}
             text = "as asked" if watching else self._obey(asked)
-        except RefusedLine as error:
+        except RefusedLineError as error:
             self._refused(str(error))
             writer.write(answer(ok=False, text=str(error)))
             return None

@@ -20,7 +20,7 @@ from typing import Any
 
 from safety.guard.channel import Channel
 from safety.guard.channel_link import ChannelLink
-from safety.guard.charter import CharterError, Guarded, GuardCharter
+from safety.guard.charter import CharterError, GuardCharter, Guarded
 from safety.guard.events import GuardEvent
 from safety.guard.journal import Journal
 from safety.guard.leftovers import (
@@ -31,7 +31,7 @@ from safety.guard.leftovers import (
     runtime_folder,
     write_record,
 )
-from safety.guard.operator_lines import OperatorLine, RefusedLine
+from safety.guard.operator_lines import OperatorLine, RefusedLineError
 from safety.guard.operator_socket import POINTER, OperatorSocket
 from safety.guard.protocol import (
     Alive,
@@ -237,12 +237,12 @@ class GuardProcess:
             self._shell.abort(who)
             return "all are brought down"
         if core.latched is not None:
-            raise RefusedLine(f"{line.command}: all are landing already ({core.latched})")
+            raise RefusedLineError(f"{line.command}: all are landing already ({core.latched})")
         if line.command == "hold":
             self._shell.hold(who)
             return "all hold"
         if not core.paused:
-            raise RefusedLine("resume: nothing is held")
+            raise RefusedLineError("resume: nothing is held")
         self._shell.resume(who)
         return "all go on"
 

@@ -26,7 +26,7 @@ Vehicles go by their place in the charter. Times are CLOCK_MONOTONIC, which all 
 import math
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal, cast, get_args
 
 import msgpack  # type: ignore[import-untyped]  # ships no types
@@ -210,29 +210,18 @@ def encode(message: Message) -> bytes:
 
 def _plain(message: Message) -> tuple[int, Any]:
     """Return kind and body of a message that is not frequent."""
+    kind = _KINDS.get(type(message))
+    if kind is None:
+        raise ProtocolError(f"{type(message).__name__} is no message")
     match message:
         case CharterMessage(plain):
-            return 1, plain
-        case Start(vehicle, argv, environment):
-            return 2, [vehicle, list(argv), environment]
-        case Order(kind, text):
-            return 6, [kind, text]
-        case AnchorAt(vehicle, origin, turn):
-            return 7, [vehicle, list(origin), turn]
-        case Opened(pid, ports):
-            return 16, [pid, list(ports)]
-        case Started(vehicle, pid):
-            return 17, [vehicle, pid]
-        case Ended(vehicle, code, words):
-            return 18, [vehicle, code, words]
+            return kind, plain
         case Told(event):
-            return 20, [event.t_s, event.kind, event.vehicle, event.text]
+            return kind, [event.t_s, event.kind, event.vehicle, event.text]
         case Status(latched, all_down, phases):
-            return 21, [latched, all_down, [phase.name for phase in phases]]
-        case Failed(text):
-            return 22, [text]
+            return kind, [latched, all_down, [phase.name for phase in phases]]
         case _:
-            raise ProtocolError(f"{type(message).__name__} is no message")
+            return kind, [getattr(message, one.name) for one in fields(message)]
 
 
 def decode(packet: bytes) -> Message:
@@ -300,12 +289,12 @@ def _read_anchor(packet: bytes) -> Message:
 
 def _read_opened(packet: bytes) -> Message:
     pid, ports = _body(packet)
-    return Opened(*_integers(pid), _integers(*ports))
+    return Opened(_integers(pid)[0], _integers(*ports))
 
 
 def _read_started(packet: bytes) -> Message:
     vehicle, pid = _body(packet)
-    return Started(*_texts(vehicle), *_integers(pid))
+    return Started(_texts(vehicle)[0], _integers(pid)[0])
 
 
 def _read_ended(packet: bytes) -> Message:
@@ -328,12 +317,15 @@ def _read_status(packet: bytes) -> Message:
     if latched is not None and latched not in _CAUSES:
         raise ProtocolError(f"cause {latched!r} is not known")
     return Status(
-        cast("Cause | None", latched), bool(all_down), tuple(Phase[name] for name in _texts(*phases))
+        cast("Cause | None", latched),
+        bool(all_down),
+        tuple(Phase[name] for name in _texts(*phases)),
     )
 
 
 def _read_failed(packet: bytes) -> Message:
-    return Failed(*_texts(*_body(packet)))
+    (text,) = _texts(*_body(packet))
+    return Failed(text)
 
 
 def _texts(*values: Any) -> tuple[str, ...]:
@@ -353,6 +345,18 @@ def _require_finite(*values: Any) -> None:
         raise ProtocolError(f"{values!r} are not all finite numbers")
 
 
+_KINDS: dict[type[Any], int] = {
+    CharterMessage: 1,
+    Start: 2,
+    Order: 6,
+    AnchorAt: 7,
+    Opened: 16,
+    Started: 17,
+    Ended: 18,
+    Told: 20,
+    Status: 21,
+    Failed: 22,
+}
 _READERS: dict[int, Callable[[bytes], Message]] = {
     1: _read_charter,
     2: _read_start,

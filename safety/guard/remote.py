@@ -12,7 +12,7 @@ from typing import IO, Self
 
 from safety.guard.channel import Channel, channel_pair
 from safety.guard.channel_link import ChannelLink
-from safety.guard.charter import Guarded, GuardCharter
+from safety.guard.charter import GuardCharter, Guarded
 from safety.guard.contingency import Phase
 from safety.guard.events import GuardEvent
 from safety.guard.leftovers import ProcessId, end_process
@@ -155,9 +155,7 @@ class RemoteGuard:
         index = self._names.index(sample.vehicle)
         pose = sample.pose
         self._channel.send(
-            Position(
-                index, sample.t_s, pose.position_ned_m, pose.q_wxyz, sample.velocity_ned_m_s
-            )
+            Position(index, sample.t_s, pose.position_ned_m, pose.q_wxyz, sample.velocity_ned_m_s)
         )
 
     def anchor(self, name: str, anchor: Anchor) -> None:
@@ -325,11 +323,11 @@ class RemoteGuard:
         }
         targets = {name: vehicles[name].vehicle.target for name in watched}
         async with LostLinks(links=watched, targets=targets, hear=self._hear) as links:
-            while not all(self._stands(name, links) for name in watched):
-                await asyncio.sleep(_POLL_S)
-            self._down.set()
             # Driver and judge go on hearing until the run is over.
-            await asyncio.Event().wait()
+            while True:
+                if all(self._stands(name, links) for name in watched):
+                    self._down.set()
+                await asyncio.sleep(_POLL_S)
 
     def _stands(self, name: str, links: LostLinks) -> bool:
         child = self._children.get(name)

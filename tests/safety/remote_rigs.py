@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from safety.geofence import Fence
-from safety.guard.charter import Guarded, GuardCharter
+from safety.guard.charter import GuardCharter, Guarded
 from safety.guard.events import GuardedVehicle
 from safety.guard.remote import RemoteGuard
 from safety.samples import PoseSample
@@ -62,6 +62,8 @@ class RemoteFlight:
             await stack.enter_async_context(self.guard)
             for name, system in SYSTEMS.items():
                 self.pids[name] = await self.guard.start(name, self._argv(name, system))
+            self._stream()
+            stack.callback(lambda: self._timer.cancel())
             await until(lambda: all(self.heard.values()))
             self._stack = stack.pop_all()
         return self
@@ -79,6 +81,12 @@ class RemoteFlight:
             self.heard[name] += 1
 
         return hear
+
+    def _stream(self) -> None:
+        """Keep the vehicles from their own failsafe, as a driver does."""
+        for name in SYSTEMS:
+            self.send(name, 512)
+        self._timer = asyncio.get_running_loop().call_later(0.2, self._stream)
 
     def send(self, name: str, number: int = 512) -> None:
         """Send a command that moves nothing."""
@@ -108,7 +116,7 @@ async def until(condition: Callable[[], bool], timeout_s: float = 10.0) -> float
     """Wait until a condition holds; returns when."""
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(timeout_s):
-        while not condition():
+        while not condition():  # noqa: ASYNC110 - other processes set no event of ours
             await asyncio.sleep(0.01)
     return loop.time()
 

@@ -23,6 +23,8 @@ from tests.safety.remote_rigs import (
 )
 from vehicles.links.base import LinkError
 
+TOKEN = "of the test"  # noqa: S105 - opens nothing
+
 
 @pytest.fixture(autouse=True)
 def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -62,8 +64,7 @@ async def ask(folder: Path, *commands: dict[str, Any] | bytes) -> list[dict[str,
 async def test_frames_pass_both_ways_and_are_logged(folder: Path) -> None:
     async with RemoteFlight(folder) as flight:
         assert os.getsid(flight.guard.pid) == flight.guard.pid != os.getsid(0)
-        flight.send("real")
-        await until(lambda: len(flight.wire) == 1)
+        await until(lambda: len(flight.wire) >= 2)
         name, t_s, _ = flight.wire[0]
         assert name == "real"
         assert abs(asyncio.get_running_loop().time() - t_s) < 1.0
@@ -206,7 +207,7 @@ async def test_the_socket_works_without_an_orchestrator(folder: Path) -> None:
 
 
 async def test_socket_wants_its_token(folder: Path) -> None:
-    async with RemoteFlight(folder, token="s3cret") as flight:
+    async with RemoteFlight(folder, token=TOKEN) as flight:
         without, wrong = await ask(
             folder,
             {"command": "abort", "who": "eve"},
@@ -215,7 +216,7 @@ async def test_socket_wants_its_token(folder: Path) -> None:
         assert not without["ok"]
         assert not wrong["ok"]
         assert flight.kinds() == []
-        (right,) = await ask(folder, {"command": "abort", "who": "anna", "token": "s3cret"})
+        (right,) = await ask(folder, {"command": "abort", "who": "anna", "token": TOKEN})
         assert right["ok"]
 
 
