@@ -1,1 +1,1 @@
-"""Places and things: frames, scenes, meshes, rendering, lidar and clearance. Imports nothing of ours."""
+"""Places and things: frames, scenes, rendering, lidar and clearance. Imports nothing of ours."""

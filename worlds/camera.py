@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Self
 
-from worlds.frames import Pose, Vec3
+from worlds.frames import AT_ORIGIN, Pose, Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class CameraMount:
     and heading move them.
     """
 
-    pose: Pose = Pose((0.0, 0.0, 0.0))
+    pose: Pose = AT_ORIGIN
     stabilized: bool = False
 
     def camera_pose(self, body: Pose) -> Pose:

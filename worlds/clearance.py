@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from worlds.distance import Body, BodySolid, Gap, PartSolid
-from worlds.frames import Pose, Vec3, angle_between, norm, subtract
+from worlds.frames import Pose, angle_between, norm, subtract
 from worlds.motion import AT_REST, Travel
 from worlds.parts import BoxShape, SphereShape
 from worlds.scene import NO_EVENTS, Scene, SceneObject

@@ -1,29 +1,28 @@
-"""Distance between a vehicle's body and one part of a thing, through python-fcl (GJK).
+"""Distance between a vehicle's body and one part of a thing.
 
-Everything is in the thing's frame: parts stay where they are, the body is placed.
+Convex parts by our own GJK (worlds.gjk); triangle surfaces by python-fcl, which is imported only
+for them. Everything is in the thing's frame: parts stay where they are, the body is placed.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
-import fcl
 import numpy as np
 
 from worlds.frames import Pose, Quat, Vec3, matrix_from_quat, quat_conjugate, rotate
-from worlds.meshes import FloatArray
-from worlds.parts import (
-    BoxShape,
-    CylinderShape,
-    HullShape,
-    Part,
-    PartShape,
-    SphereShape,
-    SurfaceShape,
-)
+from worlds.gjk import PRECISION_M, posed_distance
+from worlds.meshes import FloatArray, IntArray
+from worlds.parts import BoxShape, Part, PartShape, SphereShape, SurfaceShape
 
 Body = BoxShape | SphereShape
 """A vehicle for the purpose of touching: a box (half extents FRD, metres) or a ball."""
+
+_CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
+_CUBE_SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+_CUBE_FACES = np.array([f for a, b, c, d in _CUBE_SIDES for f in ((a, b, c), (a, c, d))], np.int32)
+_POINT = np.eye(3) * PRECISION_M
+"""A triangle so small that it stands for a point, as triangles are all that FCL measures well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,42 +40,69 @@ class Gap:
 CONTACT = Gap(0.0, None)
 
 
+class PartSolid:
+    """A part ready to be measured, at its place in the thing's frame."""
+
+    def __init__(self, part: Part) -> None:
+        self.name = part.name
+        rotation = matrix_from_quat(part.pose.q_wxyz)
+        core, self.rounding_m = _core(part.shape)
+        corners = core @ rotation.T + np.array(part.pose.position_ned_m)
+        self.corners_m = np.ascontiguousarray(corners)
+        self.surface: Any = None
+        if isinstance(part.shape, SurfaceShape):
+            self.surface = _fcl_surface(self.corners_m, part.shape.faces)
+        self._low_m = _vec3(corners.min(axis=0) - self.rounding_m)
+        self._high_m = _vec3(corners.max(axis=0) + self.rounding_m)
+
+    def at_least_m(self, center_m: Vec3, reach_m: Vec3) -> float:
+        """Return a lower bound of the distance from what reaches so far from a centre."""
+        low, high = self._low_m, self._high_m
+        x, y, z = center_m
+        dx = max(low[0] - x, x - high[0]) - reach_m[0]
+        dy = max(low[1] - y, y - high[1]) - reach_m[1]
+        dz = max(low[2] - z, z - high[2]) - reach_m[2]
+        squares = dx * dx if dx > 0.0 else 0.0
+        if dy > 0.0:
+            squares += dy * dy
+        if dz > 0.0:
+            squares += dz * dz
+        return math.sqrt(squares)
+
+
 class BodySolid:
-    """The body as python-fcl holds it. Not for use by two threads at once."""
+    """The body ready to be measured. Not for use by two threads at once."""
 
     def __init__(self, body: Body) -> None:
         self.radius_m = body.radius_m
         self._half_m = body.half_m if isinstance(body, BoxShape) else None
-        self._solid = fcl.CollisionObject(_geometry(body))
-        # A box against triangles is slow and one-sided in FCL; its own triangles are neither.
-        self._skin = (
-            fcl.CollisionObject(_geometry(_box_surface(body.half_m)))
-            if isinstance(body, BoxShape)
-            else self._solid
-        )
-        self._position, self._q_wxyz = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        self._corners_m, self._rounding_m = _core(body)
+        self._surface: Any = None
 
-    def gap(self, pose: Pose, part: "PartSolid") -> Gap:
+    def gap(self, pose: Pose, part: PartSolid) -> Gap:
         """Return the distance between the body at a pose in the thing's frame and a part."""
-        solid = self._solid if part.convex else self._skin
-        position, q_wxyz = self._position, self._q_wxyz
-        position[0], position[1], position[2] = pose.position_ned_m
-        q_wxyz[0], q_wxyz[1], q_wxyz[2], q_wxyz[3] = pose.q_wxyz
-        solid.setTranslation(position)
-        solid.setQuatRotation(q_wxyz)
-        result = fcl.DistanceResult()
-        distance_m = fcl.distance(solid, part.solid, _REQUEST, result)
-        if distance_m <= 0.0:
-            return CONTACT
-        if not part.convex or distance_m < _TOO_CLOSE_M:
-            return Gap(distance_m, None)
-        mine, other = result.nearest_points
-        direction = (
-            float(mine[0] - other[0]) / distance_m,
-            float(mine[1] - other[1]) / distance_m,
-            float(mine[2] - other[2]) / distance_m,
+        if part.surface is not None:
+            return self._surface_gap(pose, part)
+        _, direction, at_least_m = posed_distance(
+            self._corners_m, pose.position_ned_m, pose.q_wxyz, part.corners_m
         )
-        return Gap(distance_m, direction)
+        distance_m = at_least_m - self._rounding_m - part.rounding_m
+        return Gap(distance_m, direction) if distance_m > PRECISION_M else CONTACT
+
+    def _surface_gap(self, pose: Pose, part: PartSolid) -> Gap:
+        import fcl  # noqa: PLC0415 - only things from mesh files need it
+
+        if self._surface is None:
+            box = self._half_m is not None
+            self._surface = (
+                _fcl_surface(self._corners_m, _CUBE_FACES)
+                if box
+                else _fcl_surface(_POINT, np.array([[0, 1, 2]], np.int32))
+            )
+        transform = fcl.Transform(np.array(pose.q_wxyz), np.array(pose.position_ned_m))
+        self._surface.setTransform(transform)
+        distance_m = float(fcl.distance(self._surface, part.surface)) - self._rounding_m
+        return Gap(distance_m, None) if distance_m > PRECISION_M else CONTACT
 
     def reach_m(self, q_wxyz: Quat) -> Vec3:
         """Return how far the body reaches from its middle along the axes of the thing's frame."""
@@ -100,114 +126,31 @@ class BodySolid:
         """Return the least coordinate along a direction of the body at a pose."""
         at = pose.position_ned_m
         center = at[0] * direction[0] + at[1] * direction[1] + at[2] * direction[2]
-        if self._half_m is None:
+        half = self._half_m
+        if half is None:
             return center - self.radius_m
         own = rotate(quat_conjugate(pose.q_wxyz), direction)
-        half = self._half_m
         return center - abs(own[0]) * half[0] - abs(own[1]) * half[1] - abs(own[2]) * half[2]
 
 
-class PartSolid:
-    """A part as python-fcl holds it, at its place in the thing's frame."""
-
-    def __init__(self, part: Part) -> None:
-        self.name = part.name
-        self.convex = not isinstance(part.shape, SurfaceShape)
-        self._low_m, self._high_m = extent_m(part)
-        transform = fcl.Transform(np.array(part.pose.q_wxyz), np.array(part.pose.position_ned_m))
-        self.solid = fcl.CollisionObject(_geometry(part.shape), transform)
-
-    def at_least_m(self, center_m: Vec3, reach_m: Vec3) -> float:
-        """Return a lower bound of the distance from anything that reaches so far from a centre."""
-        low, high = self._low_m, self._high_m
-        x, y, z = center_m
-        rx, ry, rz = reach_m
-        dx = max(low[0] - x, x - high[0]) - rx
-        dy = max(low[1] - y, y - high[1]) - ry
-        dz = max(low[2] - z, z - high[2]) - rz
-        squares = 0.0
-        if dx > 0.0:
-            squares = dx * dx
-        if dy > 0.0:
-            squares += dy * dy
-        if dz > 0.0:
-            squares += dz * dz
-        return math.sqrt(squares)
-
-
-def extent_m(part: Part) -> tuple[Vec3, Vec3]:
-    """Return the least and greatest coordinates of a part in the thing's frame."""
-    rotation = matrix_from_quat(part.pose.q_wxyz)
-    center = np.array(part.pose.position_ned_m)
-    shape = part.shape
-    if isinstance(shape, HullShape | SurfaceShape):
-        points = shape.vertices_m @ rotation.T
-        return _vec3(center + points.min(axis=0)), _vec3(center + points.max(axis=0))
+def _core(shape: PartShape) -> tuple[FloatArray, float]:
+    """Return corners (n, 3), and how thick the shape is about their hull."""
     if isinstance(shape, SphereShape):
-        reach = np.full(3, shape.radius_m)
-    elif isinstance(shape, BoxShape):
-        reach = np.abs(rotation) @ np.array(shape.half_m)
-    else:
-        radius = shape.cylinder_radius_m
-        reach = np.abs(rotation) @ np.array([radius, radius, shape.half_height_m])
-    return _vec3(center - reach), _vec3(center + reach)
+        return np.zeros((1, 3)), shape.radius_m
+    if isinstance(shape, BoxShape):
+        return _CUBE * np.array(shape.half_m), 0.0
+    return np.ascontiguousarray(shape.vertices_m), 0.0
+
+
+def _fcl_surface(vertices_m: FloatArray, faces: IntArray) -> Any:
+    import fcl  # noqa: PLC0415 - only things from mesh files need it
+
+    model = fcl.BVHModel()
+    model.beginModel(len(vertices_m), len(faces))
+    model.addSubModel(vertices_m, faces)
+    model.endModel()
+    return fcl.CollisionObject(model)
 
 
 def _vec3(array: FloatArray) -> Vec3:
     return (float(array[0]), float(array[1]), float(array[2]))
-
-
-_TOO_CLOSE_M = 1e-6
-"""Below this the nearest points do not tell a direction."""
-_REQUEST = fcl.DistanceRequest(enable_nearest_points=True)
-
-
-def _geometry(shape: PartShape) -> fcl.CollisionGeometry:
-    makers: dict[type, Callable[..., fcl.CollisionGeometry]] = {
-        BoxShape: _box,
-        SphereShape: lambda sphere: fcl.Sphere(sphere.radius_m),
-        CylinderShape: _cylinder,
-        HullShape: _hull,
-        SurfaceShape: _surface,
-    }
-    return makers[type(shape)](shape)
-
-
-def _box(box: BoxShape) -> fcl.CollisionGeometry:
-    return fcl.Box(*(2.0 * half for half in box.half_m))
-
-
-def _cylinder(cylinder: CylinderShape) -> fcl.CollisionGeometry:
-    return fcl.Cylinder(cylinder.cylinder_radius_m, 2.0 * cylinder.half_height_m)
-
-
-def _hull(hull: HullShape) -> fcl.CollisionGeometry:
-    counted = np.insert(hull.faces, 0, 3, axis=1).astype(np.int32)
-    return fcl.Convex(np.ascontiguousarray(hull.vertices_m), len(hull.faces), counted.ravel())
-
-
-def _surface(surface: SurfaceShape) -> fcl.CollisionGeometry:
-    model = fcl.BVHModel()
-    model.beginModel(len(surface.vertices_m), len(surface.faces))
-    model.addSubModel(surface.vertices_m, surface.faces)
-    model.endModel()
-    return model
-
-
-def _box_surface(half_m: Vec3) -> SurfaceShape:
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
-    faces = [
-        [0, 1, 3],
-        [0, 3, 2],
-        [4, 6, 7],
-        [4, 7, 5],
-        [0, 4, 5],
-        [0, 5, 1],
-        [2, 3, 7],
-        [2, 7, 6],
-        [0, 2, 6],
-        [0, 6, 4],
-        [1, 5, 7],
-        [1, 7, 3],
-    ]
-    return SurfaceShape(signs * np.array(half_m), np.array(faces, np.int32))

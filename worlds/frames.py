@@ -243,3 +243,7 @@ class Pose:
             lerp(self.position_ned_m, other.position_ned_m, fraction),
             slerp(self.q_wxyz, other.q_wxyz, fraction),
         )
+
+
+AT_ORIGIN = Pose((0.0, 0.0, 0.0))
+"""No way from the parent frame."""

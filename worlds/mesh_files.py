@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -82,7 +82,7 @@ def load_mesh_shape(
     return Shape("mesh", mesh, (Part("surface", surface, Pose((0.0, 0.0, 0.0))),))
 
 
-def _loaded(path: Path) -> list[object]:
+def _loaded(path: Path) -> list[Any]:
     """Return the triangle meshes of a file with their places in its scene applied."""
     # Half a second that only worlds with mesh files pay.
     import trimesh  # noqa: PLC0415
@@ -96,7 +96,7 @@ def _loaded(path: Path) -> list[object]:
     return [part for part in dumped if isinstance(part, trimesh.Trimesh)]
 
 
-def _converted(part: object, turn: FloatArray) -> Mesh:
+def _converted(part: Any, turn: FloatArray) -> Mesh:
     """Return a mesh of trimesh in FRD metres."""
     vertices = np.asarray(part.vertices, np.float64) @ turn.T
     faces = np.ascontiguousarray(part.faces, np.int32)
@@ -116,10 +116,11 @@ def _normals(vertices: FloatArray, faces: np.ndarray) -> FloatArray:
     for corner in range(3):
         np.add.at(total, faces[:, corner], flat)
     lengths = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.divide(total, lengths, out=np.zeros_like(total), where=lengths > 0.0)
+    unit = np.divide(total, lengths, out=np.zeros_like(total), where=lengths > 0.0)
+    return np.asarray(unit)
 
 
-def _material(part: object) -> Material:
+def _material(part: Any) -> Material:
     material = getattr(part.visual, "material", None)
     picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if picture is not None:

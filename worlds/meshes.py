@@ -149,8 +149,8 @@ def box(size_m: Vec3, material: Material) -> Mesh:
     sides = []
     for normal, up in _SIDES:
         right = np.cross(np.array(up), np.array(normal))
-        edges = [_vec3(np.array(edge) * half) for edge in (normal, right, up)]
-        sides.append(quad(*edges, material))
+        center, across, along = (_vec3(np.array(edge) * half) for edge in (normal, right, up))
+        sides.append(quad(center, across, along, material))
     return replace(merge(sides), materials=(material,), face_material=np.zeros(12, np.int32))
 
 

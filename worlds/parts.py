@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from worlds.frames import Pose, Vec3, norm
+from worlds.frames import AT_ORIGIN, Pose, Vec3, norm
 from worlds.meshes import FloatArray, IntArray
 
 
@@ -25,19 +25,6 @@ class SphereShape:
     """A ball about its own origin."""
 
     radius_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class CylinderShape:
-    """A cylinder about its own origin, its axis along down."""
-
-    cylinder_radius_m: float
-    half_height_m: float
-
-    @property
-    def radius_m(self) -> float:
-        """Return the radius of the bounding sphere about the origin."""
-        return math.hypot(self.cylinder_radius_m, self.half_height_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +53,7 @@ class SurfaceShape:
         return float(((self.vertices_m**2).sum(axis=1).max()) ** 0.5)
 
 
-PartShape = BoxShape | SphereShape | CylinderShape | HullShape | SurfaceShape
+PartShape = BoxShape | SphereShape | HullShape | SurfaceShape
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +94,7 @@ class Opening:
     name: str
     form: Literal["square", "ring"]
     limit_m: float
-    pose: Pose = Pose((0.0, 0.0, 0.0))
+    pose: Pose = AT_ORIGIN
 
     def offset_m(self, point_m: Vec3) -> float:
         """Return how far from the centre a point is, beside the axis; in the opening's frame."""

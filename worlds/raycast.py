@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.frames import Pose, Vec3, matrix_from_quat
+from worlds.frames import AT_ORIGIN, Pose, Vec3, matrix_from_quat
 from worlds.meshes import FloatArray
 from worlds.scene import NO_EVENTS, Scene, SceneObject
-
-_AT_ORIGIN = Pose((0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +33,7 @@ class RayCaster:
         resting = [thing for thing in scene.objects if thing.motion is None]
         self._resting = _Group(resting, [thing.pose for thing in resting]) if resting else None
         moving = [thing for thing in scene.objects if thing.motion is not None]
-        self._moving = [(thing, _Group([thing], [_AT_ORIGIN])) for thing in moving]
+        self._moving = [(thing, _Group([thing], [AT_ORIGIN])) for thing in moving]
 
     def cast(
         self,
@@ -47,7 +45,7 @@ class RayCaster:
         """Return what rays from one place meet at a time. directions_ned: (n, 3), unit length."""
         count = len(directions_ned)
         ranges_m, object_ids = np.full(count, np.inf), np.zeros(count, np.uint8)
-        groups = [(self._resting, _AT_ORIGIN)] if self._resting else []
+        groups = [(self._resting, AT_ORIGIN)] if self._resting else []
         groups += [(group, thing.pose_at(t_s, events)) for thing, group in self._moving]
         for group, pose in groups:
             rotation = matrix_from_quat(pose.q_wxyz)

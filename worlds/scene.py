@@ -39,9 +39,7 @@ class SceneObject:
         """Return how far it went and turned between two times."""
         return AT_REST if self.motion is None else self.motion.travel(from_s, to_s, events)
 
-    def is_even(
-        self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS
-    ) -> bool:
+    def is_even(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> bool:
         """Return whether it rests, or moves straight, evenly and without turning, in between."""
         return self.motion is None or self.motion.is_even(from_s, to_s, events)
 

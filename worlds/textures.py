@@ -4,6 +4,7 @@ What is made here has structure on several scales, so that a camera sees motion,
 colours, so that colour detectors are not led astray.
 """
 
+import math
 from pathlib import Path
 
 import cv2
@@ -56,7 +57,7 @@ def blocks(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
     for row in range(rows):
         for column in range(columns):
             top, left = row * height, column * width + (row % 2) * width // 2
-            block = np.ix_(range(top, top + height), np.arange(left, left + width) % SIDE_PX)
+            block = np.ix_(np.arange(top, top + height), np.arange(left, left + width) % SIDE_PX)
             relief[block] += rng.normal(0.0, 7.0)
         joints = np.arange(columns) * width + (row % 2) * width // 2
         relief[top : top + height, joints] -= 24.0
@@ -108,4 +109,4 @@ def to_powers_of_two(picture: BgrTexture) -> BgrTexture:
 
 
 def _power_of_two(side_px: int) -> int:
-    return min(_LARGEST_SIDE_PX, 2 ** round(float(np.log2(side_px))))
+    return min(_LARGEST_SIDE_PX, 1 << round(math.log2(side_px)))

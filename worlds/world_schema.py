@@ -191,4 +191,4 @@ class WorldModel(FilePart):
     schema_: Annotated[Literal["wil/world/1"], Field(alias="schema")]
     description: str = ""
     origin: OriginModel
-    objects: dict[str, ObjectModel] = {}
+    objects: Annotated[dict[str, ObjectModel], Field(default_factory=dict)]

@@ -10,24 +10,32 @@ Camera coordinates are optical: x right, y down, z forward, metres. Pixel centre
 
 import numpy as np
 
-from worlds.render.arrays import F32, F64, I32, Buffer, Geometry, Scratch, Triangles, View
-from worlds.render.jit import compiled
+from worlds.jit import F64, Float, Int, compiled
+from worlds.render.arrays import (
+    F32,
+    I32,
+    Buffer,
+    Geometry,
+    Scratch,
+    Triangles,
+    View,
+)
 
 NEAR_M = 0.05
 SUB_BITS = 8
 SUB = 1 << SUB_BITS
-Lens = tuple[float, float, float, float]
+Lens = tuple[Float, Float, Float, Float]
 """fx, fy, cx, cy."""
-Corners = tuple[int, int, int]
+Corners = tuple[Int, Int, Int]
 """The three vertices of a face."""
-Triangle = tuple[float, float, float, float, float, float]
+Triangle = tuple[Float, Float, Float, Float, Float, Float]
 """Pixels of three corners: x, y, x, y, x, y."""
 GUARD_PX = 1_000_000.0
 """How far outside of the picture a triangle may reach: products then fit into 64 bits."""
 
 
 @compiled
-def sphere_shows(sphere: F64, view: View, k: int) -> bool:
+def sphere_shows(sphere: F64, view: View, k: Int) -> bool:
     """Return whether the bounding sphere of object k may reach into the picture."""
     m, shift = view.rotations[k], view.shifts[k]
     x = m[0, 0] * sphere[0] + m[0, 1] * sphere[1] + m[0, 2] * sphere[2] + shift[0]
@@ -36,7 +44,7 @@ def sphere_shows(sphere: F64, view: View, k: int) -> bool:
     left, right = view.cx + 0.5, view.width - 0.5 - view.cx
     top, bottom = view.cy + 0.5, view.height - 0.5 - view.cy
     fx, fy, r = view.fx, view.fy, sphere[3]
-    return (
+    return bool(
         z + r > NEAR_M
         and fx * x + left * z > -r * np.hypot(fx, left)
         and right * z - fx * x > -r * np.hypot(fx, right)
@@ -46,7 +54,7 @@ def sphere_shows(sphere: F64, view: View, k: int) -> bool:
 
 
 @compiled
-def project(vertices: F64, extent: I32, view: View, k: int, camera: F64, screen: F64) -> None:
+def project(vertices: F64, extent: I32, view: View, k: Int, camera: F64, screen: F64) -> None:
     """Write camera coordinates and pixels of object k's vertices, extent[0] to extent[1] - 1."""
     m, shift = view.rotations[k], view.shifts[k]
     fx, fy, cx, cy = view.fx, view.fy, view.cx, view.cy
@@ -62,7 +70,7 @@ def project(vertices: F64, extent: I32, view: View, k: int, camera: F64, screen:
 
 
 @compiled
-def clip(polygon: F64, count: int, plane: F64, out: F64) -> int:
+def clip(polygon: F64, count: Int, plane: F64, out: F64) -> Int:
     """Write the part of a polygon where plane . (x, y, z, 1) >= 0; return its corners."""
     kept = 0
     for i in range(count):
@@ -83,7 +91,7 @@ def clip(polygon: F64, count: int, plane: F64, out: F64) -> int:
 
 
 @compiled
-def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> int:
+def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> Int:
     """Write pixels of a triangle's part before the near plane and within the guard band.
 
     work: (3, 10, 3); the pixels come to work[2]. Returns the number of corners, 0 for none.
@@ -111,7 +119,7 @@ def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> int:
 
 
 @compiled
-def depth_plane(camera: F64, abc: Corners, lens: Lens) -> tuple[float, float, float]:
+def depth_plane(camera: F64, abc: Corners, lens: Lens) -> tuple[Float, Float, Float]:
     """Return the plane of 1/z over pixels (at the origin, per column, per row); 0s edge-on."""
     fx, fy, cx, cy = lens
     a, b, c = abc
@@ -127,7 +135,7 @@ def depth_plane(camera: F64, abc: Corners, lens: Lens) -> tuple[float, float, fl
 
 
 @compiled
-def store(corners: I32, bounds: I32, n: int, pixels: Triangle, size: tuple[int, int]) -> bool:
+def store(corners: I32, bounds: I32, n: Int, pixels: Triangle, size: tuple[Int, Int]) -> bool:
     """Store corners and bounds of the n-th triangle; False when it covers no pixel centre.
 
     It is turned so that each edge has the inside on the same side.
@@ -135,10 +143,10 @@ def store(corners: I32, bounds: I32, n: int, pixels: Triangle, size: tuple[int, 
     ax, ay = np.int64(np.floor(pixels[0] * SUB + 0.5)), np.int64(np.floor(pixels[1] * SUB + 0.5))
     bx, by = np.int64(np.floor(pixels[2] * SUB + 0.5)), np.int64(np.floor(pixels[3] * SUB + 0.5))
     cx, cy = np.int64(np.floor(pixels[4] * SUB + 0.5)), np.int64(np.floor(pixels[5] * SUB + 0.5))
-    left = max(0, (min(ax, bx, cx) + SUB - 1) >> SUB_BITS)
-    right = min(size[0] - 1, max(ax, bx, cx) >> SUB_BITS)
-    top = max(0, (min(ay, by, cy) + SUB - 1) >> SUB_BITS)
-    bottom = min(size[1] - 1, max(ay, by, cy) >> SUB_BITS)
+    left: Int = max(0, (min(ax, bx, cx) + SUB - 1) >> SUB_BITS)
+    right: Int = min(size[0] - 1, max(ax, bx, cx) >> SUB_BITS)
+    top: Int = max(0, (min(ay, by, cy) + SUB - 1) >> SUB_BITS)
+    bottom: Int = min(size[1] - 1, max(ay, by, cy) >> SUB_BITS)
     area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
     if area == 0 or left > right or top > bottom:
         return False
@@ -151,14 +159,14 @@ def store(corners: I32, bounds: I32, n: int, pixels: Triangle, size: tuple[int, 
 
 
 @compiled
-def finish(triangles: Triangles, n: int, f: int, camera: F64, abc: Corners, lens: Lens) -> int:
+def finish(triangles: Triangles, n: Int, f: Int, camera: F64, abc: Corners, lens: Lens) -> Int:
     """Store depth and face of the n-th triangle; return the next free place."""
     at_origin, per_column, per_row = depth_plane(camera, abc, lens)
     if at_origin == 0.0 and per_column == 0.0 and per_row == 0.0:
         return n
     a, b, c = abc
-    far = max(camera[a, 2], camera[b, 2], camera[c, 2])
-    near = max(min(camera[a, 2], camera[b, 2], camera[c, 2]), NEAR_M)
+    far: Float = max(camera[a, 2], camera[b, 2], camera[c, 2])
+    near: Float = max(min(camera[a, 2], camera[b, 2], camera[c, 2]), NEAR_M)
     planes = triangles.planes
     planes[n, 0], planes[n, 1], planes[n, 2] = at_origin, per_column, per_row
     triangles.depth_range[n, 0] = np.float32(1.0 / far)
@@ -171,7 +179,7 @@ def finish(triangles: Triangles, n: int, f: int, camera: F64, abc: Corners, lens
 def is_plain(camera: F64, screen: F64, abc: Corners) -> bool:
     """Return whether a triangle needs no clipping."""
     a, b, c = abc
-    return (
+    return bool(
         min(camera[a, 2], camera[b, 2], camera[c, 2]) >= NEAR_M
         and min(screen[a, 0], screen[b, 0], screen[c, 0]) > -GUARD_PX
         and max(screen[a, 0], screen[b, 0], screen[c, 0]) < GUARD_PX
@@ -182,8 +190,8 @@ def is_plain(camera: F64, screen: F64, abc: Corners) -> bool:
 
 @compiled
 def gather_object(
-    faces: I32, extent: I32, vertices: tuple[F64, F64], view: View, triangles: Triangles, n: int
-) -> int:
+    faces: I32, extent: I32, vertices: tuple[F64, F64], view: View, triangles: Triangles, n: Int
+) -> Int:
     """Store what may show of faces extent[0] to extent[1] - 1, from place n; -1: no room."""
     camera, screen = vertices
     corners, bounds, work = triangles.corners, triangles.bounds, np.empty((3, 10, 3))
@@ -215,7 +223,7 @@ def gather_object(
 
 
 @compiled
-def gather(geometry: Geometry, view: View, scratch: Scratch) -> int:
+def gather(geometry: Geometry, view: View, scratch: Scratch) -> Int:
     """Store every triangle that may show; return how many, or -1 when there is no room."""
     n = 0
     for k in range(geometry.spheres.shape[0]):
@@ -229,7 +237,7 @@ def gather(geometry: Geometry, view: View, scratch: Scratch) -> int:
 
 
 @compiled
-def floor_divide(a: int, b: int, inverse: float) -> int:
+def floor_divide(a: Int, b: Int, inverse: Float) -> Int:
     """Return a / b rounded down, b > 0, from an approximate 1 / b; exact for quotients here."""
     quotient = np.int64(np.floor(a * inverse))
     rest = a - quotient * b
@@ -241,7 +249,7 @@ def floor_divide(a: int, b: int, inverse: float) -> int:
 
 
 @compiled
-def narrow(left: int, right: int, value: int, drop: int, inverse: float) -> tuple[int, int]:
+def narrow(left: Int, right: Int, value: Int, drop: Int, inverse: Float) -> tuple[Int, Int]:
     """Return which columns of a span an edge leaves; value: E at column 0, E falls by drop."""
     if drop > 0:
         return left, min(right, floor_divide(value, drop, inverse))
@@ -251,7 +259,7 @@ def narrow(left: int, right: int, value: int, drop: int, inverse: float) -> tupl
 
 
 @compiled
-def edge(corners: I32, t: int, from_corner: int, to_corner: int) -> tuple[int, int, int, float]:
+def edge(corners: I32, t: Int, from_corner: Int, to_corner: Int) -> tuple[Int, Int, Int, Float]:
     """Return an edge of triangle t: E at the origin, its rise per row, its drop per column.
 
     From (xa, ya) to (xb, yb), E = (xb - xa)(y - ya) - (yb - ya)(x - xa) is at least 0 inside;
@@ -268,7 +276,7 @@ def edge(corners: I32, t: int, from_corner: int, to_corner: int) -> tuple[int, i
 
 @compiled
 def cover(
-    corners: I32, bounds: I32, planes: F64, depth_range: F32, count: int, buffer: Buffer
+    corners: I32, bounds: I32, planes: F64, depth_range: F32, count: Int, buffer: Buffer
 ) -> None:
     """Let every triangle win the pixels of the visibility buffer where it is nearest."""
     inverse_depth, owner, width = buffer

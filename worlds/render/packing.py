@@ -5,8 +5,9 @@ from collections.abc import Iterable, Sequence
 import cv2
 import numpy as np
 
+from worlds.jit import F64
 from worlds.meshes import BgrTexture, Material, Mesh
-from worlds.render.arrays import F64, U32, Geometry, Looks
+from worlds.render.arrays import U32, Geometry, Looks
 from worlds.scene import Scene
 
 _SKY_HIGH, _SKY_LOW = (222, 176, 128), (238, 226, 212)
@@ -105,7 +106,8 @@ def _mip_levels(texture: BgrTexture, material: Material) -> list[U32]:
 
 def _packed_texels(bgr: BgrTexture) -> U32:
     wide = bgr.astype(np.uint32)
-    return wide[:, :, 0] | wide[:, :, 1] << 8 | wide[:, :, 2] << 16
+    packed = wide[:, :, 0] | wide[:, :, 1] << 8 | wide[:, :, 2] << 16
+    return packed.astype(np.uint32)
 
 
 def _packed(bgr: Sequence[int]) -> int:
@@ -117,12 +119,12 @@ def _background() -> U32:
     ground = np.linspace(_GROUND_NEAR, _GROUND_FAR, 256)
     sky = np.linspace(_SKY_LOW, _SKY_HIGH, 256)
     colors = np.round(np.concatenate([ground, sky])).astype(np.uint8)
-    return _packed_texels(colors[None])[0]
+    return _packed_texels(colors[None]).ravel()
 
 
 def _above_zero(uv: F64) -> F64:
     """Return texture coordinates moved by whole repeats, so that rounding down is truncation."""
-    return uv - np.floor(uv.min(axis=0)) + 1.0
+    return np.asarray(uv - np.floor(uv.min(axis=0)) + 1.0)
 
 
 def _ranges(counts: Sequence[int]) -> np.ndarray:

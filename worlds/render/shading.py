@@ -9,9 +9,9 @@ Indices are unsigned where it counts: Numba then leaves out what negative indice
 
 import numpy as np
 
+from worlds.jit import F64, Float, Int, compiled
 from worlds.render.arrays import (
     F32,
-    F64,
     I32,
     U8,
     U32,
@@ -23,7 +23,6 @@ from worlds.render.arrays import (
     View,
 )
 from worlds.render.coverage import cover, gather
-from worlds.render.jit import compiled
 
 AMBIENT, LAMP, SKY = 0.62, 0.34, 0.08
 _PLAIN, _TEXTURED, _SMOOTH = 1, 2, 3
@@ -33,12 +32,12 @@ _CHUNK_PX = 32
 _SHARPNESS = 1.4
 """How many texels a pixel may skip before a coarser level is taken."""
 
-Run = tuple[int, int, int]
+Run = tuple[Int, Int, Int]
 """Row, first column, number of pixels."""
 
 
 @compiled
-def vertex_shade(geometry: Geometry, view: View, k: int, v: int, side: float) -> float:
+def vertex_shade(geometry: Geometry, view: View, k: Int, v: Int, side: Float) -> Float:
     """Return the brightness of a vertex of object k, 0 to 256; side: -1 for a back."""
     n, light = geometry.normals, view.lights
     lamp = n[v, 0] * light[k, 0, 0] + n[v, 1] * light[k, 0, 1] + n[v, 2] * light[k, 0, 2]
@@ -48,7 +47,7 @@ def vertex_shade(geometry: Geometry, view: View, k: int, v: int, side: float) ->
 
 @compiled
 def prepare_face(
-    geometry: Geometry, looks: Looks, view: View, camera: F64, shades: Shades, f: int
+    geometry: Geometry, looks: Looks, view: View, camera: F64, shades: Shades, f: Int
 ) -> None:
     """Work out how a face is painted: brightness, and planes of shade, u and v over z."""
     a, b, c = geometry.faces[f, 0], geometry.faces[f, 1], geometry.faces[f, 2]
@@ -82,7 +81,7 @@ def prepare_face(
 
 
 @compiled
-def dimmed(color: int, shade: int) -> int:
+def dimmed(color: Int, shade: Int) -> Int:
     """Return a packed colour at a brightness of shade / 256."""
     red_blue = (np.uint32(color & 0xFF00FF) * np.uint32(shade)) >> 8
     green = np.uint32((color >> 8) & 0xFF) * np.uint32(shade)
@@ -90,14 +89,14 @@ def dimmed(color: int, shade: int) -> int:
 
 
 @compiled
-def paint_plain(color: int, start: int, count: int, colors: U32) -> None:
+def paint_plain(color: Int, start: Int, count: Int, colors: U32) -> None:
     """Paint a run in one colour."""
     for i in range(count):
         colors[np.uint64(start) + np.uint64(i)] = color
 
 
 @compiled
-def paint_background(background: U32, view: View, run: Run, start: int, colors: U32) -> None:
+def paint_background(background: U32, view: View, run: Run, start: Int, colors: U32) -> None:
     """Paint sky and ground by elevation."""
     row, left, count = run
     up = view.up
@@ -109,7 +108,7 @@ def paint_background(background: U32, view: View, run: Run, start: int, colors: 
 
 
 @compiled
-def along(planes: F64, f: int, which: int, run: Run) -> tuple[float, float]:
+def along(planes: F64, f: Int, which: Int, run: Run) -> tuple[Float, Float]:
     """Return one of a face's planes at the start of a run, and its change per column."""
     at = planes[f, which] + planes[f, which + 1] * run[1] + planes[f, which + 2] * run[0]
     return np.float32(at), np.float32(planes[f, which + 1])
@@ -117,7 +116,7 @@ def along(planes: F64, f: int, which: int, run: Run) -> tuple[float, float]:
 
 @compiled
 def paint_smooth(
-    color: int, plane: tuple[float, float], start: int, count: int, inverse_depth: F32, colors: U32
+    color: Int, plane: tuple[Float, Float], start: Int, count: Int, inverse_depth: F32, colors: U32
 ) -> None:
     """Paint a run in one colour whose brightness varies; plane: shade over z, per column."""
     first, step = plane
@@ -130,7 +129,7 @@ def paint_smooth(
 
 @compiled
 def dim_smoothly(
-    plane: tuple[float, float], start: int, count: int, inverse_depth: F32, colors: U32
+    plane: tuple[Float, Float], start: Int, count: Int, inverse_depth: F32, colors: U32
 ) -> None:
     """Dim painted texels by a brightness that varies."""
     first, step = plane
@@ -143,8 +142,8 @@ def dim_smoothly(
 
 @compiled
 def mip_level(
-    looks: Looks, texture: int, planes: F64, depth: tuple[float, float], f: int, run: Run, z: float
-) -> int:
+    looks: Looks, texture: Int, planes: F64, depth: tuple[Float, Float], f: Int, run: Run, z: Float
+) -> Int:
     """Return the mip level whose texels are about as large as the pixel where a run starts.
 
     depth: changes of 1/z per column and row. z: metres there.
@@ -165,9 +164,9 @@ def mip_level(
 @compiled
 def paint_texels(
     texels: U32,
-    size: tuple[int, int],
-    planes: tuple[float, float, float, float],
-    piece: tuple[int, int, int],
+    size: tuple[Int, Int],
+    planes: tuple[Float, Float, Float, Float],
+    piece: tuple[Int, Int, Int],
     inverse_depth: F32,
     colors: U32,
 ) -> None:
@@ -190,7 +189,7 @@ def paint_texels(
 
 @compiled
 def paint_textured(
-    looks: Looks, texture: int, shades: Shades, f: int, scratch: Scratch, t: int, run: Run
+    looks: Looks, texture: Int, shades: Shades, f: Int, scratch: Scratch, t: Int, run: Run
 ) -> None:
     """Paint a textured run in pieces, each from the mip level that fits its middle."""
     row, left, total = run

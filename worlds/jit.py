@@ -5,9 +5,16 @@ package's folder is not writable, Numba keeps its cache in the user's (NUMBA_CAC
 """
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+Int = Any
+Float = Any
+"""Scalars of kernels: of Python or of NumPy, for Numba one thing and for mypy no one type."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
