@@ -11,20 +11,22 @@ class Intake:
 
     A reading that is older than the one before is refused, as long as it takes; one that differs
     in size or intrinsics is refused once, so that the change is counted, and then let in. The
-    same reading may come again: a slow source is held.
+    same reading may come again: a slow source is held. tolerated: kinds of fault that the first
+    steps are there to mend.
     """
 
-    def __init__(self, side: str, kind: str) -> None:
+    def __init__(self, side: str, kind: str, tolerated: frozenset[str] = frozenset()) -> None:
         self.kind = kind
         self.faults: Counter[str] = Counter()
         self._side = side
+        self._tolerated = tolerated
         self._previous: Reading | None = None
 
     def fault_of(self, reading: Reading) -> str | None:
         """Return what is wrong with a reading; None when nothing is."""
         if reading is self._previous:
             return None
-        fault = self._of_kind(reading) or fault_of(reading) or self._after(reading)
+        fault = self._of_kind(reading) or self._in_itself(reading) or self._after(reading)
         if fault is None:
             self._previous = reading
             return None
@@ -34,6 +36,10 @@ class Intake:
     def _of_kind(self, reading: Reading) -> Fault | None:
         kind = sensor_type_of(reading)
         return None if kind == self.kind else Fault("type", f"is of type {kind}")
+
+    def _in_itself(self, reading: Reading) -> Fault | None:
+        fault = fault_of(reading)
+        return None if fault is not None and fault.kind in self._tolerated else fault
 
     def _after(self, reading: Reading) -> Fault | None:
         previous = self._previous

@@ -15,6 +15,7 @@ from recipes.recipe import Combination, Recipe
 from recipes.registry import Context
 from recipes.stages import Merging, Stage, Stopwatch, compile_stages
 from recipes.working import (
+    SIDES,
     AnyMasked,
     CannotMixError,
     DropReason,
@@ -88,8 +89,9 @@ class Mixer:
         self._merging = merging
         self._stopwatch = stopwatch
         sensor = combination.sensor
-        self._real = Intake("real", sensor.kind_of("real"))
-        self._twin = Intake("twin", sensor.kind_of("twin"))
+        self._real, self._twin = (
+            Intake(side, sensor.kind_of(side), combination.tolerated(side)) for side in SIDES
+        )
         self._frames = 0
         self._mixed = 0
         self._dropped: Counter[DropReason] = Counter()

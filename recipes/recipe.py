@@ -79,6 +79,11 @@ class Combination:
         """Return by how much the exposures may differ."""
         return self.budget.max_skew_s
 
+    def tolerated(self, side: Side) -> frozenset[str]:
+        """Return the faults of a side's readings that its steps are there to mend."""
+        mending = (step.parameters for step in self.steps if side in step.parameters.sides())
+        return frozenset[str]().union(*(parameters.tolerates for parameters in mending))
+
 
 @dataclass(frozen=True, slots=True)
 class Recipe:

@@ -32,11 +32,13 @@ class StepParameters(Part):
     """What a step may be given in a recipe; unknown keys are refused.
 
     shorthand: the parameter that a value stands for which is no mapping: `resize: real`.
-    needs: what the step needs of a side's readings beside their values.
+    needs: what the step needs of a side's readings beside their values. tolerates: which faults of
+    a reading (vehicles.readings.checks) the step is there to mend.
     """
 
     shorthand: ClassVar[str] = ""
     needs: ClassVar[frozenset[Need]] = frozenset()
+    tolerates: ClassVar[frozenset[str]] = frozenset()
 
     @model_validator(mode="before")
     @classmethod

@@ -65,3 +65,8 @@ def with_beams(
         step_rad=step_rad,
     )
     return Masked(made, np.where(found, mask, 0).astype(np.uint8))
+
+
+def is_full_turn(scan: LidarScanReading) -> bool:
+    """Return whether the scan's last beam is the neighbour of its first."""
+    return abs(len(scan.ranges_m) * abs(scan.step_rad) - math.tau) < abs(scan.step_rad) / 2

@@ -1,5 +1,47 @@
 """The built-in steps; importing this package registers them."""
 
-from recipes.steps import geometry, isolation, overlays, registration
+from recipes.steps import (
+    aggregation,
+    background,
+    beams,
+    colors,
+    detections,
+    frames,
+    geometry,
+    isolation,
+    outliers,
+    overlays,
+    own,
+    places,
+    points,
+    ranges,
+    regions,
+    registration,
+    replacement,
+    sounds,
+    timing,
+    units,
+)
 
-__all__ = ["geometry", "isolation", "overlays", "registration"]
+__all__ = [
+    "aggregation",
+    "background",
+    "beams",
+    "colors",
+    "detections",
+    "frames",
+    "geometry",
+    "isolation",
+    "outliers",
+    "overlays",
+    "own",
+    "places",
+    "points",
+    "ranges",
+    "regions",
+    "registration",
+    "replacement",
+    "sounds",
+    "timing",
+    "units",
+]

@@ -3,22 +3,32 @@
 import pytest
 
 from recipes import registry
-from recipes.registry import Context, DuplicateStepError, StepParameters, step, steps
+from recipes.registry import (
+    STAGES,
+    Context,
+    DuplicateStepError,
+    StepParameters,
+    step,
+    steps,
+)
 from recipes.working import Masked, Operator
+from vehicles.readings import SENSOR_TYPES
 
 
 def test_the_listing_is_ordered_and_says_what_each_step_does() -> None:
-    names = [(kind.stage, kind.name) for kind in steps()]
-    assert names == [
-        ("transform", "register"),
-        ("transform", "resize"),
-        ("filter", "isolate_color"),
-        ("filter", "isolate_objects"),
-        ("merge", "overlay"),
-    ]
+    places = [(STAGES.index(kind.stage), kind.name) for kind in steps()]
+    assert places == sorted(places)
+    assert len(set(places)) == len(places)
     for kind in steps():
-        assert kind.summary.endswith(".")
-        assert "camera" in kind.sensors
+        assert kind.summary.endswith("."), kind.name
+        assert set(kind.sensors) <= set(SENSOR_TYPES), kind.name
+        assert set(kind.gives) <= set(kind.sensors)
+
+
+@pytest.mark.parametrize("sensor", SENSOR_TYPES)
+def test_every_sensor_can_be_transformed_filtered_and_merged(sensor: str) -> None:
+    for stage in STAGES:
+        assert any(kind.stage == stage and sensor in kind.sensors for kind in steps())
 
 
 def test_a_second_step_of_a_name_is_refused() -> None:

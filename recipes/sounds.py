@@ -1,0 +1,105 @@
+"""Sound: filters of finite length, and blocks laid on a common time line. Pure but for memory.
+
+Filters are windowed sinc (Blackman), of linear phase, so that a delay in time is all they cost;
+see Smith, "The Scientist and Engineer's Guide to Digital Signal Processing" (1997), chapter 16.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recipes.working import CannotMixError
+from vehicles.readings import MicrophoneReading, samples_from_pressure
+
+Sound = NDArray[np.float64]
+
+
+def low_pass(cutoff: float, taps: int) -> Sound:
+    """Return a filter that keeps frequencies below `cutoff` (of the sample rate, 0 to 0.5).
+
+    taps: odd. Its sum is 1.
+    """
+    n = np.arange(taps) - (taps - 1) / 2
+    kernel = 2.0 * cutoff * np.sinc(2.0 * cutoff * n) * np.blackman(taps)
+    return np.asarray(kernel / kernel.sum(), np.float64)
+
+
+def band_pass_kernel(low: float, high: float, taps: int) -> Sound:
+    """Return a filter that keeps frequencies between two (of the sample rate, 0 to 0.5).
+
+    low 0 keeps all below `high`; high 0.5 all above `low`.
+    """
+    kernel = low_pass(high, taps) if high < 0.5 else _all(taps)
+    return kernel if low <= 0.0 else kernel - low_pass(low, taps)
+
+
+def _all(taps: int) -> Sound:
+    kernel = np.zeros(taps)
+    kernel[taps // 2] = 1.0
+    return kernel
+
+
+class Filter:
+    """Filters blocks that follow each other; begins anew, from silence, after a gap.
+
+    What comes out has the length of what went in, and the time at which it sounded: earlier by
+    half of the filter's length.
+    """
+
+    def __init__(self, kernel: Sound) -> None:
+        self._kernel = kernel
+        self._past = np.zeros(len(kernel) - 1)
+        self._expected_s: float | None = None
+
+    def filtered(self, block: MicrophoneReading) -> MicrophoneReading:
+        """Return the block filtered."""
+        if self._expected_s is None or abs(block.t_s - self._expected_s) > _GAP_SAMPLES / (
+            block.sample_rate_hz
+        ):
+            self._past = np.zeros(len(self._kernel) - 1)
+        self._expected_s = block.t_s + block.duration_s
+        whole = np.concatenate([self._past, block.pressure_pa])
+        self._past = whole[len(whole) - len(self._past) :]
+        made = np.convolve(whole, self._kernel, mode="valid")
+        late_s = (len(self._kernel) - 1) / 2 / block.sample_rate_hz
+        samples = samples_from_pressure(made, block.full_scale_pa)
+        return replace(block, t_s=block.t_s - late_s, samples=samples)
+
+
+_GAP_SAMPLES = 1.5
+"""Stamps of blocks that follow each other are off by less."""
+
+
+class TimeLine:
+    """Holds the last blocks of a microphone, to be read at any time."""
+
+    def __init__(self) -> None:
+        self._blocks: list[MicrophoneReading] = []
+
+    def add(self, block: MicrophoneReading) -> None:
+        """Take a block; one not newer than the last changes nothing."""
+        if not self._blocks or block.t_s > self._blocks[-1].t_s:
+            self._blocks.append(block)
+            del self._blocks[:-_HELD_BLOCKS]
+
+    def during(self, like: MicrophoneReading) -> Sound:
+        """Return the pressure in pascals at the times of another block's samples, (samples,).
+
+        Silence where nothing was heard. Raises CannotMixError for another sample rate.
+        """
+        rate, count = like.sample_rate_hz, len(like.samples)
+        heard = np.zeros(count)
+        for block in self._blocks:
+            if block.sample_rate_hz != rate:
+                raise CannotMixError(
+                    "mismatch", f"sound of {block.sample_rate_hz} Hz over sound of {rate} Hz"
+                )
+            first = round((block.t_s - like.t_s) * rate)
+            begin, end = max(0, first), min(count, first + len(block.samples))
+            if begin < end:
+                heard[begin:end] = block.pressure_pa[begin - first : end - first]
+        return heard
+
+
+_HELD_BLOCKS = 32

@@ -1,0 +1,142 @@
+"""Steps of the user's own: `{use: file.py:function, with: {...}}`, in any stage."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path as FilePath
+from typing import Any, cast
+
+from pydantic import Field, JsonValue
+
+from recipes.registry import Context, ParameterFault, SidedParameters, StepParameters, step
+from recipes.working import AnyMasked, Masked, Merge, Operator, Sides, element_shape
+from vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
+from vehicles.readings.checks import fault_of
+from worlds.references import BadReferenceError, load_reference
+
+_ANY = tuple(SENSOR_TYPES)
+_READINGS = tuple(SENSOR_TYPES.values())
+
+
+class BadResultError(TypeError):
+    """A user's step returned what is no reading, or a reading that is at fault."""
+
+
+def _found(use: str, folder: FilePath) -> Callable[..., Any]:
+    found = load_reference(use, folder, beside="the recipe")
+    if not callable(found):
+        raise BadReferenceError(f"'{use}' is neither a function nor a class")
+    return found
+
+
+def _faults(
+    use: str, given: dict[str, JsonValue], folder: FilePath, arguments: tuple[str, ...]
+) -> tuple[ParameterFault, ...]:
+    """Return what is wrong with a reference: where it leads, and how it can be called."""
+    try:
+        found = _found(use, folder)
+    except BadReferenceError as error:
+        return (ParameterFault(("use",), str(error), error.suggestion),)
+    try:
+        if inspect.isclass(found):
+            inspect.signature(found).bind(**given)
+            inspect.signature(found.__call__).bind(None, *arguments)
+        else:
+            inspect.signature(found).bind(*arguments, **given)
+    except (TypeError, ValueError) as error:
+        wanted = ", ".join(arguments)
+        said = f"'{use}' cannot be called with ({wanted}) and what 'with' gives: {error}"
+        return (ParameterFault(("with",) if given else ("use",), said),)
+    return ()
+
+
+def _ready(use: str, given: dict[str, JsonValue], context: Context) -> Callable[..., Any]:
+    """Return what is called for each reading: a function, or an instance of a class."""
+    found = _found(use, context.folder)
+    if inspect.isclass(found):
+        return cast("Callable[..., Any]", found(**given))
+    return lambda *arguments: found(*arguments, **given)
+
+
+class UseParameters(SidedParameters):
+    """use: file.py:function, the file relative to the recipe. with: named arguments for it."""
+
+    use: str
+    with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
+
+    def label(self) -> str:
+        """Return the user's own name of the step."""
+        return self.use
+
+    def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
+        """Return why the function cannot be used."""
+        return _faults(self.use, self.with_, folder, ("work", "other"))
+
+
+@step("use", stage="filter", sensors=_ANY, parameters=UseParameters)
+@step("use", stage="transform", sensors=_ANY, parameters=UseParameters)
+def use(parameters: UseParameters, context: Context) -> Operator:
+    """Call a function of the user's own: (work, other, **with) to a reading, or to work anew.
+
+    work, other: recipes.working.Masked, this side and the other (None when it is missing). What
+    it returns must be whole, and of the same type; a returned reading keeps the mask. A class is
+    made once, with what `with` gives, and called as the function would be.
+    """
+    called = _ready(parameters.use, parameters.with_, context)
+
+    def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:
+        made = called(work, other)
+        if isinstance(made, _READINGS):
+            made = Masked(made, work.mask)
+        if not isinstance(made, Masked):
+            raise BadResultError(f"returned {type(made).__name__}, not a reading or a Masked")
+        _refuse_bad(made.reading, sensor_type_of(work.reading))
+        if made.mask is not None and made.mask.shape != element_shape(made.reading):
+            shapes = f"{made.mask.shape}, not {element_shape(made.reading)}"
+            raise BadResultError(f"returned a mask of {shapes}")
+        return made
+
+    return operator
+
+
+class UseMergeParameters(StepParameters):
+    """use: file.py:function, the file relative to the recipe. with: named arguments for it."""
+
+    use: str
+    with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
+
+    def label(self) -> str:
+        """Return the user's own name of the step."""
+        return self.use
+
+    def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
+        """Return why the function cannot be used."""
+        return _faults(self.use, self.with_, folder, ("sides",))
+
+
+@step("use", stage="merge", sensors=_ANY, parameters=UseMergeParameters)
+def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
+    """Call a function of the user's own: (sides, **with) to the mixed reading.
+
+    sides: a mapping of "real" and "twin" to recipes.working.Masked; "twin" is missing when there is
+    nothing to mix.
+    """
+    called = _ready(parameters.use, parameters.with_, context)
+
+    def merge(sides: Sides) -> Reading:
+        made = called(dict(sides))
+        if not isinstance(made, _READINGS):
+            raise BadResultError(f"returned {type(made).__name__}, not a reading")
+        _refuse_bad(made, sensor_type_of(sides["real"].reading))
+        return made
+
+    return merge
+
+
+def _refuse_bad(made: Any, kind: str) -> None:
+    if sensor_type_of(made) != kind:
+        raise BadResultError(f"returned a {sensor_type_of(made)} reading of a {kind} one")
+    # The mixer sets the time of delivery.
+    fault = fault_of(replace(made, arrived_s=made.t_s))
+    if fault is not None:
+        raise BadResultError(f"returned a bad reading: {fault.detail}")

@@ -1,0 +1,219 @@
+"""Objects found by a detector given as an ONNX file of the YOLO family, run by OpenCV.
+
+Output layouts, each with a leading batch of one: v5 (Ultralytics YOLOv5, v7): rows of cx, cy, w, h,
+objectness, a score per class. v8 (v8, v9, v11): the same without objectness, transposed, one
+column per candidate. end2end (v10 and exports with NMS): rows of left, top, right, bottom, score,
+class. Boxes are in pixels of the network's input.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicles.readings import BgrImage
+
+Layout = Literal["auto", "v5", "v8", "end2end"]
+
+_PAD_GRAY = 114
+"""What the family is trained with around pictures of another shape (Ultralytics letterbox)."""
+
+
+class DetectorError(Exception):
+    """A file that is no usable detector, or an output that is none of a detector."""
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """An object in a picture. left_px to bottom_px: edges of its box; score: 0 to 1."""
+
+    name: str
+    score: float
+    left_px: float
+    top_px: float
+    right_px: float
+    bottom_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Letterbox:
+    """How a picture was laid into the network's input: scaled alike, then moved."""
+
+    scale: float
+    left_px: float
+    top_px: float
+
+
+class OnnxDetector:
+    """Finds objects in pictures. Not for several threads at once: the network has buffers.
+
+    names: of the classes, in the order of the network's output. input_px: (width, height) of the
+    network's input. threshold: least score. overlap: of two boxes of one class whose intersection
+    over union is above it, the better one stays. Raises DetectorError for a file that cannot be
+    used.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        names: Sequence[str],
+        input_px: tuple[int, int] = (640, 640),
+        threshold: float = 0.25,
+        overlap: float = 0.45,
+        layout: Layout = "auto",
+    ) -> None:
+        self._net = _network(path)
+        self._path = path
+        self._names = tuple(names)
+        self._input_px = input_px
+        self._threshold = threshold
+        self._overlap = overlap
+        self._layout = layout
+
+    def detect(self, image_bgr: BgrImage) -> tuple[Detection, ...]:
+        """Return the objects in a (height, width, 3) uint8 picture, the surest first.
+
+        Raises DetectorError when the network cannot run on the input, or says what no layout fits.
+        """
+        laid, how = letterboxed(image_bgr, self._input_px)
+        blob = cv2.dnn.blobFromImage(laid, 1.0 / 255.0, swapRB=True)
+        try:
+            self._net.setInput(blob)
+            output = np.asarray(self._net.forward())
+        except cv2.error as error:
+            said = f"'{self._path.name}' cannot run on {self._input_px}: {_short(error)}"
+            raise DetectorError(said) from error
+        found = decoded(output, len(self._names), self._layout)
+        height_px, width_px = image_bgr.shape[:2]
+        return tuple(
+            Detection(
+                self._names[kind],
+                score,
+                *_back(box, how, width_px, height_px),
+            )
+            for kind, score, box in best(found, self._threshold, self._overlap)
+        )
+
+
+def _network(path: Path) -> Any:
+    if not path.is_file():
+        raise DetectorError(f"there is no file '{path.name}'")
+    try:
+        net = cv2.dnn.readNetFromONNX(str(path))
+    except cv2.error as error:
+        raise DetectorError(f"'{path.name}' is no ONNX network: {_short(error)}") from error
+    if net.empty():
+        raise DetectorError(f"'{path.name}' is an empty network")
+    return net
+
+
+def _short(error: cv2.error) -> str:
+    said = str(error).strip().splitlines()
+    return said[0][-160:] if said else "OpenCV says nothing"
+
+
+def letterboxed(image_bgr: BgrImage, input_px: tuple[int, int]) -> tuple[BgrImage, Letterbox]:
+    """Return the picture laid into the network's input, its shape kept, and how."""
+    height_px, width_px = image_bgr.shape[:2]
+    scale = min(input_px[0] / width_px, input_px[1] / height_px)
+    across, down = max(1, round(width_px * scale)), max(1, round(height_px * scale))
+    left, top = (input_px[0] - across) // 2, (input_px[1] - down) // 2
+    laid = np.full((input_px[1], input_px[0], 3), _PAD_GRAY, np.uint8)
+    kind = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
+    laid[top : top + down, left : left + across] = cv2.resize(
+        image_bgr, (across, down), interpolation=kind
+    )
+    return laid, Letterbox(scale, float(left), float(top))
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """What a network says: boxes (n, 4) left, top, right, bottom; scores (n,); kinds (n,)."""
+
+    boxes: NDArray[np.float32]
+    scores: NDArray[np.float32]
+    kinds: NDArray[np.int64]
+
+
+def decoded(output: NDArray[Any], classes: int, layout: Layout) -> Candidates:
+    """Return the candidates in a network's output. Raises DetectorError when nothing fits.
+
+    `auto` goes by the shape: (1, n, 5 + classes) is v5, (1, 4 + classes, n) v8, (1, n, 6) else
+    end2end.
+    """
+    rows = np.asarray(output, np.float32)
+    if rows.ndim != 3 or rows.shape[0] != 1:
+        raise DetectorError(f"the output is {output.shape}, not (1, n, m)")
+    rows = rows[0]
+    kind = _layout_of(rows.shape, classes) if layout == "auto" else layout
+    if kind == "v8":
+        rows = rows.T
+    wanted = {"v5": 5 + classes, "v8": 4 + classes, "end2end": 6}[kind]
+    if rows.shape[1] != wanted:
+        said = f"the output is {output.shape}; layout {kind} with {classes} classes"
+        raise DetectorError(f"{said} has {wanted} numbers for each candidate")
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if kind == "end2end":
+        return Candidates(rows[:, :4], rows[:, 4], rows[:, 5].astype(np.int64))
+    half = rows[:, 2:4] / 2.0
+    boxes = np.concatenate([rows[:, :2] - half, rows[:, :2] + half], axis=1)
+    by_class = rows[:, 5:] * rows[:, 4:5] if kind == "v5" else rows[:, 4:]
+    return Candidates(boxes, by_class.max(axis=1), by_class.argmax(axis=1))
+
+
+def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end2end"]:
+    candidates: list[Literal["v5", "v8", "end2end"]] = []
+    if shape[1] == 5 + classes:
+        candidates.append("v5")
+    if shape[0] == 4 + classes:
+        candidates.append("v8")
+    if shape[1] == 6:
+        candidates.append("end2end")
+    if not candidates:
+        raise DetectorError(
+            f"the output (1, {shape[0]}, {shape[1]}) is of no known layout for {classes} classes"
+        )
+    return candidates[0]
+
+
+def best(
+    found: Candidates, threshold: float, overlap: float
+) -> tuple[tuple[int, float, NDArray[np.float32]], ...]:
+    """Return (class, score, box) of those above the threshold that no better one covers."""
+    sure = np.flatnonzero(found.scores >= threshold)
+    order = sure[np.argsort(-found.scores[sure], kind="stable")]
+    kept: list[int] = []
+    for index in order:
+        same = [one for one in kept if found.kinds[one] == found.kinds[index]]
+        if all(_overlap(found.boxes[one], found.boxes[index]) <= overlap for one in same):
+            kept.append(int(index))
+    return tuple(
+        (int(found.kinds[index]), float(found.scores[index]), found.boxes[index]) for index in kept
+    )
+
+
+def _overlap(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    """Return the intersection over the union of two boxes."""
+    left, top = max(a[0], b[0]), max(a[1], b[1])
+    right, bottom = min(a[2], b[2]), min(a[3], b[3])
+    common = max(0.0, float(right - left)) * max(0.0, float(bottom - top))
+    whole = float((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1])) - common
+    return common / whole if whole > 0.0 else 0.0
+
+
+def _back(
+    box: NDArray[np.float32], how: Letterbox, width_px: int, height_px: int
+) -> tuple[float, float, float, float]:
+    """Return a box of the network's input in the picture, cut at its edges."""
+    left, top, right, bottom = (float(edge) for edge in box)
+    return (
+        min(max((left - how.left_px) / how.scale, 0.0), width_px),
+        min(max((top - how.top_px) / how.scale, 0.0), height_px),
+        min(max((right - how.left_px) / how.scale, 0.0), width_px),
+        min(max((bottom - how.top_px) / how.scale, 0.0), height_px),
+    )
