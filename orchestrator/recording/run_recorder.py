@@ -12,7 +12,6 @@ import numpy as np
 
 from orchestrator.operator import OperatorCommand
 from orchestrator.recording.runlog import RunLog
-from orchestrator.recording.tlog import TlogWriter
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from orchestrator.recording.video import VideoWriter
 from orchestrator.run.course import Course
@@ -23,6 +22,7 @@ from safety.results import Flag
 from safety.verdict import DecisiveEvent
 from vehicles.cameras import sleep_until
 from vehicles.driver.state import VehicleEvent
+from vehicles.mavlink.tlog import TlogWriter
 
 TRAJECTORY_HZ = 20.0
 _SNAPSHOT_AFTER_S = 1.0

@@ -12,9 +12,9 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.recording.runlog import RunLog
-from orchestrator.recording.tlog import TlogWriter
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from orchestrator.recording.video import VideoWriter
+from vehicles.mavlink.tlog import TlogWriter
 from vehicles.setpoints import VelocitySetpoint
 from worlds.frames import Pose
 

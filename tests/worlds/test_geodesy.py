@@ -1,5 +1,6 @@
 import math
 
+import pyproj
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,7 +25,6 @@ def test_ned_to_geodetic_and_back_is_below_a_millimetre(lat, lon, alt, ned):
 
 @given(latitudes, longitudes, altitudes)
 def test_ecef_agrees_with_pyproj(lat, lon, alt):
-    pyproj = pytest.importorskip("pyproj")
     transformer = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
     expected = transformer.transform(lon, lat, alt)
     assert norm(subtract(ecef_from_geodetic(lat, lon, alt), expected)) < 1e-6
