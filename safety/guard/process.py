@@ -188,7 +188,7 @@ class GuardProcess:
 
     def _tell_status(self) -> None:
         core, loop = self._shell.core, asyncio.get_running_loop()
-        if not core.may_be_armed(loop.time()):
+        if core.latched is None and not core.may_be_armed(loop.time()):
             # Who is busy with other things on the ground endangers nobody by its silence.
             self._shell.alive()
         self._channel.send(Status(core.latched, core.all_down, tuple(core.phases.values())))

@@ -1,6 +1,7 @@
-"""A fake vehicle as a program: PORT SYSTEM UP_M LOG; lands by itself a second after silence."""
+"""A fake vehicle as a program: PORT SYSTEM UP_M LOG; lands by itself once nobody speaks to it."""
 
 import asyncio
+import math
 import os
 import signal
 import sys
@@ -20,9 +21,11 @@ async def fly(port: int, system: int, up_m: float, log: Path) -> None:
     loop.add_signal_handler(signal.SIGTERM, stop.set)
     loop.add_reader(0, lambda: stop.set() if not os.read(0, 100) else None)
     vehicle = FakeVehicle(f"fake {system}", system=system, up_m=up_m)
-    heard_s = [loop.time()]
+    heard_s = [math.inf]
 
     def take(data: bytes, t_s: float) -> None:
+        if heard_s[0] == math.inf:
+            vehicle.heard.append((t_s, "HELLO"))
         heard_s[0] = t_s
         vehicle.receive((data,), t_s)
 
@@ -32,7 +35,7 @@ async def fly(port: int, system: int, up_m: float, log: Path) -> None:
     async with link:
         with log.open("w") as words:
             while not stop.is_set():
-                if loop.time() - heard_s[0] > _LOST_S and vehicle.mode is not Mode.LAND:
+                if loop.time() - heard_s[0] > _LOST_S and vehicle.mode is Mode.GUIDED:
                     vehicle.mode, vehicle.critical = Mode.LAND, True
                     words.write(f"{loop.time():.4f} FAILSAFE\n")
                 vehicle.step(loop.time())

@@ -63,8 +63,9 @@ class RemoteFlight:
             for name, system in SYSTEMS.items():
                 self.pids[name] = await self.guard.start(name, self._argv(name, system))
             self._stream()
-            stack.callback(lambda: self._timer.cancel())
+            stack.callback(self._still)
             await until(lambda: all(self.heard.values()))
+            await until(lambda: all(words(self.folder, name) for name in SYSTEMS))
             self._stack = stack.pop_all()
         return self
 
@@ -87,6 +88,9 @@ class RemoteFlight:
         for name in SYSTEMS:
             self.send(name, 512)
         self._timer = asyncio.get_running_loop().call_later(0.2, self._stream)
+
+    def _still(self) -> None:
+        self._timer.cancel()
 
     def send(self, name: str, number: int = 512) -> None:
         """Send a command that moves nothing."""
