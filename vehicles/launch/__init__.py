@@ -1,0 +1,1 @@
+"""Simulated autopilots that we start ourselves: found, watched, and ended for certain."""

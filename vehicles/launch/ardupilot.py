@@ -1,0 +1,98 @@
+"""ArduCopter as its own simulation (SITL).
+
+Command line and ports: libraries/AP_HAL_SITL/SITL_cmdline.cpp and UARTDriver.cpp of ArduPilot.
+"""
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from vehicles.launch.plan import Home, LaunchError, LaunchPlan, Port
+from vehicles.links.parse import LinkAddress
+
+_BASE_PORT = 5760
+_PER_INSTANCE = 10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArduPilotLaunch:
+    """An arducopter binary that was built for SITL.
+
+    frame: its --model ("quad", "hexa"). defaults: parameter files, later ones win. speedup: how
+    many times real time its clock runs, if the machine can.
+    """
+
+    binary: Path
+    frame: str = "quad"
+    defaults: tuple[Path, ...] = ()
+    speedup: float = 1.0
+    home: Home | None = None
+
+    @property
+    def label(self) -> str:
+        """Return what people call it."""
+        return "ArduPilot SITL"
+
+    @property
+    def instances(self) -> int:
+        """Return how many can run at once by its port numbers."""
+        return 50
+
+    def check(self) -> None:
+        """Raise LaunchError when the binary or a parameter file is missing."""
+        executable(self.binary, "ArduPilot SITL", "build it with './waf copter'")
+        for file in self.defaults:
+            if not file.is_file():
+                raise LaunchError(f"ArduPilot SITL: there is no parameter file {file}")
+        if not 0.0 < self.speedup <= 100.0:
+            raise LaunchError(f"ArduPilot SITL: speedup {self.speedup} is not within 0 to 100")
+
+    def ports(self, instance: int) -> tuple[Port, ...]:
+        """Return serial 0 to 2 and its input for remote control."""
+        tcp, rc = _BASE_PORT + _PER_INSTANCE * instance, 5501 + _PER_INSTANCE * instance
+        return (Port(tcp, "tcp"), Port(tcp + 2, "tcp"), Port(tcp + 3, "tcp"), Port(rc, "udp"))
+
+    def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
+        """Return what to start; eeprom and logs are written to its working folder."""
+        del folder
+        argv = [
+            executable(self.binary, "ArduPilot SITL", "build it with './waf copter'"),
+            "--model", self.frame,
+            "--speedup", f"{self.speedup:g}",
+            "--instance", str(instance),
+            "--sysid", str(system_id),
+        ]  # fmt: skip
+        if self.defaults:
+            argv += ["--defaults", ",".join(str(file.resolve()) for file in self.defaults)]
+        if self.home is not None:
+            argv += ["--home", _home_argument(self.home)]
+        port = _BASE_PORT + _PER_INSTANCE * instance
+        return LaunchPlan(
+            label=self.label,
+            argv=tuple(argv),
+            link=LinkAddress("tcpout", host="127.0.0.1", port=port),
+            # It boots when a client connects, and the first one is the only one it hears: to
+            # probe the port would take the link's place.
+            ready=("Waiting for connection", f"SERIAL0 on TCP port {port}"),
+            fatal=("bind failed on port", "Vehicle model (", "PANIC", "Failed to load defaults"),
+        )
+
+
+def _home_argument(home: Home) -> str:
+    place = f"{home.latitude_deg:.7f},{home.longitude_deg:.7f},{home.altitude_m:.2f}"
+    return f"{place},{home.heading_deg:.1f}"
+
+
+def executable(path: Path, label: str, remedy: str) -> str:
+    """Return the absolute path of a program, which may be on PATH. Raises LaunchError."""
+    found = shutil.which(str(path))
+    if found is not None:
+        return str(Path(found).absolute())
+    if not path.exists():
+        raise LaunchError(f"{label}: there is no program {path}; {remedy}, or correct the path")
+    if path.is_dir():
+        raise LaunchError(f"{label}: {path} is a folder; name the program in it")
+    if not os.access(path, os.X_OK):
+        raise LaunchError(f"{label}: {path} may not be executed; run 'chmod +x {path}'")
+    raise LaunchError(f"{label}: {path} cannot be executed")

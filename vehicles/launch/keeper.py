@@ -1,0 +1,144 @@
+"""Runs one program and ends it, with all that it started, when told to or when we are gone.
+
+A program of its own, started as `python -S keeper.py PARENT SECONDS PROGRAM ARGUMENT...`; it
+imports nothing of ours. PARENT is the process id of who starts it, SECONDS how long the program
+may take to end after SIGTERM. Between the orchestrator and the simulator it stays alive when the
+orchestrator is killed: the kernel tells it (PR_SET_PDEATHSIG), and processes that fled into a
+session of their own are its children again (PR_SET_CHILD_SUBREAPER). Both are Linux's; elsewhere
+only what stays in the process group is ended, and only when told.
+"""
+
+import contextlib
+import ctypes
+import os
+import select
+import signal
+import sys
+import time
+from pathlib import Path
+
+_PR_SET_PDEATHSIG = 1
+_PR_SET_CHILD_SUBREAPER = 36
+_ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+_NOT_STARTED = 127
+_SOON_S = 0.05
+
+
+class Keeper:
+    """The program, its end, and the signals that come meanwhile."""
+
+    def __init__(self, *, argv: list[str], grace_s: float) -> None:
+        self._grace_s = grace_s
+        self._status: int | None = None
+        self._wakeups, waker = os.pipe()
+        for end in (self._wakeups, waker):
+            os.set_blocking(end, False)
+        signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
+        for number in (*_ENDING, signal.SIGCHLD):
+            signal.signal(number, _noted)
+        self._main = _start(argv)
+
+    def run(self) -> int:
+        """Wait for the program's end or ours; return its exit code as shells do."""
+        told = False
+        while self._status is None and not told:
+            told = self._wait(1.0)
+            self._reap()
+        self._end()
+        code = _NOT_STARTED if self._status is None else os.waitstatus_to_exitcode(self._status)
+        return 128 - code if code < 0 else code
+
+    def _wait(self, seconds: float) -> bool:
+        """Wait for any signal; return whether one came that ends us."""
+        select.select([self._wakeups], [], [], seconds)
+        try:
+            came = os.read(self._wakeups, 4096)
+        except BlockingIOError:
+            return False
+        return any(number in came for number in _ENDING)
+
+    def _reap(self) -> bool:
+        """Take the ends of children; return whether any lives."""
+        while True:
+            try:
+                pid, status = os.waitpid(-1, os.WNOHANG)
+            except ChildProcessError:
+                return False
+            if pid == 0:
+                return True
+            if pid == self._main:
+                self._status = status
+
+    def _end(self) -> None:
+        """End all: SIGTERM, then SIGKILL until no child is left."""
+        self._signal(signal.SIGTERM)
+        begin_s = time.monotonic()
+        while alive := self._reap():
+            if time.monotonic() - begin_s >= self._grace_s:
+                break
+            self._wait(_SOON_S)
+        while alive:
+            self._signal(signal.SIGKILL)
+            self._wait(_SOON_S)
+            alive = self._reap()
+
+    def _signal(self, number: signal.Signals) -> None:
+        """Signal the program's process group, and who fled from it."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._main, number)
+        for pid in _children():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, number)
+
+
+def _noted(*_: object) -> None:
+    """Do nothing: the number of the signal is in the pipe."""
+
+
+def _prctl(option: int, value: int) -> None:
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0)
+
+
+def _start(argv: list[str]) -> int:
+    """Start the program in a process group of its own; return its process id."""
+    keeper = os.getpid()
+    pid = os.fork()
+    if pid:
+        return pid
+    try:
+        signal.set_wakeup_fd(-1)
+        os.setpgid(0, 0)
+        _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() == keeper:
+            os.execvp(argv[0], argv)  # noqa: S606 - the program that was asked for, without a shell
+    except OSError as error:
+        os.write(2, f"{argv[0]}: {error.strerror}\n".encode())
+    finally:
+        os._exit(_NOT_STARTED)
+
+
+def _children() -> list[int]:
+    """Return the processes whose parent we are."""
+    own, found = str(os.getpid()), []
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            fields = entry.read_text().rpartition(")")[2].split()
+            if fields[1] == own:
+                found.append(int(entry.parent.name))
+    return found
+
+
+def main(arguments: list[str]) -> int:
+    """Keep a program as the arguments say; return its exit code."""
+    parent, grace_s, argv = int(arguments[0]), float(arguments[1]), arguments[2:]
+    _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    _prctl(_PR_SET_CHILD_SUBREAPER, 1)
+    if os.getppid() != parent:
+        # It died before the kernel was asked to tell us.
+        return _NOT_STARTED
+    return Keeper(argv=argv, grace_s=grace_s).run()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,147 @@
+"""PX4 as its own simulation (SITL), from a build folder or a container image.
+
+Command line, ports and environment: platforms/posix/src/px4/common/main.cpp,
+ROMFS/px4fmu_common/init.d-posix/{rcS,px4-rc.mavlink}, Tools/simulation/sitl_multiple_run.sh and
+Tools/packaging/containers of PX4.
+"""
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from vehicles.launch.ardupilot import executable
+from vehicles.launch.plan import Home, LaunchError, LaunchPlan, Port
+from vehicles.links.parse import LinkAddress
+
+_API_PORT = 14540
+_LOCAL_PORTS = (14580, 14280, 13030, 18570)
+"""What each instance binds: API, payload, gimbal, ground station; each plus the instance."""
+_SIH_PORT = 19450
+_READY = ("Startup script returned successfully",)
+_FATAL = (
+    "PX4 server already running",
+    "Startup script returned with return value",
+    "Error opening startup file",
+    "Unknown model",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Px4Launch:
+    """PX4 from `build` (the folder build/px4_sitl_default) or from the container `image`.
+
+    model: its PX4_SIM_MODEL. speed: its PX4_SIM_SPEED_FACTOR; PX4 multiplies its own time-outs by
+    it. Instances beyond ten would share one port.
+    """
+
+    build: Path | None = None
+    image: str | None = None
+    model: str = "sihsim_quadx"
+    speed: float = 1.0
+    home: Home | None = None
+
+    def __post_init__(self) -> None:
+        if (self.build is None) == (self.image is None):
+            raise ValueError("PX4 is launched from a build folder or from an image: name one")
+
+    @property
+    def label(self) -> str:
+        """Return what people call it."""
+        return "PX4 SITL"
+
+    @property
+    def instances(self) -> int:
+        """Return how many can run at once by its port numbers."""
+        return 10
+
+    def check(self) -> None:
+        """Raise LaunchError when the build folder, or docker, is missing."""
+        if not 0.0 < self.speed <= 100.0:
+            raise LaunchError(f"PX4 SITL: speed {self.speed} is not within 0 to 100")
+        if self.build is None:
+            self._docker()
+            return
+        self._binary(self.build)
+        if not (self.build / "etc" / "init.d-posix" / "rcS").is_file():
+            raise LaunchError(
+                f"PX4 SITL: {self.build} has no etc/init.d-posix/rcS; name the build folder, such "
+                "as PX4-Autopilot/build/px4_sitl_default"
+            )
+
+    def ports(self, instance: int) -> tuple[Port, ...]:
+        """Return the ports that an instance binds, and the one that our link binds."""
+        numbers = [_API_PORT + instance, *(base + instance for base in _LOCAL_PORTS)]
+        if self.model.startswith("sihsim"):
+            numbers.append(_SIH_PORT + instance)
+        return tuple(Port(number, "udp") for number in numbers)
+
+    def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
+        """Return what to start; parameters and logs are written to its working folder."""
+        environment = self._environment(system_id)
+        link = LinkAddress("udpin", host="127.0.0.1", port=_API_PORT + instance)
+        if self.build is not None:
+            build = self.build.resolve()
+            # -d: no shell on stdin. The build's etc is linked into the working folder.
+            return LaunchPlan(
+                label=self.label,
+                argv=(self._binary(build), "-i", str(instance), "-d", str(build / "etc")),
+                environment=environment,
+                link=link,
+                ready=_READY,
+                fatal=_FATAL,
+            )
+        docker = self._docker()
+        name = f"wil-px4-{os.getpid()}-{instance}"
+        variables = [part for item in environment.items() for part in ("-e", "=".join(item))]
+        logs = folder / "log"
+        argv = (
+            docker, "run", "--rm", "--init", "--pull", "never", "--network", "host", "--name", name,
+            "-v", f"{logs}:/root/.local/share/px4/rootfs/{instance}/log",
+            *variables, self.image or "", "-d", "-i", str(instance),
+        )  # fmt: skip
+        return LaunchPlan(
+            label=f"{self.label} in {self.image}",
+            argv=argv,
+            link=link,
+            ready=_READY,
+            fatal=(
+                *_FATAL,
+                "No such image",
+                "Cannot connect to the Docker daemon",
+                "permission denied",
+            ),
+            # The client's end is not the container's.
+            cleanup=(docker, "rm", "--force", name),
+        )
+
+    def _environment(self, system_id: int) -> dict[str, str]:
+        variables = {
+            "PX4_SIM_MODEL": self.model,
+            "PX4_SIM_SPEED_FACTOR": f"{self.speed:g}",
+            "PX4_PARAM_MAV_SYS_ID": str(system_id),
+        }
+        if self.home is not None:
+            variables |= {
+                "PX4_HOME_LAT": f"{self.home.latitude_deg:.7f}",
+                "PX4_HOME_LON": f"{self.home.longitude_deg:.7f}",
+                "PX4_HOME_ALT": f"{self.home.altitude_m:.2f}",
+                "PX4_HOME_YAW": f"{self.home.heading_deg:.1f}",
+            }
+        return variables
+
+    @staticmethod
+    def _binary(build: Path) -> str:
+        if not build.is_dir():
+            raise LaunchError(f"PX4 SITL: there is no build folder {build}; run 'make px4_sitl'")
+        return executable(build / "bin" / "px4", "PX4 SITL", "run 'make px4_sitl'")
+
+    @staticmethod
+    def _docker() -> str:
+        docker = shutil.which("docker")
+        if docker is None:
+            raise LaunchError(
+                "PX4 SITL: docker is not installed, and an image was asked for; install it, or "
+                "name a build folder"
+            )
+        return docker
