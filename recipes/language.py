@@ -237,7 +237,7 @@ class _Reader:
 
     def _refuse_second_register(self, found: list[Step]) -> None:
         for second in [step for step in found if step.kind.name == "register"][1:]:
-            self.note(second.path, "a second 'register'; a picture has one pose", key=True)
+            self.note(second.path, "a second 'register'; a reading has one pose", key=True)
 
     def _step(self, at: Path, given: Data, stage: Stage) -> list[Step]:
         """Return the step at a path, in a list; an empty one when something is wrong with it."""

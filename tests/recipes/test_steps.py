@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recipes.registry import Context, StepParameters, find
 from recipes.optics import disagreement_px, resized, scaled_intrinsics
+from recipes.registry import Context, StepParameters, find
 from recipes.working import CannotMixError, Masked, Merge, Operator
 from vehicles.readings import BgrImage, CameraReading, Source
 from worlds.camera import Intrinsics
