@@ -31,6 +31,7 @@ from vehicles.links.base import LinkError
 
 _OPERATOR_POLL_S = 0.05
 _PROGRESS_S = 0.5
+_LAST_TEXTS = 4
 _ALL_DOWN_S = 60.0
 """How long the guard is given to bring all down; its own retries and escalation fit in."""
 
@@ -126,7 +127,8 @@ def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop) -> RunRecorder:
         folder=setup.order.folder,
         time=loop.time,
         epoch_s=epoch_s,
-        vehicles=tuple(one.name for one in setup.vehicles),
+        # Under the wall clock the guard's process logs the frames, so that they outlive this one.
+        vehicles=tuple(one.name for one in setup.vehicles if setup.clock == "virtual"),
         video_rate_hz=max(rates, default=None),
         collision_oracles=frozenset(
             use.name for use in setup.campaign.oracles if use.kind == "collision"
@@ -235,7 +237,17 @@ def _guard_event(run: _Run, event: GuardEvent) -> None:
     run.recorder.guard_event(event)
     settled = decisive(event)
     if settled is not None:
-        run.course.decide(settled.kind, settled.text, t_s=settled.t_s, source=settled.source)
+        text = settled.text + _last_words(run.pair, event)
+        run.course.decide(settled.kind, text, t_s=settled.t_s, source=settled.source)
+
+
+def _last_words(pair: Pair, event: GuardEvent) -> str:
+    """Return what a vehicle that was lost, or went into a failsafe, last said."""
+    station = next((one for one in pair.stations if one.name == event.vehicle), None)
+    if station is None or event.kind not in {"lost", "failsafe"}:
+        return ""
+    texts = [said.text.strip() for said in station.driver.state.texts[-_LAST_TEXTS:]]
+    return f"; it last said: {' | '.join(texts)}" if texts else ""
 
 
 async def _listen(run: _Run) -> None:

@@ -180,7 +180,7 @@ def test_a_vehicle_that_dies_in_flight_is_an_error_and_the_other_lands(
         disturb=at_stage(stage, 1.0, lambda pair: pair.vehicles[victim].kill())
     )
     assert result.verdict == "ERROR"
-    assert victim in result.reason
+    assert result.reason.startswith(f"{victim} was not heard for 3 s; it last said: ")
     last = {row["vehicle"]: row for row in rows_of(folder)}
     assert last[survivor]["armed"] == "0"
     assert abs(float(last[survivor]["true_down_m"])) < 0.2
