@@ -91,7 +91,7 @@ def blind_pair() -> None:
 
 def _without_cameras(order: RunOrder, folder: str) -> RunSetup:
     setup = RunSetup.of(order)
-    vehicles = tuple(replace(vehicle, cameras=()) for vehicle in setup.vehicles)
+    vehicles = tuple(replace(vehicle, sensors=()) for vehicle in setup.vehicles)
     hover = replace(setup.campaign.under_test, use="hover.py:Hover", folder=Path(folder))
     campaign = replace(
         setup.campaign,

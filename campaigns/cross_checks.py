@@ -52,10 +52,11 @@ def _mixing(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
             yield files.campaign.problem(("recipe",), "mode wil needs a recipe")
         return
     for name, vehicle in setup.vehicles.items():
-        carried = {camera.name: "camera" for camera in vehicle.cameras}
+        carried = {sensor.name: sensor.kind for sensor in vehicle.sensors}
         for sensor in recipe.sensors:
-            if carried.get(sensor.name) != sensor.kind:
-                said = f"vehicle '{name}' has no {sensor.kind} '{sensor.name}'"
+            kind = sensor.kind_of(name)
+            if carried.get(sensor.name) != kind:
+                said = f"vehicle '{name}' has no {kind} '{sensor.name}'"
                 meant = closest(sensor.name, carried)
                 yield files.recipe.problem(("sensors", sensor.name), said, meant, key=True)
     yield from recipe.unknown_objects(frozenset(setup.world.objects))

@@ -19,7 +19,7 @@ from campaigns.schema import (
     VehicleName,
     VehiclePart,
 )
-from campaigns.setup import CameraSetup, GoalSetup, Setup, SyncSetup, VehicleSetup
+from campaigns.setup import GoalSetup, Setup, SyncSetup, VehicleSetup
 from campaigns.under_test import UnderTest
 from recipes.language import load_recipe
 from vehicles.embedded.profile import ProfileError, load_profile
@@ -94,15 +94,7 @@ def _vehicle(
         anchor=part.anchor,
         pose_source=part.pose_source,
         params=dict(part.params),
-        cameras=tuple(
-            CameraSetup(
-                name=sensor,
-                rate_hz=camera.rate_hz,
-                intrinsics=camera.intrinsics(),
-                mount=camera.camera_mount(),
-            )
-            for sensor, camera in part.sensors.items()
-        ),
+        sensors=tuple(one.setup(sensor) for sensor, one in part.sensors.items()),
     )
 
 

@@ -5,24 +5,16 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from campaigns.schema import VehicleName
+from campaigns.sensor_setups import CameraSetup, SensorSetup
 from campaigns.under_test import UnderTest
 from recipes.recipe import Recipe
 from safety.geofence import Fence
 from safety.judge import OracleUse
 from vehicles.autopilots.base import AutopilotName
-from worlds.camera import CameraMount, Intrinsics
 from worlds.frames import Pose, Vec3
 from worlds.world import World
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraSetup:
-    """A camera of a vehicle."""
-
-    name: str
-    rate_hz: float
-    intrinsics: Intrinsics
-    mount: CameraMount
+__all__ = ["CameraSetup", "GoalSetup", "SensorSetup", "Setup", "SyncSetup", "VehicleSetup"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +32,12 @@ class VehicleSetup:
     anchor: Literal["start"] = "start"
     pose_source: Literal["mavlink", "mocap"] = "mavlink"
     params: Mapping[str, float] = field(default_factory=dict)
-    cameras: tuple[CameraSetup, ...] = ()
+    sensors: tuple[SensorSetup, ...] = ()
+
+    @property
+    def cameras(self) -> tuple[CameraSetup, ...]:
+        """Return its cameras."""
+        return tuple(one for one in self.sensors if isinstance(one, CameraSetup))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,17 +1,38 @@
 """`vehicles.<name>.sensors`: what a vehicle carries."""
 
 import math
+from dataclasses import replace
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from campaigns.sensor_setups import (
+    CameraSetup,
+    DepthSetup,
+    GpsSetup,
+    ImuSetup,
+    LidarPointsSetup,
+    LidarSetup,
+    MicrophoneSetup,
+    PoseSetup,
+    RangefinderSetup,
+    Reach,
+)
+from vehicles.sensors.lens import lens_fault
+from vehicles.sensors.lidar import GridPattern, ScanPattern
 from worlds.camera import CameraMount, Intrinsics
 from worlds.documents import KeyFaultError, Part
 from worlds.frames import Pose, quat_from_euler
 
 Pixels = Annotated[int, Field(ge=16, le=8192)]
+Rate = Annotated[float, Field(gt=0, le=1000)]
+TruthRate = Annotated[float, Field(gt=0, le=250)]
+"""The embedded vehicle's physics goes at 250 Hz: nothing truer can be had in between."""
+Metres = Annotated[float, Field(ge=0, le=10_000)]
 Focal = Annotated[float, Field(gt=0, le=1e6)]
 _FOCAL_KEYS = ("fx_px", "fy_px", "cx_px", "cy_px")
+_DISTORTIONS = (0, 4, 5, 8, 12, 14)
+"""How many numbers OpenCV's lens models have."""
 
 
 class MountPart(Part):
@@ -33,14 +54,14 @@ class MountPart(Part):
         return Pose((self.forward_m, self.right_m, self.down_m), quat_from_euler(*angles))
 
 
-class CameraPart(Part):
-    """A pinhole camera, its optics given by `fov_deg` (edge to edge, horizontal) or by `fx_px`.
+class PicturePart(Part):
+    """A pinhole, its optics given by `fov_deg` (edge to edge, horizontal) or by `fx_px`.
 
-    fy_px defaults to fx_px, cx_px and cy_px to the middle.
+    fy_px defaults to fx_px, cx_px and cy_px to the middle. distortion: OpenCV's k1, k2, p1, p2
+    and on (4, 5, 8, 12 or 14 numbers); none without.
     """
 
-    type: Literal["camera"]
-    rate_hz: Annotated[float, Field(gt=0, le=1000)]
+    rate_hz: Rate
     width_px: Pixels
     height_px: Pixels
     fov_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
@@ -60,11 +81,12 @@ class CameraPart(Part):
             raise KeyFaultError(given[0], "fov_deg says this already; give one of the two")
         return self
 
-    def intrinsics(self) -> Intrinsics:
-        """Return the pinhole."""
+    def pinhole(self, distortion: tuple[float, ...] = ()) -> Intrinsics:
+        """Return the camera model."""
         if self.fov_deg is not None:
             fov_rad = math.radians(self.fov_deg)
-            return Intrinsics.from_fov(self.width_px, self.height_px, fov_rad)
+            plain = Intrinsics.from_fov(self.width_px, self.height_px, fov_rad)
+            return replace(plain, distortion=distortion)
         fx_px = self.fx_px or 0.0
         return Intrinsics(
             width_px=self.width_px,
@@ -73,6 +95,7 @@ class CameraPart(Part):
             fy_px=fx_px if self.fy_px is None else self.fy_px,
             cx_px=(self.width_px - 1) / 2.0 if self.cx_px is None else self.cx_px,
             cy_px=(self.height_px - 1) / 2.0 if self.cy_px is None else self.cy_px,
+            distortion=distortion,
         )
 
     def camera_mount(self) -> CameraMount:
@@ -80,5 +103,207 @@ class CameraPart(Part):
         return CameraMount(self.mount.pose(), self.stabilized)
 
 
-SensorPart = CameraPart
-"""Any sensor; a union told apart by `type` as soon as there is a second one."""
+class CameraPart(PicturePart):
+    """A camera. distortion: OpenCV's k1, k2, p1, p2, k3 and on; none without."""
+
+    type: Literal["camera"]
+    distortion: list[float] = Field(default_factory=list)
+
+    @field_validator("distortion")
+    @classmethod
+    def _as_opencv(cls, given: list[float]) -> list[float]:
+        if len(given) not in _DISTORTIONS:
+            raise ValueError(
+                f"has {len(given)} numbers; OpenCV's models have 4 (k1, k2, p1, p2), 5, 8, 12 or 14"
+            )
+        return given
+
+    @model_validator(mode="after")
+    def _lens_that_can_be(self) -> Self:
+        fault = lens_fault(self.intrinsics()) if self.distortion and self._has_optics() else ""
+        if fault:
+            raise KeyFaultError("distortion", fault)
+        return self
+
+    def _has_optics(self) -> bool:
+        return self.fov_deg is not None or self.fx_px is not None
+
+    def intrinsics(self) -> Intrinsics:
+        """Return the camera model."""
+        return self.pinhole(tuple(self.distortion))
+
+    def setup(self, name: str) -> CameraSetup:
+        """Return the camera as a run needs it."""
+        return CameraSetup(
+            name=name, rate_hz=self.rate_hz, intrinsics=self.intrinsics(), mount=self.camera_mount()
+        )
+
+
+class DepthPart(PicturePart):
+    """A depth camera: stereo or time of flight."""
+
+    type: Literal["depth"]
+
+    def setup(self, name: str) -> DepthSetup:
+        """Return the depth camera as a run needs it."""
+        return DepthSetup(
+            name=name, rate_hz=self.rate_hz, intrinsics=self.pinhole(), mount=self.camera_mount()
+        )
+
+
+class RangingPart(Part):
+    """What every ranging sensor says; its reach defaults to that of the profile's sensor."""
+
+    range_min_m: Metres | None = None
+    range_max_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    mount: MountPart = MountPart()
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        low, high = self.range_min_m, self.range_max_m
+        if low is not None and high is not None and low >= high:
+            raise KeyFaultError("range_max_m", f"must be more than range_min_m, {low:g}")
+        return self
+
+    def reach(self) -> Reach:
+        """Return from where to where it sees."""
+        return Reach(min_m=self.range_min_m, max_m=self.range_max_m)
+
+
+class LidarPart(RangingPart):
+    """A 2-D lidar: `beams` spread evenly over `fov_deg`, its middle forward."""
+
+    type: Literal["lidar"]
+    rate_hz: TruthRate = 10.0
+    beams: Annotated[int, Field(ge=1, le=100_000)] = 400
+    fov_deg: Annotated[float, Field(gt=0, le=360)] = 360.0
+
+    def setup(self, name: str) -> LidarSetup:
+        """Return the lidar as a run needs it."""
+        fov_rad, gaps = math.radians(self.fov_deg), self.beams - (self.fov_deg < 360.0)
+        pattern = ScanPattern(self.beams, -fov_rad / 2.0, fov_rad / max(1, gaps))
+        if self.beams == 1:
+            pattern = ScanPattern(1, 0.0, fov_rad)
+        return LidarSetup(
+            name=name,
+            rate_hz=self.rate_hz,
+            pattern=pattern,
+            reach=self.reach(),
+            mount=self.mount.pose(),
+        )
+
+
+class LidarPointsPart(RangingPart):
+    """A 3-D lidar: a full turn of `columns`, each of `rings` between two elevations."""
+
+    type: Literal["lidar_points"]
+    rate_hz: TruthRate = 20.0
+    columns: Annotated[int, Field(ge=1, le=10_000)] = 900
+    rings: Annotated[int, Field(ge=1, le=256)] = 16
+    lowest_deg: Annotated[float, Field(ge=-90, le=90)] = -15.0
+    highest_deg: Annotated[float, Field(ge=-90, le=90)] = 15.0
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Self:
+        if self.highest_deg < self.lowest_deg:
+            raise KeyFaultError("highest_deg", f"must be at least lowest_deg, {self.lowest_deg:g}")
+        return self
+
+    def setup(self, name: str) -> LidarPointsSetup:
+        """Return the lidar as a run needs it."""
+        low_rad, high_rad = math.radians(self.lowest_deg), math.radians(self.highest_deg)
+        return LidarPointsSetup(
+            name=name,
+            rate_hz=self.rate_hz,
+            pattern=GridPattern(self.columns, self.rings, low_rad, high_rad),
+            reach=self.reach(),
+            mount=self.mount.pose(),
+        )
+
+
+class RangefinderPart(RangingPart):
+    """A single beam, `beam_deg` wide from edge to edge; it looks down where no mount is given."""
+
+    type: Literal["rangefinder"]
+    rate_hz: TruthRate = 50.0
+    beam_deg: Annotated[float, Field(ge=0, le=90)] = 3.6
+    mount: MountPart = MountPart(pitch_deg=-90.0)
+
+    def setup(self, name: str) -> RangefinderSetup:
+        """Return the rangefinder as a run needs it."""
+        return RangefinderSetup(
+            name=name,
+            rate_hz=self.rate_hz,
+            half_angle_rad=math.radians(self.beam_deg / 2.0),
+            reach=self.reach(),
+            mount=self.mount.pose(),
+        )
+
+
+class GpsPart(Part):
+    """A satellite receiver."""
+
+    type: Literal["gps"]
+    rate_hz: TruthRate = 5.0
+
+    def setup(self, name: str) -> GpsSetup:
+        """Return the receiver as a run needs it."""
+        return GpsSetup(name=name, rate_hz=self.rate_hz)
+
+
+class ImuPart(Part):
+    """Accelerometer and gyroscope."""
+
+    type: Literal["imu"]
+    rate_hz: TruthRate = 200.0
+
+    def setup(self, name: str) -> ImuSetup:
+        """Return the IMU as a run needs it."""
+        return ImuSetup(name=name, rate_hz=self.rate_hz)
+
+
+class PosePart(Part):
+    """Motion capture. rate_hz: at most; as fast as the profile's motion capture without."""
+
+    type: Literal["pose"]
+    rate_hz: TruthRate | None = None
+
+    def setup(self, name: str) -> PoseSetup:
+        """Return the feed as a run needs it."""
+        return PoseSetup(name=name, rate_hz=self.rate_hz)
+
+
+class MicrophonePart(Part):
+    """A microphone that gives blocks of sound."""
+
+    type: Literal["microphone"]
+    sample_rate_hz: Annotated[int, Field(ge=1000, le=192_000)] = 16_000
+    block_samples: Annotated[int, Field(ge=16, le=65_536)] = 512
+
+    @model_validator(mode="after")
+    def _not_too_often(self) -> Self:
+        blocks_hz = self.sample_rate_hz / self.block_samples
+        if blocks_hz > 250.0:
+            raise KeyFaultError("block_samples", f"gives {blocks_hz:g} blocks/s; at most 250")
+        return self
+
+    def setup(self, name: str) -> MicrophoneSetup:
+        """Return the microphone as a run needs it."""
+        return MicrophoneSetup(
+            name=name, sample_rate_hz=self.sample_rate_hz, block_samples=self.block_samples
+        )
+
+
+SensorPart = Annotated[
+    CameraPart
+    | DepthPart
+    | LidarPart
+    | LidarPointsPart
+    | RangefinderPart
+    | GpsPart
+    | PosePart
+    | ImuPart
+    | MicrophonePart,
+    Field(discriminator="type"),
+]
+"""Any sensor, told apart by `type`."""

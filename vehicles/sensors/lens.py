@@ -1,0 +1,162 @@
+"""Pictures through a lens that distorts, made of a plain pinhole's picture."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicles.cameras import Picture, PictureSource
+from vehicles.readings import BgrImage, DepthImage, IdImage
+from worlds.camera import Intrinsics
+from worlds.frames import Pose
+
+_MARGIN_PX = 2
+_MOST_TIMES_WIDER = 4.0
+"""A lens that sees farther to the side than this many pinhole pictures is none that we render."""
+_FOLDED_PX = 0.5
+_TERMS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
+
+Map = NDArray[np.float32]
+Pixel = TypeVar("Pixel", np.uint8, np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LensMap:
+    """How a distorted picture comes from a plain one.
+
+    wide: the pinhole that sees all that the lens sees. u_px, v_px: (height, width) float32 each,
+    where in its picture each pixel lies.
+    """
+
+    wide: Intrinsics
+    u_px: Map
+    v_px: Map
+
+
+@dataclass(frozen=True, slots=True)
+class LensPicture:
+    """A picture as the lens gives it."""
+
+    image_bgr: BgrImage
+    depth_m: DepthImage | None
+    object_ids: IdImage | None
+
+
+class ThroughLens:
+    """A PictureSource that gives distorted pictures where the intrinsics ask for them.
+
+    Colours are interpolated linearly; depth, which a lens does not change along the optical axis,
+    and ids take the nearest pixel. Raises ValueError for a lens that `lens_fault` refuses.
+    """
+
+    def __init__(self, source: PictureSource) -> None:
+        self._source = source
+
+    def picture(
+        self,
+        camera_pose: Pose,
+        intrinsics: Intrinsics,
+        t_s: float,
+        *,
+        want_depth: bool = False,
+        want_ids: bool = False,
+    ) -> Picture:
+        """Return the picture from a camera's pose (FRD axes, world frame) at a time."""
+        if not any(intrinsics.distortion):
+            plain = replace(intrinsics, distortion=()) if intrinsics.distortion else intrinsics
+            return self._source.picture(
+                camera_pose, plain, t_s, want_depth=want_depth, want_ids=want_ids
+            )
+        lens = lens_map(intrinsics)
+        flat = self._source.picture(
+            camera_pose, lens.wide, t_s, want_depth=want_depth, want_ids=want_ids
+        )
+        return LensPicture(
+            cv2.remap(flat.image_bgr, lens.u_px, lens.v_px, cv2.INTER_LINEAR),
+            _nearest(flat.depth_m, lens),
+            _nearest(flat.object_ids, lens),
+        )
+
+
+def _nearest(plane: NDArray[Pixel] | None, lens: LensMap) -> NDArray[Pixel] | None:
+    if plane is None:
+        return None
+    seen: NDArray[Pixel] = cv2.remap(plane, lens.u_px, lens.v_px, cv2.INTER_NEAREST)
+    return seen
+
+
+@lru_cache(maxsize=8)
+def lens_map(intrinsics: Intrinsics) -> LensMap:
+    """Return how pictures of a distorted camera come from those of a pinhole of equal focal length.
+
+    Each pixel's ray by OpenCV's `undistortPoints` (Brown's model, OpenCV manual, camera
+    calibration). Raises ValueError for a lens that `lens_fault` refuses.
+    """
+    fault = lens_fault(intrinsics)
+    if fault:
+        raise ValueError(fault)
+    rays = _rays(_grid(intrinsics, 1), intrinsics)
+    left, top = rays.min(axis=0) * (intrinsics.fx_px, intrinsics.fy_px)
+    right, bottom = rays.max(axis=0) * (intrinsics.fx_px, intrinsics.fy_px)
+    wide = Intrinsics(
+        width_px=int(np.ceil(right - left)) + 1 + 2 * _MARGIN_PX,
+        height_px=int(np.ceil(bottom - top)) + 1 + 2 * _MARGIN_PX,
+        fx_px=intrinsics.fx_px,
+        fy_px=intrinsics.fy_px,
+        cx_px=float(_MARGIN_PX - left),
+        cy_px=float(_MARGIN_PX - top),
+    )
+    shape = (intrinsics.height_px, intrinsics.width_px)
+    u_px = (rays[:, 0] * wide.fx_px + wide.cx_px).astype(np.float32).reshape(shape)
+    v_px = (rays[:, 1] * wide.fy_px + wide.cy_px).astype(np.float32).reshape(shape)
+    return LensMap(wide, u_px, v_px)
+
+
+def lens_fault(intrinsics: Intrinsics) -> str:
+    """Return why a distortion is none that a picture can have; "" when it is one."""
+    step = max(1, min(intrinsics.width_px, intrinsics.height_px) // 16)
+    pixels = _grid(intrinsics, step)
+    with np.errstate(all="ignore"):
+        rays = _rays(pixels, intrinsics)
+        if not np.isfinite(rays).all():
+            return "the lens sees in no direction at some pixels"
+        again, _ = cv2.projectPoints(
+            np.concatenate([rays, np.ones((len(rays), 1))], axis=1),
+            np.zeros(3),
+            np.zeros(3),
+            _matrix(intrinsics),
+            np.array(intrinsics.distortion),
+        )
+    folded = np.abs(np.asarray(again).reshape(-1, 2) - pixels).max()
+    span = rays.max(axis=0) - rays.min(axis=0)
+    wider = max(
+        span[0] * intrinsics.fx_px / intrinsics.width_px,
+        span[1] * intrinsics.fy_px / intrinsics.height_px,
+    )
+    if not folded <= _FOLDED_PX or not wider <= _MOST_TIMES_WIDER:
+        return "the lens folds over within the picture: no direction belongs to some pixels"
+    return ""
+
+
+def _grid(intrinsics: Intrinsics, step: int) -> NDArray[np.float64]:
+    """Return pixels (n, 2), every `step`-th and the last of each row and column."""
+    across = np.union1d(np.arange(0, intrinsics.width_px, step), intrinsics.width_px - 1)
+    down = np.union1d(np.arange(0, intrinsics.height_px, step), intrinsics.height_px - 1)
+    u, v = np.meshgrid(across.astype(np.float64), down.astype(np.float64))
+    return np.stack([u.ravel(), v.ravel()], axis=1)
+
+
+def _rays(pixels: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
+    """Return (x/z, y/z) of the rays of pixels, (n, 2)."""
+    found = cv2.undistortPoints(
+        pixels[:, None, :], _matrix(camera), np.array(camera.distortion), criteria=_TERMS
+    )
+    return np.asarray(found, np.float64).reshape(-1, 2)
+
+
+def _matrix(intrinsics: Intrinsics) -> NDArray[np.float64]:
+    i = intrinsics
+    return np.array([[i.fx_px, 0, i.cx_px], [0, i.fy_px, i.cy_px], [0, 0, 1.0]])
