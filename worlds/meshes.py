@@ -32,6 +32,7 @@ class Mesh:
     vertices_m, normals: (n, 3) float64, FRD axes; normals are unit length and point outwards.
     uv: (n, 2) float64, in repeats of the texture. faces: (m, 3) int32, counter-clockwise seen
     from outside. face_material: (m,) int32, index into materials.
+    closed: it consists of closed skins, so that from outside no back of a face can be seen.
     """
 
     vertices_m: FloatArray
@@ -40,6 +41,7 @@ class Mesh:
     faces: IntArray
     face_material: IntArray
     materials: tuple[Material, ...]
+    closed: bool = False
 
     @property
     def radius_m(self) -> float:
@@ -84,6 +86,7 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
         faces=np.concatenate(faces).astype(np.int32),
         face_material=np.concatenate(face_material).astype(np.int32),
         materials=tuple(material for mesh in meshes for material in mesh.materials),
+        closed=all(mesh.closed for mesh in meshes),
     )
 
 
@@ -151,7 +154,9 @@ def box(size_m: Vec3, material: Material) -> Mesh:
         right = np.cross(np.array(up), np.array(normal))
         center, across, along = (_vec3(np.array(edge) * half) for edge in (normal, right, up))
         sides.append(quad(center, across, along, material))
-    return replace(merge(sides), materials=(material,), face_material=np.zeros(12, np.int32))
+    return replace(
+        merge(sides), materials=(material,), face_material=np.zeros(12, np.int32), closed=True
+    )
 
 
 def _vec3(array: FloatArray) -> Vec3:
@@ -171,9 +176,10 @@ def ellipsoid(
         [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), -np.cos(polar)], axis=-1
     ).reshape(-1, 3)
     uv = np.stack([around / (2.0 * np.pi), polar / np.pi], axis=-1).reshape(-1, 2)
-    return _lathe_mesh(
+    skin = _lathe_mesh(
         unit * np.array(radii_m), unit / np.array(radii_m), uv, slices, stacks, material
     )
+    return replace(skin, closed=True)
 
 
 def frustum(
@@ -205,7 +211,7 @@ def frustum(
     index = np.arange(1, slices - 1)
     fan = np.stack([np.zeros_like(index), index, index + 1], axis=-1)
     caps = [from_triangles(bottom, fan, material), from_triangles(top, fan[:, ::-1], material)]
-    return merge([side, *caps])
+    return replace(merge([side, *caps]), closed=True)
 
 
 def _lathe_mesh(

@@ -7,7 +7,7 @@ feet, a room in the middle of its floor.
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -105,7 +105,7 @@ def _ring_pieces(inner_radius_m: float, bar_m: float, material: Material) -> Ite
     sides = np.array(
         [[0, 1, 2, 3], [7, 6, 5, 4], [0, 4, 5, 1], [3, 2, 6, 7], [0, 3, 7, 4], [1, 5, 6, 2]]
     )
-    faces = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+    faces = np.concatenate([sides[:, [2, 1, 0]], sides[:, [3, 2, 0]]])
     for segment in range(RING_SEGMENTS):
         corners = [
             (forward, radius * stretch * math.sin(angle), -radius * stretch * math.cos(angle))
@@ -118,9 +118,8 @@ def _ring_pieces(inner_radius_m: float, bar_m: float, material: Material) -> Ite
             )
         ]
         degrees = round(math.degrees(segment * step))
-        yield _Piece(
-            f"ring {degrees:03d}", meshes.from_triangles(np.array(corners), faces, material)
-        )
+        segment_mesh = meshes.from_triangles(np.array(corners), faces, material)
+        yield _Piece(f"ring {degrees:03d}", replace(segment_mesh, closed=True))
 
 
 def box(size_m: Vec3, color: Rgb = NAMED["grey"]) -> Shape:

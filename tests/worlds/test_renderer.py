@@ -62,8 +62,10 @@ def away_from_edges(ids: np.ndarray, depth: np.ndarray) -> np.ndarray:
     same = np.ones(inverse[middle].shape, bool)
     for row, column in ((0, 1), (1, 0), (1, 1), (1, -1)):
         before, after = (
-            (slice(1 + sign * row, sign * row - 1 or None),
-             slice(1 + sign * column, sign * column - 1 or None))
+            (
+                slice(1 + sign * row, sign * row - 1 or None),
+                slice(1 + sign * column, sign * column - 1 or None),
+            )
             for sign in (-1, 1)
         )
         same &= (ids[before] == ids[middle]) & (ids[after] == ids[middle])

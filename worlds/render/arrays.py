@@ -21,7 +21,8 @@ class Geometry(NamedTuple):
     """All triangles of a scene, each object in its own frame.
 
     vertices, normals: (n, 3). uv: (n, 2), repeats of the texture, above 0. faces: (m, 3).
-    face_object, face_material: (m,). vertex_range, face_range: (objects, 2), first and past
+    face_object, face_id, face_material: (m,); the id is what pictures of ids carry.
+    vertex_range, face_range: (objects, 2), first and past
     the last. spheres: (objects, 4), bounding sphere in the object's frame: centre, radius.
     """
 
@@ -30,6 +31,7 @@ class Geometry(NamedTuple):
     uv: F64
     faces: I32
     face_object: I32
+    face_id: U8
     face_material: I32
     vertex_range: I32
     face_range: I32
@@ -41,7 +43,7 @@ class Looks(NamedTuple):
 
     texels: all textures with their mip levels, packed. mip_start: (textures, levels).
     mip_count, log2_width, log2_height: (textures,). background: (512,) packed, from straight
-    down over the horizon (256) to straight up. object_ids: (objects,).
+    down over the horizon (256) to straight up.
     """
 
     bgr: U32
@@ -52,7 +54,6 @@ class Looks(NamedTuple):
     log2_width: I32
     log2_height: I32
     background: U32
-    object_ids: U8
 
 
 class View(NamedTuple):
@@ -60,6 +61,7 @@ class View(NamedTuple):
 
     lights: (objects, 2, 3), the lamp's and the upward direction in each object's frame.
     up: (3,) upwards in camera coordinates. shown: (objects,) 0 for what is left out.
+    one_sided: (objects,) 1 for what is closed and seen from outside: its backs are hidden.
     """
 
     rotations: F64
@@ -67,6 +69,7 @@ class View(NamedTuple):
     lights: F64
     up: F64
     shown: U8
+    one_sided: U8
     fx: float
     fy: float
     cx: float
@@ -122,13 +125,3 @@ class Scratch(NamedTuple):
     shades: Shades
     buffer: Buffer
     colors: U32
-
-
-class Target(NamedTuple):
-    """Where the picture goes. depth and ids have one element when they are not wanted."""
-
-    image: U8
-    depth: F32
-    ids: U8
-    want_depth: bool
-    want_ids: bool

@@ -10,7 +10,7 @@ Camera coordinates are optical: x right, y down, z forward, metres. Pixel centre
 
 import numpy as np
 
-from worlds.jit import F64, Float, Int, compiled
+from worlds.jit import F64, Float, Int, compiled, inlined
 from worlds.render.arrays import (
     F32,
     I32,
@@ -34,35 +34,16 @@ GUARD_PX = 1_000_000.0
 """How far outside of the picture a triangle may reach: products then fit into 64 bits."""
 
 
-@compiled
-def sphere_shows(sphere: F64, view: View, k: Int) -> bool:
-    """Return whether the bounding sphere of object k may reach into the picture."""
-    m, shift = view.rotations[k], view.shifts[k]
-    x = m[0, 0] * sphere[0] + m[0, 1] * sphere[1] + m[0, 2] * sphere[2] + shift[0]
-    y = m[1, 0] * sphere[0] + m[1, 1] * sphere[1] + m[1, 2] * sphere[2] + shift[1]
-    z = m[2, 0] * sphere[0] + m[2, 1] * sphere[1] + m[2, 2] * sphere[2] + shift[2]
-    left, right = view.cx + 0.5, view.width - 0.5 - view.cx
-    top, bottom = view.cy + 0.5, view.height - 0.5 - view.cy
-    fx, fy, r = view.fx, view.fy, sphere[3]
-    return bool(
-        z + r > NEAR_M
-        and fx * x + left * z > -r * np.hypot(fx, left)
-        and right * z - fx * x > -r * np.hypot(fx, right)
-        and fy * y + top * z > -r * np.hypot(fy, top)
-        and bottom * z - fy * y > -r * np.hypot(fy, bottom)
-    )
-
-
-@compiled
-def project(vertices: F64, extent: I32, view: View, k: Int, camera: F64, screen: F64) -> None:
-    """Write camera coordinates and pixels of object k's vertices, extent[0] to extent[1] - 1."""
-    m, shift = view.rotations[k], view.shifts[k]
+@inlined
+def project(geometry: Geometry, view: View, k: Int, camera: F64, screen: F64) -> None:
+    """Write camera coordinates and pixels of object k's vertices."""
+    m, shift, vertices = view.rotations, view.shifts, geometry.vertices
     fx, fy, cx, cy = view.fx, view.fy, view.cx, view.cy
-    for i in range(extent[0], extent[1]):
+    for i in range(geometry.vertex_range[k, 0], geometry.vertex_range[k, 1]):
         a, b, c = vertices[i, 0], vertices[i, 1], vertices[i, 2]
-        x = m[0, 0] * a + m[0, 1] * b + m[0, 2] * c + shift[0]
-        y = m[1, 0] * a + m[1, 1] * b + m[1, 2] * c + shift[1]
-        z = m[2, 0] * a + m[2, 1] * b + m[2, 2] * c + shift[2]
+        x = m[k, 0, 0] * a + m[k, 0, 1] * b + m[k, 0, 2] * c + shift[k, 0]
+        y = m[k, 1, 0] * a + m[k, 1, 1] * b + m[k, 1, 2] * c + shift[k, 1]
+        z = m[k, 2, 0] * a + m[k, 2, 1] * b + m[k, 2, 2] * c + shift[k, 2]
         camera[i, 0], camera[i, 1], camera[i, 2] = x, y, z
         if z >= NEAR_M:
             screen[i, 0] = fx * x / z + cx
@@ -90,7 +71,7 @@ def clip(polygon: F64, count: Int, plane: F64, out: F64) -> Int:
     return kept
 
 
-@compiled
+@inlined
 def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> Int:
     """Write pixels of a triangle's part before the near plane and within the guard band.
 
@@ -101,7 +82,8 @@ def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> Int:
     for i in range(3):
         for axis in range(3):
             polygon[i, axis] = camera[abc[i], axis]
-    plane = np.array([0.0, 0.0, 1.0, -NEAR_M])
+    plane = np.empty(4)
+    plane[0], plane[1], plane[2], plane[3] = 0.0, 0.0, 1.0, -NEAR_M
     count = clip(polygon, 3, plane, other)
     for axis in range(2):
         for sign in (-1.0, 1.0):
@@ -118,7 +100,7 @@ def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> Int:
     return count if count >= 3 else 0
 
 
-@compiled
+@inlined
 def depth_plane(camera: F64, abc: Corners, lens: Lens) -> tuple[Float, Float, Float]:
     """Return the plane of 1/z over pixels (at the origin, per column, per row); 0s edge-on."""
     fx, fy, cx, cy = lens
@@ -135,10 +117,12 @@ def depth_plane(camera: F64, abc: Corners, lens: Lens) -> tuple[Float, Float, Fl
 
 
 @compiled
-def store(corners: I32, bounds: I32, n: Int, pixels: Triangle, size: tuple[Int, Int]) -> bool:
+def store(
+    corners: I32, bounds: I32, n: Int, pixels: Triangle, size: tuple[Int, Int], one_sided: bool
+) -> bool:
     """Store corners and bounds of the n-th triangle; False when it covers no pixel centre.
 
-    It is turned so that each edge has the inside on the same side.
+    It is turned so that each edge has the inside on the same side. one_sided: backs are hidden.
     """
     ax, ay = np.int64(np.floor(pixels[0] * SUB + 0.5)), np.int64(np.floor(pixels[1] * SUB + 0.5))
     bx, by = np.int64(np.floor(pixels[2] * SUB + 0.5)), np.int64(np.floor(pixels[3] * SUB + 0.5))
@@ -148,7 +132,7 @@ def store(corners: I32, bounds: I32, n: Int, pixels: Triangle, size: tuple[Int, 
     top: Int = max(0, (min(ay, by, cy) + SUB - 1) >> SUB_BITS)
     bottom: Int = min(size[1] - 1, max(ay, by, cy) >> SUB_BITS)
     area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-    if area == 0 or left > right or top > bottom:
+    if area == 0 or left > right or top > bottom or (one_sided and area > 0):
         return False
     if area < 0:
         bx, by, cx, cy = cx, cy, bx, by
@@ -158,7 +142,7 @@ def store(corners: I32, bounds: I32, n: Int, pixels: Triangle, size: tuple[Int, 
     return True
 
 
-@compiled
+@inlined
 def finish(triangles: Triangles, n: Int, f: Int, camera: F64, abc: Corners, lens: Lens) -> Int:
     """Store depth and face of the n-th triangle; return the next free place."""
     at_origin, per_column, per_row = depth_plane(camera, abc, lens)
@@ -188,51 +172,56 @@ def is_plain(camera: F64, screen: F64, abc: Corners) -> bool:
     )
 
 
-@compiled
-def gather_object(
-    faces: I32, extent: I32, vertices: tuple[F64, F64], view: View, triangles: Triangles, n: Int
+@inlined
+def gather_face(
+    face: tuple[Int, bool, Corners],
+    vertices: tuple[F64, F64],
+    view: View,
+    triangles: Triangles,
+    n: Int,
+    work: F64,
 ) -> Int:
-    """Store what may show of faces extent[0] to extent[1] - 1, from place n; -1: no room."""
+    """Store what of a face may show, from place n on; return the next free place."""
     camera, screen = vertices
-    corners, bounds, work = triangles.corners, triangles.bounds, np.empty((3, 10, 3))
+    f, one_sided, abc = face
     lens, size = (view.fx, view.fy, view.cx, view.cy), (view.width, view.height)
-    for f in range(extent[0], extent[1]):
-        if n > corners.shape[0] - 8:
-            return -1
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        abc = (a, b, c)
-        if is_plain(camera, screen, abc):
-            pixels = (
-                screen[a, 0],
-                screen[a, 1],
-                screen[b, 0],
-                screen[b, 1],
-                screen[c, 0],
-                screen[c, 1],
-            )
-            if store(corners, bounds, n, pixels, size):
-                n = finish(triangles, n, f, camera, abc, lens)
-            continue
+    count = 3
+    if is_plain(camera, screen, abc):
+        for i in range(3):
+            work[2, i, 0], work[2, i, 1] = screen[abc[i], 0], screen[abc[i], 1]
+    else:
         count = clipped(camera, abc, lens, work)
-        p = work[2]
-        for i in range(2, count):
-            pixels = (p[0, 0], p[0, 1], p[i - 1, 0], p[i - 1, 1], p[i, 0], p[i, 1])
-            if store(corners, bounds, n, pixels, size):
-                n = finish(triangles, n, f, camera, abc, lens)
+    for i in range(2, count):
+        pixels = (
+            work[2, 0, 0],
+            work[2, 0, 1],
+            work[2, i - 1, 0],
+            work[2, i - 1, 1],
+            work[2, i, 0],
+            work[2, i, 1],
+        )
+        if store(triangles.corners, triangles.bounds, n, pixels, size, one_sided):
+            n = finish(triangles, n, f, camera, abc, lens)
     return n
 
 
 @compiled
 def gather(geometry: Geometry, view: View, scratch: Scratch) -> Int:
     """Store every triangle that may show; return how many, or -1 when there is no room."""
-    n = 0
-    for k in range(geometry.spheres.shape[0]):
-        if n < 0 or view.shown[k] == 0 or not sphere_shows(geometry.spheres[k], view, k):
+    n, work, faces = np.int64(0), np.empty((3, 10, 3)), geometry.faces
+    vertices = (scratch.camera, scratch.screen)
+    room = scratch.triangles.corners.shape[0] - 8
+    for k in range(geometry.face_range.shape[0]):
+        if view.shown[k] == 0:
             continue
-        vertex_range, face_range = geometry.vertex_range[k], geometry.face_range[k]
-        project(geometry.vertices, vertex_range, view, k, scratch.camera, scratch.screen)
-        vertices = (scratch.camera, scratch.screen)
-        n = gather_object(geometry.faces, face_range, vertices, view, scratch.triangles, n)
+        project(geometry, view, k, scratch.camera, scratch.screen)
+        for f in range(geometry.face_range[k, 0], geometry.face_range[k, 1]):
+            if n > room:
+                return np.int64(-1)
+            abc = (faces[f, 0], faces[f, 1], faces[f, 2])
+            n = gather_face(
+                (f, view.one_sided[k] != 0, abc), vertices, view, scratch.triangles, n, work
+            )
     return n
 
 

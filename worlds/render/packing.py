@@ -21,12 +21,14 @@ def pack_geometry(scene: Scene) -> Geometry:
     face_range = _ranges([len(mesh.faces) for mesh in shapes])
     material_range = _ranges([len(mesh.materials) for mesh in shapes])
     objects = range(len(shapes))
+    ids = np.array([thing.object_id for thing in scene.objects], np.uint8)
     return Geometry(
         vertices=_stack([mesh.vertices_m for mesh in shapes], 3, np.float64),
         normals=_stack([mesh.normals for mesh in shapes], 3, np.float64),
         uv=_stack([_above_zero(mesh.uv) for mesh in shapes], 2, np.float64),
         faces=_stack([shapes[k].faces + vertex_range[k, 0] for k in objects], 3, np.int32),
         face_object=np.repeat(np.arange(len(shapes), dtype=np.int32), np.diff(face_range).ravel()),
+        face_id=np.repeat(ids, np.diff(face_range).ravel()),
         face_material=_stack(
             [shapes[k].face_material + material_range[k, 0] for k in objects], 0, np.int32
         ),
@@ -57,12 +59,10 @@ def pack_looks(scene: Scene) -> Looks:
             places[key] = len(levels)
             levels.append(_mip_levels(material.texture, material))
         texture[index] = places[key]
-    return _looks(scene, materials, texture, levels)
+    return _looks(materials, texture, levels)
 
 
-def _looks(
-    scene: Scene, materials: Sequence[Material], texture: np.ndarray, levels: list[list[U32]]
-) -> Looks:
+def _looks(materials: Sequence[Material], texture: np.ndarray, levels: list[list[U32]]) -> Looks:
     most = max((len(chain) for chain in levels), default=1)
     mip_start = np.zeros((max(1, len(levels)), most), np.int32)
     at = 0
@@ -80,7 +80,6 @@ def _looks(
         log2_width=_per_texture(chain[0].shape[1].bit_length() - 1 for chain in levels),
         log2_height=_per_texture(chain[0].shape[0].bit_length() - 1 for chain in levels),
         background=_background(),
-        object_ids=np.array([thing.object_id for thing in scene.objects], np.uint8),
     )
 
 

@@ -1,34 +1,35 @@
 """The renderer: pictures of one scene from any pose, from any thread."""
 
+import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from worlds.camera import Intrinsics
 from worlds.frames import Pose, matrix_from_quat
+from worlds.jit import F64
 from worlds.render.arrays import (
     Buffer,
     Geometry,
     Looks,
     Scratch,
     Shades,
-    Target,
     Triangles,
     View,
 )
+from worlds.render.coverage import NEAR_M, cover, gather
 from worlds.render.packing import pack_geometry, pack_looks
-from worlds.render.shading import draw
+from worlds.render.shading import clear, shade, write_depth, write_ids, write_picture
 from worlds.scene import NO_EVENTS, Scene
 
-BgrImage = np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]
-DepthImage = np.ndarray[tuple[int, int], np.dtype[np.float32]]
-IdImage = np.ndarray[tuple[int, int], np.dtype[np.uint8]]
+Bools = NDArray[np.bool]
 
-_LAMP_NED = np.array([-0.5, 0.3, -0.81])
 _UP_NED = np.array([0.0, 0.0, -1.0])
-_NO_DEPTH, _NO_IDS = np.empty(0, np.float32), np.empty(0, np.uint8)
+_LIGHTS_NED = np.stack([[-0.5, 0.3, -0.81], _UP_NED])
+"""Towards the lamp, and upwards."""
 _OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
@@ -41,9 +42,9 @@ class Picture:
     depth_m and object_ids are None when they were not wanted.
     """
 
-    image_bgr: np.ndarray
-    depth_m: np.ndarray | None
-    object_ids: np.ndarray | None
+    image_bgr: NDArray[np.uint8]
+    depth_m: NDArray[np.float32] | None
+    object_ids: NDArray[np.uint8] | None
 
 
 class Renderer:
@@ -54,6 +55,12 @@ class Renderer:
         self._geometry: Geometry = pack_geometry(scene)
         self._looks: Looks = pack_looks(scene)
         self._local = threading.local()
+        poses = [thing.pose for thing in scene.objects]
+        self._closed = np.array([each.shape.mesh.closed for each in scene.objects], bool)
+        self._moving = [(k, each) for k, each in enumerate(scene.objects) if each.motion]
+        self._rotations = np.array([matrix_from_quat(pose.q_wxyz) for pose in poses])
+        self._rotations = self._rotations.reshape(-1, 3, 3)
+        self._positions_m = np.array([pose.position_ned_m for pose in poses]).reshape(-1, 3)
 
     def render(
         self,
@@ -73,20 +80,37 @@ class Renderer:
         to draw; all others are absent, and hide nothing.
         """
         width, height = intrinsics.width_px, intrinsics.height_px
-        image = np.empty((height, width, 3), np.uint8)
-        depth = np.empty((height, width), np.float32) if want_depth else None
-        ids = np.empty((height, width), np.uint8) if want_ids else None
-        target = Target(
-            image=image.reshape(-1),
-            depth=_NO_DEPTH if depth is None else depth.reshape(-1),
-            ids=_NO_IDS if ids is None else ids.reshape(-1),
-            want_depth=want_depth,
-            want_ids=want_ids,
-        )
         view = self._view(camera_pose, intrinsics, t_s, events, only)
-        while not draw(self._geometry, self._looks, view, self._scratch(width, height), target):
+        while (scratch := self._drawn(view, self._scratch(width, height))) is None:
             self._local.triangles *= 2
+        image = np.empty((height, width, 3), np.uint8)
+        write_picture(scratch.colors, image.reshape(-1))
+        depth = np.empty((height, width), np.float32) if want_depth else None
+        if depth is not None:
+            write_depth(scratch.buffer.inverse_depth, depth.reshape(-1))
+        ids = np.empty((height, width), np.uint8) if want_ids else None
+        if ids is not None:
+            owner, face = scratch.buffer.triangle, scratch.triangles.face
+            write_ids(owner, face, self._geometry.face_id, ids.reshape(-1))
         return Picture(image, depth, ids)
+
+    def _drawn(self, view: View, scratch: Scratch) -> Scratch | None:
+        """Return the scratch with a frame drawn in it; None when it has too little room."""
+        count = gather(self._geometry, view, scratch)
+        if count < 0:
+            return None
+        triangles, buffer = scratch.triangles, scratch.buffer
+        clear(buffer.inverse_depth, buffer.triangle, scratch.shades.state)
+        cover(
+            triangles.corners,
+            triangles.bounds,
+            triangles.planes,
+            triangles.depth_range,
+            count,
+            buffer,
+        )
+        shade(self._geometry, self._looks, view, scratch)
+        return scratch
 
     def _view(
         self,
@@ -96,27 +120,20 @@ class Renderer:
         events: Mapping[str, float],
         only: frozenset[str] | None,
     ) -> View:
-        count = len(self._scene.objects)
         optical_from_ned = _OPTICAL_FROM_FRD @ matrix_from_quat(camera_pose.q_wxyz).T
-        camera_ned_m = np.array(camera_pose.position_ned_m)
-        rotations, shifts = np.empty((count, 3, 3)), np.empty((count, 3))
-        lights, shown = np.empty((count, 2, 3)), np.ones(count, np.uint8)
-        for k, thing in enumerate(self._scene.objects):
-            if only is not None and thing.name not in only:
-                shown[k] = 0
-                continue
-            pose = thing.pose_at(t_s, events)
-            ned_from_body = matrix_from_quat(pose.q_wxyz)
-            rotations[k] = optical_from_ned @ ned_from_body
-            shifts[k] = optical_from_ned @ (np.array(pose.position_ned_m) - camera_ned_m)
-            lights[k, 0] = _LAMP_NED @ ned_from_body
-            lights[k, 1] = _UP_NED @ ned_from_body
+        rotations_ned, positions_ned_m = self._places(t_s, events)
+        rotations = optical_from_ned @ rotations_ned
+        shifts = (positions_ned_m - np.array(camera_pose.position_ned_m)) @ optical_from_ned.T
+        shown, outside = self._show(rotations, shifts, intrinsics)
+        if only is not None:
+            shown &= np.array([thing.name in only for thing in self._scene.objects], bool)
         return View(
             rotations=rotations,
             shifts=shifts,
-            lights=lights,
+            lights=_LIGHTS_NED @ rotations_ned,
             up=optical_from_ned @ _UP_NED,
-            shown=shown,
+            shown=shown.astype(np.uint8),
+            one_sided=(outside & self._closed).astype(np.uint8),
             fx=float(intrinsics.fx_px),
             fy=float(intrinsics.fy_px),
             cx=float(intrinsics.cx_px),
@@ -124,6 +141,32 @@ class Renderer:
             width=intrinsics.width_px,
             height=intrinsics.height_px,
         )
+
+    def _places(self, t_s: float, events: Mapping[str, float]) -> tuple[F64, F64]:
+        """Return where every object is: rotations (n, 3, 3) to NED, positions (n, 3)."""
+        if not self._moving:
+            return self._rotations, self._positions_m
+        rotations, positions_m = self._rotations.copy(), self._positions_m.copy()
+        for k, thing in self._moving:
+            pose = thing.pose_at(t_s, events)
+            rotations[k] = matrix_from_quat(pose.q_wxyz)
+            positions_m[k] = pose.position_ned_m
+        return rotations, positions_m
+
+    def _show(self, rotations: F64, shifts: F64, camera: Intrinsics) -> tuple[Bools, Bools]:
+        """Return which objects may show, and which the camera is surely outside of."""
+        spheres = self._geometry.spheres
+        centers = np.matmul(rotations, spheres[:, :3, None])[:, :, 0] + shifts
+        x, y, z = centers[:, 0], centers[:, 1], centers[:, 2]
+        shown: Bools = z + spheres[:, 3] > NEAR_M
+        for across, focal, middle, count in (
+            (x, camera.fx_px, camera.cx_px, camera.width_px),
+            (y, camera.fy_px, camera.cy_px, camera.height_px),
+        ):
+            for sign, edge in ((1.0, middle + 0.5), (-1.0, count - 0.5 - middle)):
+                distance = (sign * focal * across + edge * z) / math.hypot(focal, edge)
+                shown &= distance > -spheres[:, 3]
+        return shown, np.asarray(np.linalg.norm(centers, axis=1) > spheres[:, 3] + 2.0 * NEAR_M)
 
     def _scratch(self, width: int, height: int) -> Scratch:
         """Return this thread's work space, made anew when another size is needed."""

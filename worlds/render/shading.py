@@ -9,7 +9,7 @@ Indices are unsigned where it counts: Numba then leaves out what negative indice
 
 import numpy as np
 
-from worlds.jit import F64, Float, Int, compiled
+from worlds.jit import F64, Float, Int, compiled, inlined
 from worlds.render.arrays import (
     F32,
     I32,
@@ -19,10 +19,8 @@ from worlds.render.arrays import (
     Looks,
     Scratch,
     Shades,
-    Target,
     View,
 )
-from worlds.render.coverage import cover, gather
 
 AMBIENT, LAMP, SKY = 0.62, 0.34, 0.08
 _PLAIN, _TEXTURED, _SMOOTH = 1, 2, 3
@@ -45,7 +43,7 @@ def vertex_shade(geometry: Geometry, view: View, k: Int, v: Int, side: Float) ->
     return 256.0 * min(1.0, AMBIENT + LAMP * max(0.0, side * lamp) + SKY * side * up)
 
 
-@compiled
+@inlined
 def prepare_face(
     geometry: Geometry, looks: Looks, view: View, camera: F64, shades: Shades, f: Int
 ) -> None:
@@ -88,14 +86,14 @@ def dimmed(color: Int, shade: Int) -> Int:
     return np.uint32((red_blue & 0xFF00FF) | (green & 0xFF00))
 
 
-@compiled
+@inlined
 def paint_plain(color: Int, start: Int, count: Int, colors: U32) -> None:
     """Paint a run in one colour."""
     for i in range(count):
         colors[np.uint64(start) + np.uint64(i)] = color
 
 
-@compiled
+@inlined
 def paint_background(background: U32, view: View, run: Run, start: Int, colors: U32) -> None:
     """Paint sky and ground by elevation."""
     row, left, count = run
@@ -114,7 +112,7 @@ def along(planes: F64, f: Int, which: Int, run: Run) -> tuple[Float, Float]:
     return np.float32(at), np.float32(planes[f, which + 1])
 
 
-@compiled
+@inlined
 def paint_smooth(
     color: Int, plane: tuple[Float, Float], start: Int, count: Int, inverse_depth: F32, colors: U32
 ) -> None:
@@ -127,7 +125,7 @@ def paint_smooth(
         colors[at] = dimmed(color, np.int32(shade))
 
 
-@compiled
+@inlined
 def dim_smoothly(
     plane: tuple[Float, Float], start: Int, count: Int, inverse_depth: F32, colors: U32
 ) -> None:
@@ -140,7 +138,7 @@ def dim_smoothly(
         colors[at] = dimmed(colors[at], np.int32(shade))
 
 
-@compiled
+@inlined
 def mip_level(
     looks: Looks, texture: Int, planes: F64, depth: tuple[Float, Float], f: Int, run: Run, z: Float
 ) -> Int:
@@ -161,7 +159,7 @@ def mip_level(
     return level
 
 
-@compiled
+@inlined
 def paint_texels(
     texels: U32,
     size: tuple[Int, Int],
@@ -187,7 +185,7 @@ def paint_texels(
         colors[at] = texels[np.uint64(first) + np.uint64((row << size[0]) + column)]
 
 
-@compiled
+@inlined
 def paint_textured(
     looks: Looks, texture: Int, shades: Shades, f: Int, scratch: Scratch, t: Int, run: Run
 ) -> None:
@@ -229,7 +227,6 @@ def shade(geometry: Geometry, looks: Looks, view: View, scratch: Scratch) -> Non
     colors, triangle_face, shades = scratch.colors, scratch.triangles.face, scratch.shades
     state, brightness, planes = shades.state, shades.shade, shades.planes
     material_of, bgr, background = geometry.face_material, looks.bgr, looks.background
-    state[:] = 0
     for y in range(view.height):
         start = end = y * width
         while start < (y + 1) * width:
@@ -276,30 +273,18 @@ def write_depth(inverse_depth: F32, depth: F32) -> None:
 
 
 @compiled
-def write_ids(owner: I32, triangle_id: U8, ids: U8) -> None:
-    """Write ids of what shows; flat. triangle_id: of each triangle."""
+def write_ids(owner: I32, face: I32, face_id: U8, ids: U8) -> None:
+    """Write ids of what shows; flat. face: of each triangle, face_id: of each face."""
     for i in range(ids.shape[0]):
         t = owner[i]
-        ids[i] = triangle_id[np.uint64(t)] if t >= 0 else np.uint8(0)
+        ids[i] = face_id[np.uint64(face[np.uint64(t)])] if t >= 0 else np.uint8(0)
 
 
 @compiled
-def draw(geometry: Geometry, looks: Looks, view: View, scratch: Scratch, target: Target) -> bool:
-    """Draw a picture; False when the scratch has no room for all triangles."""
-    count = gather(geometry, view, scratch)
-    if count < 0:
-        return False
-    triangles, buffer = scratch.triangles, scratch.buffer
-    buffer.inverse_depth[:] = 0.0
-    buffer.triangle[:] = -1
-    cover(
-        triangles.corners, triangles.bounds, triangles.planes, triangles.depth_range, count, buffer
-    )
-    shade(geometry, looks, view, scratch)
-    write_picture(scratch.colors, target.image)
-    if target.want_depth:
-        write_depth(buffer.inverse_depth, target.depth)
-    if target.want_ids:
-        triangle_id = looks.object_ids[geometry.face_object[triangles.face[:count]]]
-        write_ids(buffer.triangle, triangle_id, target.ids)
-    return True
+def clear(inverse_depth: F32, owner: I32, state: U8) -> None:
+    """Forget the last frame."""
+    for i in range(owner.shape[0]):
+        inverse_depth[i] = np.float32(0.0)
+        owner[i] = np.int32(-1)
+    for f in range(state.shape[0]):
+        state[f] = np.uint8(0)
