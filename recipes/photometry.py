@@ -21,6 +21,8 @@ _CROP_PX = (480, 640)
 """Noise and blur are measured at full size in the middle of the picture."""
 _DARK, _BRIGHT = 8, 247
 """Beyond these a pixel may be cut off, and says nothing of the level."""
+_SHARPEST = 85.0
+"""Percentile of the steepness: edges may be soft in the scene, or two in one window."""
 _LEAST_EDGES = 40
 _LEAST_CONTRAST = 40.0
 _MAD = 0.6745
@@ -34,7 +36,7 @@ class Look:
     """How a camera sees; None where the picture does not tell.
 
     level_bgr: median of each channel, grey levels. noise_std_dn: grey levels. blur_sigma_px: of
-    the sharpest quarter of the edges.
+    the sharpest of the edges.
     """
 
     level_bgr: tuple[float, float, float] | None = None
@@ -83,13 +85,14 @@ def _blur(gray: NDArray[np.float32]) -> float | None:
     slope = np.maximum(np.abs(across), np.abs(down))
     window = np.ones((13, 13), np.uint8)
     height = cv2.dilate(gray, window) - cv2.erode(gray, window)
-    crest = slope >= cv2.dilate(slope, np.ones((5, 5), np.uint8)) * 0.999
+    # Of several edges at hand only the steepest belongs to the height of the window.
+    crest = slope >= cv2.dilate(slope, window) * 0.999
     edges = crest & (height > _LEAST_CONTRAST)
     edges[:7], edges[-7:], edges[:, :7], edges[:, -7:] = False, False, False, False
     if edges.sum() < _LEAST_EDGES:
         return None
     steepness = np.clip(slope[edges] / height[edges], 0.0, 0.5)
-    return float(np.interp(np.percentile(steepness, 75), _STEEPNESS, _SIGMAS_PX))
+    return float(np.interp(np.percentile(steepness, _SHARPEST), _STEEPNESS, _SIGMAS_PX))
 
 
 _SIGMAS_PX = np.linspace(8.0, 0.05, 400)

@@ -135,7 +135,7 @@ class IsolateSectorParameters(SidedParameters):
     """from_deg, to_deg: from the first clockwise (seen from above) to the second; 0 is forward."""
 
     from_deg: Annotated[float, Field(ge=-360, le=360)]
-    to_deg: Annotated[float, Field(ge=-360, le=360)]
+    to_deg: Annotated[float, Field(ge=-360, le=720)]
     outside: bool = False
 
 
