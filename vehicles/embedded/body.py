@@ -110,6 +110,9 @@ class Body:
             self.touching,
             self.motors_stopped,
             self.contact,
+            self.truth.rates_rad_s,
+            self.truth.specific_force_m_s2,
+            self._plant.thrusts(),
         )
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:

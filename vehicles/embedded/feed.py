@@ -1,28 +1,31 @@
 """The side channel of a vehicle in another process: truth and motion capture out, events in.
 
-One UDP datagram each, little-endian, at most 400 bytes:
+One UDP datagram each, little-endian, at most 480 bytes:
 
     offset  type      what
     0       4 bytes   "WILF"
     4       u8        version, 1
     5       u8        kind: 1 truth, 2 motion capture, 16 event, 17 fault
-    6       u16       flags: 1 on ground, 2 motors stopped, 4 velocity known
+    6       u16       flags: 1 on ground, 2 motors stopped, 4 velocity known, 8 what is felt follows
     8       u32       sequence number, counts up by one per datagram of this sender
     12      u64       time in us: CLOCK_MONOTONIC of the machine, which all its processes share
     20      f64 x 3   position, NED metres, world frame (kinds 1, 2)
     44      f64 x 4   attitude, quaternion wxyz, FRD to NED (kinds 1, 2)
     76      f64 x 3   velocity, NED m/s, world frame (kinds 1, 2)
-    100     text      UTF-8 to the end: what was touched (1), name of an event (16), fault (17)
+    100     f64 x 3   angular velocity, rad/s, FRD (flag 8)
+    124     f64 x 3   specific force, m/s^2, FRD (flag 8)
+    148     f64 x 4   thrust of each motor, N (flag 8)
+    180     text      UTF-8 to the end: what was touched (1), name of an event (16), fault (17)
 
-Kinds 16 and 17 have their text at 20.
+Kinds 16 and 17 have their text at 20; without flag 8 it stands at 100.
 """
 
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum, IntFlag
 
-from vehicles.embedded.states import TruthSample
+from vehicles.embedded.states import Thrusts, TruthSample
 from vehicles.readings import PoseReading, Source
 from worlds.frames import Pose, Vec3
 
@@ -30,6 +33,7 @@ MAGIC = b"WILF"
 VERSION = 1
 _HEAD = struct.Struct("<4sBBHIQ")
 _BODY = struct.Struct("<10d")
+_FELT = struct.Struct("<10d")
 _MOST_TEXT_BYTES = 256
 
 
@@ -52,11 +56,27 @@ class Flag(IntFlag):
     ON_GROUND = 1
     MOTORS_STOPPED = 2
     HAS_VELOCITY = 4
+    HAS_FELT = 8
+
+
+_ALL_FLAGS = 15
+
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """What a vehicle feels: angular velocity and specific force (FRD), thrust of each motor."""
+
+    rates_frd_rad_s: Vec3
+    specific_force_frd_m_s2: Vec3
+    thrusts_n: Thrusts
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Truth or motion capture; text: what was touched, empty for nothing."""
+    """Truth or motion capture; text: what was touched, empty for nothing.
+
+    HAS_FELT stands in the flags where `felt` is there, and nowhere else.
+    """
 
     kind: Kind
     seq: int
@@ -66,6 +86,7 @@ class Motion:
     q_wxyz: tuple[float, float, float, float]
     velocity_ned_m_s: Vec3
     text: str = ""
+    felt: Felt | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +108,16 @@ def encode(datagram: Datagram) -> bytes:
     if len(text) > _MOST_TEXT_BYTES:
         raise FeedError(f"text of {len(text)} bytes; at most {_MOST_TEXT_BYTES} are carried")
     flags = datagram.flags if isinstance(datagram, Motion) else Flag(0)
+    if isinstance(datagram, Motion) and (datagram.felt is not None) != (Flag.HAS_FELT in flags):
+        raise FeedError("HAS_FELT and what is felt go together")
     seq = datagram.seq & 0xFFFFFFFF
     head = _HEAD.pack(MAGIC, VERSION, datagram.kind, flags, seq, datagram.t_us)
     if isinstance(datagram, Notice):
         return head + text
     body = _BODY.pack(*datagram.position_ned_m, *datagram.q_wxyz, *datagram.velocity_ned_m_s)
+    felt = datagram.felt
+    if felt is not None:
+        body += _FELT.pack(*felt.rates_frd_rad_s, *felt.specific_force_frd_m_s2, *felt.thrusts_n)
     return head + body + text
 
 
@@ -106,7 +132,7 @@ def decode(data: bytes) -> Datagram:
         if kind in {Kind.EVENT, Kind.FAULT}:
             return Notice(Kind(kind), seq, t_us, _text(data[_HEAD.size :]))
         if kind in {Kind.TRUTH, Kind.MOCAP}:
-            return _motion(Kind(kind), Flag(flags & 7), seq, t_us, data[_HEAD.size :])
+            return _motion(Kind(kind), Flag(flags & _ALL_FLAGS), seq, t_us, data[_HEAD.size :])
     except UnicodeDecodeError as error:
         raise FeedError("its text is not UTF-8") from error
     raise FeedError(f"kind {kind} is not known")
@@ -119,8 +145,20 @@ def _motion(kind: Kind, flags: Flag, seq: int, t_us: int, body: bytes) -> Motion
     if not all(map(math.isfinite, values)):
         raise FeedError("a number is not finite")
     n, e, d, w, x, y, z, vn, ve, vd = values
-    text = _text(body[_BODY.size :])
-    return Motion(kind, seq, t_us, flags, (n, e, d), (w, x, y, z), (vn, ve, vd), text)
+    felt, rest = _felt(body[_BODY.size :]) if Flag.HAS_FELT in flags else (None, body[_BODY.size :])
+    position, attitude, velocity = (n, e, d), (w, x, y, z), (vn, ve, vd)
+    return Motion(kind, seq, t_us, flags, position, attitude, velocity, _text(rest), felt)
+
+
+def _felt(body: bytes) -> tuple[Felt, bytes]:
+    """Return what is felt, and the bytes after it."""
+    if len(body) < _FELT.size:
+        raise FeedError(f"{len(body)} bytes are too short for what is felt")
+    values = _FELT.unpack_from(body)
+    if not all(map(math.isfinite, values)):
+        raise FeedError("a number is not finite")
+    p, q, r, x, y, z, a, b, c, d = values
+    return Felt((p, q, r), (x, y, z), (a, b, c, d)), body[_FELT.size :]
 
 
 def _text(data: bytes) -> str:
@@ -131,7 +169,7 @@ def _text(data: bytes) -> str:
 
 def truth_datagram(sample: TruthSample, seq: int) -> Motion:
     """Return the datagram of a truth sample."""
-    flags = Flag.HAS_VELOCITY
+    flags = Flag.HAS_VELOCITY | Flag.HAS_FELT
     flags |= Flag.ON_GROUND if sample.on_ground else Flag(0)
     flags |= Flag.MOTORS_STOPPED if sample.motors_stopped else Flag(0)
     return Motion(
@@ -143,6 +181,7 @@ def truth_datagram(sample: TruthSample, seq: int) -> Motion:
         sample.pose.q_wxyz,
         sample.velocity_ned_m_s,
         sample.contact or "",
+        Felt(sample.rates_frd_rad_s, sample.specific_force_frd_m_s2, sample.thrusts_n),
     )
 
 
@@ -162,13 +201,22 @@ def mocap_datagram(reading: PoseReading, seq: int) -> Motion:
 
 def truth_sample(datagram: Motion) -> TruthSample:
     """Return the truth sample of a datagram."""
-    return TruthSample(
+    sample = TruthSample(
         datagram.t_us / 1e6,
         Pose(datagram.position_ned_m, datagram.q_wxyz),
         datagram.velocity_ned_m_s,
         Flag.ON_GROUND in datagram.flags,
         Flag.MOTORS_STOPPED in datagram.flags,
         datagram.text or None,
+    )
+    felt = datagram.felt
+    if felt is None:
+        return sample
+    return replace(
+        sample,
+        rates_frd_rad_s=felt.rates_frd_rad_s,
+        specific_force_frd_m_s2=felt.specific_force_frd_m_s2,
+        thrusts_n=felt.thrusts_n,
     )
 
 

@@ -119,6 +119,16 @@ class Plant:
             )
         return Motion(position, velocity, euler, rates, force)
 
+    def thrusts(self) -> Thrusts:
+        """Return what each motor gives now, in newtons: behind its command by the lag."""
+        a, b, c, d = self._given
+        return (
+            a.get_double_value(),
+            b.get_double_value(),
+            c.get_double_value(),
+            d.get_double_value(),
+        )
+
     def on_ground(self) -> bool:
         """Return whether a leg touches the ground."""
         return any(wheel.get_double_value() > 0.0 for wheel in self._wheels)
@@ -158,6 +168,7 @@ class Plant:
             return found
 
         self._commands = nodes(*(f"fcs/motor{i}-cmd-n" for i in range(MOTORS)))
+        self._given = nodes(*(f"fcs/motor{i}-n" for i in range(MOTORS)))
         self._position = nodes(*(f"position/from-start-neu-{axis}-ft" for axis in "neu"))
         self._velocity = nodes(*(f"velocities/v-{axis}-fps" for axis in ("north", "east", "down")))
         self._attitude = nodes(*(f"attitude/{angle}-rad" for angle in ("phi", "theta", "psi")))

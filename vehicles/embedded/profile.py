@@ -96,7 +96,11 @@ class VehicleClock(_Part):
 
 
 class Profile(_Part):
-    """A vehicle and a place."""
+    """A vehicle and a place.
+
+    sensors: what lidars, GPS, IMU and the like are: `ideal`, with the reach of their data sheets
+    and no noise; or `datasheet`, with their noise.
+    """
 
     schema_: Literal["wil/profile/1"] = Field(alias="schema")
     description: str
@@ -107,6 +111,7 @@ class Profile(_Part):
     mocap: MotionCapture
     camera: CameraFaults
     clock: VehicleClock
+    sensors: Literal["ideal", "datasheet"] = "ideal"
 
 
 def list_profiles() -> tuple[str, ...]:

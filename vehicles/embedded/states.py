@@ -38,7 +38,9 @@ class TruthSample:
     """Where the vehicle truly is, in the world's local frame.
 
     t_s: run clock. motors_stopped: no motor gives thrust by command. contact: the physical thing
-    that it has touched, for good; None while it has touched nothing.
+    that it has touched, for good; None while it has touched nothing. rates_frd_rad_s: of the body.
+    specific_force_frd_m_s2: what an accelerometer feels. thrusts_n: what each motor gives; STOPPED
+    and at rest where nobody said.
     """
 
     t_s: float
@@ -47,3 +49,6 @@ class TruthSample:
     on_ground: bool
     motors_stopped: bool
     contact: str | None = None
+    rates_frd_rad_s: Vec3 = AT_REST.rates_rad_s
+    specific_force_frd_m_s2: Vec3 = AT_REST.specific_force_m_s2
+    thrusts_n: Thrusts = STOPPED

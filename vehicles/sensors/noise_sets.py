@@ -1,4 +1,4 @@
-"""The noise of all sensors together, one set for each profile."""
+"""The noise of all sensors together, as sets that profiles name."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,7 +47,5 @@ DATASHEET = SensorNoise(
 )
 """What the datasheets promise."""
 
-NOISE_OF_PROFILE: Mapping[str, SensorNoise] = MappingProxyType(
-    {"nominal": IDEAL, "cage": DATASHEET}
-)
-"""By the name of an embedded vehicle's profile."""
+NOISE_SETS: Mapping[str, SensorNoise] = MappingProxyType({"ideal": IDEAL, "datasheet": DATASHEET})
+"""By what a profile of an embedded vehicle says under `sensors`."""

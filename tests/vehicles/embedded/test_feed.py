@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -6,6 +8,7 @@ from vehicles.embedded.faults import Fault, FaultError, parse_fault
 from vehicles.embedded.feed import (
     Datagram,
     FeedError,
+    Felt,
     Flag,
     Kind,
     Motion,
@@ -24,7 +27,19 @@ from worlds.frames import Pose
 number = st.floats(allow_nan=False, allow_infinity=False)
 text = st.text(max_size=60).filter(lambda value: len(value.encode()) <= 256)
 head = {"seq": st.integers(0, 2**32 - 1), "t_us": st.integers(0, 2**63)}
-motions = st.builds(
+felts = st.builds(
+    Felt,
+    st.tuples(number, number, number),
+    st.tuples(number, number, number),
+    st.tuples(number, number, number, number),
+)
+
+
+def felt(motion: Motion, what: Felt) -> Motion:
+    return replace(motion, flags=motion.flags | Flag.HAS_FELT, felt=what)
+
+
+unfelt = st.builds(
     Motion,
     kind=st.sampled_from([Kind.TRUTH, Kind.MOCAP]),
     flags=st.integers(0, 7).map(Flag),
@@ -34,6 +49,7 @@ motions = st.builds(
     text=text,
     **head,
 )
+motions = unfelt | st.builds(felt, unfelt, felts)
 notices = st.builds(Notice, kind=st.sampled_from([Kind.EVENT, Kind.FAULT]), text=text, **head)
 
 
@@ -65,6 +81,14 @@ def test_too_long_a_text_is_refused() -> None:
         encode(Notice(Kind.EVENT, 0, 0, "x" * 257))
 
 
+def test_what_is_felt_and_its_flag_go_together() -> None:
+    motion = Motion(Kind.TRUTH, 7, 1, Flag(0), (1, 2, 3), (1, 0, 0, 0), (4, 5, 6))
+    with pytest.raises(FeedError, match="go together"):
+        encode(replace(motion, flags=Flag.HAS_FELT))
+    with pytest.raises(FeedError, match="too short for what is felt"):
+        decode(encode(motion)[:6] + b"\x08\0" + encode(motion)[8:])
+
+
 def test_the_layout_is_the_documented_one() -> None:
     motion = Motion(
         Kind.TRUTH, 7, 1_500_000, Flag.ON_GROUND, (1, 2, 3), (1, 0, 0, 0), (4, 5, 6), "a"
@@ -79,7 +103,15 @@ def test_the_layout_is_the_documented_one() -> None:
 def test_samples_and_readings_come_back() -> None:
     pose = Pose.of(1.0, -2.0, 3.0, yaw_rad=0.5)
     sample = TruthSample(
-        12.5, pose, (0.1, 0.2, 0.3), on_ground=True, motors_stopped=False, contact="wall"
+        12.5,
+        pose,
+        (0.1, 0.2, 0.3),
+        on_ground=True,
+        motors_stopped=False,
+        contact="wall",
+        rates_frd_rad_s=(1.0, 2.0, 3.0),
+        specific_force_frd_m_s2=(0.1, -0.2, -9.7),
+        thrusts_n=(1.1, 1.2, 1.3, 1.4),
     )
     again = decode(encode(truth_datagram(sample, 3)))
     assert isinstance(again, Motion)

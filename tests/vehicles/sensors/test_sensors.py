@@ -30,7 +30,7 @@ from vehicles.sensors.microphone import (
     RotorSound,
     pressure_of,
 )
-from vehicles.sensors.noise_sets import NOISE_OF_PROFILE
+from vehicles.sensors.noise_sets import NOISE_SETS
 from vehicles.sensors.timing import Timing
 from vehicles.sensors.truth import Truth, motor_speeds
 from vehicles.sensors.walk import Walk
@@ -338,8 +338,8 @@ def test_rotor_speed_from_thrust() -> None:
     assert motor_speeds((0.5 * 9.80665 / 4, 0.0, -1.0)) == pytest.approx((469.1, 0.0, 0.0), abs=0.2)
 
 
-def sensors(profile: str) -> list[Callable[[float, np.random.Generator], Reading]]:
-    noise = NOISE_OF_PROFILE[profile]
+def sensors(kind: str) -> list[Callable[[float, np.random.Generator], Reading]]:
+    noise = NOISE_SETS[kind]
     imu = ImuSensor(source="real", noise=noise.imu)
     gps = GpsSensor(source="real", frame=HOME, noise=noise.gps)
     scan = LidarScanSensor(source="real", cast=box_room, noise=noise.lidar)
@@ -356,23 +356,21 @@ def flat(reading: Reading) -> str:
     )
 
 
-@pytest.mark.parametrize("profile", ["nominal", "cage"])
-def test_equal_seeds_give_equal_readings_and_others_do_not(profile: str) -> None:
+@pytest.mark.parametrize("kind", ["ideal", "datasheet"])
+def test_equal_seeds_give_equal_readings_and_others_do_not(kind: str) -> None:
     def run(seed: int) -> list[str]:
         generator = rng(seed)
-        return [
-            flat(sample(0.1 * k, generator)) for sample in sensors(profile) for k in range(1, 4)
-        ]
+        return [flat(sample(0.1 * k, generator)) for sample in sensors(kind) for k in range(1, 4)]
 
     assert run(3) == run(3)
-    noisy = profile == "cage"
+    noisy = kind == "datasheet"
     assert [a == b for a, b in zip(run(3), run(4), strict=True)][:12] == [not noisy] * 12
 
 
-@pytest.mark.parametrize("profile", ["nominal", "cage"])
-def test_every_sensor_gives_readings_without_fault(profile: str) -> None:
+@pytest.mark.parametrize("kind", ["ideal", "datasheet"])
+def test_every_sensor_gives_readings_without_fault(kind: str) -> None:
     generator = rng()
-    for sample in sensors(profile):
+    for sample in sensors(kind):
         assert fault_of(sample(1.0, generator)) is None
 
 
