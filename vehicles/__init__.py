@@ -1,1 +1,1 @@
-"""Vehicles: readings, links, MAVLink, autopilots, drivers, the embedded vehicle, cameras, perception."""
+"""Vehicles: readings, links, MAVLink, autopilots, drivers, the embedded vehicle, perception."""

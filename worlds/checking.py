@@ -73,9 +73,17 @@ _COMPARED = {
 
 def faults_of(error: ValidationError, value: Data, model: type[BaseModel]) -> list[Fault]:
     """Return what is wrong, one fault for one mistake; paths are relative to `value`."""
-    details = [_located(detail, value) for detail in error.errors(include_url=False)]
+    said = error.errors(include_url=False)
+    details = [_located(detail, value) for detail in said if not _counts_good_ones(detail)]
     faults = [_fault(path, detail, model, value) for path, detail in _settle_unions(details)]
     return _without_echoes(faults)
+
+
+def _counts_good_ones(detail: ErrorDetails) -> bool:
+    """Return whether entries are said to be too few only because some of them are wrong."""
+    given = detail["input"]
+    short = detail["type"] == "too_short" and isinstance(given, list)
+    return short and len(given) >= detail["ctx"]["min_length"]
 
 
 @dataclass(frozen=True, slots=True)

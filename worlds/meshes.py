@@ -177,7 +177,11 @@ def ellipsoid(
     ).reshape(-1, 3)
     uv = np.stack([around / (2.0 * np.pi), polar / np.pi], axis=-1).reshape(-1, 2)
     skin = _lathe_mesh(
-        unit * np.array(radii_m), unit / np.array(radii_m), uv, slices, stacks, material
+        unit * np.array(radii_m),
+        unit / np.array(radii_m),
+        uv,
+        rings=(slices, stacks),
+        material=material,
     )
     return replace(skin, closed=True)
 
@@ -206,7 +210,11 @@ def frustum(
     u = around / (2.0 * np.pi)
     uv = np.concatenate([np.stack([u, 0.0 * u], -1), np.stack([u, 0.0 * u + 1.0], -1)])
     side = _lathe_mesh(
-        np.concatenate([top, bottom]), np.concatenate([normals, normals]), uv, slices, 1, material
+        np.concatenate([top, bottom]),
+        np.concatenate([normals, normals]),
+        uv,
+        rings=(slices, 1),
+        material=material,
     )
     index = np.arange(1, slices - 1)
     fan = np.stack([np.zeros_like(index), index, index + 1], axis=-1)
@@ -218,11 +226,12 @@ def _lathe_mesh(
     vertices: FloatArray,
     normals: FloatArray,
     uv: FloatArray,
-    slices: int,
-    stacks: int,
+    *,
+    rings: tuple[int, int],
     material: Material,
 ) -> Mesh:
-    """Return the skin over a grid of (stacks + 1) rings from top to bottom."""
+    """Return the skin over a grid of rings from top to bottom; rings: slices and stacks."""
+    slices, stacks = rings
     first = (np.arange(stacks)[:, None] * (slices + 1) + np.arange(slices)[None, :]).ravel()
     below = first + slices + 1
     faces = np.concatenate(

@@ -49,6 +49,7 @@ class WorldReader:
     def __init__(self, document: Document) -> None:
         self._document = document
         self._folder = document.path.parent
+        self._unreadable: set[str] = set()
         self.problems: list[Problem] = []
 
     def read(self, models: dict[str, ObjectModel]) -> tuple[Placed, ...]:
@@ -103,6 +104,7 @@ class WorldReader:
             return load_mesh_shape(path, unit=model.unit, scale=model.scale, axes=axes)
         except MeshFileError as error:
             self._note(at, f"mesh file '{model.file}': {error}", self._similar_file(path))
+            self._unreadable.add(str(at[1]))
             return shapes.box((1.0, 1.0, 1.0))
 
     def _dressed(self, at: _Path, model: ObjectModel, shape: Shape) -> Shape:
@@ -129,7 +131,7 @@ class WorldReader:
 
         Meshes from files may: terrain and roots do; they must only not be buried whole.
         """
-        if thing.is_room:
+        if thing.is_room or thing.name in self._unreadable:
             return
         buried = thing.shape.kind == "mesh"
         stops: list[tuple[_Path, Pose]] = [(("pose",), thing.pose)]

@@ -213,7 +213,7 @@ def test_the_least_of_a_run_is_exact_however_it_is_asked(seed: int) -> None:
             SceneObject(2, "gate", shapes.gate("square", 1.0, 0.1), Pose.of(1, 0, 1.2)),
         )
     )
-    steps = np.cumsum(rng.normal(0.0, 0.04, (60, 3)), axis=0) + (0.0, 0.0, 1.2)
+    steps = np.cumsum(rng.normal(0.0, 0.04, (60, 3)), axis=0) + np.array([0.0, 0.0, 1.2])
     way = [Pose.of(*step, yaw_rad=0.1 * k) for k, step in enumerate(steps.tolist())]
     probe = ClearanceProbe(scene, BODY)
     minima, plain = ClearanceMinima(probe), dict[tuple[str, bool], float]()
