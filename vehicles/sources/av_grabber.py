@@ -7,7 +7,7 @@ from typing import Any
 
 import av
 
-from vehicles.sources.av_input import AvInput, nothing_came, opening_error, shown
+from vehicles.sources.av_input import AvInput, no_key_picture, nothing_came, opening_error, shown
 from vehicles.sources.base import SourceError
 from vehicles.sources.h264 import LossFinder
 from vehicles.sources.live import Grabbed
@@ -20,7 +20,8 @@ class AvGrabber:
     """A Grabber over PyAV: RTSP, RTP and V4L2.
 
     After lost or broken data every picture is held back until the next key picture, since a
-    decoder goes on from wrong ones without a word.
+    decoder goes on from wrong ones without a word. Who joins a stream waits for its first key
+    picture too: what came before it is neither handed on nor counted as damaged.
     """
 
     def __init__(self, *, source: AvInput, open_timeout_s: float = 5.0) -> None:
@@ -32,23 +33,28 @@ class AvGrabber:
         self._packets: Iterator[Any] | None = None
         self._losses = LossFinder()
         self._finds_losses = False
-        self._broken = False
+        self._broken = True
         self._first: Grabbed | None = None
 
     def open(self) -> None:
         """Open the address and wait for its first picture. Raises SourceError."""
         deadline_s = time.monotonic() + self._open_timeout_s
         self._open_stream(deadline_s)
+        joined_late = False
         while self._first is None:
-            self._first = self._next()
-            if self._first is None and time.monotonic() > deadline_s:
-                raise nothing_came(self._source.url)
+            grabbed = self._next()
+            joined_late = joined_late or grabbed is not None
+            if grabbed is not None and grabbed.image_bgr is not None:
+                self._first = grabbed
+            elif time.monotonic() > deadline_s:
+                raise (no_key_picture if joined_late else nothing_came)(self._source.url)
 
     def _open_stream(self, deadline_s: float) -> None:
         source = self._source
+        session = source.session()
         try:
             self._container = av.open(
-                io.BytesIO(source.sdp.encode()) if source.sdp is not None else source.url,
+                io.BytesIO(session.encode()) if session is not None else source.url,
                 format=source.format,
                 options=dict(source.options),
                 timeout=(self._open_timeout_s, _READ_TIMEOUT_S),

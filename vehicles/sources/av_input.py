@@ -1,4 +1,4 @@
-"""How FFmpeg is asked to open an address, and its complaints in words; pure."""
+"""How FFmpeg is asked to open an address, and its complaints in words."""
 
 import re
 from collections.abc import Mapping
@@ -25,19 +25,26 @@ _NETWORK: Mapping[str, str] = {
     # A queue holds all back while it waits for what was lost, and takes the numbers of a sender
     # that starts anew for old ones. What comes out of order counts as lost.
     "reorder_queue_size": "0",
-    "buffer_size": "1048576",
+    # For a thread that has to wait; the operating system grants at most net.core.rmem_max.
+    "buffer_size": "4194304",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class AvInput:
-    """What `av.open` is called with. sdp: the text of a session that stands for the file."""
+    """What `av.open` is called with. sdp: text of the session that stands for the address."""
 
     kind: AvKind
     url: str
     format: str | None = None
     options: Mapping[str, str] = field(default_factory=dict)
     sdp: str | None = None
+
+    def session(self) -> str | None:
+        """Return the session's text, from its file if it has one. Raises SourceError."""
+        if self.sdp is None and self.format == "sdp":
+            return _read(self.url)
+        return self.sdp
 
 
 def av_input(
@@ -59,7 +66,7 @@ def av_input(
     if address.startswith("rtp://"):
         return _rtp(address, _default_sdp(address))
     if address.endswith(".sdp"):
-        return _rtp(address, _read(address))
+        return _rtp(address, None)
     device = address.removeprefix("v4l2://")
     if device.startswith("/dev/"):
         return AvInput("v4l2", device, "v4l2", _v4l2_options(intrinsics, rate_hz, v4l2_format))
@@ -71,7 +78,7 @@ def shown(address: str) -> str:
     return re.sub(r"(?<=://)([^/@:]*):[^/@]*@", r"\1:***@", address)
 
 
-def _rtp(address: str, sdp: str) -> AvInput:
+def _rtp(address: str, sdp: str | None) -> AvInput:
     return AvInput("rtp", address, "sdp", {**_NETWORK, "protocol_whitelist": "file,udp,rtp"}, sdp)
 
 
@@ -136,6 +143,14 @@ def nothing_came(address: str) -> SourceError:
     """Return the error for an address from which no picture came in time."""
     return SourceError(
         f"{shown(address)}: no picture came in time; check that it is sent to this host and port"
+    )
+
+
+def no_key_picture(address: str) -> SourceError:
+    """Return the error for a stream that came, and in which nothing can be decoded."""
+    return SourceError(
+        f"{shown(address)}: video comes, and no key picture that decoding can start from; let "
+        "the sender send one every second (keyint, GOP, I-frame interval), or wait longer"
     )
 
 

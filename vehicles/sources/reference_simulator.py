@@ -105,6 +105,8 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     renderer, names = Renderer(scene), list(scene.names)
+    # The first picture takes long, as with every engine: be ready before anybody can ask.
+    renderer.render(Pose((0.0, 0.0, 0.0)), Intrinsics.from_fov(16, 12, 1.0), 0.0)
     with zmq.Context() as context, context.socket(zmq.REP) as socket:
         socket.bind(chosen.bind)
         # With port * the operating system chooses: whoever started us reads which.

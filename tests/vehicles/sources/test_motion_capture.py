@@ -242,7 +242,7 @@ async def test_a_publisher_is_heard() -> None:
             deliver=readings.append,
             topic=b"mocap",
         ):
-            for k in range(200):
+            for k in range(3000):
                 publisher.send_multipart([b"mocap", packed(k, 1.0 + k / 100)])
                 publisher.send_multipart([b"other", b"rubbish"])
                 await asyncio.sleep(0.005)
