@@ -233,7 +233,25 @@ class _Reader:
                 for place, one in enumerate(given):
                     found += self._step((*at, place), one, stage)
         self._refuse_second_register(found)
+        self._refuse_late_timing(found)
         return found
+
+    def _refuse_late_timing(self, found: list[Step]) -> None:
+        """Refuse a choice by time behind a step that changes readings: it would undo that step."""
+        changed: dict[Side, str] = {}
+        for step in found:
+            if step.kind.name == "register" or step.kind.stage == "merge":
+                continue
+            for side in step.parameters.sides():
+                if not step.parameters.timed:
+                    changed.setdefault(side, step.kind.name)
+                elif side in changed:
+                    message = (
+                        f"'{step.kind.name}' chooses among readings as they came: "
+                        f"it belongs before '{changed[side]}'"
+                    )
+                    self.note(step.path, message, key=True)
+                    break
 
     def _refuse_second_register(self, found: list[Step]) -> None:
         for second in [step for step in found if step.kind.name == "register"][1:]:

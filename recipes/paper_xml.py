@@ -118,7 +118,8 @@ class _Reader:
             steps = tuple(found[listed])
             entries[listed] = Entry(element.place, sequence_node(steps, element.place))
         if found["merge"]:
-            entries["merge"] = Entry(element.place, found["merge"][0])
+            merge = found["merge"][0]
+            entries["merge"] = Entry(merge.place, merge)
         return mapping_node(entries, element.place)
 
     def _step(self, element: Element, stage: Stage) -> Node:

@@ -120,8 +120,10 @@ class Mixer:
         """
         intake = self._real if side == "real" else self._twin
         if intake.fault_of(reading) is None:
+            seen: Reading | None = reading
             for stage in self._stages:
-                stage.offer(side, reading)
+                # Steps that choose by time stand before all others, so none is left out here.
+                seen = stage.offer(side, seen) if seen is not None else None
 
     def mix(
         self,

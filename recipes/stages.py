@@ -67,11 +67,10 @@ class Stage:
         except Exception as error:
             raise self.place.failed(error, frame) from error
 
-    def offer(self, side: Side, reading: Reading) -> None:
-        """Let a step that chooses by time see a reading."""
+    def offer(self, side: Side, reading: Reading) -> Reading | None:
+        """Let a step that chooses by time see a reading; return what the step after it sees."""
         operator = self.operators.get(side)
-        if isinstance(operator, TimedOperator):
-            operator.offer(reading)
+        return operator.offer(reading) if isinstance(operator, TimedOperator) else reading
 
 
 @dataclass(frozen=True, slots=True)

@@ -140,8 +140,11 @@ class TimedOperator(ABC):
     """An operator that chooses among a side's readings by time, so it wants to see all of them."""
 
     @abstractmethod
-    def offer(self, reading: Reading) -> None:
-        """Take a reading of this side; one that is there already changes nothing."""
+    def offer(self, reading: Reading) -> Reading | None:
+        """Take a reading of this side; one that is there already changes nothing.
+
+        Returns what stands for it in the step after this one; None when there is nothing yet.
+        """
 
     @abstractmethod
     def __call__(self, work: AnyMasked, other: AnyMasked | None) -> AnyMasked:

@@ -8,13 +8,21 @@ from pydantic import Field
 from recipes.interpolation import INTERPOLATED, between
 from recipes.registry import Context, SidedParameters, step
 from recipes.working import Align, AnyMasked, CannotMixError, Masked, TimedOperator
-from vehicles.readings import SENSOR_TYPES, Reading
+from vehicles.readings import (
+    SENSOR_TYPES,
+    CameraReading,
+    DepthReading,
+    LidarPointsReading,
+    Reading,
+)
 
 _ANY = tuple(SENSOR_TYPES)
-_KEPT = 256
-"""How many readings are remembered at most: 1.3 s of an IMU at 200 Hz."""
-_KEPT_BIG = 16
-"""Of pictures and clouds, each of which may be megabytes."""
+_KEPT = 4096
+"""How many readings are remembered at most: 10 s, the longest delay, of an IMU at 400 Hz."""
+_KEPT_BIG = 320
+"""Of pictures and clouds that are delayed: 10 s at 30 Hz, and never more than the delay spans."""
+_KEPT_AROUND = 16
+"""Of pictures and clouds among which the other side's time lies."""
 
 
 class _Memory:
@@ -52,27 +60,28 @@ class _Memory:
         )
 
 
-def _memory(kind: str, span_s: float) -> _Memory:
-    big = kind in ("CameraReading", "DepthReading", "LidarPointsReading", "MicrophoneReading")
-    return _Memory(_KEPT_BIG if big else _KEPT, span_s)
+def _memory(reading: Reading, span_s: float, kept_big: int) -> _Memory:
+    big = isinstance(reading, CameraReading | DepthReading | LidarPointsReading)
+    return _Memory(kept_big if big else _KEPT, span_s)
 
 
 class _Remembering(TimedOperator):
-    """Remembers what it is offered; `span_s` back at least."""
+    """Remembers what it is offered, `span_s` back, but at most `kept_big` pictures or clouds."""
 
-    def __init__(self, span_s: float) -> None:
+    def __init__(self, span_s: float, kept_big: int) -> None:
         self._span_s = span_s
+        self._kept_big = kept_big
         self._memory: _Memory | None = None
 
-    def offer(self, reading: Reading) -> None:
-        """Take a reading of this side."""
-        if self._memory is None:
-            self._memory = _memory(type(reading).__name__, self._span_s)
-        self._memory.add(reading)
+    def offer(self, reading: Reading) -> Reading | None:
+        """Take a reading of this side; the step after this one sees the same."""
+        self._filled(reading)
+        return reading
 
     def _filled(self, reading: Reading) -> _Memory:
-        self.offer(reading)
-        assert self._memory is not None  # noqa: S101 - `offer` has made it
+        if self._memory is None:
+            self._memory = _memory(reading, self._span_s, self._kept_big)
+        self._memory.add(reading)
         return self._memory
 
 
@@ -85,6 +94,7 @@ class ResampleParameters(SidedParameters):
     """
 
     shorthand = "how"
+    timed = True
 
     how: Align = "hold"
     max_gap_ms: Annotated[float, Field(gt=0, le=60_000)] = 1000.0
@@ -108,7 +118,7 @@ def resample(parameters: ResampleParameters, context: Context) -> TimedOperator:
 
 class _Resample(_Remembering):
     def __init__(self, how: Align, max_gap_s: float) -> None:
-        super().__init__(max_gap_s)
+        super().__init__(max_gap_s, _KEPT_AROUND)
         self._how = how
         self._max_gap_s = max_gap_s
 
@@ -147,6 +157,7 @@ class DelayParameters(SidedParameters):
     """by_ms: how much older than the newest reading what is used must be."""
 
     shorthand = "by_ms"
+    timed = True
 
     by_ms: Annotated[float, Field(ge=0, le=10_000)]
 
@@ -163,13 +174,15 @@ def delay(parameters: DelayParameters, context: Context) -> TimedOperator:  # no
 
 class _Delay(_Remembering):
     def __init__(self, by_s: float) -> None:
-        super().__init__(by_s)
+        super().__init__(by_s, _KEPT_BIG)
         self._by_s = by_s
 
+    def offer(self, reading: Reading) -> Reading | None:
+        """Take a reading of this side; the step after this one sees what is old enough."""
+        return self._filled(reading).around(reading.t_s - self._by_s + 1e-9)[0]
+
     def __call__(self, work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG002 - the interface
-        memory = self._filled(work.reading)
-        wanted_s = work.reading.t_s - self._by_s
-        found, _ = memory.around(wanted_s + 1e-9)
+        found = self.offer(work.reading)
         if found is None:
             raise CannotMixError("no_history", f"delay: nothing is {self._by_s * 1000:.0f} ms old")
         return work if found is work.reading else Masked(found)

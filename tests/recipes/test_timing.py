@@ -121,3 +121,11 @@ def test_the_same_reading_again_changes_nothing() -> None:
     for _ in range(3):
         assert step(Masked(held), Masked(line(0.6, "real"))).reading is held
     assert np.isclose(held.t_s, 0.5)
+
+
+def test_a_long_delay_keeps_as_many_pictures_as_it_spans() -> None:
+    step = build("delay", by_ms=2000.0)
+    for k in range(100):
+        step.offer(camera(t_s=k / 30))
+    assert step.offer(camera(t_s=100 / 30)).t_s == pytest.approx(40 / 30)
+    assert 60 <= len(step._memory._readings) <= 62

@@ -1,0 +1,130 @@
+"""The ONNX detector: every layout, boxes where the picture shows them, and files that are none."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.vehicles.tiny_onnx import INPUT_PX, NAMES, noise, tiny_detector, truncated
+from vehicles.perception.detector import (
+    Candidates,
+    DetectorError,
+    OnnxDetector,
+    best,
+    decoded,
+    letterboxed,
+)
+
+Kind = Literal["v5", "v8", "end2end"]
+
+
+def detector(folder: Path, kind: Kind, **options: Any) -> OnnxDetector:
+    path = folder / f"{kind}.onnx"
+    path.write_bytes(tiny_detector(kind))
+    return OnnxDetector(path, names=NAMES, input_px=(INPUT_PX, INPUT_PX), **options)
+
+
+def picture(width: int = 64, height: int = 64) -> Any:
+    """Red top left, green bottom right."""
+    image = np.zeros((height, width, 3), np.uint8)
+    image[: height // 2, : width // 2] = (0, 0, 255)
+    image[height // 2 :, width // 2 :] = (0, 255, 0)
+    return image
+
+
+@pytest.mark.parametrize("layout", ["v5", "v8"])
+@pytest.mark.parametrize("told", [True, False])
+def test_both_layouts_find_what_is_there(tmp_path: Path, layout: Kind, told: bool) -> None:
+    found = detector(tmp_path, layout, layout=layout if told else "auto").detect(picture())
+    boxes = {(one.name, one.left_px, one.top_px, one.right_px, one.bottom_px) for one in found}
+    assert boxes == {("red", 0, 0, 32, 32), ("green", 32, 32, 64, 64)}
+    assert all(one.score == pytest.approx(0.9 if layout == "v5" else 1.0) for one in found)
+
+
+def test_the_end_to_end_layout(tmp_path: Path) -> None:
+    (one,) = detector(tmp_path, "end2end", layout="end2end").detect(picture())
+    assert (one.name, one.left_px, one.bottom_px, one.score) == ("red", 0, 32, 1.0)
+
+
+def test_boxes_of_a_wide_picture_are_not_those_of_the_letterbox(tmp_path: Path) -> None:
+    """A picture twice as wide fills the middle half: the top quadrants see its upper half."""
+    image = np.zeros((32, 64, 3), np.uint8)
+    image[:16, :32] = (0, 0, 255)
+    found = detector(tmp_path, "v8", threshold=0.6).detect(image)
+    (one,) = [each for each in found if each.name == "red"]
+    # Half of that quadrant is the grey of the letterbox; the box is cut at the picture's top.
+    assert one.score == pytest.approx(0.5 + 0.5 * 114 / 255, abs=0.01)
+    assert (one.left_px, one.top_px, one.right_px, one.bottom_px) == (0, 0, 32, 16)
+
+
+@given(st.integers(1, 300), st.integers(1, 300))
+def test_a_letterbox_keeps_the_shape(width: int, height: int) -> None:
+    laid, how = letterboxed(np.zeros((height, width, 3), np.uint8), (64, 48))
+    assert laid.shape == (48, 64, 3)
+    assert width * how.scale <= 64 + 1e-9
+    assert height * how.scale <= 48 + 1e-9
+    assert how.left_px == 0 or how.top_px == 0
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [(noise(), "no ONNX network"), (truncated(), "no ONNX network|empty"), (b"", "no ONNX|empty")],
+)
+def test_a_file_that_is_no_detector(tmp_path: Path, content: bytes, said: str) -> None:
+    path = tmp_path / "bad.onnx"
+    path.write_bytes(content)
+    with pytest.raises(DetectorError, match=said):
+        OnnxDetector(path, names=NAMES)
+
+
+def test_a_file_that_is_missing_and_an_input_that_does_not_fit(tmp_path: Path) -> None:
+    with pytest.raises(DetectorError, match=r"no file 'none\.onnx'"):
+        OnnxDetector(tmp_path / "none.onnx", names=NAMES)
+    wrong = OnnxDetector(detector(tmp_path, "v8")._path, names=NAMES, input_px=(48, 48))
+    with pytest.raises(DetectorError, match=r"cannot run|layout"):
+        wrong.detect(picture())
+
+
+@pytest.mark.parametrize(
+    ("shape", "classes", "layout"),
+    [((1, 9, 9), 2, "auto"), ((4, 6), 2, "auto"), ((1, 4, 7), 3, "v5"), ((2, 6, 4), 2, "v8")],
+)
+def test_an_output_of_no_layout(shape: Any, classes: int, layout: Any) -> None:
+    with pytest.raises(DetectorError):
+        decoded(np.zeros(shape, np.float32), classes, layout)
+
+
+def test_candidates_that_are_not_finite_are_left_out() -> None:
+    rows = np.ones((1, 3, 7), np.float32)
+    rows[0, 1, 2] = np.nan
+    rows[0, 2, 0] = np.inf
+    assert len(decoded(rows, 2, "v5").scores) == 1
+
+
+boxes = st.tuples(*[st.floats(0, 50, width=32)] * 2, *[st.floats(1, 50, width=32)] * 2)
+
+
+@given(st.lists(st.tuples(boxes, st.floats(0, 1, width=32), st.integers(0, 2)), max_size=20))
+def test_of_boxes_that_cover_each_other_the_surest_stays(given_boxes: Any) -> None:
+    n = len(given_boxes)
+    array = np.array([b for b, _, _ in given_boxes], np.float32).reshape(n, 4)
+    array[:, 2:] += array[:, :2]
+    scores = np.array([s for _, s, _ in given_boxes], np.float32)
+    kinds = np.array([k for _, _, k in given_boxes], np.int64)
+    found = best(Candidates(array, scores, kinds), 0.3, 0.5)
+    assert [score for _, score, _ in found] == sorted((s for _, s, _ in found), reverse=True)
+    assert all(score >= np.float32(0.3) for _, score, _ in found)
+
+    def overlap(a: Any, b: Any) -> float:
+        w = max(0.0, min(a[2], b[2]) - max(a[0], b[0])) * max(
+            0.0, min(a[3], b[3]) - max(a[1], b[1])
+        )
+        return w / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - w)
+
+    for i, (kind, _, box) in enumerate(found):
+        assert all(k != kind or overlap(b, box) <= 0.5 + 1e-6 for k, _, b in found[:i])
+    if (scores >= 0.3).any():
+        assert found[0][1] == scores.max()
