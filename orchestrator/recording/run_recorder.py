@@ -128,7 +128,8 @@ class RunRecorder:
 
     def frame(self, name: str, t_s: float, frame: bytes) -> None:
         """Record a MAVLink frame that passed the guard."""
-        self._tlogs[name].write(t_s, frame)
+        if name in self._tlogs:
+            self._tlogs[name].write(t_s, frame)
 
     def frames(self, frames: Frames) -> None:
         """Record a perceived picture, and one set of pictures for people."""

@@ -1,23 +1,24 @@
 """Where the vehicles of a run live: in this process under virtual time, else each in its own."""
 
+import asyncio
 import math
+import sys
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from typing import Protocol
 
 from campaigns.setup import VehicleSetup
 from orchestrator.run.setup import RunSetup
+from safety.guard.remote import RemoteGuard
 from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.config import EmbeddedConfig
-from vehicles.embedded.launch import EmbeddedProcess
+from vehicles.embedded.launch import FeedClient
 from vehicles.embedded.settings import ProcessSettings, Start, Surround
 from vehicles.embedded.states import TruthSample
 from vehicles.embedded.surroundings import SceneSurroundings, as_argument, body_of
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.links.base import Link
 from vehicles.links.memory import memory_pair
-from vehicles.links.parse import LinkAddress
-from vehicles.links.udp import UdpLink
 from vehicles.readings import PoseReading
 from worlds.parts import BoxShape
 
@@ -26,6 +27,8 @@ BODY: BoxShape = body_of(Airframe())
 """What judging and physical contact take the embedded vehicle for."""
 _LINK_LATENCY_S = 0.003
 """Each way, as measured between processes on one machine's loopback, rounded up."""
+_FIRST_WORD_S = 20.0
+"""How long a process may take to import, build its physics and send its first datagram."""
 TRUTH_HZ = 125.0
 
 
@@ -43,10 +46,7 @@ class Feed(Protocol):
 
 
 class Hangar(Protocol):
-    """Makes the links to the vehicles of a run, and then starts them."""
-
-    def link(self, vehicle: VehicleSetup) -> Link:
-        """Return the guard's end of the link to a vehicle, not opened yet."""
+    """Starts the vehicles of a run, once the guard holds the links to them."""
 
     async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
         """Start a vehicle whose link is open; leaving the stack stops it. Raises LinkError."""
@@ -91,30 +91,32 @@ class InProcess:
 
 
 class OwnProcesses:
-    """Each vehicle a process of its own on UDP, on ports that were free."""
+    """Each vehicle a process of its own on UDP: a child of the guard's process."""
 
-    def __init__(self, setup: RunSetup) -> None:
+    def __init__(self, setup: RunSetup, guard: RemoteGuard) -> None:
         self._setup = setup
-        self._links: dict[str, UdpLink] = {}
-
-    def link(self, vehicle: VehicleSetup) -> Link:
-        """Return a UDP socket on a port of the system's choice."""
-        link = UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
-        self._links[vehicle.name] = link
-        return link
+        self._guard = guard
 
     async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
-        """Start the vehicle's process; it speaks to the socket that `link` made."""
-        process = EmbeddedProcess(settings=self._settings(vehicle))
-        await stack.enter_async_context(process)
-        return process.feed
+        """Have the guard start the vehicle's process; its feed comes straight to us."""
+        feed = FeedClient(source=vehicle.name)
+        await stack.enter_async_context(feed)
+        settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
+        program = [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()]
+        await self._guard.start(vehicle.name, program)
+        heard = asyncio.create_task(feed.heard.wait(), name=f"first word of {vehicle.name}")
+        try:
+            await self._guard.ended_or(vehicle.name, heard, _FIRST_WORD_S)
+        finally:
+            heard.cancel()
+        return feed
 
     def _settings(self, vehicle: VehicleSetup) -> ProcessSettings:
         setup, frame = self._setup, self._setup.campaign.world.frame
         north_m, east_m, down_m = vehicle.start.position_ned_m
         return ProcessSettings(
             autopilot=vehicle.autopilot,
-            link=f"udpout://127.0.0.1:{self._links[vehicle.name].local_port}",
+            link=f"udpout://127.0.0.1:{self._guard.port(vehicle.name)}",
             seed=vehicle_seed(setup.seed, vehicle.name),
             profile=vehicle.profile,
             source=vehicle.name,
@@ -130,6 +132,8 @@ class OwnProcesses:
             altitude_m=frame.altitude_m,
             parameters=dict(vehicle.params),
             truth_hz=TRUTH_HZ,
+            end_with_stdin=True,
+            end_with_parent=False,
             surroundings=self._surround() if vehicle.name == "real" else None,
         )
 
@@ -142,11 +146,6 @@ class OwnProcesses:
             use="vehicles.embedded.surroundings:from_argument",
             argument=as_argument(world, self._setup.mode, "W"),
         )
-
-
-def hangar_of(setup: RunSetup) -> Hangar:
-    """Return where the vehicles of a run live."""
-    return InProcess(setup) if setup.clock == "virtual" else OwnProcesses(setup)
 
 
 def vehicle_seed(seed: int, name: str) -> int:

@@ -4,15 +4,12 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 
-from orchestrator.run.hangar import SYSTEM_IDS, TRUTH_HZ, Feed, hangar_of
+from orchestrator.run.guarding import Guard, guard_of
+from orchestrator.run.hangar import TRUTH_HZ, Feed
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
-from safety.guard.events import GuardedVehicle
-from safety.guard.shell import GuardLinks, GuardShell, Record
-from vehicles.autopilots.base import Target
-from vehicles.autopilots.registry import autopilot_named
+from safety.guard.shell import Record
 from vehicles.driver import Driver
-from vehicles.links.memory import memory_pair
 
 _OTHERS_TRUTH_HZ = 50.0
 """The truth of a vehicle that nobody judges by it: its camera interpolates, and it is recorded."""
@@ -26,7 +23,7 @@ class Pair:
 
     stations: tuple[Station, ...]
     vehicles: Mapping[str, Feed]
-    guard: GuardShell
+    guard: Guard
 
     def notify(self, event: str, t_s: float) -> None:
         """Tell every vehicle's surroundings that an event of the world happened."""
@@ -40,27 +37,17 @@ async def open_pair(setup: RunSetup, *, record: Record) -> AsyncIterator[Pair]:
 
     Closing stops the vehicles, wherever they are: land before that. Raises LinkError.
     """
-    hangar = hangar_of(setup)
-    links: dict[str, GuardLinks] = {}
-    guarded: dict[str, GuardedVehicle] = {}
+    guard, hangar, links = guard_of(setup, record=record)
     stations: list[Station] = []
     for vehicle in setup.vehicles:
-        inner, outer = memory_pair(name=f"{vehicle.name} guard")
-        links[vehicle.name] = GuardLinks(vehicle=hangar.link(vehicle), orchestrator=inner)
-        guarded[vehicle.name] = GuardedVehicle(
-            autopilot=autopilot_named(vehicle.autopilot),
-            target=Target(SYSTEM_IDS[vehicle.name]),
-            fence=setup.campaign.fence,
-        )
         driver = Driver(
             name=vehicle.name,
-            link=outer,
+            link=links[vehicle.name],
             autopilot=vehicle.autopilot,
             start=vehicle.start,
             max_clock_drift=_CLOCK_DRIFT,
         )
         stations.append(Station(vehicle.name, driver, vehicle.start, vehicle.pose_source))
-    guard = GuardShell(vehicles=guarded, links=links, record=record)
     async with AsyncExitStack() as stack:
         await stack.enter_async_context(guard)
         feeds: dict[str, Feed] = {}
@@ -72,7 +59,7 @@ async def open_pair(setup: RunSetup, *, record: Record) -> AsyncIterator[Pair]:
         yield Pair(tuple(stations), feeds, guard)
 
 
-def _wire(station: Station, feed: Feed, guard: GuardShell, *, truth_hz: float) -> None:
+def _wire(station: Station, feed: Feed, guard: Guard, *, truth_hz: float) -> None:
     station.driver.on_estimate(station.take_estimate)
     if station.pose_source == "mocap":
         feed.on_mocap(station.take_mocap)

@@ -25,6 +25,7 @@ from orchestrator.run.perceiving import Perception, build_perception
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from orchestrator.run.synchronisation import Synchronisation
+from orchestrator.run.warming import warm_up
 from safety.guard.events import GuardEvent, decisive
 from vehicles.errors import VehicleError
 from vehicles.links.base import LinkError
@@ -47,6 +48,8 @@ def fly(
 
     disturb: for runs that are to show what a fault leads to.
     """
+    if setup.clock == "wall":
+        warm_up(setup)
     return run_on(setup.clock, _fly(setup, report, inbox, disturb))
 
 

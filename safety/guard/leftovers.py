@@ -18,6 +18,7 @@ from typing import Any
 _END_S = 3.0
 _POLL_S = 0.02
 _FOLDER = "wil-campaign"
+_LONGEST_BASE_BYTES = 107 - len("/wil-campaign/campaign-4194304.sock")
 
 
 class RuntimeFolderError(OSError):
@@ -70,11 +71,13 @@ class GuardRecord:
 def runtime_folder() -> Path:
     """Return the user's own folder for sockets and records; it is made when it is not there.
 
-    XDG_RUNTIME_DIR where there is one, else beneath the folder for temporary files: paths of Unix
-    sockets have at most 107 bytes. Raises RuntimeFolderError when it is not ours alone.
+    XDG_RUNTIME_DIR where there is one that is short enough, else beneath the folder for temporary
+    files: paths of Unix sockets have at most 107 bytes. Raises RuntimeFolderError when it is not
+    ours alone.
     """
     base = os.environ.get("XDG_RUNTIME_DIR", "")
-    folder = Path(base) / _FOLDER if base else Path("/tmp") / f"{_FOLDER}-{os.getuid()}"  # noqa: S108 - checked below
+    fits = bool(base) and len(os.fsencode(base)) <= _LONGEST_BASE_BYTES
+    folder = Path(base) / _FOLDER if fits else Path("/tmp") / f"{_FOLDER}-{os.getuid()}"  # noqa: S108 - checked below
     folder.mkdir(mode=0o700, exist_ok=True)
     about = folder.lstat()
     if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.getuid() or about.st_mode & 0o077:

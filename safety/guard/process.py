@@ -113,9 +113,8 @@ class GuardProcess:
             with ExitStack() as logs:
                 for name in self._names:
                     log = TlogWriter(path=folder / f"{name}.tlog", epoch_s=charter.epoch_s)
-                    self._tlogs[name] = logs.enter_context(log)
-                    # A full disk is told by the guard when it writes; at the close nobody hears.
-                    logs.push(lambda kind, *_: kind is not None and issubclass(kind, OSError))
+                    self._tlogs[name] = log.__enter__()
+                    logs.callback(_close, log)
                 async with AsyncExitStack() as stack:
                     await self._open(stack, charter)
                     await self._over.wait()
@@ -349,6 +348,12 @@ class GuardProcess:
 
     def _note(self, event: str, **details: str | float | bool | None) -> None:
         self._journal.write(asyncio.get_running_loop().time(), event, **details)
+
+
+def _close(log: TlogWriter) -> None:
+    # A full disk is told by the guard when it writes; at the close nobody hears.
+    with contextlib.suppress(OSError):
+        log.__exit__(None, None, None)
 
 
 def _vehicle_link(guarded: Guarded) -> Link:

@@ -83,6 +83,7 @@ class RemoteGuard:
         self._heard: set[str] = set()
         self._children: dict[str, ProcessId] = {}
         self._ended: dict[str, Ended] = {}
+        self._endings: dict[str, asyncio.Event] = {}
         self._waiting: dict[str, asyncio.Future[Message]] = {}
         self._timers: list[asyncio.TimerHandle] = []
         self._aftermath: asyncio.Task[None] | None = None
@@ -211,6 +212,23 @@ class RemoteGuard:
             raise LinkError(f"{name} could not be started: {said}")
         return answer.pid
 
+    async def ended_or(self, name: str, sign: "asyncio.Task[object]", timeout_s: float) -> None:
+        """Wait for a vehicle's sign of life. Raises LinkError when it ends or is too late."""
+        end = self._endings.setdefault(name, asyncio.Event())
+        ended = asyncio.create_task(end.wait(), name=f"end of {name}")
+        try:
+            await asyncio.wait(
+                {sign, ended}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
+            )
+        finally:
+            ended.cancel()
+        if sign.done():
+            return
+        how = self._ended.get(name)
+        said = f"it said nothing for {timeout_s:g} s" if how is None else how.last_words
+        code = "" if how is None else f" (exit status {how.exit_code})"
+        raise LinkError(f"{name} did not start{code}: {said or 'it said nothing'}")
+
     def ended(self, name: str) -> Ended | None:
         """Return how a vehicle's process ended; None while it lives."""
         return self._ended.get(name)
@@ -286,6 +304,7 @@ class RemoteGuard:
                 self._answer(name, message)
             case Ended(name):
                 self._ended[name] = message
+                self._endings.setdefault(name, asyncio.Event()).set()
                 self._answer(name, message)
             case _:
                 self._answer("", message)

@@ -1,7 +1,10 @@
 import asyncio
 import json
 import os
+import shutil
 import signal
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +12,7 @@ import pytest
 from pymavlink import mavutil
 
 from safety.guard.contingency import Phase
-from safety.guard.leftovers import ProcessId, reap_leftovers, records
+from safety.guard.leftovers import ProcessId, reap_leftovers, records, runtime_folder
 from safety.guard.operator_socket import POINTER
 from safety.guard.remote import RemoteGuard
 from tests.safety.remote_rigs import (
@@ -27,13 +30,14 @@ TOKEN = "of the test"  # noqa: S105 - opens nothing
 
 
 @pytest.fixture(autouse=True)
-def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Keep records and sockets of tests apart from those of whoever flies on this machine."""
-    folder = tmp_path / "r"
-    folder.mkdir()
+    # Beneath pytest's folders the path of a socket is too long.
+    folder = Path(tempfile.mkdtemp(prefix="wil-"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    return folder / "wil-campaign"
+    yield folder / "wil-campaign"
+    shutil.rmtree(folder)
 
 
 @pytest.fixture
@@ -95,8 +99,8 @@ async def test_a_position_outside_of_the_fence_brings_both_down(folder: Path) ->
 async def test_killed_orchestrator(folder: Path, runtime: Path) -> None:
     program, pids = await start_orchestrator(folder)
     loop = asyncio.get_running_loop()
-    program.kill()
     killed_s = loop.time()
+    program.kill()
     await program.wait()
     await until(lambda: all(gone(pid) for pid in pids.values()))
     for name in ("real", "twin"):
@@ -115,8 +119,8 @@ async def test_killed_orchestrator(folder: Path, runtime: Path) -> None:
 async def test_stopped_orchestrator(folder: Path) -> None:
     program, pids = await start_orchestrator(folder)
     loop = asyncio.get_running_loop()
-    program.send_signal(signal.SIGSTOP)
     stopped_s = loop.time()
+    program.send_signal(signal.SIGSTOP)
     await until(lambda: "LAND" in [word for _, word in words(folder, "twin")])
     first_s = min(t_s for t_s, word in words(folder, "twin") if word == "HOLD")
     assert first_s - stopped_s < 0.6
@@ -231,3 +235,27 @@ async def test_a_program_that_cannot_start(folder: Path) -> None:
     async with RemoteGuard(charter=charter(folder)) as guard:
         with pytest.raises(LinkError, match="could not be started"):
             await guard.start("real", [str(folder / "no such program")])
+
+
+@pytest.fixture
+def open_runtime(runtime: Path) -> None:
+    runtime.mkdir()
+    runtime.chmod(0o777)
+
+
+@pytest.mark.usefixtures("open_runtime")
+async def test_a_folder_of_sockets_that_others_may_write_to_is_refused(folder: Path) -> None:
+    with pytest.raises(LinkError, match="others may write there"):
+        async with RemoteGuard(charter=charter(folder)):
+            pass
+
+
+def test_a_runtime_folder_too_deep_for_sockets_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deep = tmp_path / ("d" * 100)
+    deep.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
+    folder = runtime_folder()
+    assert folder.name == f"wil-campaign-{os.getuid()}"
+    assert len(str(folder)) < 72

@@ -1,0 +1,28 @@
+"""What takes its time once in a process is done before the loop runs, not in flight.
+
+Compiled kernels are loaded, or compiled, at their first call, with the interpreter's lock held
+for most of a second: the guard would take that for an orchestrator that is dead.
+"""
+
+import math
+
+from orchestrator.run.hangar import BODY
+from orchestrator.run.setup import RunSetup
+from worlds.camera import Intrinsics
+from worlds.clearance import ClearanceProbe
+from worlds.frames import Pose
+from worlds.render.renderer import Renderer
+
+_FAR_M = 1000.0
+_SMALL = Intrinsics.from_fov(64, 48, math.radians(60.0))
+
+
+def warm_up(setup: RunSetup) -> None:
+    """Measure once to what stands there, and render once what the run's cameras will see."""
+    probe = ClearanceProbe(setup.judged_scene, BODY, within_m=_FAR_M)
+    probe.sweep(Pose((0.0, 0.0, -1.0)), 0.0, Pose((0.1, 0.0, -1.0)), 0.1)
+    if any(vehicle.cameras for vehicle in setup.vehicles):
+        for scene in {id(one): one for one in (setup.real_scene, setup.virtual_scene)}.values():
+            renderer = Renderer(scene)
+            for ids in (False, True):
+                renderer.render(Pose((0.0, 0.0, -1.0)), _SMALL, 0.0, {}, want_ids=ids)

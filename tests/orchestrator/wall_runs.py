@@ -1,0 +1,108 @@
+"""What tests with real processes share: a campaign flown under the wall clock, and what is left."""
+
+import asyncio
+import json
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+ROOT = Path(__file__).parents[2]
+PATIENT = (
+    *(
+        f"vehicles.{name}.sensors.camera.{key}={value}"
+        for name in ("real", "twin")
+        for key, value in (("width_px", 160), ("height_px", 120))
+    ),
+    *(f"sync.max_{what}_skew_s=10" for what in ("command", "takeoff", "t0")),
+    "oracles.link.max_gap_s=20",
+)
+"""Small pictures, and limits that a loaded machine does not exceed: what is tested is who lives."""
+
+
+@dataclass(frozen=True)
+class Landed:
+    """What a program that flew left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+class Program:
+    """`wil-campaign run` as a process of its own, on the wall clock; an async context manager."""
+
+    def __init__(self, out: Path, *arguments: str, runtime: Path | None = None) -> None:
+        self.out = out
+        # Beneath pytest's folders the path of a socket is too long.
+        self.runtime = runtime or Path(tempfile.mkdtemp(prefix="wil-"))
+        self._arguments = arguments
+
+    async def __aenter__(self) -> Self:
+        sets = [word for one in PATIENT for word in ("--set", one)]
+        self.process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "orchestrator.cli", "run", "campaigns/gate.yaml"),
+            *("--clock", "wall", "--case", "large", "--repetitions", "1", "--jobs", "1"),
+            *("--out", str(self.out), *sets, *self._arguments),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            cwd=ROOT,
+            env=self.environment,
+            start_new_session=True,
+        )
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        if self.process.returncode is None:
+            self.process.kill()
+        await self.process.communicate()
+        shutil.rmtree(self.runtime)
+
+    @property
+    def environment(self) -> dict[str, str]:
+        return {**os.environ, "XDG_RUNTIME_DIR": str(self.runtime), "PYTHONPATH": str(ROOT)}
+
+    async def end(self, timeout_s: float = 90.0) -> Landed:
+        async with asyncio.timeout(timeout_s):
+            out, err = await self.process.communicate()
+        return Landed(self.process.returncode or 0, out.decode(), err.decode())
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the campaign, once there is one."""
+        return next(iter((self.out / "gate").iterdir()))
+
+    def run_folder(self, mode: str = "wil") -> Path:
+        return self.folder / "large" / mode / "1"
+
+    async def stage(self, stage: str, mode: str = "wil", timeout_s: float = 60.0) -> None:
+        """Wait until the run has reached a stage."""
+
+        def there() -> bool:
+            try:
+                return stage in stages(self.run_folder(mode))
+            except (OSError, StopIteration):
+                return False
+
+        await until(there, timeout_s)
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    """Return the objects of a file of JSON lines, the last one perhaps not yet whole."""
+    whole = path.read_text("utf-8").rpartition("\n")[0]
+    return [json.loads(line) for line in whole.splitlines()]
+
+
+def stages(folder: Path) -> list[str]:
+    return [line["stage"] for line in lines(folder / "log.jsonl") if line["event"] == "stage"]
+
+
+async def until(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
+    """Wait until a condition of other processes holds."""
+    async with asyncio.timeout(timeout_s):
+        while not condition():  # noqa: ASYNC110 - other processes set no event of ours
+            await asyncio.sleep(0.02)
