@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from safety.geofence import Fence
 from safety.guard.charter import GuardCharter, Guarded
-from safety.guard.events import GuardedVehicle
+from safety.guard.events import GuardedVehicle, GuardSettings
 from safety.guard.remote import RemoteGuard
 from safety.samples import PoseSample
 from vehicles.autopilots.base import Target, command_long
@@ -23,6 +23,8 @@ ROOT = Path(__file__).parents[2]
 SYSTEMS = {"real": 1, "twin": 2}
 FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))
 DRIVER = Codec(system_id=245, component_id=190)
+PATIENT = GuardSettings(orchestrator_silent_s=5.0)
+"""A test on a loaded machine may be silent for longer than an orchestrator may."""
 
 
 def charter(folder: Path, **more: Any) -> GuardCharter:
@@ -46,7 +48,8 @@ class RemoteFlight:
     def __init__(self, folder: Path, *, up_m: float = 0.4, **charter_fields: Any) -> None:
         self.folder = folder
         self.guard = RemoteGuard(
-            charter=charter(folder, **charter_fields), record=lambda *row: self.wire.append(row)
+            charter=charter(folder, **{"settings": PATIENT, **charter_fields}),
+            record=lambda *row: self.wire.append(row),
         )
         self.up_m = up_m
         self.wire: list[tuple[str, float, bytes]] = []
@@ -142,7 +145,7 @@ async def start_orchestrator(folder: Path) -> tuple[asyncio.subprocess.Process, 
 
 
 async def _orchestrate(folder: Path, last: Callable[[], Awaitable[Any]]) -> None:
-    async with RemoteFlight(folder, up_m=0.6) as flight:
+    async with RemoteFlight(folder, up_m=0.6, settings=GuardSettings()) as flight:
         sys.stdout.write(json.dumps({"guard": flight.guard.pid, **flight.pids}) + "\n")
         sys.stdout.flush()
         await last()
