@@ -15,7 +15,7 @@ from vehicles.driver.commands import Commander
 from vehicles.driver.estimates import EstimateListener, Estimates
 from vehicles.driver.identifying import find_vehicle, request_identity
 from vehicles.driver.identity import Identity
-from vehicles.driver.parameters import Parameters
+from vehicles.driver.onboard import Onboard
 from vehicles.driver.presence import Presence
 from vehicles.driver.session import Session
 from vehicles.driver.setpointing import SetpointSender
@@ -81,7 +81,8 @@ class Driver:
             session=self._session, silence_s=silence_s, on_lost=self._lost, on_back=self._back
         )
         self._commander = Commander(session=self._session, circumstances=self._circumstances)
-        self.parameters = Parameters(session=self._session)
+        self.onboard = Onboard(session=self._session, circumstances=self._circumstances)
+        self.parameters = self.onboard.parameters
         self.clock = VehicleClock(own_id=own_system_id, max_drift=max_clock_drift)
         self._clocking = Clocking(session=self._session, clock=self.clock)
         self._estimates = Estimates(session=self._session, clock=self.clock)
@@ -162,7 +163,7 @@ class Driver:
             target=target,
             timeout_s=max(deadline_s - loop.time(), _ANSWER_WITHIN_S),
         )
-        self.parameters.use_bytewise(autopilot.parameters_bytewise)
+        self.onboard.identified(autopilot, identity)
         self._status = status = Status(
             session=self._session,
             autopilot=autopilot,

@@ -2,16 +2,22 @@
 
 import asyncio
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from vehicles.driver.parameter_context import (
+    ParameterContext,
+    ParameterValue,
+    Restored,
+    restore_leftovers,
+)
 from vehicles.driver.session import Session
 from vehicles.errors import ParameterError
 from vehicles.mavlink.names import enum_name
-
-ParameterValue = int | float
 
 _DOUBTS = 2
 """How often an answer with another value is doubted before it is believed."""
@@ -74,6 +80,7 @@ class Parameters:
         self._timeout_s = timeout_s
         self._tries = tries
         self._bytewise = False
+        self._vehicle = ""
         self._turn = asyncio.Lock()
         self._waiting: tuple[str, asyncio.Future[_Answer]] | None = None
         session.on(mavlink.MAVLINK_MSG_ID_PARAM_VALUE, self._value_came)
@@ -82,6 +89,26 @@ class Parameters:
     def use_bytewise(self, bytewise: bool) -> None:
         """Say how the autopilot encodes integers."""
         self._bytewise = bytewise
+
+    def use_identity(self, vehicle: str) -> None:
+        """Say whose parameters they are, by a name that is the same at the next start."""
+        self._vehicle = vehicle
+
+    def changed(
+        self, changes: Mapping[str, ParameterValue], *, journal: Path | None = None
+    ) -> ParameterContext:
+        """Return an async context manager in which parameters are changed, in this order.
+
+        journal: a folder that keeps what they were until they are set back, so that
+        `restore_leftovers` can do so at the next start after a crash.
+        """
+        return ParameterContext(
+            access=self, vehicle=self._vehicle, changes=changes, journal=journal
+        )
+
+    async def restore_leftovers(self, folder: Path) -> Restored:
+        """Set back what killed runs have left changed in this vehicle. Raises ParameterError."""
+        return await restore_leftovers(folder, access=self, vehicle=self._vehicle)
 
     async def get(self, name: str) -> ParameterValue:
         """Return a parameter's value, an int where it is one.

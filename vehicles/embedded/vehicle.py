@@ -202,11 +202,13 @@ class EmbeddedVehicle:
         if self._mocap.is_due(steps):
             self._mocap.take(body.sample(t_s))
 
-    def _on_bytes(self, data: bytes, _: float) -> None:
+    def _on_bytes(self, data: bytes, t_s: float) -> None:
         if self._muted or not self._alive:
             return
+        # Steps are taken a few at a time: the clock of the last one may be 8 ms behind.
+        arrived_s = (t_s - self._step_s(self._boot_step)) * self._drift
         for message in self._codec.parse(data):
-            self._autopilot.handle(message)
+            self._autopilot.handle(message, arrived_s)
         self._flush()
         if self._autopilot.reboot_asked:
             self._reboot()

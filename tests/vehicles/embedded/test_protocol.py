@@ -82,12 +82,13 @@ def test_ardupilot_parameters_are_cast(rig: Any, virtually: Scenario) -> None:
 def test_answers_timesync_and_ping(rig: Any, virtually: Scenario, autopilot: str) -> None:
     async def scenario() -> None:
         async with rig(autopilot=autopilot) as r:
-            await asyncio.sleep(2.0)
+            # Not at a step of the vehicle: these are taken in pairs, 8 ms apart.
+            await asyncio.sleep(2.0057)
             r.send(mavlink.MAVLink_timesync_message(0, 123456789))
             r.send(mavlink.MAVLink_ping_message(5, 6, 0, 0))
             await asyncio.sleep(0.05)
             answer = next(m for m in r.of("TIMESYNC") if m.ts1 == 123456789)
-            assert answer.tc1 / 1e9 == pytest.approx(2.0, abs=0.02)
+            assert answer.tc1 / 1e9 == pytest.approx(2.0057 + 0.003, abs=2e-4)
             ping = r.last["PING"]
             assert (ping.time_usec, ping.seq, ping.target_system) == (5, 6, 255)
             # An answer is not answered.

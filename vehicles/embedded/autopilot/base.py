@@ -24,6 +24,8 @@ from vehicles.embedded.autopilot.commands import (
 )
 from vehicles.embedded.autopilot.fence import Fence, FenceError, fence_of
 from vehicles.embedded.autopilot.flight import Flight, FlightStyle
+from vehicles.embedded.autopilot.log_formats import DataFlash, ULog
+from vehicles.embedded.autopilot.logs import FlightLogs
 from vehicles.embedded.autopilot.outbox import Outbox
 from vehicles.embedded.autopilot.parameters import Parameters, ParameterServer
 from vehicles.embedded.autopilot.state import Identity, State
@@ -68,10 +70,17 @@ class EmbeddedAutopilot(ABC):
             accept=self._accept_items,
             home=None if self.is_px4 else self._home_item,
         )
+        log_format = ULog if self.is_px4 else DataFlash
+        self.logs = FlightLogs(
+            send=self.outbox.send,
+            begin=lambda t_us: log_format(t_us, parameters),
+            first=0 if self.is_px4 else 1,
+        )
         self.never_ready = False
         self.refusal: str | None = None
         """Faults for tests: it never becomes ready, it refuses to arm for this reason."""
         self.reboot_asked = False
+        self._arrived_s = 0.0
         self._parameter_server = ParameterServer(parameters, strict=self.is_px4)
         self._commands = marked(type(self), "mav_commands")
         self._messages = marked(type(self), "mav_messages")
@@ -122,14 +131,18 @@ class EmbeddedAutopilot(ABC):
 
     # The loop.
 
-    def handle(self, message: Any) -> None:
-        """Take one MAVLink message; what is for others is left alone."""
+    def handle(self, message: Any, arrived_s: float) -> None:
+        """Take one MAVLink message; what is for others is left alone.
+
+        arrived_s: when it came, which is after the last step and before the next.
+        """
         system = getattr(message, "target_system", 0)
         component = getattr(message, "target_component", 0)
         if system not in {0, self.identity.system_id} or component not in {0, COMPONENT}:
             return
         name = self._messages.get(message.get_type())
         if name is not None:
+            self._arrived_s = arrived_s
             getattr(self, name)(message)
             self.outbox.release()
 
@@ -145,6 +158,7 @@ class EmbeddedAutopilot(ABC):
         if turn:
             self.supervise()
             self.missions.turn(clock_s)
+            self.logs.turn(clock_s, armed=self.flight.armed, now=now)
             for message in self._parameter_server.due():
                 self.outbox.send(message)
             self.outbox.turn(texts_heard=self._hears_texts())
@@ -177,7 +191,7 @@ class EmbeddedAutopilot(ABC):
     @on_message("TIMESYNC")
     def _on_timesync(self, message: Any) -> None:
         if message.tc1 == 0:
-            now_ns = self.state.boot_us * 1000
+            now_ns = self.state.stamp_us(self._arrived_s) * 1000
             self.outbox.send(mavlink.MAVLink_timesync_message(now_ns, message.ts1))
 
     @on_message("PING")
@@ -186,9 +200,9 @@ class EmbeddedAutopilot(ABC):
             peer = (message.get_srcSystem(), message.get_srcComponent())
             self.outbox.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *peer))
 
-    @on_message("LOG_REQUEST_LIST")
-    def _on_log_list(self, _: Any) -> None:
-        self.outbox.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
+    @on_message("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_REQUEST_END", "LOG_ERASE")
+    def _on_logs(self, message: Any) -> None:
+        self.logs.handle(message)
 
     @on_message("PARAM_REQUEST_LIST")
     def _on_parameter_list(self, _: Any) -> None:

@@ -17,6 +17,7 @@ _KINDS = {
     "float": mavlink.MAV_PARAM_TYPE_REAL32,
 }
 _BYTEWISE_FORMATS = {mavlink.MAV_PARAM_TYPE_INT32: "<i", mavlink.MAV_PARAM_TYPE_REAL32: "<f"}
+_REAL32: int = mavlink.MAV_PARAM_TYPE_REAL32
 NO_INDEX = 65535
 """What ArduPilot gives as the index of a parameter that was not asked for by index."""
 
@@ -56,6 +57,11 @@ class Parameters:
     def kind(self, name: str) -> int:
         """Return the MAV_PARAM_TYPE."""
         return self._entries[name].kind
+
+    def is_whole(self, name: str) -> bool:
+        """Return whether it is an integer."""
+        kind = self._entries[name].kind
+        return kind != _REAL32
 
     def index(self, name: str) -> int:
         """Return the place in the list."""

@@ -48,7 +48,11 @@ class State:
     @property
     def boot_us(self) -> int:
         """Return the clock in us."""
-        return int((self.clock_s + self.clock_offset_s) * 1e6 + 1e-3)
+        return self.stamp_us(self.clock_s)
+
+    def stamp_us(self, clock_s: float) -> int:
+        """Return how a moment of the vehicle's clock is stamped, us."""
+        return int((clock_s + self.clock_offset_s) * 1e6 + 1e-3)
 
     @property
     def home_down_m(self) -> float:
