@@ -97,10 +97,13 @@ def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
             vehicle=name,
             start=setup.vehicles[name].start,
             probe=_NothingNear(),
+            things=scene.names,
+            probe_of=lambda _: _NothingNear(),
             gates={gate: _AnyGate() for gate in (*openings, *setup.goal.gates)},
             route=setup.goal.gates,
             target_ned_m=setup.goal.position_ned_m,
             fence=setup.fence,
+            frame=setup.world.frame,
         )
         for name in FLIES[mode]
     }
@@ -109,7 +112,9 @@ def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
         try:
             build_oracles([use], contexts)
         except OracleError as error:
-            yield files.campaign.problem(("oracles", use.name), str(error), key=True)
+            path: Path = ("oracles", use.name, *((error.key,) if error.key else ()))
+            said = str(error)
+            yield files.campaign.problem(path, said, error.suggestion, key=not error.key)
 
 
 def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator[Problem]:

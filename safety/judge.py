@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from safety.oracles import registry
-from safety.oracles.base import Oracle, OracleContext, OracleError, Parameters
+from safety.oracles.base import Oracle, OracleContext, OracleError, Parameters, Terms
 from safety.oracles.vehicle import Landed
 from safety.results import Flag, OracleResult
 from safety.samples import HeardSample, PoseSample, StageSample, StateSample
@@ -36,7 +36,7 @@ def build_oracles(
     """
     oracles = [oracle for use in uses for oracle in _of_use(use, contexts)]
     if "real" in contexts and not any(_is_final(oracle) for oracle in oracles):
-        oracles.append(Landed(name="landed_always", vehicle="real", required=True))
+        oracles.append(Landed(Terms(name="landed_always", vehicle="real", required=True)))
     _require_unique(oracles)
     return tuple(oracles)
 
@@ -51,9 +51,9 @@ def _of_use(use: OracleUse, contexts: Mapping[str, OracleContext]) -> Iterable[O
     named, required = use.parameters.vehicle, use.parameters.required
     for vehicle, context in contexts.items():
         if vehicle == (named or context.subject):
-            yield spec.factory(use.name, required, use.parameters, context)
+            yield spec.build(use.name, use.parameters, context, required=required)
         elif named is None and not spec.pair_only:
-            yield spec.factory(use.name, False, use.parameters, context)
+            yield spec.build(use.name, use.parameters, context, required=False)
 
 
 def _is_final(oracle: Oracle) -> bool:
@@ -79,10 +79,11 @@ class Judge:
     def __init__(self, oracles: Iterable[Oracle]) -> None:
         self.oracles = tuple(oracles)
         self._required = {source_of(o.name, o.vehicle) for o in self.oracles if o.required}
+        self._fail_fast = {source_of(o.name, o.vehicle) for o in self.oracles if o.terms.fail_fast}
         self._poses = self._table("on_pose")
         self._states = self._table("on_state")
         self._heards = self._table("on_heard")
-        self._stages = [o for o in self.oracles if _overrides(o, "on_stage")]
+        self._stages = self.oracles
         self._ticks = [o.on_tick for o in self.oracles if _overrides(o, "on_tick")]
         self._flags: list[Flag] = []
         self._events: list[DecisiveEvent] = []
@@ -125,6 +126,10 @@ class Judge:
     def tick(self, t_s: float) -> tuple[Flag, ...]:
         """Take that time has passed (10 Hz is plenty); returns new flags."""
         return self._feed(self._ticks, t_s)
+
+    def ends_flight(self, event: DecisiveEvent) -> bool:
+        """Return whether the vehicles are to come down for a decisive event, now."""
+        return event.kind != "FAIL" or event.source in self._fail_fast
 
     def results(self, t_s: float) -> tuple[OracleResult, ...]:
         """Return every oracle's result as it stands at `t_s`, in the campaign's order."""

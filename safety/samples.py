@@ -29,7 +29,8 @@ class StateSample:
     """What a vehicle says of itself.
 
     mode_name: the autopilot's own word. landed: None while unknown. fault: what is wrong with it
-    in words, None while nothing is. battery_fraction: 0 to 1, None when unknown.
+    in words, None while nothing is; estimator_fault: the same of its estimator alone.
+    battery_fraction: 0 to 1, battery_v: volts; None when unknown.
     """
 
     t_s: float
@@ -40,6 +41,8 @@ class StateSample:
     landed: bool | None = None
     fault: str | None = None
     battery_fraction: float | None = None
+    battery_v: float | None = None
+    estimator_fault: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ _LIKE_ENOUGH = 0.6
 _UNITS = (
     "deg_s", "rad_s", "m_s2", "m_s", "km_h", "kmh", "kph", "mph", "knots", "kn", "fps", "px",
     "deg", "rad", "ms", "us", "ns", "min", "hz", "khz", "mm", "cm", "km", "ft", "feet", "inch",
-    "kg", "lb", "mah", "wh", "m", "s", "g", "v", "a", "w",
+    "percent", "kg", "lb", "mah", "wh", "m", "s", "g", "v", "a", "w",
 )
 # fmt: on
 
@@ -63,12 +63,14 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
+def unit_of(key: str) -> str:
+    """Return the unit that a key ends with, as keys write it ('m_s'); empty without one."""
+    return next((unit for unit in _UNITS if key.endswith("_" + unit)), "")
+
+
 def stem_of(key: str) -> str:
     """Return a key without its unit: 'speed_m_s' and 'speed_kmh' are both 'speed'."""
-    for unit in _UNITS:
-        if key.endswith("_" + unit):
-            return key[: -len(unit) - 1]
-    return key
+    return key.removesuffix("_" + unit_of(key)) if unit_of(key) else key
 
 
 def closest(word: str, known: Iterable[str]) -> str:

@@ -13,9 +13,9 @@ from campaigns.schema.campaign import (
     PositionPart,
     SyncPart,
 )
-from campaigns.schema.fence import AreaPart, FencePart
 from campaigns.schema.sensors import CameraPart, MountPart, SensorPart
 from campaigns.schema.vehicles import VEHICLES, StartPart, VehicleName, VehiclePart, VehiclesPart
+from safety.fence_parts import AreaPart, FencePart
 
 __all__ = [
     "DEFAULT_CASE",

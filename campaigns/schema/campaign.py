@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
 
 from campaigns.acceptance import parse_share
-from campaigns.schema.fence import FencePart
 from campaigns.schema.vehicles import VehiclesPart
+from safety.fence_parts import FencePart
 from worlds.documents import KeyFaultError, Part
 
 Mode = Literal["sim", "wil", "real"]

@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -13,10 +14,11 @@ from orchestrator.cli.streams import out
 from orchestrator.cli.text import table
 from recipes.registry import steps
 from safety.oracles import registry
+from safety.oracles.described import ParameterDoc, common_parameters, described
 from worlds.documents import BadInput, load
 
 What = Literal["campaigns", "operators", "autonomies", "oracles"]
-Row = dict[str, str]
+Row = dict[str, Any]
 
 
 def list_things(
@@ -35,8 +37,10 @@ def list_things(
     rows = _LISTS[what]()
     if json_:
         out(json.dumps(rows, indent=2, ensure_ascii=False))
+    elif what == "oracles":
+        out(_oracle_text())
     elif rows:
-        out(table(tuple(rows[0]), [tuple(row.values()) for row in rows]))
+        out(table(tuple(rows[0]), [tuple(map(str, row.values())) for row in rows]))
     return 0
 
 
@@ -73,14 +77,39 @@ def _autonomies() -> list[Row]:
     return [{"name": each.name, "summary": each.summary} for each in shipped_autonomies()]
 
 
-def _oracles() -> list[Row]:
+def _oracle_rows() -> list[Row]:
+    return [asdict(described(spec)) for _, spec in sorted(registry.items())]
+
+
+def _oracle_text() -> str:
+    """Return each oracle with its parameters beneath, and at the end what all of them take."""
+    lines: list[str] = []
+    for _, spec in sorted(registry.items()):
+        doc = described(spec)
+        fast = "; lands at once when it fails" if doc.fail_fast else ""
+        lines += [
+            f"{doc.name}: {doc.summary} ({doc.window}{fast})",
+            *_parameter_lines(doc.parameters),
+        ]
+    return "\n".join([*lines, "", "every oracle takes", *_parameter_lines(common_parameters())])
+
+
+def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
+    if not parameters:
+        return []
+    rows = [
+        (
+            f"    {each.name}",
+            f"{each.takes}{', ' if each.unit else ''}{each.unit}",
+            "needed" if each.needed else each.default,
+            each.meaning,
+        )
+        for each in parameters
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
     return [
-        {
-            "name": name,
-            "parameters": ", ".join(spec.parameters.model_fields),
-            "summary": spec.summary,
-        }
-        for name, spec in sorted(registry.items())
+        "  ".join(cell.ljust(width) for cell, width in zip(row, (*widths, 0), strict=True)).rstrip()
+        for row in rows
     ]
 
 
@@ -88,5 +117,5 @@ _LISTS: dict[What, Callable[[], list[Row]]] = {
     "campaigns": _campaigns,
     "operators": _operators,
     "autonomies": _autonomies,
-    "oracles": _oracles,
+    "oracles": _oracle_rows,
 }

@@ -16,8 +16,6 @@ from vehicles.embedded.states import TruthSample
 
 TICK_HZ = 10.0
 _JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
-_FLIGHT_ENDS = frozenset({"time_limit", "vehicle_fault"})
-"""Kinds of oracle whose decisive flag leaves nothing to fly for; the fence is the guard's."""
 
 _JUDGED_EVERY_S = 0.018
 """50 poses a second are judged: between two, a vehicle that brakes at 3 m/s^2 leaves the straight
@@ -120,20 +118,18 @@ class Bench:
             self._watch(flag)
         for event in self._judge.decisive[self._told :]:
             self._told += 1
-            kind = self._kinds.get(event.source.partition("/")[0], "")
             self._course.decide(
                 event.kind,
                 event.text,
                 t_s=event.t_s,
                 source=event.source,
-                ends_flight=kind in _FLIGHT_ENDS or event.kind != "FAIL",
+                ends_flight=self._judge.ends_flight(event),
             )
 
 
 def state_sample(name: str, state: VehicleState, t_s: float) -> StateSample:
     """Return what a vehicle says of itself, as judging wants it."""
     faults = [*state.faults, *(["failsafe"] if state.failsafe else [])]
-    remaining = None if state.battery is None else state.battery.remaining
     return StateSample(
         t_s=t_s,
         vehicle=name,
@@ -142,5 +138,7 @@ def state_sample(name: str, state: VehicleState, t_s: float) -> StateSample:
         mode_name=state.mode_name,
         landed=None if state.landed == "unknown" else state.landed == "on_ground",
         fault="; ".join(faults) or None,
-        battery_fraction=remaining,
+        battery_fraction=None if state.battery is None else state.battery.remaining,
+        battery_v=None if state.battery is None else state.battery.voltage_v,
+        estimator_fault="; ".join(state.faults) or None,
     )

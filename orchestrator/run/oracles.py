@@ -1,6 +1,7 @@
 """The judge of a run: the campaign's oracles with the world that they judge."""
 
 from collections.abc import Mapping
+from functools import partial
 
 from orchestrator.run.hangar import BODY
 from orchestrator.run.setup import RunSetup
@@ -8,6 +9,9 @@ from safety.judge import Judge, build_oracles
 from safety.oracles.base import OracleContext
 from safety.oracles.gates import gates_of
 from worlds.clearance import ClearanceProbe
+from worlds.scene import Scene
+
+_ANY_DISTANCE_M = 1e6
 
 
 def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
@@ -20,12 +24,20 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
             vehicle=vehicle.name,
             start=vehicle.start,
             probe=ClearanceProbe(scene, BODY),
+            things=scene.names,
+            probe_of=partial(_probe_of, scene),
             gates=gates_of(scene),
             route=setup.campaign.goal.gates,
             target_ned_m=setup.campaign.goal.position_ned_m,
             fence=setup.campaign.fence,
+            frame=setup.campaign.world.frame,
             events=events,
         )
         for vehicle in setup.vehicles
     }
     return Judge(build_oracles(setup.campaign.oracles, contexts))
+
+
+def _probe_of(scene: Scene, name: str) -> ClearanceProbe:
+    """Return a probe of one thing alone, that tells its distance however far it is."""
+    return ClearanceProbe(Scene((scene[name],)), BODY, within_m=_ANY_DISTANCE_M)

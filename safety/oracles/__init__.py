@@ -1,6 +1,6 @@
 """Oracles: what a campaign may have judged; importing this fills the registry."""
 
-from safety.oracles import area, contact, goal, pair, vehicle
+from safety.oracles import area, contact, distance, goal, health, motion, pair, vehicle
 from safety.oracles.base import (
     Oracle,
     OracleContext,
@@ -20,7 +20,10 @@ __all__ = [
     "RunMode",
     "area",
     "contact",
+    "distance",
     "goal",
+    "health",
+    "motion",
     "pair",
     "registry",
     "vehicle",

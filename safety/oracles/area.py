@@ -1,9 +1,10 @@
-"""Where the vehicle may be: the geofence and the height."""
+"""Where the vehicle may be: the geofence, an area of the campaign's own, and the height."""
 
-from typing import Self
+from typing import Annotated
 
-from pydantic import model_validator
+from pydantic import Field
 
+from safety.fence_parts import FencePart
 from safety.geofence import Fence
 from safety.oracles.base import (
     NO_FLAGS,
@@ -11,157 +12,99 @@ from safety.oracles.base import (
     Oracle,
     OracleContext,
     OracleError,
-    Parameters,
-    Stages,
+    Terms,
+    Windowed,
     oracle,
 )
-from safety.results import OracleResult
-from safety.samples import PoseSample, StageSample
+from safety.oracles.kept import Band, Kept, limit_of, margin_of
+from safety.samples import PoseSample
 
 
-class AltitudeParameters(Parameters):
+class AltitudeParameters(Band):
     """min_m, max_m: heights over the world's origin, in metres, positive up."""
 
-    min_m: float | None = None
-    max_m: float | None = None
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.min_m is None and self.max_m is None:
-            raise ValueError("give min_m, max_m or both")
-        if self.min_m is not None and self.max_m is not None and self.min_m >= self.max_m:
-            raise ValueError(f"min_m {self.min_m} is not below max_m {self.max_m}")
-        return self
+    min_m: Annotated[
+        float | None, Field(description="lowest height over the world's origin, in the air")
+    ] = None
+    max_m: Annotated[float | None, Field(description="greatest height over the origin")] = None
 
 
-class Geofence(Oracle):
-    """Stays inside of its fence from the takeoff command to the end of the landing.
+class AreaParameters(Windowed):
+    """keep: where it has to stay, said as `geofence` is."""
+
+    keep: Annotated[FencePart, Field(description="where it has to stay; written as `geofence` is")]
+
+
+class Geofence(Kept):
+    """Stays inside of its fence.
 
     actual: the smallest signed distance to the boundary, positive inside; limit 0. The oracle
     judges where the vehicle was; whether it could still have stopped is the guard's business.
     """
 
-    def __init__(self, *, name: str, vehicle: str, required: bool, fence: Fence) -> None:
-        super().__init__(name=name, vehicle=vehicle, required=required)
+    def __init__(self, terms: Terms, *, fence: Fence, what: str = "the fence") -> None:
+        super().__init__(terms, unit="m", limit=0.0)
         self._fence = fence
-        self._stages = Stages()
-        self._worst: tuple[float, float] | None = None
-        self._outside = False
-
-    def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage."""
-        self._stages.reach(sample)
-        return NO_FLAGS
+        self._what = what
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Take a pose; each time the fence is left is a flag."""
-        if not self._stages.flying:
+        if not self.stages.open:
             return NO_FLAGS
         position_ned_m = sample.pose.position_ned_m
         margin_m = self._fence.margin_m(position_ned_m)
-        if self._worst is None or margin_m < self._worst[0]:
-            self._worst = (margin_m, sample.t_s)
-        left, self._outside = margin_m < 0.0 and not self._outside, margin_m < 0.0
-        if not left:
-            return NO_FLAGS
-        side = self._fence.boundary(position_ned_m)
-        return self.flag(sample.t_s, f"{self.vehicle} left the fence by its {side}")
-
-    def result(self, t_s: float) -> OracleResult:
-        """Return the smallest signed distance to the boundary."""
-        del t_s
-        if self._worst is None:
-            return self.verdict(passed=False, limit=0.0, unit="m", detail="no pose seen")
-        margin_m, at_s = self._worst
-        return self.verdict(
-            passed=margin_m >= 0.0,
-            actual=margin_m,
-            limit=0.0,
-            unit="m",
-            margin=margin_m,
-            at_s=at_s,
+        return self.take(
+            sample.t_s,
+            margin_m,
+            margin_m,
+            lambda: (
+                f"{self.vehicle} left {self._what} by its {self._fence.boundary(position_ned_m)}"
+            ),
         )
 
 
-class Altitude(Oracle):
+class Altitude(Kept):
     """Keeps between two heights; the lower one holds from at_height to the landing only."""
 
     def __init__(
-        self,
-        *,
-        name: str,
-        vehicle: str,
-        required: bool,
-        min_m: float | None = None,
-        max_m: float | None = None,
+        self, terms: Terms, *, min_m: float | None = None, max_m: float | None = None
     ) -> None:
-        super().__init__(name=name, vehicle=vehicle, required=required)
+        super().__init__(terms, unit="m", limit=limit_of(min_m, max_m))
         self._min_m = min_m
         self._max_m = max_m
-        self._stages = Stages()
-        self._worst: tuple[float, float, float] | None = None
-        self._outside = False
-
-    def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage."""
-        self._stages.reach(sample)
-        return NO_FLAGS
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Take a pose; each time the band is left is a flag."""
-        if not self._stages.flying:
+        if not self.stages.open:
+            return NO_FLAGS
+        low_m = None if self.stages.near_ground else self._min_m
+        if low_m is None and self._max_m is None:
             return NO_FLAGS
         up_m = -sample.pose.position_ned_m[2]
-        margins_m = []
-        if self._max_m is not None:
-            margins_m.append(self._max_m - up_m)
-        if self._min_m is not None and not self._stages.near_ground:
-            margins_m.append(up_m - self._min_m)
-        if not margins_m:
-            return NO_FLAGS
-        margin_m = min(margins_m)
-        if self._worst is None or margin_m < self._worst[0]:
-            self._worst = (margin_m, up_m, sample.t_s)
-        left, self._outside = margin_m < 0.0 and not self._outside, margin_m < 0.0
-        if not left:
-            return NO_FLAGS
-        return self.flag(sample.t_s, f"{self.vehicle} is {up_m:.2f} m high")
-
-    def result(self, t_s: float) -> OracleResult:
-        """Return the height with the smallest margin."""
-        del t_s
-        limit = self._max_m if self._min_m is None else (self._min_m, self._max_m)
-        if self._worst is None:
-            return self.verdict(passed=False, limit=limit, unit="m", detail="no pose seen")
-        margin_m, up_m, at_s = self._worst
-        return self.verdict(
-            passed=margin_m >= 0.0,
-            actual=up_m,
-            limit=limit,
-            unit="m",
-            margin=margin_m,
-            at_s=at_s,
-        )
+        margin_m = margin_of(up_m, low_m, self._max_m)
+        return self.take(sample.t_s, up_m, margin_m, lambda: f"{self.vehicle} is {up_m:.2f} m high")
 
 
-@oracle("geofence", "stays inside of its geofence", Parameters)
-def geofence(name: str, required: bool, parameters: Parameters, context: OracleContext) -> Oracle:
+@oracle("geofence", "stays inside of its geofence", Windowed)
+def geofence(terms: Terms, parameters: Windowed, context: OracleContext) -> Oracle:
     """Return the oracle of the fence. Raises OracleError when the campaign has none."""
     del parameters
     if context.fence is None:
-        raise OracleError(f"oracle {name!r}: the campaign has no geofence for {context.vehicle!r}")
-    return Geofence(name=name, vehicle=context.vehicle, required=required, fence=context.fence)
+        raise OracleError(
+            f"oracle {terms.name!r}: the campaign has no geofence for {context.vehicle!r}"
+        )
+    return Geofence(terms, fence=context.fence)
+
+
+@oracle("area", "stays in an area of the campaign's own, which no guard watches", AreaParameters)
+def area(terms: Terms, parameters: AreaParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of an area."""
+    del context
+    return Geofence(terms, fence=parameters.keep.fence(), what="its area")
 
 
 @oracle("altitude", "keeps between min_m and max_m over the world's origin", AltitudeParameters)
-def altitude(
-    name: str, required: bool, parameters: AltitudeParameters, context: OracleContext
-) -> Oracle:
+def altitude(terms: Terms, parameters: AltitudeParameters, context: OracleContext) -> Oracle:
     """Return the oracle of height."""
-    return Altitude(
-        name=name,
-        vehicle=context.vehicle,
-        required=required,
-        min_m=parameters.min_m,
-        max_m=parameters.max_m,
-    )
+    del context
+    return Altitude(terms, min_m=parameters.min_m, max_m=parameters.max_m)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated
 
 from pydantic import Field
 
@@ -11,10 +12,10 @@ from safety.oracles.base import (
     Oracle,
     OracleContext,
     OracleError,
-    Parameters,
     Probe,
     Separation,
-    Stages,
+    Terms,
+    Windowed,
     oracle,
 )
 from safety.results import OracleResult
@@ -24,17 +25,21 @@ _CLEAR_AGAIN_M = 0.02
 """A contact is over when the clearance exceeds this: noise of a pose must not count twice."""
 
 
-class ContactParameters(Parameters):
+class ContactParameters(Windowed):
     """exclude: names of objects not judged. ground: objects that one takes off from."""
 
-    exclude: tuple[str, ...] = ()
-    ground: tuple[str, ...] = ()
+    exclude: Annotated[
+        tuple[str, ...], Field(description="objects that may be touched, never judged")
+    ] = ()
+    ground: Annotated[
+        tuple[str, ...], Field(description="objects that one takes off from or lands on")
+    ] = ()
 
 
 class ClearanceParameters(ContactParameters):
     """min_m: the clearance to be kept, in metres."""
 
-    min_m: float = Field(gt=0)
+    min_m: float = Field(gt=0, description="the clearance to be kept")
 
 
 def part_name(separation: Separation) -> str:
@@ -63,7 +68,7 @@ class _Limits(Mapping[tuple[str, bool], float]):
 
 
 class Clearance(Oracle):
-    """The smallest clearance from the takeoff command to the end of the landing.
+    """The smallest clearance, by default from the takeoff command to the end of the landing.
 
     While the vehicle takes off (until at_height) and lands (from land on), the ground does not
     count: floors of rooms, and the objects that `ground` names. In between the ground is an
@@ -72,24 +77,21 @@ class Clearance(Oracle):
 
     def __init__(
         self,
+        terms: Terms,
         *,
-        name: str,
-        vehicle: str,
-        required: bool,
         context: OracleContext,
         min_m: float = 0.0,
         exclude: Iterable[str] = (),
         ground: Iterable[str] = (),
     ) -> None:
-        super().__init__(name=name, vehicle=vehicle, required=required)
+        super().__init__(terms)
         if context.probe is None:
-            raise OracleError(f"oracle {name!r} needs the world of {vehicle!r}")
+            raise OracleError(f"oracle {self.name!r} needs the world of {self.vehicle!r}")
         self._probe: Probe = context.probe
         self._events = context.events
         self._min_m = min_m
         self._exclude = frozenset(exclude)
         self._ground = frozenset(ground) | self._exclude
-        self._stages = Stages()
         self._last: PoseSample | None = None
         self._seen = False
         self._worst: Separation | None = None
@@ -99,8 +101,8 @@ class Clearance(Oracle):
 
     def on_stage(self, sample: StageSample) -> Flags:
         """Take a stage: opens, narrows and closes the window."""
-        self._stages.reach(sample)
-        near_ground = self._stages.near_ground
+        self.stages.reach(sample)
+        near_ground = self.stages.near_ground
         self._limits.floors_ignored = near_ground
         self._limits.ignored = self._ground if near_ground else self._exclude
         return NO_FLAGS
@@ -108,7 +110,7 @@ class Clearance(Oracle):
     def on_pose(self, sample: PoseSample) -> Flags:
         """Sweep from the last pose to this one."""
         last, self._last = self._last or sample, sample
-        if not self._stages.flying:
+        if not self.stages.open:
             return NO_FLAGS
         self._seen = True
         # What is neither nearer than ever nor near an episode costs nothing to leave out.
@@ -171,29 +173,16 @@ class Clearance(Oracle):
 
 
 @oracle("collision", "touches nothing of the judged world", ContactParameters)
-def collision(
-    name: str, required: bool, parameters: ContactParameters, context: OracleContext
-) -> Oracle:
+def collision(terms: Terms, parameters: ContactParameters, context: OracleContext) -> Oracle:
     """Return the oracle that fails on any contact."""
-    return Clearance(
-        name=name,
-        vehicle=context.vehicle,
-        required=required,
-        context=context,
-        exclude=parameters.exclude,
-        ground=parameters.ground,
-    )
+    return Clearance(terms, context=context, exclude=parameters.exclude, ground=parameters.ground)
 
 
 @oracle("clearance", "keeps at least min_m from everything", ClearanceParameters)
-def clearance(
-    name: str, required: bool, parameters: ClearanceParameters, context: OracleContext
-) -> Oracle:
+def clearance(terms: Terms, parameters: ClearanceParameters, context: OracleContext) -> Oracle:
     """Return the oracle that fails when a clearance is not kept."""
     return Clearance(
-        name=name,
-        vehicle=context.vehicle,
-        required=required,
+        terms,
         context=context,
         min_m=parameters.min_m,
         exclude=parameters.exclude,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -13,10 +13,12 @@ from safety.oracles.base import (
     Oracle,
     OracleContext,
     OracleError,
-    Parameters,
-    Stages,
+    Terms,
+    Window,
+    Windowed,
     oracle,
 )
+from safety.oracles.terms import ON_GOAL, FirstStage, LastStage
 from safety.results import OracleResult
 from safety.samples import PoseSample, StageSample
 from worlds.frames import Vec3, norm, subtract
@@ -25,23 +27,45 @@ Direction = Literal["away", "along", "against", "either"]
 """away: from the side on which the vehicle was before; along: the x axis of the gate's object."""
 
 
-class ReachedParameters(Parameters):
+class ReachedParameters(Windowed):
     """gates: names in their order (None: the goal's); direction: which way counts."""
 
-    gates: tuple[str, ...] | None = None
-    direction: Direction = "away"
+    gates: Annotated[
+        tuple[str, ...] | None, Field(description="their names in order; by default the goal's")
+    ] = None
+    direction: Annotated[
+        Direction,
+        Field(description="away from where it came, along or against the gate's x axis, or either"),
+    ] = "away"
 
 
-class ReachedPositionParameters(Parameters):
+class ReachedPositionParameters(Windowed):
     """tolerance_m: how near to the goal's position counts as reached, in metres."""
 
-    tolerance_m: float = Field(gt=0)
+    tolerance_m: float = Field(gt=0, description="how near counts as reached")
 
 
-class TimeLimitParameters(Parameters):
+class TimeLimitParameters(Windowed):
     """limit_s: the most time from the goal (t0) to done, in seconds."""
 
-    limit_s: float = Field(gt=0)
+    limit_s: float = Field(gt=0, description="the most time from stage `from` to stage `to`")
+
+
+_AFTER: dict[FirstStage, str] = {
+    "takeoff": "the takeoff command",
+    "at_height": "being at height",
+    "goal": "its goal",
+    "done": "being done",
+    "land": "the landing command",
+}
+_AT: dict[LastStage, str] = {
+    "at_height": "at height",
+    "goal": "given its goal",
+    "done": "done",
+    "land": "told to land",
+    "landed": "landed",
+    "end": "at the end",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +77,7 @@ class _Passage:
 
 
 class Reached(Oracle):
-    """Flies truly through the opening of each gate, in order, between the goal and the landing.
+    """Flies truly through the opening of each gate, in order.
 
     Judged by the vehicle's centre. actual: the offset with the smallest margin; limit: half of
     that gate's inner size. Passing beside a gate, from the wrong side or out of order is none.
@@ -61,36 +85,28 @@ class Reached(Oracle):
 
     def __init__(
         self,
+        terms: Terms,
         *,
-        name: str,
-        vehicle: str,
-        required: bool,
         route: Sequence[tuple[str, Gate]],
         events: Mapping[str, float],
         direction: Direction = "away",
     ) -> None:
-        super().__init__(name=name, vehicle=vehicle, required=required)
+        super().__init__(terms)
         if not route:
-            raise OracleError(f"oracle {name!r}: the goal names no gate")
+            raise OracleError(f"oracle {self.name!r}: the goal names no gate")
         self._route = tuple(route)
         self._events = events
         self._direction = direction
-        self._stages = Stages()
         self._last: PoseSample | None = None
         self._depth_m: float | None = None
         self._from_behind = False
         self._through: list[_Passage] = []
         self._beside: _Passage | None = None
 
-    def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage; gates count from the goal on."""
-        self._stages.reach(sample)
-        return NO_FLAGS
-
     def on_pose(self, sample: PoseSample) -> Flags:
         """Look whether the way since the last pose leads through the next gate."""
         last, self._last = self._last or sample, sample
-        if self._done or not self._stages.within("goal", "land", "end"):
+        if self._done or not self.stages.open:
             return NO_FLAGS
         name, gate = self._route[len(self._through)]
         here_m = sample.pose.position_ned_m
@@ -165,23 +181,15 @@ class ReachedPosition(Oracle):
     actual: the smallest distance there was; limit: the tolerance.
     """
 
-    def __init__(
-        self, *, name: str, vehicle: str, required: bool, target_ned_m: Vec3, tolerance_m: float
-    ) -> None:
-        super().__init__(name=name, vehicle=vehicle, required=required)
+    def __init__(self, terms: Terms, *, target_ned_m: Vec3, tolerance_m: float) -> None:
+        super().__init__(terms)
         self._target_ned_m = target_ned_m
         self._tolerance_m = tolerance_m
-        self._stages = Stages()
         self._best: tuple[float, float] | None = None
-
-    def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage."""
-        self._stages.reach(sample)
-        return NO_FLAGS
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Take a pose."""
-        if not self._stages.within("goal", "land", "end"):
+        if not self.stages.open:
             return NO_FLAGS
         distance_m = norm(subtract(sample.pose.position_ned_m, self._target_ned_m))
         before_m = self._best[0] if self._best else float("inf")
@@ -210,36 +218,36 @@ class ReachedPosition(Oracle):
 
 
 class TimeLimit(Oracle):
-    """The autonomy says done within a time of being given its goal."""
+    """Gets from one stage to another within a time: by default from the goal to done."""
 
-    def __init__(self, *, name: str, vehicle: str, required: bool, limit_s: float) -> None:
-        super().__init__(name=name, vehicle=vehicle, required=required)
+    def __init__(self, terms: Terms, *, limit_s: float) -> None:
+        super().__init__(terms)
         self._limit_s = limit_s
-        self._stages = Stages()
         self._flagged = False
 
     def on_stage(self, sample: StageSample) -> Flags:
         """Take a stage."""
-        self._stages.reach(sample)
+        self.stages.reach(sample)
         return self.on_tick(sample.t_s)
 
     def on_tick(self, t_s: float) -> Flags:
         """Flag the moment at which the time is up."""
-        start_s = self._stages.at("goal")
+        start_s = self.stages.begin_s
         if start_s is None or self._flagged or t_s - start_s <= self._limit_s:
             return NO_FLAGS
-        end_s = self._stages.at("done")
+        end_s = self._reached_s
         if end_s is not None and end_s - start_s <= self._limit_s:
             return NO_FLAGS
         self._flagged = True
-        text = f"{self.vehicle} was not done {self._limit_s:g} s after its goal"
-        return self.flag(start_s + self._limit_s, text)
+        window = self.terms.window
+        text = f"{self.vehicle} was not {_AT[window.last]} {self._limit_s:g} s after"
+        return self.flag(start_s + self._limit_s, f"{text} {_AFTER[window.first]}")
 
     def result(self, t_s: float) -> OracleResult:
         """Return the time from the goal to done, or to now."""
-        start_s, end_s = self._stages.at("goal"), self._stages.at("done")
+        start_s, end_s, window = self.stages.begin_s, self._reached_s, self.terms.window
         if start_s is None:
-            detail = "the goal was never given"
+            detail = f"the stage '{window.first}' was never reached"
             return self.verdict(passed=False, limit=self._limit_s, unit="s", detail=detail)
         took_s = (t_s if end_s is None else end_s) - start_s
         margin_s = self._limit_s - took_s
@@ -251,52 +259,64 @@ class TimeLimit(Oracle):
             # Time that was left does not excuse that it was never done.
             margin=margin_s if end_s is not None or margin_s < 0.0 else None,
             at_s=start_s + took_s,
-            detail="" if end_s is not None else "never done",
+            detail="" if end_s is not None else f"never {_AT[window.last]}",
         )
 
+    @property
+    def _reached_s(self) -> float | None:
+        # A later stage closes the window, but only the stage itself is what was waited for.
+        return self.stages.at(self.terms.window.last)
 
-@oracle("reached", "flies through the goal's gates, in order and direction", ReachedParameters)
-def reached(
-    name: str, required: bool, parameters: ReachedParameters, context: OracleContext
-) -> Oracle:
+
+@oracle(
+    "reached",
+    "flies through the goal's gates, in order and direction",
+    ReachedParameters,
+    window=ON_GOAL,
+    at_the_end=True,
+)
+def reached(terms: Terms, parameters: ReachedParameters, context: OracleContext) -> Oracle:
     """Return the oracle of gates. Raises OracleError when a gate is not in the world."""
     route = context.route if parameters.gates is None else parameters.gates
     for gate in route:
         if gate not in context.gates:
             known = ", ".join(context.gates) or "none"
             message = f"the judged world has no gate {gate!r} (it has {known})"
-            raise OracleError(f"oracle {name!r}: {message}")
+            raise OracleError(f"oracle {terms.name!r}: {message}")
     return Reached(
-        name=name,
-        vehicle=context.vehicle,
-        required=required,
+        terms,
         route=[(gate, context.gates[gate]) for gate in route],
         events=context.events,
         direction=parameters.direction,
     )
 
 
-@oracle("reached_position", "comes within tolerance_m of its goal", ReachedPositionParameters)
+@oracle(
+    "reached_position",
+    "comes within tolerance_m of its goal's position",
+    ReachedPositionParameters,
+    window=ON_GOAL,
+    at_the_end=True,
+)
 def reached_position(
-    name: str, required: bool, parameters: ReachedPositionParameters, context: OracleContext
+    terms: Terms, parameters: ReachedPositionParameters, context: OracleContext
 ) -> Oracle:
     """Return the oracle of a position goal. Raises OracleError when the goal has no position."""
     if context.target_ned_m is None:
-        raise OracleError(f"oracle {name!r}: the goal names no position")
+        raise OracleError(f"oracle {terms.name!r}: the goal names no position")
     return ReachedPosition(
-        name=name,
-        vehicle=context.vehicle,
-        required=required,
-        target_ned_m=context.target_ned_m,
-        tolerance_m=parameters.tolerance_m,
+        terms, target_ned_m=context.target_ned_m, tolerance_m=parameters.tolerance_m
     )
 
 
-@oracle("time_limit", "is done within limit_s of being given its goal", TimeLimitParameters)
-def time_limit(
-    name: str, required: bool, parameters: TimeLimitParameters, context: OracleContext
-) -> Oracle:
-    """Return the oracle of the time from the goal to done."""
-    return TimeLimit(
-        name=name, vehicle=context.vehicle, required=required, limit_s=parameters.limit_s
-    )
+@oracle(
+    "time_limit",
+    "gets from one stage to another within limit_s",
+    TimeLimitParameters,
+    window=Window("goal", "done"),
+    fail_fast=True,
+)
+def time_limit(terms: Terms, parameters: TimeLimitParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of the time from one stage to another."""
+    del context
+    return TimeLimit(terms, limit_s=parameters.limit_s)

@@ -1,5 +1,7 @@
 """How far real and twin are from each other."""
 
+from typing import Annotated
+
 from pydantic import Field
 
 from safety.oracles.base import (
@@ -7,34 +9,36 @@ from safety.oracles.base import (
     Flags,
     Oracle,
     OracleContext,
-    Parameters,
-    Stages,
+    Terms,
+    Window,
+    Windowed,
     oracle,
 )
 from safety.results import OracleResult
-from safety.samples import PoseSample, StageSample
+from safety.samples import PoseSample
 from worlds.frames import Vec3, add, norm, scale, subtract
 
 
-class TwinDivergenceParameters(Parameters):
+class TwinDivergenceParameters(Windowed):
     """max_m: the largest distance between real and twin, in metres; None only reports it."""
 
-    required: bool = False
-    max_m: float | None = Field(default=None, gt=0)
+    required: Annotated[
+        bool, Field(description="whether its FAIL fails the run; by default it is reported")
+    ] = False
+    max_m: Annotated[
+        float | None, Field(gt=0, description="largest distance; without it, it is only measured")
+    ] = None
 
 
 class TwinDivergence(Oracle):
-    """The distance between real and twin, from the takeoff command to the first landing command.
+    """The distance between real and twin, by default from the takeoff to the landing command.
 
     The two are sampled at different times: the older pose is carried on by its velocity.
     """
 
-    def __init__(
-        self, *, name: str, vehicle: str, required: bool, max_m: float | None = None
-    ) -> None:
-        super().__init__(name=name, vehicle=vehicle, required=required)
+    def __init__(self, terms: Terms, *, max_m: float | None = None) -> None:
+        super().__init__(terms)
         self._max_m = max_m
-        self._stages = Stages()
         self._last: dict[str, PoseSample] = {}
         self._worst: tuple[float, float] | None = None
         self._flagged = False
@@ -44,16 +48,11 @@ class TwinDivergence(Oracle):
         """Return both vehicles."""
         return ("real", "twin")
 
-    def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage."""
-        self._stages.reach(sample)
-        return NO_FLAGS
-
     def on_pose(self, sample: PoseSample) -> Flags:
         """Take a pose of either."""
         self._last[sample.vehicle] = sample
         other = self._last.get("twin" if sample.vehicle == "real" else "real")
-        if other is None or not self._stages.within("takeoff", "land", "landed", "end"):
+        if other is None or not self.stages.open:
             return NO_FLAGS
         distance_m = norm(subtract(sample.pose.position_ned_m, _carried(other, sample.t_s)))
         if self._worst is None or distance_m > self._worst[0]:
@@ -86,11 +85,16 @@ def _carried(sample: PoseSample, t_s: float) -> Vec3:
     return add(sample.pose.position_ned_m, ahead_m)
 
 
-@oracle("twin_divergence", "real and twin stay together", TwinDivergenceParameters, pair_only=True)
+@oracle(
+    "twin_divergence",
+    "real and twin stay together",
+    TwinDivergenceParameters,
+    pair_only=True,
+    window=Window("takeoff", "land"),
+)
 def twin_divergence(
-    name: str, required: bool, parameters: TwinDivergenceParameters, context: OracleContext
+    terms: Terms, parameters: TwinDivergenceParameters, context: OracleContext
 ) -> Oracle:
     """Return the oracle of the distance between the two."""
-    return TwinDivergence(
-        name=name, vehicle=context.vehicle, required=required, max_m=parameters.max_m
-    )
+    del context
+    return TwinDivergence(terms, max_m=parameters.max_m)

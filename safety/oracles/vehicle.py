@@ -8,37 +8,32 @@ from safety.oracles.base import (
     Oracle,
     OracleContext,
     Parameters,
-    Stages,
+    Terms,
+    Windowed,
     oracle,
 )
 from safety.results import OracleResult
 from safety.samples import HeardSample, StageSample, StateSample
 
 
-class LinkParameters(Parameters):
+class LinkParameters(Windowed):
     """max_gap_s: the longest silence of the vehicle that is borne, in seconds."""
 
-    max_gap_s: float = Field(gt=0)
+    max_gap_s: float = Field(gt=0, description="the longest silence that is borne")
 
 
 class VehicleFault(Oracle):
-    """Reports no fault, and does not disarm in flight, from the takeoff command to the landing."""
+    """Reports no fault, and does not disarm in flight, by default from takeoff to the landing."""
 
-    def __init__(self, *, name: str, vehicle: str, required: bool) -> None:
-        super().__init__(name=name, vehicle=vehicle, required=required)
-        self._stages = Stages()
+    def __init__(self, terms: Terms) -> None:
+        super().__init__(terms)
         self._seen = False
         self._was_flying = False
         self._faults: list[tuple[str, float]] = []
 
-    def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage."""
-        self._stages.reach(sample)
-        return NO_FLAGS
-
     def on_state(self, sample: StateSample) -> Flags:
         """Take a state; each new fault is a flag."""
-        if not self._stages.flying:
+        if not self.stages.open:
             return NO_FLAGS
         self._seen = True
         fault = sample.fault
@@ -62,33 +57,32 @@ class VehicleFault(Oracle):
 
 
 class Heard(Oracle):
-    """Is heard without a gap longer than the limit, from the takeoff command to the landing.
+    """Is heard without a gap longer than the limit, by default from takeoff to the landing.
 
     A gap is flagged when it ends: one that does not is the loss of the vehicle, an ERROR that the
     guard tells.
     """
 
-    def __init__(self, *, name: str, vehicle: str, required: bool, max_gap_s: float) -> None:
-        super().__init__(name=name, vehicle=vehicle, required=required)
+    def __init__(self, terms: Terms, *, max_gap_s: float) -> None:
+        super().__init__(terms)
         self._max_gap_s = max_gap_s
-        self._stages = Stages()
         self._since_s: float | None = None
         self._heard = False
         self._worst: tuple[float, float] = (0.0, 0.0)
 
     def on_stage(self, sample: StageSample) -> Flags:
         """Take a stage: the window opens with the takeoff command and closes with the landing."""
-        if self._stages.flying:
+        if self.stages.open:
             self._note(sample.t_s)
-        self._stages.reach(sample)
-        if self._stages.flying and self._since_s is None:
+        self.stages.reach(sample)
+        if self.stages.open and self._since_s is None:
             self._since_s = sample.t_s
             self._worst = (0.0, sample.t_s)
         return NO_FLAGS
 
     def on_heard(self, sample: HeardSample) -> Flags:
         """Take a sign of life; one that ends a gap that was too long is flagged."""
-        if not self._stages.flying or self._since_s is None:
+        if not self.stages.open or self._since_s is None:
             return NO_FLAGS
         since_s, self._since_s, self._heard = self._since_s, sample.t_s, True
         gap_s = sample.t_s - since_s
@@ -117,19 +111,15 @@ class Heard(Oracle):
         )
 
     def _note(self, t_s: float) -> None:
-        if (
-            self._stages.flying
-            and self._since_s is not None
-            and t_s - self._since_s > self._worst[0]
-        ):
+        if self.stages.open and self._since_s is not None and t_s - self._since_s > self._worst[0]:
             self._worst = (t_s - self._since_s, t_s)
 
 
 class Landed(Oracle):
     """Is on the ground and disarmed at the end, by its own last word."""
 
-    def __init__(self, *, name: str, vehicle: str, required: bool) -> None:
-        super().__init__(name=name, vehicle=vehicle, required=required)
+    def __init__(self, terms: Terms) -> None:
+        super().__init__(terms)
         self._last: StateSample | None = None
 
     def on_state(self, sample: StateSample) -> Flags:
@@ -154,25 +144,22 @@ class Landed(Oracle):
         return self.verdict(passed=not faults, at_s=last.t_s, detail=detail)
 
 
-@oracle("vehicle_fault", "reports no fault in flight", Parameters)
-def vehicle_fault(
-    name: str, required: bool, parameters: Parameters, context: OracleContext
-) -> Oracle:
+@oracle("vehicle_fault", "reports no fault in flight", Windowed, fail_fast=True)
+def vehicle_fault(terms: Terms, parameters: Windowed, context: OracleContext) -> Oracle:
     """Return the oracle of the vehicle's own faults."""
-    del parameters
-    return VehicleFault(name=name, vehicle=context.vehicle, required=required)
+    del parameters, context
+    return VehicleFault(terms)
 
 
 @oracle("link", "is never silent for longer than max_gap_s", LinkParameters)
-def link(name: str, required: bool, parameters: LinkParameters, context: OracleContext) -> Oracle:
+def link(terms: Terms, parameters: LinkParameters, context: OracleContext) -> Oracle:
     """Return the oracle of silence."""
-    return Heard(
-        name=name, vehicle=context.vehicle, required=required, max_gap_s=parameters.max_gap_s
-    )
+    del context
+    return Heard(terms, max_gap_s=parameters.max_gap_s)
 
 
-@oracle("landed", "is landed and disarmed at the end", Parameters)
-def landed(name: str, required: bool, parameters: Parameters, context: OracleContext) -> Oracle:
+@oracle("landed", "is landed and disarmed at the end", Parameters, at_the_end=True)
+def landed(terms: Terms, parameters: Parameters, context: OracleContext) -> Oracle:
     """Return the oracle of how the flight ended."""
-    del parameters
-    return Landed(name=name, vehicle=context.vehicle, required=required)
+    del parameters, context
+    return Landed(terms)

@@ -133,10 +133,23 @@ def test_plan_of_a_bad_file_or_option_is_told(cli: Cli) -> None:
 def test_list_shows_what_is_at_hand(cli: Cli, what: str, name: str) -> None:
     rows = json.loads(cli("list", what, "--json").out)
     assert name in [row["name"] for row in rows]
-    assert all(isinstance(text, str) for row in rows for text in row.values())
     outcome = cli("list", what)
     assert outcome.code == 0
-    assert name in [line.split()[0] for line in outcome.out.splitlines()]
+    assert name in [line.split()[0].rstrip(":") for line in outcome.out.splitlines() if line]
+
+
+def test_list_oracles_documents_every_parameter(cli: Cli) -> None:
+    rows = {row["name"]: row for row in json.loads(cli("list", "oracles", "--json").out)}
+    assert all(each["meaning"] for row in rows.values() for each in row["parameters"])
+    (limit,) = rows["time_limit"]["parameters"]
+    assert (limit["name"], limit["unit"], limit["needed"]) == ("limit_s", "s", True)
+    assert (rows["time_limit"]["window"], rows["time_limit"]["fail_fast"]) == (
+        "from goal to done",
+        True,
+    )
+    text = cli("list", "oracles").out
+    assert "    max_gap_s  number, s  needed  the longest silence that is borne" in text
+    assert "every oracle takes" in text
 
 
 def test_list_campaigns_finds_those_of_the_folder_and_the_shipped(

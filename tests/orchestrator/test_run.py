@@ -228,3 +228,16 @@ def test_an_autonomy_that_never_ends_runs_into_the_time_limit(fly_run: Fly) -> N
     assert result.verdict == "FAIL"
     assert "not done 2 s after its goal" in result.reason
     assert all_landed(folder)
+
+
+@pytest.mark.parametrize(("fast", "last"), [("true", "takeoff"), ("false", "landed")])
+def test_an_oracle_lands_the_run_at_once_where_the_campaign_says(
+    fly_run: Fly, fast: str, last: str
+) -> None:
+    limit = f"oracles.altitude={{max_m: 0.6, fail_fast: {fast}}}"
+    result, folder = fly_run(sets=(limit,))
+    assert result.verdict == "FAIL"
+    assert result.reason.startswith("real is 0.6")
+    stages = [line["stage"] for line in log_of(folder) if line["event"] == "stage"]
+    assert ("goal" in stages) is (last == "landed")
+    assert all_landed(folder)

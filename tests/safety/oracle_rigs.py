@@ -55,7 +55,7 @@ def build(kind: str, *, context: OracleContext | None = None, **parameters: obje
     spec = registry[kind]
     model = spec.parameters.model_validate(parameters)
     used = context or OracleContext(mode="wil", subject="real", vehicle="real", fence=FENCE)
-    return spec.factory(kind, model.required, model, used)
+    return spec.build(kind, model, used, required=model.required)
 
 
 def pose(t_s: float, at: Vec3 = (0, 0, -1), velocity: Vec3 = (0, 0, 0)) -> PoseSample:

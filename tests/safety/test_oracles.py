@@ -12,7 +12,8 @@ from tests.safety.oracle_rigs import FENCE, SCENE, ScriptedProbe, build
 def test_registry_names_and_describes_every_oracle() -> None:
     assert set(registry) == {
         "collision", "clearance", "reached", "reached_position", "time_limit", "geofence",
-        "altitude", "vehicle_fault", "link", "landed", "twin_divergence",
+        "altitude", "vehicle_fault", "link", "landed", "twin_divergence", "area", "distance",
+        "speed", "attitude", "estimator", "battery", "modes",
     }  # fmt: skip
     assert all(spec.summary and spec.name == name for name, spec in registry.items())
 
@@ -35,6 +36,23 @@ def test_a_name_cannot_be_registered_twice() -> None:
         ("link", {"max_gap_s": math.inf}),
         ("landed", {"vehicle": "both"}),
         ("reached", {"direction": "up"}),
+        ("speed", {}),
+        ("speed", {"min_m_s": 3, "max_m_s": 2}),
+        ("speed", {"max_m_s": 2, "axis": "sideways"}),
+        ("attitude", {}),
+        ("attitude", {"max_tilt_deg": 200}),
+        ("battery", {}),
+        ("battery", {"min_percent": 20, "min_v": 10}),
+        ("battery", {"min_percent": 101}),
+        ("estimator", {"max_unsound_s": -1}),
+        ("modes", {"allowed": []}),
+        ("modes", {"allowed": ["OFFBOARD"]}),
+        ("distance", {"object": "person"}),
+        ("distance", {"object": "person", "min_m": 5, "max_m": 2}),
+        ("altitude", {"max_m": 2, "from": "landed"}),
+        ("altitude", {"max_m": 2, "to": "takeoff"}),
+        ("altitude", {"max_m": 2, "required": False, "fail_fast": True}),
+        ("landed", {"from": "goal"}),
     ],
 )
 def test_wrong_parameters_are_refused(kind: str, parameters: dict[str, object]) -> None:
@@ -54,6 +72,13 @@ NEVER_FED = [
     ("link", {"max_gap_s": 1}),
     ("landed", {}),
     ("twin_divergence", {}),
+    ("area", {"keep": {"box": {"north_m": (0, 1), "east_m": (0, 1), "up_m": (0, 1)}}}),
+    ("distance", {"object": "gate", "min_m": 1}),
+    ("speed", {"max_m_s": 1}),
+    ("attitude", {"max_tilt_deg": 30}),
+    ("estimator", {}),
+    ("battery", {"min_percent": 20}),
+    ("modes", {}),
 ]
 
 
@@ -70,6 +95,8 @@ def test_an_oracle_that_saw_nothing_fails_and_says_so(
         route=("gate",),
         target_ned_m=(1, 0, -1),
         fence=FENCE,
+        things=("gate",),
+        probe_of=lambda _: ScriptedProbe({}),
     )
     result = build(kind, context=context, **parameters).result(9.0)
     assert (result.verdict, result.actual, result.margin) == ("FAIL", None, None)

@@ -1,4 +1,4 @@
-"""`geofence`: where the vehicles may be."""
+"""How files say where a vehicle may be: `geofence` of a campaign, `area` of an oracle."""
 
 from typing import Annotated, Self
 

@@ -1,0 +1,104 @@
+"""The distance to one thing, moving or not, kept between limits."""
+
+from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import Field
+
+from safety.oracles.base import (
+    NO_FLAGS,
+    Flags,
+    Oracle,
+    OracleContext,
+    OracleError,
+    Probe,
+    Terms,
+    oracle,
+)
+from safety.oracles.kept import Band, Kept, limit_of
+from safety.oracles.terms import IN_THE_AIR
+from safety.samples import PoseSample
+from worlds.documents import closest
+
+
+class DistanceParameters(Band):
+    """object: the thing's name; min_m, max_m: from the vehicle's body to its nearest point."""
+
+    object: Annotated[str, Field(description="the name of the thing in the world")]
+    min_m: Annotated[float | None, Field(ge=0, description="never nearer than this")] = None
+    max_m: Annotated[float | None, Field(gt=0, description="never farther than this")] = None
+
+
+class Distance(Kept):
+    """Keeps its distance to a thing; between two poses the nearest point of the way counts."""
+
+    def __init__(
+        self,
+        terms: Terms,
+        *,
+        thing: str,
+        probe: Probe,
+        events: Mapping[str, float],
+        min_m: float | None,
+        max_m: float | None,
+    ) -> None:
+        super().__init__(terms, unit="m", limit=limit_of(min_m, max_m))
+        self._thing = thing
+        self._probe = probe
+        self._events = events
+        self._min_m = min_m
+        self._max_m = max_m
+        self._last: PoseSample | None = None
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        """Take a pose; each time the limits are left is a flag."""
+        last, self._last = self._last or sample, sample
+        if not self.stages.open:
+            return NO_FLAGS
+        judged: list[tuple[float, float, float]] = []
+        if self._min_m is not None:
+            at_s, near_m = self._nearest(last, sample)
+            judged.append((near_m - self._min_m, near_m, at_s))
+        if self._max_m is not None:
+            at_s, far_m = self._nearest(sample, sample)
+            judged.append((self._max_m - far_m, far_m, at_s))
+        margin_m, distance_m, at_s = min(judged)
+        return self.take(
+            at_s,
+            distance_m,
+            margin_m,
+            lambda: f"{self.vehicle} was {distance_m:.2f} m from {self._thing}",
+        )
+
+    def _nearest(self, first: PoseSample, last: PoseSample) -> tuple[float, float]:
+        """Return when the distance was least on the way between two poses, and the distance."""
+        swept = self._probe.sweep(first.pose, first.t_s, last.pose, last.t_s, self._events)
+        nearest = min(swept, key=lambda each: each.clearance_m)
+        return nearest.at_s, max(0.0, nearest.clearance_m)
+
+
+@oracle(
+    "distance",
+    "keeps its distance to a thing between min_m and max_m",
+    DistanceParameters,
+    window=IN_THE_AIR,
+)
+def distance(terms: Terms, parameters: DistanceParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of a distance. Raises OracleError when the thing does not stand there."""
+    thing = parameters.object
+    if thing not in context.things or context.probe_of is None:
+        known = ", ".join(context.things) or "none"
+        raise OracleError(
+            f"oracle {terms.name!r}: no object {thing!r} stands in the judged world in mode "
+            f"{context.mode} (there are: {known})",
+            key="object",
+            suggestion=closest(thing, context.things),
+        )
+    return Distance(
+        terms,
+        thing=thing,
+        probe=context.probe_of(thing),
+        events=context.events,
+        min_m=parameters.min_m,
+        max_m=parameters.max_m,
+    )

@@ -1,0 +1,121 @@
+"""How the vehicle moves: its speed and its attitude."""
+
+from collections.abc import Callable
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from safety import signals
+from safety.oracles.base import NO_FLAGS, Flags, Oracle, OracleContext, Terms, Windowed, oracle
+from safety.oracles.kept import Band, Kept, limit_of, margin_of
+from safety.samples import PoseSample
+
+Axis = Literal["total", "horizontal", "vertical"]
+Angle = Annotated[float | None, Field(gt=0, le=180)]
+
+_SPEEDS: dict[Axis, Callable[[PoseSample], float]] = {
+    "total": signals.speed_m_s,
+    "horizontal": signals.ground_speed_m_s,
+    "vertical": signals.vertical_speed_m_s,
+}
+
+
+class SpeedParameters(Band):
+    """min_m_s, max_m_s: of the speed along `axis`."""
+
+    min_m_s: Annotated[
+        float | None, Field(ge=0, description="slowest, between at_height and land")
+    ] = None
+    max_m_s: Annotated[float | None, Field(gt=0, description="fastest")] = None
+    axis: Annotated[Axis, Field(description="of which part of the velocity")] = "total"
+
+
+class AttitudeParameters(Windowed):
+    """The greatest angles to either side, in degrees; at least one."""
+
+    max_tilt_deg: Annotated[
+        Angle, Field(description="between its vertical axis and the world's")
+    ] = None
+    max_roll_deg: Annotated[Angle, Field(description="to either side")] = None
+    max_pitch_deg: Annotated[Angle, Field(description="nose up or down")] = None
+
+    @model_validator(mode="after")
+    def _some(self) -> Self:
+        if self.max_tilt_deg is None and self.max_roll_deg is None and self.max_pitch_deg is None:
+            raise ValueError("give max_tilt_deg, max_roll_deg or max_pitch_deg")
+        return self
+
+
+class Speed(Kept):
+    """Keeps its speed between limits; the lower one holds from at_height to the landing only."""
+
+    def __init__(
+        self, terms: Terms, *, min_m_s: float | None, max_m_s: float | None, axis: Axis
+    ) -> None:
+        super().__init__(terms, unit="m/s", limit=limit_of(min_m_s, max_m_s))
+        self._min_m_s = min_m_s
+        self._max_m_s = max_m_s
+        self._speed_m_s = _SPEEDS[axis]
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        """Take a pose; each time the limits are left is a flag."""
+        if not self.stages.open:
+            return NO_FLAGS
+        low_m_s = None if self.stages.near_ground else self._min_m_s
+        if low_m_s is None and self._max_m_s is None:
+            return NO_FLAGS
+        speed_m_s = self._speed_m_s(sample)
+        margin_m_s = margin_of(speed_m_s, low_m_s, self._max_m_s)
+        return self.take(
+            sample.t_s, speed_m_s, margin_m_s, lambda: f"{self.vehicle} flew {speed_m_s:.2f} m/s"
+        )
+
+
+class Attitude(Kept):
+    """Leans no more than each of its limits; the one with the smallest margin is told."""
+
+    def __init__(
+        self, terms: Terms, *, limits: tuple[tuple[str, Callable[[PoseSample], float], float], ...]
+    ) -> None:
+        smallest = min(limit_deg for _, _, limit_deg in limits)
+        super().__init__(terms, unit="deg", limit=smallest)
+        self._limits = limits
+        self._least_deg: float | None = None
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        """Take a pose; each time a limit is exceeded is a flag."""
+        if not self.stages.open:
+            return NO_FLAGS
+        angles = [(limit - abs(of(sample)), what, limit) for what, of, limit in self._limits]
+        margin_deg, what, limit_deg = min(angles)
+        if self._least_deg is None or margin_deg < self._least_deg:
+            self._least_deg, self._limit = margin_deg, limit_deg
+        angle_deg = limit_deg - margin_deg
+        return self.take(
+            sample.t_s,
+            angle_deg,
+            margin_deg,
+            lambda: f"{self.vehicle} had a {what} of {angle_deg:.1f} deg",
+        )
+
+
+@oracle("speed", "flies no faster than max_m_s and no slower than min_m_s", SpeedParameters)
+def speed(terms: Terms, parameters: SpeedParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of speed."""
+    del context
+    return Speed(
+        terms, min_m_s=parameters.min_m_s, max_m_s=parameters.max_m_s, axis=parameters.axis
+    )
+
+
+@oracle("attitude", "leans no more than its limits", AttitudeParameters)
+def attitude(terms: Terms, parameters: AttitudeParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of attitude."""
+    del context
+    given = (
+        ("tilt", signals.tilt_deg, parameters.max_tilt_deg),
+        ("roll", signals.roll_deg, parameters.max_roll_deg),
+        ("pitch", signals.pitch_deg, parameters.max_pitch_deg),
+    )
+    limits = tuple((what, of, limit) for what, of, limit in given if limit is not None)
+    return Attitude(terms, limits=limits)
