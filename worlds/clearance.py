@@ -18,6 +18,8 @@ from worlds.scene import NO_EVENTS, Scene, SceneObject
 __all__ = ["Body", "BoxShape", "Clearance", "ClearanceMinima", "ClearanceProbe", "SphereShape"]
 
 TOLERANCE_M = 2e-4
+_SHORTEST = 2.0**-30
+"""Of a stretch: parts that are shorter are not halved again, whatever jumps in them."""
 _Key = tuple[str, bool]
 
 
@@ -215,7 +217,7 @@ class _Sweep:
                 best, limit_m = sample, sample.gap.distance_m
         while waiting and limit_m > 0.0:
             a, b = waiting.pop()
-            if self._is_above(a, b, limit_m - TOLERANCE_M):
+            if b.fraction - a.fraction < _SHORTEST or self._is_above(a, b, limit_m - TOLERANCE_M):
                 continue
             middle = self._sample(part, (a.fraction + b.fraction) / 2.0)
             if middle.gap.distance_m < limit_m:

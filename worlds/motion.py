@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 from worlds.frames import Pose, Vec3, angle_between, norm, quat_from_euler, subtract
 
-TURN_RATE_RAD_S = math.pi / 2.0
-"""How fast a thing turns on the spot."""
+TURN_RATE_RAD_S = math.pi
+"""How fast a thing turns at most: where a way is too short for its turn, it takes longer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,10 @@ Start = StartAt | StartOn
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
-    """Where to go, how fast, and the heading to turn to on the way (radians; None keeps it)."""
+    """Where to go, how fast, and the heading to turn to on the way (radians; None keeps it).
+
+    A way too short to turn on at TURN_RATE_RAD_S is gone more slowly.
+    """
 
     position_ned_m: Vec3
     speed_m_s: float
@@ -151,15 +154,18 @@ class Motion:
         return Travel(length_m, turn_rad)
 
     def _travel_round(self, first_s: float, last_s: float) -> Travel:
-        rounds = math.floor(first_s / self.duration_s)
-        first_s -= rounds * self.duration_s
-        last_s -= rounds * self.duration_s
-        length_m = turn_rad = 0.0
-        while last_s > 0.0:
-            part = self._travel_once(first_s, min(last_s, self.duration_s))
-            length_m, turn_rad = length_m + part.length_m, turn_rad + part.turn_rad
-            first_s, last_s = 0.0, last_s - self.duration_s
-        return Travel(length_m, turn_rad)
+        before, after = self._travel_since_start(first_s), self._travel_since_start(last_s)
+        return Travel(
+            max(0.0, after.length_m - before.length_m), max(0.0, after.turn_rad - before.turn_rad)
+        )
+
+    def _travel_since_start(self, since_s: float) -> Travel:
+        rounds = math.floor(since_s / self.duration_s)
+        part = self._travel_once(0.0, since_s - rounds * self.duration_s)
+        return Travel(
+            part.length_m + rounds * sum(leg.length_m for leg in self.legs),
+            part.turn_rad + rounds * sum(leg.turn_rad for leg in self.legs),
+        )
 
 
 def _legs(begin: Pose, waypoints: tuple[Waypoint, ...], *, loop: bool) -> tuple[Leg, ...]:
@@ -177,12 +183,12 @@ def _legs(begin: Pose, waypoints: tuple[Waypoint, ...], *, loop: bool) -> tuple[
 
 
 def _leg(begin_s: float, begin: Pose, waypoint: Waypoint) -> Leg:
-    """Return the way to a waypoint; on the spot it takes as long as turning does."""
+    """Return the way to a waypoint; it takes at least as long as turning does."""
     upright = waypoint.yaw_rad is not None
     q_wxyz = quat_from_euler(0.0, 0.0, waypoint.yaw_rad or 0.0) if upright else begin.q_wxyz
     turn_rad = angle_between(begin.q_wxyz, q_wxyz)
     length_m = norm(subtract(waypoint.position_ned_m, begin.position_ned_m))
-    duration_s = length_m / waypoint.speed_m_s if length_m else turn_rad / TURN_RATE_RAD_S
+    duration_s = max(length_m / waypoint.speed_m_s, turn_rad / TURN_RATE_RAD_S)
     return Leg(
         begin_s, duration_s, begin, Pose(waypoint.position_ned_m, q_wxyz), length_m, turn_rad
     )

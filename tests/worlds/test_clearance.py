@@ -118,6 +118,7 @@ def test_ball_past_a_box_by_formula(a: Vec3, b: Vec3, place: Pose) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(poses(), poses(), points, points, st.floats(-3.0, 3.0))
+@example(Pose.of(1, 0, 0), Pose.of(1, 0.2, 0), (-4e-25, 0.0, 0.0), (-0.8, 0.5, 1.0), 2.0)
 def test_both_move_round_a_corner(a: Pose, b: Pose, via: Vec3, end: Vec3, yaw: float) -> None:
     assume(angle_between(a.q_wxyz, b.q_wxyz) < math.pi - 1e-3)
     motion = Motion(
@@ -129,6 +130,15 @@ def test_both_move_round_a_corner(a: Pose, b: Pose, via: Vec3, end: Vec3, yaw: f
     swept = least(ClearanceProbe(scene, BODY, within_m=100.0).sweep(a, 0.0, b, 1.0))
     dense = sampled(scene, a, b, 600)
     assert dense - 0.03 <= swept <= dense + EXACT_M
+
+
+def test_what_jumps_is_measured_before_and_after() -> None:
+    """A speed that carries a thing from here to there in no time ends no search."""
+    motion = Motion(Pose.of(3, 0, 0), (Waypoint((3.0, 9.0, 0.0), 1e30),), StartAt(0.3))
+    scene = one(shapes.gate("square", 0.6, 0.1), motion.begin, motion)
+    still = Pose.of(1, 0.35, 0)
+    found = least(ClearanceProbe(scene, BODY, within_m=100.0).sweep(still, 0.0, still, 1.0))
+    assert found == pytest.approx(1.8, abs=EXACT_M)
 
 
 @pytest.mark.parametrize("thickness_m", [0.1, 0.001, 1e-5])

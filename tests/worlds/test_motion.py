@@ -56,6 +56,18 @@ def test_it_turns_on_the_spot_when_it_has_nowhere_to_go() -> None:
     assert motion.pose_at(99.0, {}).yaw_rad == pytest.approx(math.pi / 2)
 
 
+@pytest.mark.parametrize("way_m", [1e-25, 1e-6, 0.1])
+def test_a_way_too_short_for_its_turn_is_gone_more_slowly(way_m: float) -> None:
+    motion = Motion(BEGIN, (Waypoint((way_m, 0.0, -1.0), 4.0, math.pi / 2),))
+    assert motion.duration_s == pytest.approx(math.pi / 2 / TURN_RATE_RAD_S)
+    assert motion.pose_at(0.25, {}).yaw_rad == pytest.approx(math.pi / 4)
+
+
+def test_a_round_may_be_as_short_as_it_likes() -> None:
+    motion = Motion(BEGIN, (Waypoint((1e-12, 0.0, -1.0), 1.0),), loop=True)
+    assert motion.travel(0.0, 100.0, {}).length_m == pytest.approx(100.0)
+
+
 def test_it_waits_for_its_event_and_the_delay() -> None:
     motion = Motion(BEGIN, L_WAY, StartOn("seen", 0.5))
     assert place(motion, 50.0) == BEGIN.position_ned_m
