@@ -89,12 +89,13 @@ class QuadrotorModel(FilePart):
 class MeshModel(FilePart):
     """A mesh from a file beside the world file.
 
-    up, forward: which axes of the file point up and forward; None takes the format's custom
-    (.glb, .gltf, .dae: y up, z forward; .obj, .stl: z up, x forward).
+    unit: None takes what the file states (.dae), else metres. up, forward: which axes of the
+    file point up and forward; None takes what the file states, else its format's custom
+    (.glb, .gltf, .dae: y up, z forward; .obj, .stl, .ply: z up, x forward).
     """
 
     file: str
-    unit: Literal["m", "cm", "mm", "in", "ft"] = "m"
+    unit: Literal["m", "cm", "mm", "in", "ft"] | None = None
     scale: Annotated[float, Field(gt=0.0)] = 1.0
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     forward: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
