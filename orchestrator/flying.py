@@ -42,7 +42,7 @@ _VERSIONED = (
     "numpy",
     "opencv-python-headless",
     "pymavlink",
-    "python-fcl",
+    "trimesh",
 )
 """Packages whose version may change what a run does."""
 

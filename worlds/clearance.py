@@ -2,8 +2,9 @@
 
 Nothing thin is passed through. Distance between two bodies changes by no more than the way that
 any of their points goes, so the distances at both ends of a stretch bound those in between, and
-stretches are halved until the bound is tight (Schwarzer, Saha and Latombe 2005). For convex
-parts a plane that separates at one end gives a second bound that is tight at once.
+stretches are halved until the bound is tight (Schwarzer, Saha and Latombe 2005). A second bound
+is tight at once: for convex parts a plane that separates at one end, for triangle surfaces the
+distance to the hull of the body at both ends.
 """
 
 from collections.abc import Collection, Mapping
@@ -44,7 +45,7 @@ class Clearance:
 
 
 class ClearanceProbe:
-    """Measures one body against one scene. Use one probe per thread.
+    """Measures one body against one scene.
 
     exclude: names of things to leave out. floors: whether floors of rooms are measured.
     within_m: things farther than this are not reported; what is reported is exact to 1 mm.
@@ -217,7 +218,8 @@ class _Sweep:
                 best, limit_m = sample, sample.gap.distance_m
         while waiting and limit_m > 0.0:
             a, b = waiting.pop()
-            if b.fraction - a.fraction < _SHORTEST or self._is_above(a, b, limit_m - TOLERANCE_M):
+            enough_m = limit_m - TOLERANCE_M
+            if b.fraction - a.fraction < _SHORTEST or self._is_above(part, a, b, enough_m):
                 continue
             middle = self._sample(part, (a.fraction + b.fraction) / 2.0)
             if middle.gap.distance_m < limit_m:
@@ -225,7 +227,7 @@ class _Sweep:
             waiting += [(middle, b), (a, middle)]
         return best
 
-    def _is_above(self, a: _Sample, b: _Sample, enough_m: float) -> bool:
+    def _is_above(self, part: PartSolid, a: _Sample, b: _Sample, enough_m: float) -> bool:
         """Return whether the distance is proven to stay above a value between two samples."""
         both_m = a.gap.distance_m + b.gap.distance_m
         if (both_m - self._motion_m(a.fraction, b.fraction)) / 2.0 >= enough_m:
@@ -235,6 +237,8 @@ class _Sweep:
         # A point of the body leaves its chord by at most r (1 - cos(turn / 2)).
         turn_rad = self._turn_rad * (b.fraction - a.fraction)
         enough_m += self._body.radius_m * turn_rad * turn_rad / 8.0
+        if part.tree is not None:
+            return self._body.stays_beyond(part.tree, a.pose, b.pose, enough_m)
         return self._plane_holds(a, b, enough_m) or self._plane_holds(b, a, enough_m)
 
     def _plane_holds(self, here: _Sample, there: _Sample, enough_m: float) -> bool:

@@ -1,28 +1,24 @@
 """Distance between a vehicle's body and one part of a thing.
 
-Convex parts by our own GJK (worlds.gjk); triangle surfaces by python-fcl, which is imported only
-for them. Everything is in the thing's frame: parts stay where they are, the body is placed.
+Convex parts by our own GJK (worlds.gjk); triangle surfaces by a tree of them (worlds.surfaces).
+Everything is in the thing's frame: parts stay where they are, the body is placed.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from worlds.frames import Pose, Quat, Vec3, matrix_from_quat, quat_conjugate, rotate
 from worlds.gjk import PRECISION_M, posed_distance
-from worlds.meshes import FloatArray, IntArray
+from worlds.meshes import FloatArray
 from worlds.parts import BoxShape, Part, PartShape, SphereShape, SurfaceShape
+from worlds.surfaces import TriangleTree, surface_distance, swept_beyond, triangle_tree
 
 Body = BoxShape | SphereShape
 """A vehicle for the purpose of touching: a box (half extents FRD, metres) or a ball."""
 
 _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
-_CUBE_SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-_CUBE_FACES = np.array([f for a, b, c, d in _CUBE_SIDES for f in ((a, b, c), (a, c, d))], np.int32)
-_POINT = np.eye(3) * PRECISION_M
-"""A triangle so small that it stands for a point, as triangles are all that FCL measures well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +45,9 @@ class PartSolid:
         core, self.rounding_m = _core(part.shape)
         corners = core @ rotation.T + np.array(part.pose.position_ned_m)
         self.corners_m = np.ascontiguousarray(corners)
-        self.surface: Any = None
+        self.tree: TriangleTree | None = None
         if isinstance(part.shape, SurfaceShape):
-            self.surface = _fcl_surface(self.corners_m, part.shape.faces)
+            self.tree = triangle_tree(self.corners_m, part.shape.faces)
         self._low_m = _vec3(corners.min(axis=0) - self.rounding_m)
         self._high_m = _vec3(corners.max(axis=0) + self.rounding_m)
 
@@ -71,38 +67,29 @@ class PartSolid:
 
 
 class BodySolid:
-    """The body ready to be measured. Not for use by two threads at once."""
+    """The body ready to be measured."""
 
     def __init__(self, body: Body) -> None:
         self.radius_m = body.radius_m
         self._half_m = body.half_m if isinstance(body, BoxShape) else None
         self._corners_m, self._rounding_m = _core(body)
-        self._surface: Any = None
 
     def gap(self, pose: Pose, part: PartSolid) -> Gap:
         """Return the distance between the body at a pose in the thing's frame and a part."""
-        if part.surface is not None:
-            return self._surface_gap(pose, part)
+        if part.tree is not None:
+            corners, at = self._corners_m, pose.position_ned_m
+            distance_m = surface_distance(corners, at, pose.q_wxyz, part.tree) - self._rounding_m
+            return Gap(distance_m, None) if distance_m > PRECISION_M else CONTACT
         _, direction, at_least_m = posed_distance(
             self._corners_m, pose.position_ned_m, pose.q_wxyz, part.corners_m
         )
         distance_m = at_least_m - self._rounding_m - part.rounding_m
         return Gap(distance_m, direction) if distance_m > PRECISION_M else CONTACT
 
-    def _surface_gap(self, pose: Pose, part: PartSolid) -> Gap:
-        import fcl  # noqa: PLC0415 - only things from mesh files need it
-
-        if self._surface is None:
-            box = self._half_m is not None
-            self._surface = (
-                _fcl_surface(self._corners_m, _CUBE_FACES)
-                if box
-                else _fcl_surface(_POINT, np.array([[0, 1, 2]], np.int32))
-            )
-        transform = fcl.Transform(np.array(pose.q_wxyz), np.array(pose.position_ned_m))
-        self._surface.setTransform(transform)
-        distance_m = float(fcl.distance(self._surface, part.surface)) - self._rounding_m
-        return Gap(distance_m, None) if distance_m > PRECISION_M else CONTACT
+    def stays_beyond(self, tree: TriangleTree, first: Pose, last: Pose, enough_m: float) -> bool:
+        """Return whether the hull of the body at two poses is so far from triangles."""
+        ends = (first.position_ned_m, first.q_wxyz), (last.position_ned_m, last.q_wxyz)
+        return swept_beyond(self._corners_m, *ends, tree, enough_m + self._rounding_m)
 
     def reach_m(self, q_wxyz: Quat) -> Vec3:
         """Return how far the body reaches from its middle along the axes of the thing's frame."""
@@ -140,16 +127,6 @@ def _core(shape: PartShape) -> tuple[FloatArray, float]:
     if isinstance(shape, BoxShape):
         return _CUBE * np.array(shape.half_m), 0.0
     return np.ascontiguousarray(shape.vertices_m), 0.0
-
-
-def _fcl_surface(vertices_m: FloatArray, faces: IntArray) -> Any:
-    import fcl  # noqa: PLC0415 - only things from mesh files need it
-
-    model = fcl.BVHModel()
-    model.beginModel(len(vertices_m), len(faces))
-    model.addSubModel(vertices_m, faces)
-    model.endModel()
-    return fcl.CollisionObject(model)
 
 
 def _vec3(array: FloatArray) -> Vec3:

@@ -25,6 +25,7 @@ Float = Any
 Function = TypeVar("Function", bound=Callable[..., object])
 
 _HERE = Path(__file__).parent
+_KERNEL_FILES = ("jit.py", "gjk.py", "surfaces.py")
 
 
 def sources_digest(files: list[Path]) -> str:
@@ -39,7 +40,7 @@ def sources_digest(files: list[Path]) -> str:
 def cache_folder() -> Path | None:
     """Return the folder for compiled kernels, made if need be; None when none can be written."""
     name = "kernels-" + sources_digest(
-        [_HERE / "jit.py", _HERE / "gjk.py", *_HERE.glob("render/*.py")]
+        [*(_HERE / file for file in _KERNEL_FILES), *_HERE.glob("render/*.py")]
     )
     asked = os.environ.get("NUMBA_CACHE_DIR")
     home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
