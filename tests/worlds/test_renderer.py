@@ -11,6 +11,7 @@ from worlds.camera import Intrinsics
 from worlds.frames import Pose, matrix_from_quat
 from worlds.motion import Motion, StartOn, Waypoint
 from worlds.raycast import RayCaster
+from worlds.render.coverage import NEAR_M
 from worlds.render.renderer import Picture, Renderer
 from worlds.scene import Scene, SceneObject
 from worlds.shapes import Shape
@@ -56,6 +57,19 @@ def cast_picture(scene: Scene, pose: Pose, camera: Intrinsics) -> tuple[np.ndarr
     return (hits.ranges_m / lengths).reshape(rows.shape), hits.object_ids.reshape(rows.shape)
 
 
+def rim(scene: Scene, pose: Pose, camera: Intrinsics, pixels: np.ndarray) -> np.ndarray:
+    """(n, 8) ids that rays meet which pass pixels within the rounding of corners, 1/256 pixel."""
+    turns = np.arange(8) * math.pi / 4
+    columns = pixels[:, 1:] + 1.5 / 256 * np.cos(turns)
+    rows = pixels[:, :1] + 1.5 / 256 * np.sin(turns)
+    across = (columns - camera.cx_px) / camera.fx_px
+    down = (rows - camera.cy_px) / camera.fy_px
+    rays = np.stack([np.ones_like(across), across, down], axis=-1).reshape(-1, 3)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rays = rays @ matrix_from_quat(pose.q_wxyz).T
+    return RayCaster(scene).cast(pose.position_ned_m, rays, 0.0).object_ids.reshape(-1, 8)
+
+
 def away_from_edges(ids: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """Pixels whose neighbours show the same thing on the same plane: 1/z is linear there."""
     inverse, middle = 1.0 / depth, (slice(1, -1), slice(1, -1))
@@ -85,6 +99,10 @@ def test_agrees_with_the_ray_caster(pose: Pose, camera: Intrinsics) -> None:
     assert picture.depth_m is not None
     assert picture.object_ids is not None
     assert np.mean(picture.object_ids != ids) < 0.005
+    other = np.argwhere((picture.object_ids != ids) & (depth > 0.06))
+    seen_near = rim(scene, pose, camera, other)
+    drawn = picture.object_ids[other[:, 0], other[:, 1]]
+    assert (seen_near == drawn[:, None]).any(axis=1).all(), "a pixel shows what is not there"
     inner = away_from_edges(ids, depth) & (depth > 0.06)
     assert inner.mean() > 0.5
     assert np.mean(picture.object_ids[inner] == ids[inner]) >= 0.9999
@@ -217,6 +235,71 @@ def test_both_sides_of_a_face_are_lit_by_what_is_seen() -> None:
         picture = Renderer(scene).render(Pose((0.0, 0.0, 0.0)), VGA, 0.0)
         pixels.append(picture.image_bgr[120, 160].tolist())
     assert pixels[0] == pixels[1]
+
+
+AMBIENT, LAMP, SKY = 0.62, 0.34, 0.08
+TO_LAMP = np.array([-0.5, 0.3, -0.81])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4, 1.1, 2.0, -2.6])
+def test_a_flat_face_has_the_colour_that_the_light_gives_it(turn: float) -> None:
+    """Ambient, Lambert and sky by formula, for each face of a turned box that is seen."""
+    place = Pose.of(2.0, 0.0, 0.0, roll_rad=0.5 * turn, pitch_rad=0.3, yaw_rad=turn)
+    thing = SceneObject(1, "box", shapes.box((0.6, 0.6, 0.6), (250, 120, 40)), place)
+    scene, rotation = Scene((thing,)), matrix_from_quat(place.q_wxyz)
+    picture = Renderer(scene).render(Pose.of(0, 0, 0), VGA, 0.0)
+    depth, ids = cast_picture(scene, Pose.of(0, 0, 0), VGA)
+    lamp = TO_LAMP / np.linalg.norm(TO_LAMP)
+    rows, columns = np.nonzero(away_from_edges(ids, depth) & (ids == 1))
+    assert len(rows) > 1000
+    for row, column in list(zip(rows.tolist(), columns.tolist(), strict=True))[::37]:
+        z = depth[row, column]
+        right, down = (column - VGA.cx_px) / VGA.fx_px, (row - VGA.cy_px) / VGA.fy_px
+        own = np.array(place.to_local((z, z * right, z * down)))
+        axis = int(np.abs(own).argmax())
+        normal = rotation[:, axis] * np.sign(own[axis])
+        light = AMBIENT + LAMP * max(0.0, float(normal @ lamp)) + SKY * -normal[2]
+        expected = np.array([40, 120, 250]) * min(1.0, light)
+        assert np.abs(picture.image_bgr[row, column] - expected).max() <= 1.5
+
+
+def test_a_camera_inside_of_a_closed_thing_sees_it_from_inside() -> None:
+    thing = SceneObject(4, "box", shapes.box((1.0, 2.0, 3.0)), Pose.of(0, 0, 0, yaw_rad=0.3))
+    scene, inside = Scene((thing,)), Pose.of(0.1, 0.2, 0.3, roll_rad=0.2, yaw_rad=1.0)
+    picture = Renderer(scene).render(inside, VGA, 0.0)
+    depth, _ = cast_picture(scene, inside, VGA)
+    assert picture.object_ids is not None
+    assert picture.depth_m is not None
+    assert (picture.object_ids == 4).all()
+    np.testing.assert_allclose(picture.depth_m, depth, atol=1e-4)
+
+
+@pytest.mark.parametrize("gap_m", [0.5, 0.051, 0.049, 0.0, -0.3])
+def test_before_and_behind_the_near_plane(gap_m: float) -> None:
+    """What is nearer than 5 cm is cut away, what is behind never shows; nothing is mirrored."""
+    wall = meshes.quad((gap_m, 0, 0), (0, 5.0, 0), (0, 0, -5.0), meshes.Material((9, 9, 9)))
+    far = meshes.quad((4.0, 0, 0), (0, 50.0, 0), (0, 0, -50.0), meshes.Material((9, 9, 9)))
+    scene = Scene(
+        (
+            SceneObject(1, "wall", Shape("wall", wall, ()), Pose((0.0, 0.0, 0.0))),
+            SceneObject(2, "far", Shape("far", far, ()), Pose((0.0, 0.0, 0.0))),
+        )
+    )
+    ids = Renderer(scene).render(Pose.of(0, 0, 0), VGA, 0.0).object_ids
+    assert ids is not None
+    assert np.unique(ids).tolist() == [1 if gap_m > NEAR_M else 2]
+
+
+@pytest.mark.parametrize("at", [(2.3, 3.0), (2.3, 3.3), (-2.9, -2.9)])
+def test_a_closed_room_has_no_cracks(at: tuple[float, float]) -> None:
+    """Its sides share corners: from anywhere inside, no background shows between them."""
+    scene = Scene((SceneObject(1, "room", shapes.room(6.1, 7.3, 2.45), Pose.of(0, 0, 0)),))
+    renderer = Renderer(scene)
+    for k in range(12):
+        pose = Pose.of(*at, 0.4 + 0.17 * k, roll_rad=0.1 * k, pitch_rad=0.2 * k - 1, yaw_rad=k)
+        ids = renderer.render(pose, VGA, 0.0).object_ids
+        assert ids is not None
+        assert ids.all()
 
 
 def test_a_texture_is_upright_and_repeats() -> None:
