@@ -20,6 +20,7 @@ _COMMANDS = (
     ("run", "orchestrator.cli.run:run", "Fly a campaign and write its verdicts."),
     ("validate", "orchestrator.cli.validate:validate", "Find every fault of files, fly nothing."),
     ("plan", "orchestrator.cli.plan:plan", "Show the runs of a campaign, fly nothing."),
+    ("judge", "orchestrator.cli.judge:judge", "Judge recorded runs again, fly nothing."),
     ("list", "orchestrator.cli.listing:list_things", "List campaigns, operators and the like."),
 )
 

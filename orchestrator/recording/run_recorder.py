@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 
 from orchestrator.operator import OperatorCommand
+from orchestrator.recording.judged import FILE_NAME as JUDGED
+from orchestrator.recording.judged import JudgedWriter
 from orchestrator.recording.runlog import RunLog
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from orchestrator.recording.video import VideoWriter
@@ -19,6 +21,7 @@ from orchestrator.run.mixing import Frames
 from orchestrator.run.station import Station
 from safety.guard.events import GuardEvent
 from safety.results import Flag
+from safety.tape import Taped
 from safety.verdict import DecisiveEvent
 from vehicles.cameras import sleep_until
 from vehicles.driver.state import VehicleEvent
@@ -52,6 +55,7 @@ class RunRecorder:
         self._stack = ExitStack()
         self._log = RunLog(path=folder / "log.jsonl")
         self._trajectory = TrajectoryWriter(path=folder / "trajectory.csv")
+        self._judged = JudgedWriter(path=folder / JUDGED)
         self._tlogs = {
             name: TlogWriter(path=folder / f"{name}.tlog", epoch_s=epoch_s) for name in vehicles
         }
@@ -68,7 +72,13 @@ class RunRecorder:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            for stream in (self._log, self._trajectory, *self._tlogs.values(), self._video):
+            for stream in (
+                self._log,
+                self._trajectory,
+                self._judged,
+                *self._tlogs.values(),
+                self._video,
+            ):
                 if stream is not None:
                     stack.enter_context(stream)
             self._stack = stack.pop_all()
@@ -125,6 +135,10 @@ class RunRecorder:
     def note(self, event: str, **details: str | float | bool | None) -> None:
         """Record anything else worth knowing later."""
         self._log.write(self._time(), event, **details)
+
+    def judged(self, sample: Taped) -> None:
+        """Record a sample that the oracles judge."""
+        self._judged.write(sample)
 
     def frame(self, name: str, t_s: float, frame: bytes) -> None:
         """Record a MAVLink frame that passed the guard."""

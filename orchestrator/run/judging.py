@@ -10,6 +10,7 @@ from safety.judge import Judge
 from safety.results import Flag
 from safety.samples import HeardSample, PoseSample, StageSample, StateSample
 from safety.samples import Stage as JudgedStage
+from safety.tape import Taped, Tick
 from vehicles.cameras import sleep_until
 from vehicles.driver.state import VehicleEvent, VehicleState
 from vehicles.embedded.states import TruthSample
@@ -23,10 +24,14 @@ way that is swept by a dt^2 / 8 = 0.15 mm, less than the tolerance of 1 mm of a 
 _CLEARANCE_KINDS = frozenset({"collision", "clearance"})
 
 FlagWatcher = Callable[[Flag], None]
+Tape = Callable[[Taped], None]
 
 
 class Bench:
-    """The judge's bench: takes every sample of the run, passes on every flag."""
+    """The judge's bench: takes every sample of the run, passes on every flag.
+
+    tape: gets each sample before the judge does, so that the run can be judged again.
+    """
 
     def __init__(
         self,
@@ -35,11 +40,13 @@ class Bench:
         course: Course,
         kinds: dict[str, str],
         watch: FlagWatcher,
+        tape: Tape,
     ) -> None:
         self._judge = judge
         self._course = course
         self._kinds = kinds
         self._watch = watch
+        self._tape = tape
         self._stations: list[Station] = []
         self._heard_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
@@ -56,22 +63,24 @@ class Bench:
     async def run(self) -> None:
         """Have time pass for the oracles until cancelled."""
         loop = asyncio.get_running_loop()
-        t0_s, tick = loop.time(), 0
+        t0_s, count = loop.time(), 0
         while True:
-            tick += 1
-            await sleep_until(t0_s + tick / TICK_HZ)
+            count += 1
+            await sleep_until(t0_s + count / TICK_HZ)
             for station in self._stations:
                 self._state(station, loop.time())
-            self._take(self._judge.tick(loop.time()))
+            tick = Tick(loop.time())
+            self._tape(tick)
+            self._take(self._judge.tick(tick.t_s))
 
     def clearance_m(self, t_s: float) -> float | None:
         """Return the smallest clearance so far of any collision or clearance oracle, if any."""
-        known = [
-            result.actual
-            for result in self._judge.results(t_s)
-            if self._kinds.get(result.name) in _CLEARANCE_KINDS and result.actual is not None
+        results = [
+            oracle.result(t_s)
+            for oracle in self._judge.oracles
+            if self._kinds.get(oracle.name) in _CLEARANCE_KINDS
         ]
-        return min(known, default=None)
+        return min([r.actual for r in results if r.actual is not None], default=None)
 
     def last_state(self, t_s: float) -> None:
         """Take every vehicle's last word."""
@@ -83,6 +92,7 @@ class Bench:
         if sample.t_s < due_s:
             return
         self._due_s[sample.vehicle] = sample.t_s + _JUDGED_EVERY_S
+        self._tape(sample)
         self._take(self._judge.pose(sample))
 
     def _state(self, station: Station, t_s: float) -> None:
@@ -91,14 +101,18 @@ class Bench:
             return
         if state.last_heard_s > self._heard_s.get(station.name, -1.0):
             self._heard_s[station.name] = state.last_heard_s
-            self._take(self._judge.heard(HeardSample(state.last_heard_s, station.name)))
-        self._take(self._judge.state(state_sample(station.name, state, t_s)))
+            heard = HeardSample(state.last_heard_s, station.name)
+            self._tape(heard)
+            self._take(self._judge.heard(heard))
+        self._judge_state(state_sample(station.name, state, t_s))
+
+    def _judge_state(self, sample: StateSample) -> None:
+        self._tape(sample)
+        self._take(self._judge.state(sample))
 
     def _event(self, station: Station, event: VehicleEvent) -> None:
         if event.kind != "text":
-            self._take(
-                self._judge.state(state_sample(station.name, station.driver.state, event.t_s))
-            )
+            self._judge_state(state_sample(station.name, station.driver.state, event.t_s))
 
     def _contact(self, station: Station, truth: TruthSample) -> None:
         """Take that a vehicle physically hit something: a broken drone, whatever it judged."""
@@ -111,7 +125,9 @@ class Bench:
 
     def _stage(self, stage: Stage, t_s: float) -> None:
         if stage in _JUDGED_STAGES:
-            self._take(self._judge.stage(StageSample(t_s, cast("JudgedStage", stage))))
+            reached = StageSample(t_s, cast("JudgedStage", stage))
+            self._tape(reached)
+            self._take(self._judge.stage(reached))
 
     def _take(self, flags: tuple[Flag, ...]) -> None:
         for flag in flags:

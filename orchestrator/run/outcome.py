@@ -11,7 +11,7 @@ from orchestrator.run.setup import RunSetup
 from orchestrator.run.statistics import MixingStatistics
 from safety.judge import Judge
 from safety.results import Flag
-from safety.verdict import decide
+from safety.verdict import Decision, decide
 
 
 def result_of(
@@ -40,7 +40,7 @@ def result_of(
         seed=plan.seed,
         verdict=decision.verdict,
         reason=decision.reason,
-        also=tuple(Also(event.kind, event.text, event.t_s) for event in decision.also),
+        also=also_of(decision),
         required=plan.required,
         duration_s=(landed_s or end_s) - takeoff_s if flown and takeoff_s is not None else None,
         wall_s=wall_s,
@@ -50,6 +50,11 @@ def result_of(
         collisions=collisions,
         artifacts=artifacts,
     )
+
+
+def also_of(decision: Decision) -> tuple[Also, ...]:
+    """Return what came after the event that made the verdict."""
+    return tuple(Also(event.kind, event.text, event.t_s) for event in decision.also)
 
 
 def _mixing(statistics: MixingStatistics) -> MixingResult:

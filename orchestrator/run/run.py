@@ -6,6 +6,7 @@ import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from orchestrator.clock import run_on
@@ -27,6 +28,7 @@ from orchestrator.run.station import Station
 from orchestrator.run.synchronisation import Synchronisation
 from orchestrator.run.warming import warm_up
 from safety.guard.events import GuardEvent, decisive
+from safety.tape import WorldEvent
 from vehicles.errors import VehicleError
 from vehicles.links.base import LinkError
 
@@ -87,6 +89,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
             course=course,
             kinds={use.name: use.kind for use in setup.campaign.oracles},
             watch=recorder.flag,
+            tape=recorder.judged,
         )
         try:
             async with open_pair(setup, record=sync.recording(recorder.frame)) as pair:
@@ -97,7 +100,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                     course=course,
                     events=events,
                     started=sync.goal_given,
-                    notify=pair.notify,
+                    notify=partial(_world_event, recorder, pair),
                 )
                 sync.attach(pair.stations)
                 if disturb is not None:
@@ -121,6 +124,11 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
         end_s=end_s,
         wall_s=time.monotonic() - began_s,
     )
+
+
+def _world_event(recorder: RunRecorder, pair: Pair, name: str, t_s: float) -> None:
+    recorder.judged(WorldEvent(t_s, name))
+    pair.notify(name, t_s)
 
 
 def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop) -> RunRecorder:

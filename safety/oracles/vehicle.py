@@ -72,8 +72,7 @@ class Heard(Oracle):
 
     def on_stage(self, sample: StageSample) -> Flags:
         """Take a stage: the window opens with the takeoff command and closes with the landing."""
-        if self.stages.open:
-            self._note(sample.t_s)
+        self._worst = self._worst_at(sample.t_s)
         self.stages.reach(sample)
         if self.stages.open and self._since_s is None:
             self._since_s = sample.t_s
@@ -95,11 +94,10 @@ class Heard(Oracle):
 
     def result(self, t_s: float) -> OracleResult:
         """Return the longest gap."""
-        self._note(t_s)
         if not self._heard:
             detail = "never heard in flight"
             return self.verdict(passed=False, limit=self._max_gap_s, unit="s", detail=detail)
-        gap_s, at_s = self._worst
+        gap_s, at_s = self._worst_at(t_s)
         margin_s = self._max_gap_s - gap_s
         return self.verdict(
             passed=margin_s >= 0.0,
@@ -110,9 +108,12 @@ class Heard(Oracle):
             at_s=at_s,
         )
 
-    def _note(self, t_s: float) -> None:
-        if self.stages.open and self._since_s is not None and t_s - self._since_s > self._worst[0]:
-            self._worst = (t_s - self._since_s, t_s)
+    def _worst_at(self, t_s: float) -> tuple[float, float]:
+        """Return the longest gap up to now, with that which goes on."""
+        if not self.stages.open or self._since_s is None:
+            return self._worst
+        now = (t_s - self._since_s, t_s)
+        return now if now[0] > self._worst[0] else self._worst
 
 
 class Landed(Oracle):

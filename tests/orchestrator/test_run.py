@@ -92,6 +92,7 @@ def test_the_pair_flies_through_the_virtual_gate(fly_run: Fly, campaign: str) ->
 def test_the_files_of_a_run_are_all_there_and_readable(fly_run: Fly) -> None:
     result, folder = fly_run()
     assert set(result.artifacts) == {
+        "judged.msgpack",
         "log.jsonl",
         "mixed.mp4",
         "mixed.png",

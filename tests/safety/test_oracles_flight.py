@@ -165,3 +165,14 @@ def test_a_value_that_is_not_finite_never_reaches_a_result() -> None:
     result = judge.verdict(passed=True, actual=math.nan, margin=1.0)
     assert (result.verdict, result.actual, result.margin) == ("FAIL", None, None)
     assert "not finite" in result.detail
+
+
+def test_asking_for_a_result_changes_none() -> None:
+    judge = build("link", max_gap_s=1.0)
+    stage(judge, takeoff=0.0)
+    judge.on_heard(HeardSample(0.5, "real"))
+    assert judge.result(0.9).actual == 0.5
+    assert judge.result(2.0).actual == 1.5
+    # Heard at 0.8, as was learned later: the gap of 1.5 s never was.
+    judge.on_heard(HeardSample(0.8, "real"))
+    assert judge.result(0.8).actual == 0.5

@@ -1,0 +1,99 @@
+"""Judges recorded runs again, by the oracles that the campaign file has now."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from campaigns.expansion import Campaign, RunPlan
+from orchestrator.recording.judged import FILE_NAME
+from orchestrator.results import RunResult
+from orchestrator.results_reading import ResultError, read_result
+from orchestrator.run.oracles import build_judge
+from orchestrator.run.outcome import also_of
+from orchestrator.run.setup import RunOrder, RunSetup
+from safety.tape import TapeError, judge_tape, read_tape
+from safety.verdict import DecisiveEvent, DecisiveKind, decide, source_of
+
+_KINDS: dict[str, DecisiveKind] = {
+    "ERROR": "ERROR",
+    "INVALID": "INVALID",
+    "FAIL": "FAIL",
+    "ABORTED": "ABORTED",
+}
+
+
+class RecordingError(Exception):
+    """A recorded run that cannot be judged again; says which file and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rejudged:
+    """A run as it was judged when it was flown, and as it is judged now."""
+
+    before: RunResult
+    now: RunResult
+
+
+def rejudge(campaign: Campaign, folder: Path) -> tuple[Rejudged, ...]:
+    """Judge every recorded run of the campaign that lies in a results folder.
+
+    Raises RecordingError when there is none, or when a recording cannot be read.
+    """
+    found = tuple(
+        rejudge_run(plan, folder / plan.name)
+        for plan in campaign.runs
+        if (folder / plan.name).is_dir()
+    )
+    if not found:
+        first = campaign.runs[0].name
+        raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
+    return found
+
+
+def rejudge_run(plan: RunPlan, folder: Path) -> Rejudged:
+    """Judge one recorded run again. Raises RecordingError."""
+    try:
+        before = read_result(folder / "result.json")
+    except ResultError as error:
+        raise RecordingError(str(error)) from error
+    events: dict[str, float] = {}
+    judge = build_judge(RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual")), events)
+    try:
+        with (folder / FILE_NAME).open("rb") as stream:
+            played = judge_tape(read_tape(stream), judge, events)
+    except (OSError, TapeError) as error:
+        said = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{folder / FILE_NAME}: {said}") from error
+    if played.end_s is None:
+        raise RecordingError(f"{folder / FILE_NAME} was cut before the end of the run")
+    oracles = judge.results(played.end_s)
+    decision = decide(
+        [*_told_by_others(folder / "log.jsonl", before), *judge.decisive],
+        oracles,
+        end_s=played.end_s,
+        completed={"landed", "done"} <= played.stages,
+    )
+    now = replace(
+        before,
+        verdict=decision.verdict,
+        reason=decision.reason,
+        also=also_of(decision),
+        required=plan.required,
+        oracles=oracles,
+    )
+    return Rejudged(before, now)
+
+
+def _told_by_others(log: Path, before: RunResult) -> Iterator[DecisiveEvent]:
+    """Yield what settled the run beside its oracles: guard, mixing, the autonomy, the operator."""
+    own = {source_of(oracle.name, oracle.vehicle) for oracle in before.oracles}
+    try:
+        lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
+        for line in lines:
+            source = line.get("source", "")
+            judged = source in own or source.startswith("pose/")
+            if line["event"] == "decisive" and not judged:
+                yield DecisiveEvent(line["t_s"], _KINDS[line["kind"]], line["reason"], source)
+    except (OSError, ValueError, KeyError, AttributeError) as error:
+        raise RecordingError(f"{log} cannot be read: {error}") from error
