@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from campaigns.cross_checks import cross_problems
 from campaigns.files import CaseFiles
+from campaigns.link_setups import LinkSetup, link_setup
 from campaigns.oracle_uses import oracle_uses
 from campaigns.references import BadReferenceError
 from campaigns.schema import (
@@ -19,6 +20,7 @@ from campaigns.schema import (
     VehicleName,
     VehiclePart,
 )
+from campaigns.schema.links import LinkPart, LinksPart
 from campaigns.setup import GoalSetup, Setup, SyncSetup, VehicleSetup
 from campaigns.under_test import UnderTest
 from recipes.language import load_recipe
@@ -48,6 +50,7 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         sync=_sync(part.sync),
         fence=part.geofence.fence() if part.geofence is not None else None,
         oracles=uses,
+        links=_links(part.links),
     )
     problems += _autonomy_problems(files.campaign, setup.under_test)
     problems += cross_problems(files, setup, modes)
@@ -109,6 +112,11 @@ def _profile(
     except ProfileError as error:
         problems.append(campaign.problem(("vehicles", name, "profile"), str(error)))
     return profile
+
+
+def _links(part: LinksPart) -> dict[VehicleName, LinkSetup]:
+    given: dict[VehicleName, LinkPart | None] = {"real": part.real, "twin": part.twin}
+    return {name: link_setup(one) for name, one in given.items() if one is not None}
 
 
 def _goal(part: GoalPart) -> GoalSetup:

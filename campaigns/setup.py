@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from campaigns.link_setups import LinkSetup
 from campaigns.schema import VehicleName
 from campaigns.sensor_setups import CameraSetup, SensorSetup
 from campaigns.under_test import UnderTest
@@ -14,7 +15,15 @@ from vehicles.autopilots.base import AutopilotName
 from worlds.frames import Pose, Vec3
 from worlds.world import World
 
-__all__ = ["CameraSetup", "GoalSetup", "SensorSetup", "Setup", "SyncSetup", "VehicleSetup"]
+__all__ = [
+    "CameraSetup",
+    "GoalSetup",
+    "LinkSetup",
+    "SensorSetup",
+    "Setup",
+    "SyncSetup",
+    "VehicleSetup",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +73,11 @@ class GoalSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """All of one case. recipe: None where no mode mixes. fence: None where none is asked for."""
+    """All of one case.
+
+    recipe: None where no mode mixes. fence: None where none is asked for. links: those that are
+    made worse than they are.
+    """
 
     vehicles: Mapping[VehicleName, VehicleSetup]
     world: World
@@ -74,3 +87,4 @@ class Setup:
     sync: SyncSetup
     fence: Fence | None
     oracles: tuple[OracleUse, ...]
+    links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)

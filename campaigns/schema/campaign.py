@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
 
 from campaigns.acceptance import parse_share
+from campaigns.schema.links import LinksPart
 from campaigns.schema.vehicles import VehiclesPart
 from safety.fence_parts import FencePart
 from worlds.documents import KeyFaultError, Part
@@ -113,6 +114,7 @@ class CampaignPart(Part):
     repetitions: Annotated[int, Field(ge=1, le=100_000)] = 1
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     sync: SyncPart = SyncPart()
+    links: LinksPart = LinksPart()
     geofence: FencePart | None = None
     oracles: Annotated[dict[str, dict[str, JsonValue] | None], Field(min_length=1)]
     accept: dict[str, dict[str, str]] | None = None

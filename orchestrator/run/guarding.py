@@ -4,7 +4,9 @@ import asyncio
 import time
 from collections.abc import Mapping
 
-from orchestrator.run.hangar import SYSTEM_IDS, Hangar, InProcess, OwnProcesses
+from campaigns.setup import LinkSetup, VehicleSetup
+from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
+from orchestrator.run.hangar import SYSTEM_IDS, Hangar, InProcess, OwnProcesses, vehicle_seed
 from orchestrator.run.setup import RunSetup
 from safety.guard.charter import GuardCharter, Guarded
 from safety.guard.events import GuardedVehicle
@@ -13,7 +15,11 @@ from safety.guard.shell import GuardLinks, GuardShell, Record
 from vehicles.autopilots.base import Target
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.links.base import Link
+from vehicles.links.conditions import LinkConditions, under_conditions
 from vehicles.links.memory import memory_pair
+
+_LINK_LUCK = 3
+"""Keeps the luck of links apart from that of other things with the same seed."""
 
 Guard = GuardShell | RemoteGuard
 
@@ -38,10 +44,24 @@ def guard_of(setup: RunSetup, *, record: Record) -> tuple[Guard, Hangar, Mapping
         run=setup.order.plan.name,
         folder=str(setup.order.folder.absolute()),
         epoch_s=time.time() - asyncio.get_running_loop().time(),
-        vehicles={name: Guarded(vehicle=vehicle) for name, vehicle in guarded.items()},
+        vehicles={
+            one.name: Guarded(vehicle=guarded[one.name], conditions=conditions_of(setup, one))
+            for one in setup.vehicles
+        },
     )
     guard = RemoteGuard(charter=charter, record=record)
     return guard, OwnProcesses(setup, guard), {name: guard.link(name) for name in guarded}
+
+
+def conditions_of(setup: RunSetup, vehicle: VehicleSetup) -> LinkConditions:
+    """Return how frames fare between the guard and a vehicle, by the run's seed."""
+    link = setup.campaign.links.get(vehicle.name, LinkSetup())
+    return LinkConditions(
+        outgoing=link.outgoing,
+        incoming=link.incoming,
+        seed=(vehicle_seed(setup.seed, vehicle.name), _LINK_LUCK),
+        may_go_dark=bool(link.blackouts),
+    )
 
 
 def _in_process(
@@ -52,5 +72,10 @@ def _in_process(
     outer: dict[str, Link] = {}
     for vehicle in setup.vehicles:
         near, outer[vehicle.name] = memory_pair(name=f"{vehicle.name} guard")
-        inner[vehicle.name] = GuardLinks(vehicle=hangar.link(vehicle), orchestrator=near)
+        there = under_conditions(
+            hangar.link(vehicle), conditions_of(setup, vehicle), utc_s=VIRTUAL_EPOCH_S
+        )
+        inner[vehicle.name] = GuardLinks(
+            vehicle=there.link, orchestrator=near, impaired=there.impaired
+        )
     return GuardShell(vehicles=guarded, links=inner, record=record), hangar, outer

@@ -1,9 +1,14 @@
 """Opens the pair: guard, vehicles and drivers, in the order in which they may be closed."""
 
+import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
+from typing import cast
 
+from campaigns.schema import VehicleName
+from campaigns.setup import LinkSetup
+from orchestrator.run.course import Course, Stage
 from orchestrator.run.guarding import Guard, guard_of
 from orchestrator.run.hangar import TRUTH_HZ, Feed
 from orchestrator.run.setup import RunSetup
@@ -24,6 +29,21 @@ class Pair:
     stations: tuple[Station, ...]
     vehicles: Mapping[str, Feed]
     guard: Guard
+
+    def go_dark(self, links: Mapping[VehicleName, LinkSetup], course: Course) -> None:
+        """Have links black out at the stages that the campaign names."""
+
+        def entered(stage: Stage, _: float) -> None:
+            loop = asyncio.get_running_loop()
+            for station in self.stations:
+                link = links.get(cast("VehicleName", station.name))
+                for blackout in () if link is None else link.blackouts:
+                    if blackout.stage == stage:
+                        loop.call_later(
+                            blackout.after_s, self.guard.black_out, station.name, blackout.for_s
+                        )
+
+        course.on_stage(entered)
 
     def notify(self, event: str, t_s: float) -> None:
         """Tell every vehicle's surroundings that an event of the world happened."""

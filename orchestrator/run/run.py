@@ -103,6 +103,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                     notify=partial(_world_event, recorder, pair),
                 )
                 sync.attach(pair.stations)
+                pair.go_dark(setup.campaign.links, course)
                 if disturb is not None:
                     disturb(pair, course)
                 run = _Run(

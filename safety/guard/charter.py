@@ -11,6 +11,7 @@ from safety.guard.contingency import ContingencyPlan
 from safety.guard.events import GuardedVehicle, GuardSettings
 from vehicles.autopilots.base import AutopilotName, Mode, Target
 from vehicles.autopilots.registry import autopilot_named
+from vehicles.links.conditions import LinkConditions
 
 _LANDINGS = frozenset({Mode.LAND.value, Mode.RTL.value})
 
@@ -25,12 +26,14 @@ class Guarded:
 
     link: its link string; empty for a free UDP port of loopback, at which a vehicle is going to
     be started. gcs: link string of a ground station port ("udpout://127.0.0.1:14550"); empty for
-    none.
+    none. conditions: how frames fare between the guard and the vehicle, and where their signing
+    key is.
     """
 
     vehicle: GuardedVehicle
     link: str = ""
     gcs: str = ""
+    conditions: LinkConditions = field(default_factory=LinkConditions)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +96,7 @@ def _plain_guarded(guarded: Guarded) -> dict[str, Any]:
     return {
         "link": guarded.link,
         "gcs": guarded.gcs,
+        "conditions": guarded.conditions.plain(),
         "autopilot": vehicle.autopilot.name,
         "target": [vehicle.target.system, vehicle.target.component],
         "fence": None if vehicle.fence is None else _plain_fence(vehicle.fence),
@@ -107,6 +111,7 @@ def _guarded(plain: Mapping[str, Any]) -> Guarded:
     return Guarded(
         link=str(plain["link"]),
         gcs=str(plain["gcs"]),
+        conditions=LinkConditions.from_plain(plain["conditions"]),
         vehicle=GuardedVehicle(
             autopilot=_autopilot(plain["autopilot"]),
             target=Target(*plain["target"]),

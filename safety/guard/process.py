@@ -41,6 +41,7 @@ from safety.guard.protocol import (
     End,
     Ended,
     Failed,
+    GoDark,
     Message,
     OnWire,
     Opened,
@@ -55,7 +56,9 @@ from safety.guard.shell import GuardLinks, GuardShell
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
 from vehicles.child import ChildProcess
-from vehicles.links.base import Link, LinkError
+from vehicles.errors import VehicleError
+from vehicles.links.base import Link
+from vehicles.links.conditions import under_conditions
 from vehicles.links.opening import open_link
 from vehicles.links.parse import LinkAddress, parse_link
 from vehicles.links.udp import UdpLink
@@ -97,7 +100,7 @@ class GuardProcess:
             return 1
         try:
             await self._guard(GuardCharter.from_plain(message.plain))
-        except (CharterError, LinkError, OSError) as error:
+        except (CharterError, VehicleError, OSError) as error:
             self._channel.send(Failed(f"the guard cannot begin: {error}"))
             return 1
         finally:
@@ -127,13 +130,16 @@ class GuardProcess:
         runtime = runtime_folder()
         for text in await asyncio.to_thread(reap_leftovers, runtime):
             self._note("leftover", text=text)
-        outer = {name: _vehicle_link(one) for name, one in charter.vehicles.items()}
+        raw = {name: _vehicle_link(one) for name, one in charter.vehicles.items()}
         links: dict[str, GuardLinks] = {}
         for index, (name, one) in enumerate(charter.vehicles.items()):
             inner = ChannelLink(name=f"{name} orchestrator", index=index, channel=self._channel)
             self._links.append(inner)
             gcs = open_link(parse_link(one.gcs)) if one.gcs else None
-            links[name] = GuardLinks(vehicle=outer[name], orchestrator=inner, gcs=gcs)
+            outer = under_conditions(raw[name], one.conditions, utc_s=time.time())
+            links[name] = GuardLinks(
+                vehicle=outer.link, orchestrator=inner, gcs=gcs, impaired=outer.impaired
+            )
         self._shell = GuardShell(
             vehicles={name: one.vehicle for name, one in charter.vehicles.items()},
             links=links,
@@ -146,7 +152,7 @@ class GuardProcess:
         await stack.enter_async_context(self._shell)
         stack.push_async_callback(self._reap)
         await self._enlist(stack, runtime)
-        self._opened(outer)
+        self._opened(raw)
 
     async def _enlist(self, stack: AsyncExitStack, runtime: Path) -> None:
         """Open the operator's socket and say on this machine that we fly."""
@@ -175,10 +181,8 @@ class GuardProcess:
         write_record(runtime, self._record)
         stack.callback(remove_record, runtime, me)
 
-    def _opened(self, outer: Mapping[str, Link]) -> None:
-        ports = tuple(
-            link.local_port if isinstance(link, UdpLink) else 0 for link in outer.values()
-        )
+    def _opened(self, raw: Mapping[str, Link]) -> None:
+        ports = tuple(link.local_port if isinstance(link, UdpLink) else 0 for link in raw.values())
         self._note("opened", pid=os.getpid())
         self._channel.send(Opened(os.getpid(), ports))
         self._tell_status()
@@ -209,6 +213,8 @@ class GuardProcess:
                 self._order(message)
             case AnchorAt(name, origin, turn) if name in self._names:
                 self._shell.anchor(name, Anchor(origin, turn))
+            case GoDark(name, duration_s) if name in self._names and self._links:
+                self._shell.black_out(name, duration_s)
             case Start() if message.vehicle in self._names:
                 task = asyncio.create_task(self._start(message), name=f"start {message.vehicle}")
                 self._starts.add(task)

@@ -12,6 +12,7 @@ body, little-endian. Frequent kinds have a fixed layout, the others msgpack:
     6     orchestrator   Order: [order, text]
     7     orchestrator   AnchorAt: [vehicle, [north, east, down], turn]
     8     orchestrator   End: empty
+    9     orchestrator   GoDark: [vehicle, seconds]
     16    guard          Opened: [pid, [port, ...]]
     17    guard          Started: [vehicle, pid]
     18    guard          Ended: [vehicle, exit code or nil, last words]
@@ -107,6 +108,14 @@ class AnchorAt:
 
 
 @dataclass(frozen=True, slots=True)
+class GoDark:
+    """Let nothing through between the guard and a vehicle for a while."""
+
+    vehicle: str
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class End:
     """Nothing more is to be flown: reap and end."""
 
@@ -176,6 +185,7 @@ Message = (
     | Alive
     | Order
     | AnchorAt
+    | GoDark
     | End
     | Opened
     | Started
@@ -287,6 +297,13 @@ def _read_anchor(packet: bytes) -> Message:
     return AnchorAt(vehicle, (float(north), float(east), float(down)), float(turn))
 
 
+def _read_go_dark(packet: bytes) -> Message:
+    vehicle, duration_s = _body(packet)
+    _texts(vehicle)
+    _require_finite(duration_s)
+    return GoDark(vehicle, float(duration_s))
+
+
 def _read_opened(packet: bytes) -> Message:
     pid, ports = _body(packet)
     return Opened(_integers(pid)[0], _integers(*ports))
@@ -350,6 +367,7 @@ _KINDS: dict[type[Any], int] = {
     Start: 2,
     Order: 6,
     AnchorAt: 7,
+    GoDark: 9,
     Opened: 16,
     Started: 17,
     Ended: 18,
@@ -366,6 +384,7 @@ _READERS: dict[int, Callable[[bytes], Message]] = {
     6: _read_order,
     7: _read_anchor,
     8: lambda _: End(),
+    9: _read_go_dark,
     16: _read_opened,
     17: _read_started,
     18: _read_ended,

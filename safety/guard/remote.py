@@ -25,6 +25,7 @@ from safety.guard.protocol import (
     End,
     Ended,
     Failed,
+    GoDark,
     Message,
     OnWire,
     Opened,
@@ -162,6 +163,10 @@ class RemoteGuard:
     def anchor(self, name: str, anchor: Anchor) -> None:
         """Say where a vehicle's local frame is in the world."""
         self._channel.send(AnchorAt(name, anchor.origin_ned_m, anchor.turn_rad))
+
+    def black_out(self, name: str, duration_s: float) -> None:
+        """Let nothing through between the guard and a vehicle for a while."""
+        self._channel.send(GoDark(name, duration_s))
 
     def alive(self) -> None:
         """Give a sign of life; from the start on this is done by itself, from the event loop."""

@@ -25,6 +25,7 @@ from safety.guard.events import (
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
 from vehicles.links.base import Link, Receiver
+from vehicles.links.impaired import ImpairedLink
 
 TICK_HZ = 20.0
 
@@ -34,11 +35,12 @@ Record = Callable[[str, float, bytes], None]
 
 @dataclass(frozen=True, slots=True)
 class GuardLinks:
-    """The guard's ends of one vehicle's links."""
+    """The guard's ends of one vehicle's links. impaired: what can black out the vehicle's."""
 
     vehicle: Link
     orchestrator: Link
     gcs: Link | None = None
+    impaired: ImpairedLink | None = None
 
 
 class GuardShell:
@@ -113,6 +115,13 @@ class GuardShell:
     def anchor(self, name: str, anchor: Anchor) -> None:
         """Say where a vehicle's local frame is in the world."""
         self.core.anchor(name, anchor)
+
+    def black_out(self, name: str, duration_s: float) -> None:
+        """Let nothing through between us and a vehicle for a while, as the campaign wants it."""
+        impaired = self._links[name].impaired
+        if impaired is None:
+            raise ValueError(f"the link of {name} is not one that can go dark")
+        impaired.black_out(duration_s)
 
     def alive(self) -> None:
         """Take a sign of life of the orchestrator; the first one starts the watch on it."""

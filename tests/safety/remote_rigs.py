@@ -16,6 +16,7 @@ from safety.guard.remote import RemoteGuard
 from safety.samples import PoseSample
 from vehicles.autopilots.base import Target, command_long
 from vehicles.autopilots.px4 import Px4
+from vehicles.links.conditions import LinkConditions
 from vehicles.mavlink.codec import Codec
 from worlds.frames import Pose
 
@@ -27,14 +28,15 @@ PATIENT = GuardSettings(orchestrator_silent_s=5.0)
 """A test on a loaded machine may be silent for longer than an orchestrator may."""
 
 
-def charter(folder: Path, **more: Any) -> GuardCharter:
+def charter(folder: Path, *, conditions: LinkConditions | None = None, **more: Any) -> GuardCharter:
     return GuardCharter(
         run="test/wil/1",
         folder=str(folder),
         epoch_s=time.time() - time.monotonic(),
         vehicles={
             name: Guarded(
-                vehicle=GuardedVehicle(autopilot=Px4(), target=Target(system), fence=FENCE)
+                vehicle=GuardedVehicle(autopilot=Px4(), target=Target(system), fence=FENCE),
+                conditions=conditions or LinkConditions(),
             )
             for name, system in SYSTEMS.items()
         },

@@ -1,0 +1,93 @@
+"""`links`: a worse radio than there is, between the guard and a vehicle."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from vehicles.links.impairment import Blackout, Bursts, Impairment
+from worlds.documents import KeyFaultError, Part
+
+Chance = Annotated[float, Field(ge=0, le=1)]
+Milliseconds = Annotated[float, Field(ge=0, le=60_000)]
+Duration = Annotated[float, Field(gt=0, le=3600)]
+FlightStage = Literal["takeoff", "at_height", "goal", "done", "land"]
+"""Stages of a flight after which a link may go dark."""
+
+
+class BurstsPart(Part):
+    """Loss in bursts: their mean length, and the mean time between them."""
+
+    length_s: Duration
+    gap_s: Duration
+    loss_within: Chance = 1.0
+    loss_between: Chance = 0.0
+
+
+class BlackoutPart(Part):
+    """Nothing comes through for `for_s`: so long after the link's opening, or after a stage.
+
+    `{from_s: 60, for_s: 3}`, or `{on: goal, after_s: 2, for_s: 3}`.
+    """
+
+    for_s: Duration
+    from_s: Annotated[float, Field(ge=0, le=86_400)] | None = None
+    on: FlightStage | None = None
+    after_s: Annotated[float, Field(ge=0, le=86_400)] = 0.0
+
+    @model_validator(mode="after")
+    def _one_beginning(self) -> Self:
+        if (self.from_s is None) == (self.on is None):
+            raise ValueError("give from_s, or the stage `on` after which it begins")
+        if self.from_s is not None and "after_s" in self.model_fields_set:
+            raise KeyFaultError("after_s", "counts from a stage; from_s says it already")
+        return self
+
+
+class WayPart(Part):
+    """What happens to the frames of one way; every chance is for each frame."""
+
+    latency_ms: Milliseconds = 0.0
+    jitter_ms: Milliseconds = 0.0
+    loss: Chance = 0.0
+    bursts: BurstsPart | None = None
+    duplicate: Chance = 0.0
+    reorder: Chance = 0.0
+    corrupt: Chance = 0.0
+    bandwidth_kbit_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
+
+    @model_validator(mode="after")
+    def _causal(self) -> Self:
+        if self.jitter_ms > self.latency_ms:
+            said = f"is more than the latency of {self.latency_ms:g} ms; a frame cannot be early"
+            raise KeyFaultError("jitter_ms", said)
+        return self
+
+    def impairment(self, blackouts: tuple[Blackout, ...]) -> Impairment:
+        """Return what it means for a link."""
+        bursts, kbit_s = self.bursts, self.bandwidth_kbit_s
+        return Impairment(
+            latency_s=self.latency_ms / 1e3,
+            jitter_s=self.jitter_ms / 1e3,
+            loss=self.loss,
+            bursts=None if bursts is None else Bursts(**bursts.model_dump()),
+            duplicate=self.duplicate,
+            reorder=self.reorder,
+            corrupt=self.corrupt,
+            bandwidth_bit_s=None if kbit_s is None else kbit_s * 1e3,
+            blackouts=blackouts,
+        )
+
+
+class LinkPart(WayPart):
+    """One vehicle's link, both ways alike; `to_vehicle` or `from_vehicle` replaces one of them."""
+
+    to_vehicle: WayPart | None = None
+    from_vehicle: WayPart | None = None
+    blackouts: list[BlackoutPart] = Field(default_factory=list)
+
+
+class LinksPart(Part):
+    """The links of the pair; one that is not named is as good as it is."""
+
+    real: LinkPart | None = None
+    twin: LinkPart | None = None

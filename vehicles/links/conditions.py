@@ -1,0 +1,101 @@
+"""What is put round the link to a vehicle: the signature, and a bad radio made on purpose."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+
+from vehicles.links.base import Link
+from vehicles.links.impaired import ImpairedLink
+from vehicles.links.impairment import Blackout, Bursts, Impairment
+from vehicles.links.signing import SigningLink
+from vehicles.mavlink.signing_key import SigningKey, key_from_environment, key_from_file
+
+_FLAWLESS = Impairment()
+
+
+@dataclass(frozen=True, slots=True)
+class KeySource:
+    """Where the signing key is: a file's path, or an environment variable's name; never the key."""
+
+    kind: Literal["file", "environment"]
+    name: str
+
+    def key(self) -> SigningKey:
+        """Return the key. Raises SigningKeyError."""
+        if self.kind == "file":
+            return key_from_file(Path(self.name))
+        return key_from_environment(self.name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkConditions:
+    """How a link is treated between us and the vehicle.
+
+    outgoing, incoming: what is done to the frames of each way. seed: of all luck in it. signing:
+    where the key is; None for unsigned frames.
+    """
+
+    outgoing: Impairment = field(default_factory=Impairment)
+    incoming: Impairment = field(default_factory=Impairment)
+    seed: tuple[int, ...] = (0,)
+    signing: KeySource | None = None
+    may_go_dark: bool = False
+    """Whether it is blacked out at a moment of the flight, not known yet."""
+
+    @property
+    def impaired(self) -> bool:
+        """Return whether frames fare worse than on the bare link."""
+        return self.may_go_dark or (self.outgoing, self.incoming) != (_FLAWLESS, _FLAWLESS)
+
+    def plain(self) -> dict[str, Any]:
+        """Return them in plain values, for `from_plain`; without the key."""
+        return asdict(self)
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> Self:
+        """Return the conditions of plain values. Raises ValueError, TypeError, KeyError."""
+        signing = plain["signing"]
+        return cls(
+            outgoing=_impairment(plain["outgoing"]),
+            incoming=_impairment(plain["incoming"]),
+            seed=tuple(int(part) for part in plain["seed"]),
+            signing=None if signing is None else KeySource(**signing),
+            may_go_dark=bool(plain["may_go_dark"]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionedLink:
+    """A link in its conditions. impaired: what blacks it out; None where it is not impaired."""
+
+    link: Link
+    impaired: ImpairedLink | None = None
+
+
+def under_conditions(link: Link, conditions: LinkConditions, *, utc_s: float) -> ConditionedLink:
+    """Return a link under conditions: what is signed is impaired afterwards, as on the air.
+
+    utc_s: what time it is (UTC, seconds since 1970). Raises SigningKeyError.
+    """
+    impaired: ImpairedLink | None = None
+    if conditions.impaired:
+        link = impaired = ImpairedLink(
+            link=link,
+            outgoing=conditions.outgoing,
+            incoming=conditions.incoming,
+            rng=np.random.default_rng(list(conditions.seed)),
+        )
+    if conditions.signing is not None:
+        link = SigningLink(link=link, key=conditions.signing.key(), utc_s=utc_s)
+    return ConditionedLink(link, impaired)
+
+
+def _impairment(plain: Mapping[str, Any]) -> Impairment:
+    values = dict(plain)
+    if values["bursts"] is not None:
+        values["bursts"] = Bursts(**values["bursts"])
+    values["blackouts"] = tuple(Blackout(**each) for each in values["blackouts"])
+    return Impairment(**values)
