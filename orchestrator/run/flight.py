@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping
 from campaigns.setup import SyncSetup
 from orchestrator.run.course import Course
 from orchestrator.run.station import Station
+from vehicles.autopilots.registry import autopilot_named
 from vehicles.errors import VehicleError
 
 _SETTLED_S = 0.5
@@ -40,6 +41,10 @@ async def fly_together(
     await _each(stations, lambda station: station.driver.ready(sync.ready_timeout_s))
     course.enter("arm")
     await _each(stations, lambda station: station.driver.arm())
+    if len(stations) > 1:
+        # Who was armed first is ahead by as much: motors that are not up make a takeoff wait.
+        flown_by = [autopilot_named(station.driver.identity.autopilot) for station in stations]
+        await asyncio.sleep(max(autopilot.spool_s for autopilot in flown_by))
     course.enter("takeoff")
     acknowledged = [station.driver.begin_takeoff(heights_m[station.name]) for station in stations]
     await asyncio.gather(*acknowledged)

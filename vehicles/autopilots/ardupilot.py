@@ -77,6 +77,8 @@ class ArduCopter(Autopilot):
     # NAV_TAKEOFF over MAVLink is taken in GUIDED only.
     arming_mode: ClassVar[Mode] = Mode.GUIDED
     takeoff_modes: ClassVar[tuple[Mode, ...]] = (Mode.GUIDED,)
+    spool_s: ClassVar[float] = 2.0
+    """The delay after arming, and MOT_SPOOL_TIME: before, a takeoff command waits (4.7)."""
     takeoff_needs_amsl: ClassVar[bool] = False
     parameters_bytewise: ClassVar[bool] = False
     changes_mode_on_disarm: ClassVar[bool] = False

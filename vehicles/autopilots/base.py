@@ -103,6 +103,8 @@ class Autopilot(ABC):
     """The mode to arm in, from which a takeoff command is taken at once."""
     takeoff_modes: ClassVar[tuple[Mode, ...]]
     """The modes that it goes through by itself after a takeoff command."""
+    spool_s: ClassVar[float]
+    """How long after arming its motors are not yet up to take off at once."""
     takeoff_needs_amsl: ClassVar[bool]
     """Whether the takeoff command carries a height above mean sea level."""
     parameters_bytewise: ClassVar[bool]

@@ -87,6 +87,8 @@ class Px4(Autopilot):
     # A takeoff armed in AUTO.TAKEOFF leaves the ground at once: a barrier needs to wait armed.
     arming_mode: ClassVar[Mode] = Mode.HOLD
     takeoff_modes: ClassVar[tuple[Mode, ...]] = (Mode.TAKEOFF, Mode.HOLD)
+    spool_s: ClassVar[float] = 1.0
+    """COM_SPOOLUP_TIME's default."""
     takeoff_needs_amsl: ClassVar[bool] = True
     parameters_bytewise: ClassVar[bool] = True
     changes_mode_on_disarm: ClassVar[bool] = True

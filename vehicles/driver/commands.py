@@ -16,12 +16,20 @@ _PROGRESS_TIMEOUT_S = 10.0
 _LAST_WAIT = 3.0
 """So many times longer is the wait after the last try: a radio's round trip may be a second."""
 
+_LOOK_S, _LOOKS = 0.1, 12
+"""How long what a refused repetition was for is looked out for: a state is told 5 times a second,
+and a takeoff begins a second after its command."""
+_URGENT = 2
+"""So many times more often goes an urgent command: still above a bad radio's round trip."""
+
 
 @dataclass(slots=True)
 class _Pending:
     message: Any
     future: asyncio.Future[None]
     done_anyway: Callable[[], bool] | None
+    every_s: float
+    tries: int
     timer: asyncio.TimerHandle | None = None
     sent: int = 1
     last_result: int | None = None
@@ -62,11 +70,12 @@ class Commander:
             await self.begin(message, done_anyway=done_anyway)
 
     def begin(
-        self, message: Any, *, done_anyway: Callable[[], bool] | None = None
+        self, message: Any, *, done_anyway: Callable[[], bool] | None = None, urgent: bool = False
     ) -> asyncio.Future[None]:
         """Send a command now, before returning; the future is its acceptance (as in `run`).
 
-        Raises CommandError when the same command is still waiting for its answer.
+        urgent: sent again twice as often, and as long: another vehicle does the same now. Raises
+        CommandError when the same command is still waiting for its answer.
         """
         if message.command in self._pending:
             name = command_name(message.command)
@@ -74,11 +83,13 @@ class Commander:
                 f"{name} is still waiting for its answer", command=name, result="none"
             )
         future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        pending = _Pending(message, future, done_anyway)
+        hurry = _URGENT if urgent else 1
+        every_s, tries = self._ack_timeout_s / hurry, self._tries * hurry
+        pending = _Pending(message, future, done_anyway, every_s, tries)
         self._pending[message.command] = pending
         future.add_done_callback(lambda _: self._forget(pending))
         self._session.send(message)
-        self._await_answer(pending, self._ack_timeout_s)
+        self._await_answer(pending, every_s)
         return future
 
     def close(self) -> None:
@@ -101,14 +112,14 @@ class Commander:
     def _unanswered(self, pending: _Pending) -> None:
         if pending.future.done():
             return
-        if pending.sent >= self._tries:
+        if pending.sent >= pending.tries:
             self._fail(pending)
             return
         pending.message.confirmation = min(pending.sent, 255)
         pending.sent += 1
         self._session.send(pending.message)
-        last = pending.sent >= self._tries
-        self._await_answer(pending, self._ack_timeout_s * (_LAST_WAIT if last else 1.0))
+        last = pending.sent >= pending.tries
+        self._await_answer(pending, self._ack_timeout_s * _LAST_WAIT if last else pending.every_s)
 
     def _answered(self, ack: Any, _t_s: float) -> None:
         pending = self._pending.get(ack.command)
@@ -120,12 +131,24 @@ class Commander:
             self._accept(pending)
         elif ack.result == mavlink.MAV_RESULT_IN_PROGRESS:
             self._await_answer(pending, _PROGRESS_TIMEOUT_S)
-        elif ack.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED and pending.sent < self._tries:
+        elif ack.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED and pending.sent < pending.tries:
             self._await_answer(pending, self._ack_timeout_s)
-        elif pending.sent > 1 and pending.done_anyway is not None and pending.done_anyway():
-            self._accept(pending)
         else:
+            self._refused(pending, _LOOKS if pending.sent > 1 else 0)
+
+    def _refused(self, pending: _Pending, looks: int) -> None:
+        """Take a refusal; that of a repetition may only say that the first is under way."""
+        if pending.future.done():
+            return
+        if pending.sent > 1 and pending.done_anyway is not None and pending.done_anyway():
+            self._accept(pending)
+        elif looks == 0 or pending.done_anyway is None:
             self._fail(pending)
+        else:
+            if pending.timer is not None:
+                pending.timer.cancel()
+            loop = asyncio.get_running_loop()
+            pending.timer = loop.call_later(_LOOK_S, self._refused, pending, looks - 1)
 
     def _accept(self, pending: _Pending) -> None:
         if not pending.future.done():

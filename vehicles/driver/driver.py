@@ -242,8 +242,9 @@ class Driver:
             vehicle.target, altitude_m=altitude_m, ground_amsl_m=self._estimates.amsl_m
         )
         status.asked_modes = autopilot.takeoff_modes
+        flies = {"taking_off", "in_air"}
         return self._commander.begin(
-            message, done_anyway=lambda: status.state.landed in {"taking_off", "in_air"}
+            message, done_anyway=lambda: status.state.landed in flies, urgent=True
         )
 
     async def enter_guided(self) -> None:
