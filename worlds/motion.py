@@ -7,9 +7,14 @@ import bisect
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 from worlds.frames import Pose, Vec3, angle_between, norm, quat_from_euler, subtract
 
+Moment = Literal["takeoff", "at_height", "goal", "done"]
+MOMENTS: tuple[Moment, ...] = get_args(Moment)
+"""What happens in a run that motion may wait for: the takeoff command, both vehicles at height,
+t0 (the goal is given), the autonomy is done."""
 TURN_RATE_RAD_S = math.pi
 """How fast a thing turns at most: where a way is too short for its turn, it takes longer."""
 

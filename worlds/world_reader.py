@@ -11,7 +11,7 @@ from worlds.colors import NAMED, Rgb, parse_color
 from worlds.documents import Document, Problem, closest
 from worlds.frames import Pose, matrix_from_quat
 from worlds.mesh_files import Axes, MeshFileError, load_mesh_shape
-from worlds.motion import Motion, StartAt, StartOn, Waypoint
+from worlds.motion import Motion, StartOn, Waypoint
 from worlds.scene import MAX_OBJECTS, SceneObject
 from worlds.shapes import Shape
 from worlds.textures import load_texture
@@ -186,7 +186,7 @@ def _built_in(model: ShapeModel, rgb: Rgb | None) -> Shape:
 
 def _motion(pose: Pose, model: MotionModel) -> Motion:
     start = model.start
-    begin = StartOn(start.on, start.delay_s) if start.on else StartAt(start.at_s or 0.0)
+    begin = StartOn(start.on, start.delay_s) if start.on else StartOn("goal", start.at_s or 0.0)
     waypoints = tuple(
         Waypoint(
             (each.north_m, each.east_m, -each.up_m),

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from worlds.documents import KeyFaultError
 from worlds.documents import Part as FilePart
 from worlds.frames import Pose
+from worlds.motion import Moment
 
 Which = Literal["W", "Wv"]
 Mode = Literal["sim", "wil", "real"]
@@ -154,10 +155,10 @@ class WaypointModel(FilePart):
 
 
 class StartModel(FilePart):
-    """When motion begins: at a time after t0, or when something happens (and a delay)."""
+    """When motion begins: at a time after t0, or when something else happens (and a delay)."""
 
     at_s: Seconds | None = None
-    on: Annotated[str, Field(min_length=1)] | None = None
+    on: Moment | None = None
     delay_s: Seconds = 0.0
 
     @model_validator(mode="after")
@@ -176,14 +177,23 @@ class MotionModel(FilePart):
 
 
 class ObjectModel(FilePart):
-    """A named thing of a world."""
+    """A named thing of a world; shapes that need no sizes may be given by their name alone."""
 
-    shape: ShapeModel
+    written_shape: Annotated[ShapeModel | Literal["person", "quadrotor"], Field(alias="shape")]
     pose: PoseModel = PoseModel()
     color: Color | None = None
     texture: str | None = None
     exists_in: ExistsModel | None = None
     motion: MotionModel | None = None
+
+    @property
+    def shape(self) -> ShapeModel:
+        """Return the shape, however it was written."""
+        if self.written_shape == "person":
+            return ShapeModel(person=PersonModel())
+        if self.written_shape == "quadrotor":
+            return ShapeModel(quadrotor=QuadrotorModel())
+        return self.written_shape
 
 
 class WorldModel(FilePart):

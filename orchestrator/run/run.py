@@ -15,7 +15,7 @@ from orchestrator.progress import Progress, Report
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.results import RunResult
-from orchestrator.run.course import Course
+from orchestrator.run.course import Course, Stage
 from orchestrator.run.flight import FlightError, fly_together
 from orchestrator.run.goal import GoalFlight
 from orchestrator.run.judging import Bench
@@ -31,6 +31,7 @@ from safety.guard.events import GuardEvent, decisive
 from safety.tape import WorldEvent
 from vehicles.errors import VehicleError
 from vehicles.links.base import LinkError
+from worlds.motion import MOMENTS
 
 _OPERATOR_POLL_S = 0.05
 _PROGRESS_S = 0.5
@@ -102,6 +103,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                     started=sync.goal_given,
                     notify=partial(_world_event, recorder, pair),
                 )
+                course.on_stage(partial(_moment, events, goal.notify))
                 sync.attach(pair.stations)
                 pair.go_dark(setup.campaign.links, course)
                 if disturb is not None:
@@ -130,6 +132,15 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
 def _world_event(recorder: RunRecorder, pair: Pair, name: str, t_s: float) -> None:
     recorder.judged(WorldEvent(t_s, name))
     pair.notify(name, t_s)
+
+
+def _moment(
+    events: dict[str, float], notify: Callable[[str, float], None], stage: Stage, t_s: float
+) -> None:
+    """Let motions of the world know of a stage; of t0 they learn from the goal's flight."""
+    if stage in MOMENTS and stage != "goal":
+        events[stage] = t_s
+        notify(stage, t_s)
 
 
 def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop) -> RunRecorder:

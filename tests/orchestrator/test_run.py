@@ -151,6 +151,26 @@ def test_touching_the_virtual_gate_fails_and_the_flight_goes_on(fly_run: Fly) ->
     assert all_landed(folder)
 
 
+@pytest.mark.parametrize(
+    ("start", "stage", "waits_s"),
+    [("{on: at_height, delay_s: 0.5}", "at_height", 0.5), ("{at_s: 0.7}", "goal", 0.7)],
+)
+def test_a_thing_that_moves_starts_when_it_was_told_to(
+    fly_run: Fly, start: str, stage: Stage, waits_s: float
+) -> None:
+    """A ball-like box comes down on the twin where it hovers, or flies slowly: 2.1 m at 30 m/s."""
+    ram = (
+        "{shape: {box: {size_m: [0.6, 0.6, 0.1]}}, pose: {up_m: 2.35}, motion: {start: "
+        + start
+        + ", waypoints: [{north_m: 0, east_m: 0, up_m: 0.25, speed_m_s: 30}]}}"
+    )
+    result, folder = fly_run(mode="sim", sets=("world.objects.ram=" + ram,))
+    (contact, *_) = [flag for flag in result.collisions if "ram" in flag.text]
+    entered_s = {line["stage"]: line["t_s"] for line in log_of(folder) if line["event"] == "stage"}
+    assert 0.0 < contact.t_s - entered_s[stage] - waits_s < 0.07
+    assert result.verdict == "FAIL"
+
+
 def test_a_physical_contact_in_mode_real_stops_the_motors(fly_run: Fly) -> None:
     result, folder = fly_run(
         mode="real",

@@ -1,6 +1,7 @@
 """World files: what they give, and every fault with its place."""
 
 import math
+import re
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ from worlds.documents import BadInput, Problem, load, parse
 from worlds.motion import StartOn
 from worlds.world import World
 
+ROOT = Path(__file__).parents[2]
 HEAD = """\
 schema: wil/world/1
 origin: {latitude_deg: 47.4, longitude_deg: 8.5, altitude_m: 488}
@@ -19,6 +21,8 @@ objects:
 """
 CAGE = "  cage: {shape: {room: {size_north_m: 6, size_east_m: 6, height_m: 2.5}}}\n"
 GATE = "{shape: {gate: {inner_size_m: 1}}, pose: {north_m: 3, up_m: 1.2}"
+
+LEG = "{north_m: 1, east_m: 1, up_m: 2, speed_m_s: 1}"
 
 
 def world(objects: str, folder: Path = Path()) -> World:
@@ -32,13 +36,33 @@ def faults(objects: str, folder: Path = Path()) -> tuple[Problem, ...]:
 
 
 def test_the_shipped_gate_world() -> None:
-    shipped = World.parse(load(Path(__file__).parents[2] / "worlds" / "gate.yaml"))
+    shipped = World.parse(load(ROOT / "worlds" / "gate.yaml"))
     assert shipped.objects == ("cage", "gate")
     assert shipped.frame.latitude_deg == pytest.approx(47.397742)
     gate = shipped.scene("sim", "Wv")["gate"]
     assert gate.pose.position_ned_m == (3.0, 0.0, -1.2)
     assert gate.shape.mesh.materials[0].rgb == NAMED["orange"]
     assert [opening.limit_m for opening in gate.shape.openings] == [0.5]
+
+
+def test_the_shipped_hall_has_every_built_in_thing() -> None:
+    hall = World.parse(load(ROOT / "worlds" / "hall.yaml"))
+    kinds = {each.thing.shape.kind for each in hall.placed}
+    assert kinds == {"room", "gate", "box", "person", "quadrotor"}
+    assert hall.events == {"goal"}
+
+
+@pytest.mark.parametrize("page", ["worlds.md", "campaigns.md"])
+def test_what_the_pages_show_is_a_world(page: str, tmp_path: Path) -> None:
+    (tmp_path / "models").mkdir()
+    tetrahedron(tmp_path / "models" / "shelf.obj")
+    blocks = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / page).read_text("utf-8"), re.DOTALL)
+    shown = [block for block in blocks if "shape:" in block]
+    assert shown
+    for block in shown:
+        text = block if "schema:" in block else HEAD + block.removeprefix("objects:\n")
+        document = parse(text.encode(), name="w.yaml", path=tmp_path / "w.yaml")
+        assert World.parse(document).objects
 
 
 def test_where_things_exist_by_default() -> None:
@@ -71,7 +95,7 @@ def test_every_shape_and_colour_form() -> None:
     text = """\
   ring: {shape: {gate: {form: ring, inner_size_m: 0.8, bar_m: 0.05}}, pose: {up_m: 1}, color: red}
   post: {shape: {box: {size_m: [0.2, 0.2, 1.5]}}, pose: {up_m: 0.75}, color: "#102030"}
-  who: {shape: {person: {}}, pose: {north_m: 2, yaw_deg: 90}, color: [1, 2, 3]}
+  who: {shape: person, pose: {north_m: 2, yaw_deg: 90}, color: [1, 2, 3]}
   drone: {shape: {quadrotor: {size_m: 0.4}}, pose: {up_m: 1, roll_deg: 10}}
 """
     scene = world(text).scene("real", "W")
@@ -99,8 +123,16 @@ def test_a_motion_script() -> None:
     assert who.pose_at(13.0).position_ned_m == (2.0, -2.0, 0.0)
 
 
+def test_a_time_is_counted_from_t0() -> None:
+    """The scene's clock runs from long before the vehicles are ready."""
+    moving = world(f"  g: {GATE}, motion: {{start: {{at_s: 2}}, waypoints: [{LEG}]}}}}\n")
+    gate = moving.scene("sim", "Wv")["g"]
+    assert gate.pose_at(1000.0) == gate.pose
+    assert gate.pose_at(102.0, {"goal": 100.0}) == gate.pose
+    assert gate.pose_at(102.5, {"goal": 100.0}) != gate.pose
+
+
 MOVING = f"  g: {GATE}, motion: {{waypoints: "
-LEG = "{north_m: 1, east_m: 1, up_m: 2, speed_m_s: 1}"
 SMALL_ROOM = "{room: {size_north_m: 1, size_east_m: 1, height_m: 1}}"
 
 
@@ -121,6 +153,9 @@ SMALL_ROOM = "{room: {size_north_m: 1, size_east_m: 1, height_m: 1}}"
         ("  g: {shape: {gate: {inner_sise_m: 1}}}", "inner_sise_m", "", "inner_size_m"),
         ("  g: {shape: {gatte: {}}}", "gatte", "gatte", "gate"),
         ("  g: {shape: {}}", "{}", "exactly one", ""),
+        ("  g: {shape: gate}", "gate}", "person or quadrotor", ""),
+        ("  g: {shape: persn}", "persn}", "", "person"),
+        ("  g: {shape: 3}", "3}", "must be a mapping", ""),
         (f"  g: {GATE}, exists_in: {{sim: Wx}}}}", "Wx", "Wv", "W"),
         (f"  g: {GATE}, texture: none.png}}", "none.png", "texture file", ""),
         ("  m: {shape: {mesh: {file: none.obj}}}", "none.obj", "no such file", ""),
@@ -131,6 +166,7 @@ SMALL_ROOM = "{room: {size_north_m: 1, size_east_m: 1, height_m: 1}}"
         (MOVING + f"[{LEG.replace('up_m: 2', 'up_m: 0')}]}}}}", "0, speed", "below the floor", ""),
         (MOVING + "[]}}", "[]", "at least 1", ""),
         (MOVING + f"[{LEG}], start: {{}}}}}}", "{}}}", "at_s", ""),
+        (MOVING + f"[{LEG}], start: {{on: gaol}}}}}}", "gaol", "must be takeoff", "goal"),
         (f"  r: {{shape: {SMALL_ROOM}, color: red}}", "red", "a room has textures", ""),
         (f"  r: {{shape: {SMALL_ROOM}, motion: {{waypoints: [{LEG}]}}}}", "{way", "not move", ""),
     ],

@@ -1,0 +1,126 @@
+"""Look at a world file: `python -m worlds.preview WORLD.yaml PICTURE.png` draws what stands there.
+
+For people who write worlds: is the mesh upright, its unit right, the gate where it should be?
+"""
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import get_args
+
+import cv2
+import numpy as np
+
+from worlds.camera import Intrinsics
+from worlds.documents import BadInput, load
+from worlds.frames import Pose
+from worlds.motion import MOMENTS
+from worlds.render.renderer import Picture, Renderer
+from worlds.scene import Scene
+from worlds.world import Mode, Which, World
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw a picture and say what shows in it; 2 for a bad file, 3 for what cannot be written."""
+    asked = _parser().parse_args(arguments)
+    try:
+        world = World.parse(load(asked.world))
+    except BadInput as error:
+        sys.stderr.write("".join(f"{problem}\n" for problem in error.problems))
+        return 2
+    scene = world.scene(asked.mode, asked.which)
+    picture = _picture(scene, asked)
+    coded, data = cv2.imencode(asked.picture.suffix or ".png", picture.image_bgr)
+    try:
+        asked.picture.write_bytes(data.tobytes() if coded else b"")
+    except OSError as error:
+        sys.stderr.write(f"{asked.picture}: {error.strerror}\n")
+        return 3
+    sys.stdout.write("".join(f"{line}\n" for line in _shown(scene, picture)))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m worlds.preview", description=__doc__)
+    parser.add_argument("world", type=Path, help="a world file")
+    parser.add_argument("picture", type=_picture_file, help="where the picture goes (.png, .jpg)")
+    for name, default, text in (
+        ("north", 0.0, "camera's place, metres"),
+        ("east", 0.0, "camera's place, metres"),
+        ("up", 1.5, "camera's place, metres"),
+        ("yaw", 0.0, "where it looks, degrees from north over east"),
+        ("pitch", 0.0, "how far it looks up, degrees"),
+        ("fov", 69.0, "how much it sees from left to right, degrees"),
+        ("at", 0.0, "time of motions, seconds after t0"),
+    ):
+        parser.add_argument(f"--{name}", type=float, default=default, help=f"{text} ({default:g})")
+    parser.add_argument("--size", type=_size, default=(960, 540), help="WIDTHxHEIGHT (960x540)")
+    parser.add_argument("--mode", choices=get_args(Mode), default="wil", help="of the run (wil)")
+    parser.add_argument(
+        "--which", choices=get_args(Which), default="Wv", help="real or virtual world (Wv)"
+    )
+    parser.add_argument(
+        "--event",
+        type=_event,
+        action="append",
+        default=[("goal", 0.0)],
+        metavar="NAME=TIME",
+        help=f"when something happened that motions wait for: {', '.join(MOMENTS)} (goal=0)",
+    )
+    return parser
+
+
+def _picture_file(text: str) -> Path:
+    if Path(text).suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise argparse.ArgumentTypeError("the picture's name must end in .png or .jpg")
+    return Path(text)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, cross, height = text.partition("x")
+    if not cross or not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError("must be WIDTHxHEIGHT, such as 960x540")
+    size = (int(width), int(height))
+    if not all(1 <= side <= 8192 for side in size):
+        raise argparse.ArgumentTypeError("sides go from 1 to 8192")
+    return size
+
+
+def _event(text: str) -> tuple[str, float]:
+    name, equals, at_s = text.partition("=")
+    if not equals:
+        raise argparse.ArgumentTypeError("must be NAME=SECONDS, such as goal=0")
+    if name not in MOMENTS:
+        raise argparse.ArgumentTypeError(f"motions wait for one of {', '.join(MOMENTS)}")
+    return name, float(at_s)
+
+
+def _picture(scene: Scene, asked: argparse.Namespace) -> Picture:
+    width_px, height_px = asked.size
+    camera = Intrinsics.from_fov(width_px, height_px, math.radians(asked.fov))
+    turn = {"pitch_rad": math.radians(asked.pitch), "yaw_rad": math.radians(asked.yaw)}
+    pose = Pose.of(asked.north, asked.east, asked.up, **turn)
+    return Renderer(scene).render(pose, camera, asked.at, dict(asked.event))
+
+
+def _shown(scene: Scene, picture: Picture) -> list[str]:
+    """Return a line for each thing: how much of the picture it fills, and how near it is."""
+    lines: list[str] = []
+    depth_m, object_ids = picture.depth_m, picture.object_ids
+    if depth_m is None or object_ids is None:
+        return lines
+    for thing in scene.objects:
+        here = object_ids == thing.object_id
+        size_m = np.ptp(thing.shape.mesh.vertices_m, axis=0)
+        extent = " x ".join(f"{side:.3g}" for side in size_m.tolist())
+        seen = "does not show"
+        if here.any():
+            seen = f"{here.mean():.1%} of the picture, from {depth_m[here].min():.2f} m on"
+        lines.append(f"{thing.name}: {seen}; {extent} m (its forward, right, down)")
+    return lines
+
+
+if __name__ == "__main__":
+    sys.exit(main())
