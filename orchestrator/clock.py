@@ -10,66 +10,103 @@ import selectors
 from collections import deque
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor
+from contextvars import Context
+from heapq import heappop, heappush
 from typing import Any, Literal, TypeVar, TypeVarTuple
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
 Clock = Literal["virtual", "wall"]
 
-_POLLS_BETWEEN_FD_CHECKS = 64
-"""A ready callback does not need the file descriptors: they are looked at now and then only."""
+_TURNS_BETWEEN_POLLS = 64
+"""Nothing outside makes virtual time pass: file descriptors are looked at now and then only."""
+_SAME_INSTANT_S = 1e-9
+"""Timers this close are one instant: `t0 + k / hz` of two makers differs by a rounding."""
 
 
 class VirtualDeadlockError(RuntimeError):
     """Nothing is ready, no timer is set and no job runs: every task waits for ever."""
 
 
-class _JumpingSelector(selectors.DefaultSelector):
-    """Instead of waiting for time to pass, has the loop's time jump to the next timer."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.loop: VirtualLoop | None = None
-        self._polls = 0
-
-    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """Return ready descriptors: real waiting happens only for an executor job."""
-        loop = self.loop
-        if loop is None:
-            return super().select(timeout)
-        if timeout is not None and timeout <= 0:
-            self._polls += 1
-            return [] if self._polls % _POLLS_BETWEEN_FD_CHECKS else super().select(0)
-        if loop.jobs_running:
-            return super().select(None)
-        ready = super().select(0)
-        if not ready:
-            loop.jump()
-        return ready
-
-
 class VirtualLoop(asyncio.SelectorEventLoop):
-    """An asyncio loop whose time starts at 0 and costs nothing to pass."""
+    """An asyncio loop whose time starts at 0 and costs nothing to pass.
+
+    Timers of one instant run in the order in which they were set. It keeps its timers and makes
+    its turns itself: a second of flight has hundreds of turns, and asyncio's cost as much as the
+    physics.
+    """
 
     def __init__(self) -> None:
         self._now_s = 0.0
         self._jobs: deque[asyncio.Future[Any]] = deque()
         self.jobs_running = 0
-        selector = _JumpingSelector()
-        super().__init__(selector)
-        selector.loop = self
-        self._clock_resolution = 1e-9
+        self._timers: list[tuple[float, int, asyncio.TimerHandle]] = []
+        self._timers_set = 0
+        self._turns = 0
+        self._descriptors = selectors.DefaultSelector()
+        super().__init__(self._descriptors)
+        self._callbacks: deque[asyncio.Handle] = vars(self)["_ready"]
 
     def time(self) -> float:
         """Return the virtual time in seconds."""
         return self._now_s
 
-    def jump(self) -> None:
-        """Set the time to the next timer's, exactly; raise when there is none."""
-        scheduled: list[asyncio.TimerHandle] = vars(self)["_scheduled"]
-        if not scheduled:
+    def call_at(
+        self,
+        when: float,
+        callback: Callable[[*Ts], object],
+        *args: *Ts,
+        context: Context | None = None,
+    ) -> asyncio.TimerHandle:
+        """Call `callback` at a virtual time; at once when that is past."""
+        timer = asyncio.TimerHandle(when, callback, args, self, context)
+        self._timers_set += 1
+        heappush(self._timers, (when, self._timers_set, timer))
+        return timer
+
+    def close(self) -> None:
+        """Close the loop; its timers are forgotten."""
+        self._timers.clear()
+        super().close()
+
+    def _timer_handle_cancelled(self, handle: asyncio.TimerHandle) -> None:
+        """Take that a timer was cancelled: it is dropped when its time comes."""
+
+    def _run_once(self) -> None:
+        """Make one turn of asyncio's `run_forever`."""
+        callbacks, timers = self._callbacks, self._timers
+        self._turns += 1
+        if self._turns % _TURNS_BETWEEN_POLLS == 0:
+            self._look_outside(0.0)
+        if not callbacks:
+            self._wait()
+        now_s = self._now_s + _SAME_INSTANT_S
+        while timers and timers[0][0] <= now_s:
+            callbacks.append(heappop(timers)[2])
+        for _ in range(len(callbacks)):
+            handle = callbacks.popleft()
+            if not handle._cancelled:  # noqa: SLF001 - asyncio's loops do so
+                handle._run()  # noqa: SLF001 - asyncio's loops do so
+
+    def _wait(self) -> None:
+        """Wait for a job, or else have time jump exactly to the next timer."""
+        if self.jobs_running:
+            self._look_outside(None)
+            return
+        timers = self._timers
+        while timers and timers[0][2]._cancelled:  # noqa: SLF001 - asyncio's loops do so
+            heappop(timers)
+        if timers:
+            self._now_s = max(self._now_s, timers[0][0])
+            return
+        self._look_outside(0.0)
+        if not self._callbacks and not vars(self)["_stopping"]:
             raise VirtualDeadlockError("virtual time stands still: no timer, no job, nothing ready")
-        self._now_s = max(self._now_s, scheduled[0].when())
+
+    def _look_outside(self, timeout_s: float | None) -> None:
+        """Take what file descriptors are ready; None waits for one."""
+        ready = self._descriptors.select(timeout_s)
+        self._process_events(ready)  # type: ignore[attr-defined]  # typeshed leaves it out
 
     def run_in_executor(
         self, executor: Executor | None, func: Callable[[*Ts], T], *args: *Ts

@@ -19,6 +19,69 @@ def test_time_jumps_exactly_to_each_timer() -> None:
     assert run_virtual(main()) == [1 / 250, 2 / 250, 3 / 250, 1.0]
 
 
+def test_timers_of_one_instant_run_in_the_order_in_which_they_were_set() -> None:
+    async def main() -> list[int]:
+        loop = asyncio.get_running_loop()
+        seen: list[int] = []
+        for number in range(20):
+            rounding_s = 1e-12 * (number % 3)
+            loop.call_at(1.0 if number % 2 else 1.0 + rounding_s, seen.append, number)
+        await asyncio.sleep(2.0)
+        return seen
+
+    seen = run_virtual(main())
+    exact = [number for number in seen if number % 2 or number % 3 == 0]
+    assert exact == sorted(exact)
+    assert sorted(seen) == list(range(20))
+
+
+def test_timers_a_rounding_apart_are_one_turn() -> None:
+    async def main() -> list[float]:
+        loop = asyncio.get_running_loop()
+        seen: list[float] = []
+        for when_s in (0.1 + 0.2, 0.3):
+            loop.call_at(when_s, lambda: seen.append(loop.time()))
+        await asyncio.sleep(1.0)
+        return seen
+
+    assert run_virtual(main()) == [0.3, 0.3]
+
+
+def test_a_cancelled_timer_does_not_move_the_time() -> None:
+    async def main() -> float:
+        loop = asyncio.get_running_loop()
+        loop.call_at(1.0, lambda: None).cancel()
+        loop.call_at(3.0, lambda: None).cancel()
+        asleep = asyncio.create_task(asyncio.sleep(2.0))
+        await asyncio.sleep(0)
+        asleep.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await asleep
+        return loop.time()
+
+    assert run_virtual(main()) == 0.0
+
+
+def test_a_cancelled_timer_hides_no_deadlock() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        loop.call_at(1.0, lambda: None).cancel()
+        await loop.create_future()
+
+    with pytest.raises(VirtualDeadlockError):
+        run_virtual(main())
+
+
+def test_a_loop_stopped_before_it_runs_makes_one_turn() -> None:
+    loop = VirtualLoop()
+    try:
+        loop.stop()
+        loop.run_forever()
+        assert loop.time() == 0.0
+    finally:
+        loop.close()
+
+
 def test_an_hour_costs_no_time() -> None:
     began = time.monotonic()
     run_virtual(asyncio.sleep(3600.0))
