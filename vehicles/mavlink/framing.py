@@ -4,7 +4,7 @@ Layout: https://mavlink.io/en/guide/serialization.html
 """
 
 from collections.abc import Callable
-from functools import cache
+from functools import lru_cache
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -71,7 +71,15 @@ class FrameSplitter:
     def feed(self, data: bytes) -> list[Frame]:
         """Return the frames that are whole now, in their order."""
         self.bytes_seen += len(data)
-        buffer = self._rest + data if self._rest else data
+        if not self._rest:
+            frames, senders = _nothing_but_frames(data)
+            if frames:
+                self._known |= senders
+                return list(frames)
+        return self._search(self._rest + data)
+
+    def _search(self, buffer: bytes) -> list[Frame]:
+        """Return the frames among what may be garbage; keep the last one's beginning."""
         frames: list[Frame] = []
         at, end = 0, len(buffer)
         while end - at >= 3:
@@ -92,15 +100,42 @@ class FrameSplitter:
     def _checked(self, frame: Frame) -> Frame | None:
         """Return the frame, or None when it is none."""
         who = (frame.system, frame.component)
-        extra = _crc_extras().get(frame.message_id)
-        if extra is None:
+        if frame.message_id not in _CRC_EXTRAS:
             return frame if frame.version == 2 and who in self._known else None
-        raw = frame.raw
-        tail = len(raw) - (2 + _SIGNATURE_BYTES if frame.signed else 2)
-        if checksum(raw[1:tail], extra) != raw[tail] | raw[tail + 1] << 8:
+        if not _is_sound(frame):
             return None
         self._known.add(who)
         return frame
+
+
+@lru_cache(maxsize=16)
+def _nothing_but_frames(data: bytes) -> tuple[tuple[Frame, ...], frozenset[tuple[int, int]]]:
+    """Return the frames that bytes consist of, and who sent them; none when there is more to it.
+
+    What passes a guard in the same process is split there and, as a rule, once more at its goal.
+    """
+    frames: list[Frame] = []
+    at, end = 0, len(data)
+    while at < end:
+        length = _frame_length(data, at) if end - at >= 3 else 0
+        if not 0 < length <= end - at:
+            return (), frozenset()
+        frame = _frame(data, at, length)
+        if not _is_sound(frame):
+            return (), frozenset()
+        frames.append(frame)
+        at += length
+    return tuple(frames), frozenset([(frame.system, frame.component) for frame in frames])
+
+
+def _is_sound(frame: Frame) -> bool:
+    """Return whether the checksum is right; False where that cannot be known."""
+    extra = _CRC_EXTRAS.get(frame.message_id)
+    if extra is None:
+        return False
+    raw = frame.raw
+    tail = len(raw) - (2 + _SIGNATURE_BYTES if frame.signed else 2)
+    return checksum(raw[1:tail], extra) == raw[tail] | raw[tail + 1] << 8
 
 
 def _frame_length(buffer: bytes, at: int) -> int:
@@ -129,6 +164,6 @@ def _next_magic(buffer: bytes, start: int) -> int:
     return min((at for at in found if at >= 0), default=len(buffer))
 
 
-@cache
-def _crc_extras() -> dict[int, bytes]:
-    return {number: bytes([kind.crc_extra]) for number, kind in mavlink.mavlink_map.items()}
+_CRC_EXTRAS: dict[int, bytes] = {
+    number: bytes([kind.crc_extra]) for number, kind in mavlink.mavlink_map.items()
+}
