@@ -27,22 +27,24 @@ class Battery:
         self._used_mah = 0.0
         self.charge = self._reading(0.0)
         """The present reading."""
-
-    @property
-    def thrust_factor(self) -> float:
-        """Return what is left of thrust at equal throttle, 1 when full."""
-        return 1.0 - self._profile.thrust_loss * (1.0 - self.charge.remaining)
+        self.thrust_factor = self._thrust_left()
+        """What is left of thrust at equal throttle, 1 when full."""
 
     def drain(self, thrust_n: float, dt_s: float) -> None:
         """Take out what the motors use for this collective thrust."""
         current_a = _IDLE_CURRENT_A + thrust_n * self._amperes_per_newton
         self._used_mah += current_a * dt_s / _SECONDS_PER_HOUR * 1000.0
         self.charge = self._reading(current_a)
+        self.thrust_factor = self._thrust_left()
 
     def set_remaining(self, remaining: float) -> None:
         """Set the charge (0 to 1), for tests and fault runs."""
         self._used_mah = (1.0 - remaining) * self._profile.capacity_mah
         self.charge = self._reading(self.charge.current_a)
+        self.thrust_factor = self._thrust_left()
+
+    def _thrust_left(self) -> float:
+        return 1.0 - self._profile.thrust_loss * (1.0 - self.charge.remaining)
 
     def _reading(self, current_a: float) -> Charge:
         p = self._profile

@@ -65,6 +65,7 @@ class Body:
         self._wrecked = False
         self.truth = self._plant.motion()
         """The true motion, relative to the start, in the earth's north."""
+        self._pose: Pose | None = None
         self.touching = True
         self.contact: str | None = None
         self.motors_stopped = True
@@ -81,12 +82,14 @@ class Body:
                 north, east, down = self._air.advance()
                 self._plant.set_wind((north, east, down))
         if not self._resting():
-            factor = self.battery.thrust_factor
+            factor, plant = self.battery.thrust_factor, self._plant
             a, b, c, d = thrusts
-            self._plant.step((a * factor, b * factor, c * factor, d * factor))
-            self.truth = self._plant.motion()
-            self.touching = self.truth.position_ned_m[2] > -_NEAR_M and self._plant.on_ground()
-            if self.truth.position_ned_m[2] > -_WRECK_HEIGHT_M and _tilted(self.truth):
+            plant.step((a * factor, b * factor, c * factor, d * factor))
+            self.truth = truth = plant.motion()
+            self._pose = None
+            height_m = -truth.position_ned_m[2]
+            self.touching = height_m < _NEAR_M and plant.on_ground()
+            if height_m < _WRECK_HEIGHT_M and _tilted(truth):
                 self._wreck()
         if self._steps % (PHYSICS_HZ // _CONTACT_HZ) == 0:
             self._look_around(t_s)
@@ -94,12 +97,15 @@ class Body:
 
     def pose(self) -> Pose:
         """Return the true pose in the world's local frame."""
-        truth = self.truth
-        roll, pitch, yaw = truth.euler_rad
-        return Pose(
-            add(self._start, self._to_world(truth.position_ned_m)),
-            quat_from_euler(roll, pitch, yaw + self._turn_rad),
-        )
+        pose = self._pose
+        if pose is None:
+            truth = self.truth
+            roll, pitch, yaw = truth.euler_rad
+            pose = self._pose = Pose(
+                add(self._start, self._to_world(truth.position_ned_m)),
+                quat_from_euler(roll, pitch, yaw + self._turn_rad),
+            )
+        return pose
 
     def sample(self, t_s: float) -> TruthSample:
         """Return the truth for who judges."""

@@ -58,7 +58,13 @@ class Controller:
         self._frame = airframe
         self._gains = gains
         self._dt_s = dt_s * _OUTER_EVERY
-        self._arm_m = airframe.motor_offset_m
+        (_, _), (rate, yaw_rate) = gains.attitude, gains.rate
+        self._torque_gains = (
+            airframe.inertia_xx_kg_m2 * rate,
+            airframe.inertia_yy_kg_m2 * rate,
+            airframe.inertia_zz_kg_m2 * yaw_rate,
+        )
+        self._levers_m = (4.0 * airframe.motor_offset_m, 4.0 * airframe.torque_per_thrust_m)
         self._integral: list[float] = [0.0, 0.0, 0.0]
         self._velocity_setpoint: list[float] = [0.0, 0.0, 0.0]
         self._acceleration: Vec3 = (0.0, 0.0, 0.0)
@@ -158,8 +164,8 @@ class Controller:
             )
 
     def _attitude(self, now: Motion, acceleration: Vec3) -> Thrusts:
-        gains, frame = self._gains, self._frame
-        roll, pitch, yaw = now.euler_rad
+        gains, (gain_x, gain_y, gain_z) = self._gains, self._torque_gains
+        _, _, (roll, pitch, yaw), (p, q, r), _ = now
         cos, sin = math.cos(yaw), math.sin(yaw)
         north, east, down = acceleration
         forward, right = north * cos + east * sin, east * cos - north * sin
@@ -167,33 +173,31 @@ class Controller:
         tilt = gains.max_tilt_rad
         pitch_wanted = _clamp(math.atan2(-forward, up), tilt)
         roll_wanted = _clamp(math.atan2(right * math.cos(pitch_wanted), up), tilt)
-        thrust = frame.mass_kg * up / max(0.5, math.cos(roll) * math.cos(pitch))
-        p, q, r = now.rates_rad_s
-        (ka, kaz), (kr, krz) = gains.attitude, gains.rate
+        thrust = self._frame.mass_kg * up / max(0.5, math.cos(roll) * math.cos(pitch))
+        ka, kaz = gains.attitude
         roll_rate = _clamp(ka * (roll_wanted - roll), 3.8)
         pitch_rate = _clamp(ka * (pitch_wanted - pitch), 3.8)
         yaw_rate = _clamp(kaz * _wrap(self._yaw_rad - yaw), 1.5)
         return self._mix(
             thrust,
-            frame.inertia_xx_kg_m2 * kr * (roll_rate - p),
-            frame.inertia_yy_kg_m2 * kr * (pitch_rate - q),
-            _clamp(frame.inertia_zz_kg_m2 * krz * (yaw_rate - r), 0.02),
+            gain_x * (roll_rate - p),
+            gain_y * (pitch_rate - q),
+            _clamp(gain_z * (yaw_rate - r), 0.02),
         )
 
     def _mix(self, thrust: float, roll: float, pitch: float, yaw: float) -> Thrusts:
         """Return motor thrusts in N that give the thrust and torques; saturation cuts thrust."""
-        top, arm = self._frame.max_thrust_n, 4.0 * self._arm_m
-        a = thrust / 4.0
-        b, c, d = roll / arm, pitch / arm, yaw / (4.0 * self._frame.torque_per_thrust_m)
+        arm_m, drag_m = self._levers_m
+        a, b, c, d = thrust / 4.0, roll / arm_m, pitch / arm_m, yaw / drag_m
         m0, m1, m2, m3 = a - b + c + d, a + b - c + d, a + b + c - d, a - b - c - d
-        excess = max(m0, m1, m2, m3) - top
+        excess = max(m0, m1, m2, m3) - self._frame.max_thrust_n
         if excess > 0.0:
             m0, m1, m2, m3 = m0 - excess, m1 - excess, m2 - excess, m3 - excess
         return (
-            max(0.0, m0),
-            max(0.0, m1),
-            max(0.0, m2),
-            max(0.0, m3),
+            m0 if m0 > 0.0 else 0.0,
+            m1 if m1 > 0.0 else 0.0,
+            m2 if m2 > 0.0 else 0.0,
+            m3 if m3 > 0.0 else 0.0,
         )
 
 
@@ -211,7 +215,7 @@ def _approach(distance_m: float, gain: float, deceleration_m_s2: float) -> float
 def _clamp(value: float, limit: float) -> float:
     if value > limit:
         return limit
-    return max(value, -limit)
+    return -limit if value < -limit else value
 
 
 def _wrap(angle_rad: float) -> float:

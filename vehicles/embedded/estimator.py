@@ -56,17 +56,17 @@ class Estimator:
             self._velocity.advance()
             self._angles.advance()
         self._steps += 1
-        self._late.append((truth.position_ned_m, truth.velocity_ned_m_s))
+        position, velocity, (roll, pitch, yaw), rates, force = truth
+        self._late.append((position, velocity))
         (n, e, d), (vn, ve, vd) = self._late[0]
         bn, be, bd = self._position.value
         on, oe, od = self._origin
         wn, we, wd = self._velocity.value
-        roll, pitch, yaw = truth.euler_rad
         a, b, c = self._angles.value
         return Motion(
             (n + bn - on, e + be - oe, d + bd - od),
             (vn + wn, ve + we, vd + wd),
             (roll + a, pitch + b, wrap_pi(yaw + c)),
-            truth.rates_rad_s,
-            truth.specific_force_m_s2,
+            rates,
+            force,
         )

@@ -22,7 +22,7 @@ Kinds 16 and 17 have their text at 20; without flag 8 it stands at 100.
 
 import math
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
 from vehicles.embedded.states import Thrusts, TruthSample
@@ -212,8 +212,7 @@ def truth_sample(datagram: Motion) -> TruthSample:
     felt = datagram.felt
     if felt is None:
         return sample
-    return replace(
-        sample,
+    return sample._replace(
         rates_frd_rad_s=felt.rates_frd_rad_s,
         specific_force_frd_m_s2=felt.specific_force_frd_m_s2,
         thrusts_n=felt.thrusts_n,

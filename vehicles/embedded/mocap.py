@@ -31,6 +31,7 @@ class MotionCaptureFeed:
         across, down = noise.position_sigma_m
         angle_rad = math.radians(noise.attitude_sigma_deg)
         self._sigma = (across, across, down, angle_rad, angle_rad, angle_rad)
+        self._noisy = any(self._sigma)
 
     def add(self, callback: Callable[[PoseReading], None]) -> None:
         """Give the readings to one more."""
@@ -38,15 +39,16 @@ class MotionCaptureFeed:
 
     def is_due(self, step: int) -> bool:
         """Return whether this physics step is seen by the cameras."""
+        if not self._callbacks:
+            return False
         # Whole numbers: the k-th picture is taken at the first step not before k / rate.
         rate_hz, physics_hz = self._noise.rate_hz, self._physics_hz
-        seen = step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
-        return seen and bool(self._callbacks)
+        return step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
 
     def take(self, truth: TruthSample) -> None:
         """See the vehicle."""
         pose = truth.pose
-        if any(self._sigma):
+        if self._noisy:
             if not self._normals:
                 self._normals = (self._rng.standard_normal((_BLOCK, 6)) * self._sigma).tolist()
             x, y, z, roll, pitch, yaw = self._normals.pop()

@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections.abc import Callable
 from typing import Any
 
 from vehicles.embedded.airframe import MOTORS, Airframe, aircraft_root
@@ -74,69 +75,48 @@ class Plant:
     def step(self, thrusts: Thrusts) -> None:
         """Advance by one step with these commands, in newtons per motor."""
         factors = self._factors
-        a, b, c, d = self._commands
-        a.set_double_value(thrusts[0] * factors[0])
-        b.set_double_value(thrusts[1] * factors[1])
-        c.set_double_value(thrusts[2] * factors[2])
-        d.set_double_value(thrusts[3] * factors[3])
-        self._fdm.run()
+        commands = self._commands
+        commands[0](thrusts[0] * factors[0])
+        commands[1](thrusts[1] * factors[1])
+        commands[2](thrusts[2] * factors[2])
+        commands[3](thrusts[3] * factors[3])
+        self._run()
 
     def motion(self) -> Motion:
         """Return the true motion. Raises PlantError when a number is not finite."""
-        n, e, u = self._position
-        zero = self._zero
-        position = (
-            n.get_double_value() * _METRES_PER_FOOT - zero[0],
-            e.get_double_value() * _METRES_PER_FOOT - zero[1],
-            -u.get_double_value() * _METRES_PER_FOOT - zero[2],
-        )
-        vn, ve, vd = self._velocity
-        velocity = (
-            vn.get_double_value() * _METRES_PER_FOOT,
-            ve.get_double_value() * _METRES_PER_FOOT,
-            vd.get_double_value() * _METRES_PER_FOOT,
-        )
-        roll, pitch, yaw = self._attitude
-        euler = (
-            roll.get_double_value(),
-            pitch.get_double_value(),
-            wrap_pi(yaw.get_double_value()),
-        )
-        p, q, r = self._rates
-        rates = (p.get_double_value(), q.get_double_value(), r.get_double_value())
-        x, y, z = self._forces
-        force = (
-            x.get_double_value() * _METRES_PER_FOOT,
-            y.get_double_value() * _METRES_PER_FOOT,
-            z.get_double_value() * _METRES_PER_FOOT,
-        )
-        everything = position[0] + position[1] + position[2] + velocity[0] + velocity[1]
-        everything += velocity[2] + euler[0] + euler[1] + euler[2] + rates[0] + rates[1] + rates[2]
-        if not math.isfinite(everything):
+        n, e, u, vn, ve, vd, roll, pitch, yaw, p, q, r, x, y, z = [get() for get in self._moves]
+        if not math.isfinite(n + e + u + vn + ve + vd + roll + pitch + yaw + p + q + r):
             raise PlantError(
-                f"the physics left the finite numbers: position {position}, "
-                f"velocity {velocity}, attitude {euler}, rates {rates}"
+                f"the physics left the finite numbers: position {(n, e, u)} ft, "
+                f"velocity {(vn, ve, vd)} ft/s, attitude {(roll, pitch, yaw)}, rates {(p, q, r)}"
             )
-        return Motion(position, velocity, euler, rates, force)
+        zero = self._zero
+        return Motion(
+            (
+                n * _METRES_PER_FOOT - zero[0],
+                e * _METRES_PER_FOOT - zero[1],
+                -u * _METRES_PER_FOOT - zero[2],
+            ),
+            (vn * _METRES_PER_FOOT, ve * _METRES_PER_FOOT, vd * _METRES_PER_FOOT),
+            (roll, pitch, wrap_pi(yaw)),
+            (p, q, r),
+            (x * _METRES_PER_FOOT, y * _METRES_PER_FOOT, z * _METRES_PER_FOOT),
+        )
 
     def thrusts(self) -> Thrusts:
         """Return what each motor gives now, in newtons: behind its command by the lag."""
         a, b, c, d = self._given
-        return (
-            a.get_double_value(),
-            b.get_double_value(),
-            c.get_double_value(),
-            d.get_double_value(),
-        )
+        return (a(), b(), c(), d())
 
     def on_ground(self) -> bool:
         """Return whether a leg touches the ground."""
-        return any(wheel.get_double_value() > 0.0 for wheel in self._wheels)
+        a, b, c, d = self._wheels
+        return bool(a() > 0.0 or b() > 0.0 or c() > 0.0 or d() > 0.0)
 
     def set_wind(self, wind_ned_m_s: Vec3) -> None:
         """Set the movement of the air, towards north, east and down."""
-        for node, speed in zip(self._wind, wind_ned_m_s, strict=True):
-            node.set_double_value(speed / _METRES_PER_FOOT)
+        for blow, speed in zip(self._wind, wind_ned_m_s, strict=True):
+            blow(speed / _METRES_PER_FOOT)
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
         """Let one motor give only this part of its commanded thrust from now on."""
@@ -159,6 +139,7 @@ class Plant:
             raise PlantError("JSBSim does not start from the initial conditions")
 
     def _bind(self) -> None:
+        """Look up once what is read and written in each step."""
         manager = self._fdm.get_property_manager()
 
         def nodes(*names: str) -> list[Any]:
@@ -167,15 +148,24 @@ class Plant:
                 raise PlantError(f"JSBSim lacks a property of {names}")
             return found
 
-        self._commands = nodes(*(f"fcs/motor{i}-cmd-n" for i in range(MOTORS)))
-        self._given = nodes(*(f"fcs/motor{i}-n" for i in range(MOTORS)))
-        self._position = nodes(*(f"position/from-start-neu-{axis}-ft" for axis in "neu"))
-        self._velocity = nodes(*(f"velocities/v-{axis}-fps" for axis in ("north", "east", "down")))
-        self._attitude = nodes(*(f"attitude/{angle}-rad" for angle in ("phi", "theta", "psi")))
-        self._rates = nodes(*(f"velocities/{axis}-rad_sec" for axis in "pqr"))
-        self._forces = nodes(*(f"accelerations/a-pilot-{axis}-ft_sec2" for axis in "xyz"))
-        self._wheels = nodes(*(f"gear/unit[{i}]/WOW" for i in range(4)))
-        self._wind = nodes(*(f"atmosphere/wind-{axis}-fps" for axis in ("north", "east", "down")))
+        def getters(*names: str) -> list[Callable[[], float]]:
+            return [node.get_double_value for node in nodes(*names)]
+
+        def setters(*names: str) -> list[Callable[[float], object]]:
+            return [node.set_double_value for node in nodes(*names)]
+
+        self._run = self._fdm.run
+        self._commands = setters(*(f"fcs/motor{i}-cmd-n" for i in range(MOTORS)))
+        self._given = getters(*(f"fcs/motor{i}-n" for i in range(MOTORS)))
+        self._moves = getters(
+            *(f"position/from-start-neu-{axis}-ft" for axis in "neu"),
+            *(f"velocities/v-{axis}-fps" for axis in ("north", "east", "down")),
+            *(f"attitude/{angle}-rad" for angle in ("phi", "theta", "psi")),
+            *(f"velocities/{axis}-rad_sec" for axis in "pqr"),
+            *(f"accelerations/a-pilot-{axis}-ft_sec2" for axis in "xyz"),
+        )
+        self._wheels = getters(*(f"gear/unit[{i}]/WOW" for i in range(4)))
+        self._wind = setters(*(f"atmosphere/wind-{axis}-fps" for axis in ("north", "east", "down")))
 
     def _settle(self) -> None:
         """Let the legs find their rest, then count positions from there."""

@@ -4,7 +4,6 @@ Named tuples, not dataclasses: they are made 250 times per simulated second, whe
 dataclass costs three times as much to build.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from worlds.frames import Pose, Vec3
@@ -33,8 +32,7 @@ AT_REST = Motion(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class TruthSample:
+class TruthSample(NamedTuple):
     """Where the vehicle truly is, in the world's local frame.
 
     t_s: run clock. motors_stopped: no motor gives thrust by command. contact: the physical thing

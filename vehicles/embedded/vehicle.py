@@ -168,14 +168,16 @@ class EmbeddedVehicle:
                 return
             self._step()
         self._flush()
-        self._deliver_mocap()
+        if self._mocap.next_due_s is not None:
+            self._deliver_mocap()
 
     def _deliver_mocap(self) -> None:
         """Give the readings that have arrived, each at its own time and not at the next tick."""
         loop = asyncio.get_running_loop()
-        if self._mocap_timer is not None and self._mocap_timer.when() > loop.time():
+        now_s = loop.time()
+        if self._mocap_timer is not None and self._mocap_timer.when() > now_s:
             return
-        self._mocap.deliver(loop.time())
+        self._mocap.deliver(now_s)
         due_s = self._mocap.next_due_s
         self._mocap_timer = (
             loop.call_at(due_s, self._deliver_mocap) if due_s is not None and self._alive else None

@@ -50,12 +50,12 @@ class Flight:
         """What the controller flies; None on the ground."""
         self._lift_began_s: float | None = None
         self._touch_began_s: float | None = None
-        self._throttle_n = 0.0
+        self._commanded: Thrusts = STOPPED
 
     @property
     def throttle(self) -> float:
         """Return the mean thrust commanded, 0 to 1."""
-        return self._throttle_n / (4.0 * self._top_n)
+        return sum(self._commanded) / (4.0 * self._top_n)
 
     def arm(self, t_s: float) -> None:
         """Start the motors, idling."""
@@ -68,7 +68,7 @@ class Flight:
         """Stop the motors."""
         self.armed = False
         self.lifting = False
-        self._throttle_n = 0.0
+        self._commanded = STOPPED
 
     def fly(self, behaviour: Behaviour) -> None:
         """Fly this from now on."""
@@ -77,7 +77,7 @@ class Flight:
     def step(self, now: Motion, t_s: float, *, touching: bool) -> Thrusts:
         """Return the thrusts of this step."""
         if not self.armed or self.motors_cut or self.behaviour is None:
-            self._throttle_n = 0.0
+            self._commanded = STOPPED
             self.target = None
             if touching and not self.landed:
                 self._land(t_s)
@@ -86,10 +86,10 @@ class Flight:
             self.target = None
             thrusts = self._on_ground(self.behaviour, now, t_s)
         else:
-            self.target = self.behaviour.update(now, t_s)
-            thrusts = self.controller.run(now, self.target)
+            self.target = target = self.behaviour.update(now, t_s)
+            thrusts = self.controller.run(now, target)
             self._feel_ground(self.behaviour, t_s, touching=touching)
-        self._throttle_n = sum(thrusts)
+        self._commanded = thrusts
         return thrusts
 
     def _on_ground(self, behaviour: Behaviour, now: Motion, t_s: float) -> Thrusts:
