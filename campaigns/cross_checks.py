@@ -6,6 +6,7 @@ from campaigns.files import CaseFiles
 from campaigns.place_checks import judged_world, place_problems
 from campaigns.schema import Mode, VehicleName
 from campaigns.setup import Setup
+from recipes.recipe import Recipe
 from safety.judge import OracleUse, build_oracles
 from safety.oracles import OracleContext, OracleError
 from worlds.documents import Document, Path, Problem, closest
@@ -59,7 +60,18 @@ def _mixing(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
                 said = f"vehicle '{name}' has no {kind} '{sensor.name}'"
                 meant = closest(sensor.name, carried)
                 yield files.recipe.problem(("sensors", sensor.name), said, meant, key=True)
+    yield from _rates(files.recipe, recipe, setup)
     yield from recipe.unknown_objects(frozenset(setup.world.objects))
+
+
+def _rates(document: Document, recipe: Recipe, setup: Setup) -> Iterator[Problem]:
+    """Yield mixtures that are to come more often than the readings that they are made of."""
+    carried = {sensor.name: sensor.rate_hz for sensor in setup.vehicles["real"].sensors}
+    for sensor in recipe.sensors:
+        real_hz = carried.get(sensor.name)
+        if sensor.rate_hz is not None and real_hz is not None and sensor.rate_hz > real_hz * 1.001:
+            said = f"the real vehicle's '{sensor.name}' comes {real_hz:g} times a second"
+            yield document.problem(("sensors", sensor.name, "rate_hz"), said)
 
 
 def _gates(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:

@@ -16,12 +16,13 @@ from campaigns.schema import (
     CampaignPart,
     GoalPart,
     Mode,
+    RecordPart,
     SyncPart,
     VehicleName,
     VehiclePart,
 )
 from campaigns.schema.links import LinkPart, LinksPart
-from campaigns.setup import GoalSetup, Setup, SyncSetup, VehicleSetup
+from campaigns.setup import GoalSetup, RecordSetup, Setup, SyncSetup, VehicleSetup
 from campaigns.under_test import UnderTest
 from recipes.language import load_recipe
 from vehicles.embedded.profile import ProfileError, load_profile
@@ -51,6 +52,7 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         fence=part.geofence.fence() if part.geofence is not None else None,
         oracles=uses,
         links=_links(part.links),
+        record=_record(part.record),
     )
     problems += _autonomy_problems(files.campaign, setup.under_test)
     problems += cross_problems(files, setup, modes)
@@ -126,6 +128,10 @@ def _goal(part: GoalPart) -> GoalSetup:
         gates=tuple(part.gates),
         position_ned_m=None if place is None else (place.north_m, place.east_m, -place.up_m),
     )
+
+
+def _record(part: RecordPart) -> RecordSetup:
+    return RecordSetup(pictures=part.pictures, quality=part.quality)
 
 
 def _sync(part: SyncPart) -> SyncSetup:

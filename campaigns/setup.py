@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from campaigns.link_setups import LinkSetup
-from campaigns.schema import VehicleName
+from campaigns.schema import PictureFormat, VehicleName
 from campaigns.sensor_setups import CameraSetup, SensorSetup
 from campaigns.under_test import UnderTest
 from recipes.recipe import Recipe
@@ -19,6 +19,7 @@ __all__ = [
     "CameraSetup",
     "GoalSetup",
     "LinkSetup",
+    "RecordSetup",
     "SensorSetup",
     "Setup",
     "SyncSetup",
@@ -72,6 +73,14 @@ class GoalSetup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RecordSetup:
+    """What run.mcap holds of pictures. quality: of JPEG, 1 to 100."""
+
+    pictures: PictureFormat = "jpeg"
+    quality: int = 85
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
     """All of one case.
 
@@ -88,3 +97,4 @@ class Setup:
     fence: Fence | None
     oracles: tuple[OracleUse, ...]
     links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
+    record: RecordSetup = RecordSetup()

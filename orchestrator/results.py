@@ -42,9 +42,32 @@ class SyncResult:
 
 
 @dataclass(frozen=True, slots=True)
-class MixingResult:
-    """What the mixing of one run did, over all of its mixed readings.
+class CombinationResult:
+    """What one combination of the recipe did.
 
+    name: of its sensor; with its receivers where a sensor is mixed several times. sensor: its type.
+    publish: who perceives it. frames: mixtures delivered. dropped: why something of the twin, or
+    all, is missing, and how often; "replaced" made way for newer readings. faults: readings that
+    were refused, as "twin not_finite".
+    """
+
+    name: str
+    sensor: str
+    publish: tuple[str, ...]
+    frames: int
+    dropped: dict[str, int]
+    faults: dict[str, int]
+    rate_hz: float
+    skew_ms: Percentiles
+    latency_ms: Percentiles
+    registration_error_px: Percentiles | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MixingResult:
+    """What the mixing of one run did.
+
+    The figures are those of the recipe's first combination; `combinations` has all of them.
     registration_error_px: None without an independent reference.
     """
 
@@ -54,6 +77,7 @@ class MixingResult:
     skew_ms: Percentiles
     latency_ms: Percentiles
     registration_error_px: Percentiles | None = None
+    combinations: tuple[CombinationResult, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

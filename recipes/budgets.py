@@ -66,20 +66,20 @@ def breaches(budget: Budget, figures: Figures) -> tuple[Breach, ...]:
     return tuple(found)
 
 
-def breach_of(
-    budget: Budget, provenance: Provenance, registration_error_px: float | None = None
-) -> Breach | None:
-    """Return the limit that one mixed reading leaves; None when it leaves none.
-
-    registration_error_px: measured, or its bound where nothing can measure it; None for neither.
-    """
+def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
+    """Return the limit that one mixed reading leaves; None when it leaves none."""
     found = breaches(
         Budget(
             max_skew_s=budget.max_skew_s,
             max_latency_s=budget.max_latency_s,
             max_registration_error_px=budget.max_registration_error_px,
         ),
-        Figures(None, provenance.skew_ms, provenance.latency_ms, registration_error_px),
+        Figures(
+            rate_hz=None,
+            skew_ms=provenance.skew_ms,
+            latency_ms=provenance.latency_ms,
+            registration_error_px=provenance.registration_error_px,
+        ),
     )
     return found[0] if found else None
 

@@ -29,7 +29,8 @@ class Provenance:
     without a real reading. alignment: how the pose of the twin's reading was found, as the caller
     says. dropped: why nothing of the twin is in the mixture, or why there is no mixture; None when
     all is in. detail: the same in a sentence. stages: empty without a clock, so that virtual runs
-    repeat to the byte.
+    repeat to the byte. registration_error_px: RMS distance between where what is virtual was drawn
+    and where an independent reference puts it, as the caller measured; None without one.
     """
 
     real_seq: int | None
@@ -42,6 +43,7 @@ class Provenance:
     dropped: DropReason | None = None
     detail: str = ""
     stages: tuple[StageTime, ...] = ()
+    registration_error_px: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,18 +112,20 @@ class Mixer:
         dropped = tuple(sorted(self._dropped.items()))
         return MixCounts(self._frames, self._mixed, dropped, tuple(faults))
 
-    def offer(self, side: Side, reading: Reading) -> None:
-        """Take a reading that no mixture asks for: a step may choose it later by its time.
+    def offer(self, side: Side, reading: Reading) -> str | None:
+        """Take a reading as it comes: a step, or whoever pairs readings, may choose it later.
 
-        For sources faster than the mixing, where the recipe resamples or delays; readings that
-        `mix` is given need not be offered. One that is at fault is counted and left out.
+        Readings that `mix` is given need not be offered. Returns what is wrong with one that is
+        at fault; it is counted, and must not be mixed.
         """
         intake = self._real if side == "real" else self._twin
-        if intake.fault_of(reading) is None:
+        fault = intake.fault_of(reading)
+        if fault is None:
             seen: Reading | None = reading
             for stage in self._stages:
                 # Steps that choose by time stand before all others, so none is left out here.
                 seen = stage.offer(side, seen) if seen is not None else None
+        return fault
 
     def mix(
         self,
@@ -149,7 +151,11 @@ class Mixer:
         else:
             self._dropped[fault.reason] += 1
         used = run.sides.get("real")
-        mixed = None if reading is None or used is None else perceived(reading, used.reading, now_s)
+        mixed = (
+            None
+            if reading is None or used is None
+            else perceived(reading, used.reading, now_s, self.sensor)
+        )
         told = _provenance(
             real=run.used("real", real),
             twin=run.used("twin", twin),

@@ -80,9 +80,14 @@ class Combination:
         return self.budget.max_skew_s
 
     def tolerated(self, side: Side) -> frozenset[str]:
-        """Return the faults of a side's readings that its steps are there to mend."""
+        """Return what is no fault of a side's readings: its steps mend it, or it is no news.
+
+        The twin's cloud may be empty: a virtual world need not hold anything within reach.
+        """
         mending = (step.parameters for step in self.steps if side in step.parameters.sides())
-        return frozenset[str]().union(*(parameters.tolerates for parameters in mending))
+        nothing_there = side == "twin" and self.sensor.kind_of(side) == "lidar_points"
+        start = frozenset({"empty"} if nothing_there else ())
+        return start.union(*(parameters.tolerates for parameters in mending))
 
 
 @dataclass(frozen=True, slots=True)

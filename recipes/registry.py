@@ -16,6 +16,8 @@ from recipes.working import Built, Need, Side
 from worlds.documents import Part, Path, closest
 
 Stage = Literal["transform", "filter", "merge"]
+OWN_STEP = "use"
+"""Name of the step that calls the user's code, in every stage."""
 STAGES: tuple[Stage, ...] = ("transform", "filter", "merge")
 
 

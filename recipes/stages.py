@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import cast
 
 from recipes.recipe import Combination, Step
-from recipes.registry import Context
+from recipes.registry import OWN_STEP, Context
 from recipes.working import (
     SIDES,
     AnyMasked,
+    Built,
     CannotMixError,
     Merge,
     Need,
@@ -102,7 +103,10 @@ class Compiled:
 
 
 def compile_stages(combination: Combination, context: Context, document: Document) -> Compiled:
-    """Return the steps of a combination, built. Raises ValueError for an unknown object."""
+    """Return the steps of a combination, built.
+
+    Raises ValueError for an unknown object, StepError for a step of the user's that cannot be made.
+    """
     stages: list[Stage] = []
     request: PoseRequest | None = None
     needs: dict[Side, frozenset[Need]] = {
@@ -110,9 +114,9 @@ def compile_stages(combination: Combination, context: Context, document: Documen
     }
     for step in combination.steps:
         sides = step.parameters.sides()
+        place = _place(step, document)
         built = {
-            side: step.kind.build(step.parameters, replace(context, side=side))
-            for side in sides or SIDES[1:]
+            side: _built(step, replace(context, side=side), place) for side in sides or SIDES[1:]
         }
         for side in built:
             needs[side] |= step.parameters.needed()
@@ -121,11 +125,21 @@ def compile_stages(combination: Combination, context: Context, document: Documen
             request = first
         else:
             operators = cast("Mapping[Side, Operator]", built)
-            stages.append(Stage(step.label, sides, operators, _place(step, document)))
-    step = combination.merge
-    merge = cast("Merge", step.kind.build(step.parameters, context))
-    merging = Merging(step.label, merge, _place(step, document))
+            stages.append(Stage(step.label, sides, operators, place))
+    step, place = combination.merge, _place(combination.merge, document)
+    merging = Merging(step.label, cast("Merge", _built(step, context, place)), place)
     return Compiled(tuple(stages), merging, request, needs)
+
+
+def _built(step: Step, context: Context, place: StepPlace) -> Built:
+    """Build a step; a class of the user's that cannot be made is told as a step that failed."""
+    try:
+        built: Built = step.kind.build(step.parameters, context)
+    except Exception as error:
+        if step.kind.name == OWN_STEP:
+            raise place.failed(error, 0) from error
+        raise
+    return built
 
 
 def _place(step: Step, document: Document) -> StepPlace:

@@ -40,10 +40,21 @@ class Autonomy(Protocol):
     """An autonomy; built as `factory(goal=..., parameters=..., seed=...)` for each run."""
 
     def perceive(self, reading: Reading) -> None:
-        """Take a new (mixed) reading, in order of delivery."""
+        """Take a new (mixed) reading, in order of delivery.
+
+        `reading.sensor` is the name of its sensor in the recipe.
+        """
 
     def act(self, telemetry: Telemetry) -> Command:
         """Return the command for now; called at the campaign's control rate."""
+
+
+@runtime_checkable
+class PerceivesRaw(Protocol):
+    """An autonomy that also wants what its mixtures are made of, where a recipe publishes it."""
+
+    def perceive_raw(self, reading: Reading) -> None:
+        """Take a reading of `source` real or twin, just before its mixture."""
 
 
 class AutonomyFactory(Protocol):

@@ -197,6 +197,8 @@ class RenderedCamera:
             source=self._side,
             image_bgr=await self._compute(job),
             intrinsics=self._intrinsics,
+            # Of the twin it is known, and tells how well its picture is registered.
+            camera_pose=exposure.camera_pose if self._side == "twin" else None,
         )
 
 

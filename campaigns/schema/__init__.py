@@ -10,7 +10,9 @@ from campaigns.schema.campaign import (
     CampaignPart,
     GoalPart,
     Mode,
+    PictureFormat,
     PositionPart,
+    RecordPart,
     SyncPart,
 )
 from campaigns.schema.sensors import CameraPart, MountPart, SensorPart
@@ -29,7 +31,9 @@ __all__ = [
     "GoalPart",
     "Mode",
     "MountPart",
+    "PictureFormat",
     "PositionPart",
+    "RecordPart",
     "SensorPart",
     "StartPart",
     "SyncPart",

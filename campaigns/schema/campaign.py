@@ -98,6 +98,19 @@ class SyncPart(Part):
     max_t0_skew_s: Seconds = 0.1
 
 
+PictureFormat = Literal["jpeg", "png", "raw", "none"]
+
+
+class RecordPart(Part):
+    """What run.mcap holds of pictures: raw and png to the bit, so that a replay is exact.
+
+    quality: of JPEG, 1 to 100.
+    """
+
+    pictures: PictureFormat = "jpeg"
+    quality: Annotated[int, Field(ge=1, le=100)] = 85
+
+
 class CampaignPart(Part):
     """A campaign file; `cases` and `oracles` are read part by part, where their meaning is."""
 
@@ -117,6 +130,7 @@ class CampaignPart(Part):
     links: LinksPart = LinksPart()
     geofence: FencePart | None = None
     oracles: Annotated[dict[str, dict[str, JsonValue] | None], Field(min_length=1)]
+    record: RecordPart = RecordPart()
     accept: dict[str, dict[str, str]] | None = None
 
     @field_validator("modes")

@@ -1,6 +1,7 @@
 """Messages of run.mcap as readings again, to the bit where they were recorded so; pure."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -33,8 +34,9 @@ def decode(document: Json, parts: Parts) -> Reading:
 
     Raises KeyError, ValueError or TypeError for a document that is none of ours.
     """
-    reading: Reading = _READINGS[document["wil"]["type"]](document, parts)
-    return reading
+    wil = document["wil"]
+    reading: Reading = _READINGS[wil["type"]](document, parts)
+    return replace(reading, sensor=wil["sensor"]) if "sensor" in wil else reading
 
 
 def image_of(document: Json) -> NDArray[Any]:

@@ -199,7 +199,9 @@ def _body_frame(reading: Reading) -> str:
 
 
 def _common(reading: Reading) -> dict[str, Json]:
+    named = {"sensor": reading.sensor} if reading.sensor else {}
     return {
+        **named,
         "type": sensor_type_of(reading),
         "source": reading.source,
         "seq": reading.seq,

@@ -3,14 +3,15 @@
 from dataclasses import dataclass
 from typing import Literal
 
-PictureFormat = Literal["jpeg", "png", "raw", "none"]
-"""raw and png read back to the bit. png is smaller and some ten times slower than raw."""
+from campaigns.schema import PictureFormat
+from campaigns.setup import RecordSetup
 
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
     """How the pictures of one source are recorded.
 
+    format: raw and png read back to the bit; png is smaller and some ten times slower than raw.
     quality: of JPEG, 1 to 100. depth, object_ids: whether those of a camera reading are recorded
     too, always exactly. `none` records no picture of that source, and nothing with it.
     """
@@ -52,3 +53,10 @@ LOSSLESS = RecordingSettings(real=EXACT, twin=EXACT, mixed=EXACT)
 
 REPLAYABLE = RecordingSettings(real=EXACT, twin=EXACT, mixed=Pictures())
 """The inputs of the mixing to the bit, its results for the eye."""
+
+
+def recording_settings(record: RecordSetup) -> RecordingSettings:
+    """Return what a campaign wants to be recorded: with exact pictures all that mixing needs."""
+    exact = record.pictures in ("png", "raw")
+    inputs = Pictures(record.pictures, record.quality, depth=exact, object_ids=exact)
+    return RecordingSettings(real=inputs, twin=inputs, mixed=inputs)

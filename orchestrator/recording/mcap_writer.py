@@ -66,7 +66,7 @@ class _Item:
     schema: bytes | None = None
 
 
-class RunRecorder:
+class McapRecorder:
     """Records one run; a context manager, used by one thread.
 
     epoch_s: UTC at which the run clock was zero. Leaving the context waits for the thread;

@@ -10,14 +10,18 @@ from typing import Self
 import cv2
 import numpy as np
 
+from orchestrator.clock import Clock
 from orchestrator.operator import OperatorCommand
 from orchestrator.recording.judged import FILE_NAME as JUDGED
 from orchestrator.recording.judged import JudgedWriter
+from orchestrator.recording.mcap_settings import RecordingSettings
+from orchestrator.recording.mcap_writer import McapRecorder, RecordingReport
 from orchestrator.recording.runlog import RunLog
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from orchestrator.recording.video import VideoWriter
+from orchestrator.run.arranging import Shown
 from orchestrator.run.course import Course
-from orchestrator.run.mixing import Frames
+from orchestrator.run.mixing import Frame
 from orchestrator.run.station import Station
 from safety.guard.events import GuardEvent
 from safety.results import Flag
@@ -26,6 +30,7 @@ from safety.verdict import DecisiveEvent
 from vehicles.cameras import sleep_until
 from vehicles.driver.state import VehicleEvent
 from vehicles.mavlink.tlog import TlogWriter
+from vehicles.readings import Reading
 
 TRAJECTORY_HZ = 20.0
 _SNAPSHOT_AFTER_S = 1.0
@@ -37,7 +42,8 @@ class RunRecorder:
 
     epoch_s: UTC of the run clock's zero. vehicles: whose frames are logged. video_rate_hz: of the
     pictures that are perceived; None for no video. collision_oracles: names of those whose flags
-    are contacts. `artifacts` names what was written.
+    are contacts. clock: whether run.mcap waits for its writer or drops. settings: what it holds.
+    `artifacts` names what was written.
     """
 
     def __init__(
@@ -49,6 +55,8 @@ class RunRecorder:
         vehicles: tuple[str, ...],
         video_rate_hz: float | None,
         collision_oracles: frozenset[str],
+        clock: Clock,
+        settings: RecordingSettings,
     ) -> None:
         self._folder = folder
         self._time = time
@@ -64,9 +72,12 @@ class RunRecorder:
             if video_rate_hz is None
             else VideoWriter(path=folder / "mixed.mp4", rate_hz=video_rate_hz)
         )
+        self._mcap = McapRecorder(
+            path=folder / "run.mcap", epoch_s=epoch_s, clock=clock, settings=settings
+        )
         self._goal_s: float | None = None
-        self._snapshot: Frames | None = None
-        self._last: Frames | None = None
+        self._snapshot: Shown | None = None
+        self._last: Shown | None = None
         self._collision_oracles = collision_oracles
         self.collisions: list[Flag] = []
 
@@ -78,6 +89,7 @@ class RunRecorder:
                 self._judged,
                 *self._tlogs.values(),
                 self._video,
+                self._mcap,
             ):
                 if stream is not None:
                     stack.enter_context(stream)
@@ -90,10 +102,18 @@ class RunRecorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._told_of_recording(self._mcap.close())
         self._stack.close()
-        frames = self._snapshot or self._last
-        if frames is not None:
-            cv2.imwrite(str(self._folder / "mixed.png"), side_by_side(frames))
+        shown = self._snapshot or self._last
+        if shown is not None:
+            cv2.imwrite(str(self._folder / "mixed.png"), side_by_side(shown))
+
+    def _told_of_recording(self, report: RecordingReport) -> None:
+        """Say what run.mcap lacks: a replay of it would not show it."""
+        if report.complete:
+            return
+        dropped = ", ".join(f"{count} of {topic}" for topic, count in report.dropped)
+        self.note("recording", fault=report.fault, failed=report.failed, dropped=dropped or None)
 
     @property
     def artifacts(self) -> tuple[str, ...]:
@@ -105,18 +125,21 @@ class RunRecorder:
         if stage == "goal":
             self._goal_s = t_s
         self._log.write(t_s, "stage", stage=stage)
+        self._mcap.event(t_s, "info", "stage", stage)
 
     def decisive(self, event: DecisiveEvent) -> None:
         """Record what settles the run."""
         self._log.write(
             event.t_s, "decisive", kind=event.kind, reason=event.text, source=event.source
         )
+        self._mcap.event(event.t_s, "error", event.kind, event.text)
 
     def flag(self, flag: Flag) -> None:
         """Record a flag of an oracle, at the moment when it is seen."""
         if flag.oracle in self._collision_oracles:
             self.collisions.append(flag)
         self._log.write(flag.t_s, "flag", oracle=flag.oracle, vehicle=flag.vehicle, text=flag.text)
+        self._mcap.event(flag.t_s, "warning", flag.oracle, flag.text)
 
     def guard_event(self, event: GuardEvent) -> None:
         """Record what the guard did."""
@@ -145,14 +168,23 @@ class RunRecorder:
         if name in self._tlogs:
             self._tlogs[name].write(t_s, frame)
 
-    def frames(self, frames: Frames) -> None:
+    def reading(self, reading: Reading) -> None:
+        """Record a reading of real or twin."""
+        self._mcap.reading(reading.sensor, reading)
+
+    def mixture(self, frame: Frame) -> None:
+        """Record a mixture, or that there was none, with where it came from."""
+        mixed = frame.mixed
+        self._mcap.mixed(frame.name, mixed.reading, mixed.provenance, now_s=self._time())
+
+    def shown(self, shown: Shown) -> None:
         """Record a perceived picture, and one set of pictures for people."""
         if self._video is not None:
-            self._video.write(frames.mixed.t_s, frames.mixed.image_bgr)
-        self._last = frames
+            self._video.write(shown.perceived.t_s, shown.perceived.image_bgr)
+        self._last = shown
         due_s = math.inf if self._goal_s is None else self._goal_s + _SNAPSHOT_AFTER_S
-        if self._snapshot is None and frames.mixed.t_s >= due_s:
-            self._snapshot = frames
+        if self._snapshot is None and shown.perceived.t_s >= due_s:
+            self._snapshot = shown
 
     async def follow(self, stations: tuple[Station, ...], course: Course) -> None:
         """Record where all are at 20 Hz until cancelled, and once more then."""
@@ -188,9 +220,9 @@ def _row(station: Station, stage: str, now_s: float) -> TrajectoryRow:
     )
 
 
-def side_by_side(frames: Frames) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+def side_by_side(shown: Shown) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
     """Return real, twin and mixed picture beside each other, each with its name."""
-    panels = [("real", frames.real), ("twin", frames.twin), ("mixed", frames.mixed)]
+    panels = [("real", shown.real), ("twin", shown.twin), ("mixed", shown.perceived)]
     drawn = []
     for name, reading in panels:
         if reading is None:

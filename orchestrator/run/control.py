@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from orchestrator.run.course import Course
 from orchestrator.run.station import Station
-from vehicles.autonomy import Autonomy
+from vehicles.autonomy import Autonomy, PerceivesRaw
 from vehicles.cameras import sleep_until
-from vehicles.readings import CameraReading
+from vehicles.readings import Reading
 
 
 class Pilot:
@@ -32,12 +32,20 @@ class Pilot:
         """Call `started(name, t_s)` when the next setpoint is on its way, once."""
         self._started = started
 
-    def perceive(self, reading: CameraReading) -> None:
+    def perceive(self, reading: Reading) -> None:
         """Hand a reading to the autonomy."""
+        self._guarded(self._autonomy.perceive, reading)
+
+    def perceive_raw(self, reading: Reading) -> None:
+        """Hand on what a mixture was made of, to an autonomy that wants it."""
+        if isinstance(self._autonomy, PerceivesRaw):
+            self._guarded(self._autonomy.perceive_raw, reading)
+
+    def _guarded(self, perceive: Callable[[Reading], None], reading: Reading) -> None:
         if self._crashed:
             return
         try:
-            self._autonomy.perceive(reading)
+            perceive(reading)
         except Exception as error:  # noqa: BLE001  # whatever the code under test raises
             self._crash(error)
 

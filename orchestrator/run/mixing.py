@@ -1,118 +1,184 @@
-"""Mixing while flying: each real picture is met by the twin's of the same moment and pose."""
+"""Mixing while flying: each real reading is met by the twin's of the same moment and pose."""
 
 import asyncio
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from orchestrator.run.statistics import MixingStatistics
 from recipes.alignment import align_pose
 from recipes.mixed import Mixed
 from recipes.pipeline import Mixer
-from vehicles.cameras import AskedCamera, sleep_until
+from vehicles.cameras import sleep_until
 from vehicles.pose_history import PoseHistory
-from vehicles.readings import CameraReading
+from vehicles.readings import CameraReading, DepthReading, LidarPointsReading, Reading
+from vehicles.sensors.streams import Asked
 
 _POSE_POLL_S = 0.002
+_PAIR_WAIT_S = 0.05
+"""How long a reading waits for the twin's of its moment, where the twin's source is not asked."""
+_WAITING_BIG = 1
+_WAITING_SMALL = 32
+"""Readings that wait to be mixed: a late picture is not worth having, while readings of a few
+bytes come in bursts when the loop was busy."""
+_KEPT_BIG = 8
+_KEPT_SMALL = 64
+"""Readings of the twin among which that of a moment is sought."""
+_EARLY_S = 1e-6
 
-Deliver = Callable[[CameraReading], None]
-Registration = Callable[[CameraReading], float | None]
+Registration = Callable[[Reading], float | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Frames:
-    """The pictures behind one mixed reading, for whoever wants to look at them."""
+class Frame:
+    """One mixture with the readings behind it. name: of the combination."""
 
-    real: CameraReading
-    twin: CameraReading | None
-    mixed: CameraReading
+    name: str
+    sensor: str
+    real: Reading | None
+    twin: Reading | None
+    mixed: Mixed[Reading]
 
 
 class MixingLoop:
-    """Mixes one camera's readings and delivers them to whoever perceives.
+    """Mixes the readings of one sensor and tells each mixture.
 
-    poses: of the vehicle from whose place the twin's picture is asked (recipe's `register`).
-    wait_s: how long a pose for the exposure is waited for. registration: gives the error in
-    pixels of a twin's picture against an independent reference; None without one. deliver: takes
-    each mixed reading. watch: takes the frames behind it. trouble: told when a twin's picture
-    could not be used, or a real one could not be mixed.
-    A picture that comes while one is being mixed waits; a third replaces the one that waits and
-    counts as dropped: what is late is not worth having.
+    name: of the combination. twin: a source that is asked for the pose that the recipe's
+    `register` wants; None where the twin's readings come by themselves (`twin_reading`). poses: of
+    the vehicle from whose place it is asked. wait_s: how long a pose for the exposure is waited
+    for. period_s: of the real readings; none waits longer for the twin's. rate_hz: at most so
+    many mixtures; None for each real reading. registration: gives the error in pixels of a twin's
+    picture against an independent reference; None without one. tell: takes each mixture, also
+    one that is none. trouble: told what is wrong with a reading. A real reading that finds too
+    many waiting replaces the oldest, which counts as dropped. Ends by StepError when a step fails.
     """
 
     def __init__(
         self,
         *,
+        name: str,
         mixer: Mixer,
-        twin: AskedCamera | None,
+        twin: Asked | None,
         poses: PoseHistory,
         wait_s: float,
+        period_s: float,
+        rate_hz: float | None,
         registration: Registration | None,
-        deliver: Deliver,
-        watch: Callable[[Frames], None],
-        trouble: Callable[[Mixed], None],
+        tell: Callable[[Frame], None],
+        trouble: Callable[[str], None],
     ) -> None:
-        self._mixer = mixer
+        self.name = name
+        self.mixer = mixer
+        self.statistics = MixingStatistics()
         self._twin = twin
         self._poses = poses
         self._wait_s = wait_s
+        self._pair_wait_s = min(_PAIR_WAIT_S, period_s)
+        self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
+        self._due_s = 0.0
         self._registration = registration
-        self._deliver = deliver
-        self._watch = watch
+        self._tell = tell
         self._trouble = trouble
-        self._waiting: CameraReading | None = None
-        self._twin_picture: CameraReading | None = None
+        self._waiting: deque[Reading] = deque()
+        self._twins: deque[Reading] = deque(maxlen=_KEPT_SMALL)
         self._arrived = asyncio.Event()
-        self.statistics = MixingStatistics()
 
-    def real_picture(self, reading: CameraReading) -> None:
-        """Take a picture of the real vehicle's camera."""
-        if self._waiting is not None:
-            self.statistics.dropped += 1
-        self._waiting = reading
+    def real_reading(self, reading: Reading) -> None:
+        """Take a reading of the real vehicle's sensor."""
+        if not self._is_due(reading):
+            self.mixer.offer("real", reading)
+            return
+        if len(self._waiting) >= (_WAITING_BIG if _is_big(reading) else _WAITING_SMALL):
+            self._waiting.popleft()
+            self.statistics.replaced += 1
+        self._waiting.append(reading)
         self._arrived.set()
 
-    def twin_picture(self, reading: CameraReading) -> None:
-        """Take a picture of the twin's own camera: for recipes that do not ask for a pose."""
-        self._twin_picture = reading
+    def _is_due(self, reading: Reading) -> bool:
+        """Return whether a reading is to be mixed: on average at the recipe's rate."""
+        if self._period_s == 0.0:
+            return True
+        if reading.t_s < self._due_s - _EARLY_S:
+            return False
+        behind = reading.t_s - self._due_s >= self._period_s
+        self._due_s = (reading.t_s if behind else self._due_s) + self._period_s
+        return True
+
+    def twin_reading(self, reading: Reading) -> None:
+        """Take a reading of the twin's own sensor: for recipes that do not ask for a pose."""
+        fault = self.mixer.offer("twin", reading)
+        if fault is not None:
+            self._trouble(fault)
+            return
+        if _is_big(reading) and len(self._twins) >= _KEPT_BIG:
+            self._twins.popleft()
+        self._twins.append(reading)
+        self._arrived.set()
 
     async def run(self) -> None:
         """Mix until cancelled."""
         while True:
             await self._arrived.wait()
             self._arrived.clear()
-            reading, self._waiting = self._waiting, None
-            if reading is not None:
-                await self._mix(reading)
+            while self._waiting:
+                await self._mix()
 
-    async def _mix(self, real: CameraReading) -> None:
-        twin, alignment = await self._twin_for(real)
+    async def _mix(self) -> None:
+        if self._twin is None:
+            await self._twin_has_come()
+            real = self._waiting.popleft()
+            twin, alignment = self._nearest(real.t_s), "as it came"
+        else:
+            real = self._waiting.popleft()
+            twin, alignment = await self._asked(self._twin, real)
         now_s = asyncio.get_running_loop().time()
-        mixed = self._mixer.mix(real, twin, now_s=now_s, alignment=alignment)
-        self._account(mixed, twin)
-        if mixed.reading is not None:
-            self.statistics.delivered(now_s)
-            self._watch(Frames(real, twin, mixed.reading))
-            self._deliver(mixed.reading)
+        mixed: Mixed[Reading] = self.mixer.mix(real, twin, now_s=now_s, alignment=alignment)
+        if self._registration is not None and twin is not None:
+            error_px = self._registration(twin)
+            told = replace(mixed.provenance, registration_error_px=error_px)
+            mixed = Mixed(mixed.reading, told)
+        self._account(mixed, now_s)
+        self._tell(Frame(self.name, self.mixer.sensor, real, twin, mixed))
 
-    async def _twin_for(self, real: CameraReading) -> tuple[CameraReading | None, str]:
-        """Return the twin's picture to be mixed with the real one, and how it was aligned."""
-        request = self._mixer.pose_request
-        if request is None or self._twin is None:
-            return self._twin_picture, "as it came"
+    async def _twin_has_come(self) -> None:
+        """Wait until the twin's readings have reached the moment of the oldest that waits.
+
+        While this waits that reading may be replaced by a newer one.
+        """
+        if self._twin_is_there():
+            return
+        give_up_s = asyncio.get_running_loop().time() + self._pair_wait_s
+        try:
+            async with asyncio.timeout_at(give_up_s):
+                while not self._twin_is_there():
+                    self._arrived.clear()
+                    await self._arrived.wait()
+        except TimeoutError:
+            return
+
+    def _twin_is_there(self) -> bool:
+        return bool(self._twins) and self._twins[-1].t_s >= self._waiting[0].t_s - _EARLY_S
+
+    def _nearest(self, t_s: float) -> Reading | None:
+        return min(self._twins, key=lambda reading: abs(reading.t_s - t_s), default=None)
+
+    async def _asked(self, twin: Asked, real: Reading) -> tuple[Reading | None, str]:
+        """Return the twin's reading from the pose that the recipe wants, and how that was found."""
+        request = self.mixer.pose_request
+        assert request is not None  # noqa: S101 - who asks has a request
         if request.align == "interpolate":
             await self._pose_has_come(real.t_s)
-        found = align_pose(
-            request, self._poses, exposure_s=real.t_s, now_s=asyncio.get_running_loop().time()
-        )
+        now_s = asyncio.get_running_loop().time()
+        found = align_pose(request, self._poses, exposure_s=real.t_s, now_s=now_s)
         if found is None:
             return None, "no pose"
-        picture = await self._twin.ask(
+        reading = await twin.ask(
             found.pose,
             found.t_s,
-            want_ids="ids" in self._mixer.needs,
-            want_depth="depth" in self._mixer.needs,
+            want_ids="ids" in self.mixer.needs,
+            want_depth="depth" in self.mixer.needs,
         )
-        return picture, found.how
+        return replace(reading, sensor=self.mixer.sensor), found.how
 
     async def _pose_has_come(self, t_s: float) -> None:
         """Wait until the pose source has passed t_s, for a short while."""
@@ -121,16 +187,17 @@ class MixingLoop:
         while self._poses.at(t_s).kind != "interpolated" and loop.time() < give_up_s:
             await sleep_until(loop.time() + _POSE_POLL_S)
 
-    def _account(self, mixed: Mixed, twin: CameraReading | None) -> None:
-        provenance = mixed.provenance
-        if provenance.dropped is not None:
-            self.statistics.dropped += 1
-            self._trouble(mixed)
+    def _account(self, mixed: Mixed[Reading], now_s: float) -> None:
+        statistics, provenance = self.statistics, mixed.provenance
+        if mixed.reading is not None:
+            statistics.delivered(now_s)
         if provenance.skew_ms is not None:
-            self.statistics.skew_ms.add(provenance.skew_ms)
+            statistics.skew_ms.add(provenance.skew_ms)
         if provenance.latency_ms is not None:
-            self.statistics.latency_ms.add(provenance.latency_ms)
-        if self._registration is not None and twin is not None:
-            error_px = self._registration(twin)
-            if error_px is not None:
-                self.statistics.registration_error_px.add(error_px)
+            statistics.latency_ms.add(provenance.latency_ms)
+        if provenance.registration_error_px is not None:
+            statistics.registration_error_px.add(provenance.registration_error_px)
+
+
+def _is_big(reading: Reading) -> bool:
+    return isinstance(reading, CameraReading | DepthReading | LidarPointsReading)

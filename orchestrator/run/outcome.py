@@ -2,13 +2,14 @@
 
 from orchestrator.results import (
     Also,
+    CombinationResult,
     MixingResult,
     RunResult,
     SyncResult,
 )
 from orchestrator.run.course import Course
+from orchestrator.run.mixing import MixingLoop
 from orchestrator.run.setup import RunSetup
-from orchestrator.run.statistics import MixingStatistics
 from safety.judge import Judge
 from safety.results import Flag
 from safety.verdict import Decision, decide
@@ -20,7 +21,7 @@ def result_of(
     course: Course,
     judge: Judge,
     sync: SyncResult,
-    mixing: MixingStatistics | None,
+    mixings: tuple[MixingLoop, ...],
     collisions: tuple[Flag, ...],
     artifacts: tuple[str, ...],
     end_s: float,
@@ -46,7 +47,7 @@ def result_of(
         wall_s=wall_s,
         oracles=oracles,
         sync=sync,
-        mixing=None if mixing is None else _mixing(mixing),
+        mixing=_mixing(mixings),
         collisions=collisions,
         artifacts=artifacts,
     )
@@ -57,11 +58,33 @@ def also_of(decision: Decision) -> tuple[Also, ...]:
     return tuple(Also(event.kind, event.text, event.t_s) for event in decision.also)
 
 
-def _mixing(statistics: MixingStatistics) -> MixingResult:
-    error = statistics.registration_error_px.percentiles()
+def _mixing(mixings: tuple[MixingLoop, ...]) -> MixingResult | None:
+    if not mixings:
+        return None
+    combinations = tuple(_combination(mixing) for mixing in mixings)
+    first = combinations[0]
     return MixingResult(
+        frames=first.frames,
+        dropped=sum(first.dropped.values()),
+        rate_hz=first.rate_hz,
+        skew_ms=first.skew_ms,
+        latency_ms=first.latency_ms,
+        registration_error_px=first.registration_error_px,
+        combinations=combinations,
+    )
+
+
+def _combination(mixing: MixingLoop) -> CombinationResult:
+    statistics, counts = mixing.statistics, mixing.mixer.counts()
+    error = statistics.registration_error_px.percentiles()
+    replaced = {"replaced": statistics.replaced} if statistics.replaced else {}
+    return CombinationResult(
+        name=mixing.name,
+        sensor=mixing.mixer.combination.sensor.kind,
+        publish=mixing.mixer.publish,
         frames=statistics.frames,
-        dropped=statistics.dropped,
+        dropped={**dict(counts.dropped), **replaced},
+        faults=dict(counts.faults),
         rate_hz=statistics.rate_hz or 0.0,
         skew_ms=statistics.skew_ms.percentiles(),
         latency_ms=statistics.latency_ms.percentiles(),

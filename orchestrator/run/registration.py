@@ -2,11 +2,62 @@
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
+from campaigns.sensor_setups import CameraSetup, DepthSetup
+from orchestrator.run.mixing import Registration
+from orchestrator.run.setup import RunSetup
+from orchestrator.run.station import Station
+from vehicles.readings import CameraReading, DepthReading, Reading
 from worlds.camera import Intrinsics
 from worlds.frames import Pose, Vec3
 from worlds.scene import SceneObject
+
+
+class Registrar:
+    """Measures registration errors against where the real camera truly was."""
+
+    def __init__(
+        self, *, setup: RunSetup, stations: Mapping[str, Station], events: Mapping[str, float]
+    ) -> None:
+        real = set(setup.real_scene.names)
+        self._virtual = [
+            (thing, box_corners(thing))
+            for thing in setup.virtual_scene.objects
+            if thing.name not in real
+        ]
+        self._stations = stations
+        self._events = events
+
+    def of(self, camera: CameraSetup | DepthSetup) -> Registration:
+        """Return what gives the error of a twin's picture over one of a real camera.
+
+        It gives None for a picture of unknown place, and where nothing virtual is in sight.
+        """
+        truth = self._stations["real"].truth
+
+        def error_px(twin: Reading) -> float | None:
+            if not isinstance(twin, CameraReading | DepthReading) or twin.camera_pose is None:
+                return None
+            found = truth.at(twin.t_s)
+            if found.pose is None:
+                return None
+            return registration_error_px(
+                self._corners(twin.t_s),
+                intrinsics=camera.intrinsics,
+                drawn_from=twin.camera_pose,
+                reference=camera.mount.camera_pose(found.pose),
+            )
+
+        return error_px
+
+    def _corners(self, t_s: float) -> list[Vec3]:
+        return [
+            pose.to_parent(corner)
+            for thing, corners in self._virtual
+            for pose in (thing.pose_at(t_s, self._events),)
+            for corner in corners
+        ]
 
 
 def registration_error_px(

@@ -13,8 +13,10 @@ from orchestrator.clock import run_on
 from orchestrator.operator import Inbox
 from orchestrator.progress import Progress, Report
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
+from orchestrator.recording.mcap_settings import recording_settings
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.results import RunResult
+from orchestrator.run.arranging import Watchers, build_perception
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.flight import FlightError, fly_together
 from orchestrator.run.goal import GoalFlight
@@ -22,11 +24,12 @@ from orchestrator.run.judging import Bench
 from orchestrator.run.opening import Pair, open_pair
 from orchestrator.run.oracles import build_judge
 from orchestrator.run.outcome import result_of
-from orchestrator.run.perceiving import Perception, build_perception
+from orchestrator.run.perceiving import Perception
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from orchestrator.run.synchronisation import Synchronisation
 from orchestrator.run.warming import warm_up
+from recipes.working import StepError
 from safety.guard.events import GuardEvent, decisive
 from safety.tape import WorldEvent
 from vehicles.errors import VehicleError
@@ -94,7 +97,10 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
         )
         try:
             async with open_pair(setup, record=sync.recording(recorder.frame)) as pair:
-                perception = build_perception(setup, pair.stations, course, events, recorder.frames)
+                watchers = Watchers(
+                    reading=recorder.reading, frame=recorder.mixture, shown=recorder.shown
+                )
+                perception = build_perception(setup, pair, course, events, watchers)
                 goal = GoalFlight(
                     pilots=perception.pilots,
                     subject=setup.subject,
@@ -113,7 +119,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                 )
                 await _conduct(run)
                 bench.last_state(loop.time())
-        except (VehicleError, LinkError) as error:
+        except (VehicleError, LinkError, StepError) as error:
             course.decide("ERROR", str(error))
         end_s = course.enter("end")
     return result_of(
@@ -121,7 +127,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
         course=course,
         judge=judge,
         sync=sync.result(),
-        mixing=None if perception is None else perception.statistics,
+        mixings=() if perception is None else perception.mixings,
         collisions=tuple(recorder.collisions),
         artifacts=recorder.artifacts,
         end_s=end_s,
@@ -156,6 +162,8 @@ def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop) -> RunRecorder:
         collision_oracles=frozenset(
             use.name for use in setup.campaign.oracles if use.kind == "collision"
         ),
+        clock=setup.clock,
+        settings=recording_settings(setup.campaign.record),
     )
 
 

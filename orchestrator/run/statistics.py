@@ -26,11 +26,15 @@ class Samples:
 
 
 class MixingStatistics:
-    """Counts and figures of mixed readings: rate, skew, latency, drops, registration error."""
+    """Counts and figures of mixed readings: rate, skew, latency, registration error.
+
+    replaced: readings that made way for newer ones before they were mixed; what the mixer left
+    out it counts itself.
+    """
 
     def __init__(self) -> None:
         self.frames = 0
-        self.dropped = 0
+        self.replaced = 0
         self.skew_ms = Samples()
         self.latency_ms = Samples()
         self.registration_error_px = Samples()

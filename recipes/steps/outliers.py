@@ -82,6 +82,8 @@ def _near(
 
 
 def _near_points(points: NDArray[np.float32], within_m: float) -> NDArray[np.int64]:
+    if not len(points):
+        return np.zeros(0, np.int64)
     cells = np.floor(points.astype(np.float64) / within_m).astype(np.int64)
     cells -= cells.min(axis=0) - 1
     across, along = cells[:, 1].max() + 2, cells[:, 2].max() + 2

@@ -16,7 +16,7 @@ from orchestrator.recording.mcap_reader import (
     Recording,
 )
 from orchestrator.recording.mcap_settings import LOSSLESS, RecordingSettings
-from orchestrator.recording.mcap_writer import RecordingReport, RunRecorder
+from orchestrator.recording.mcap_writer import McapRecorder, RecordingReport
 from recipes.mixed import Provenance, StageTime
 from vehicles.readings import CameraReading, PoseReading, Reading, Source
 from worlds.camera import Intrinsics
@@ -55,9 +55,9 @@ def camera(k: int = 0, source: Source = "real") -> CameraReading:
     )
 
 
-def recorder(path: Path, **changes: Any) -> RunRecorder:
+def recorder(path: Path, **changes: Any) -> McapRecorder:
     arguments = {"epoch_s": VIRTUAL_EPOCH_S, "clock": "virtual", "settings": LOSSLESS} | changes
-    return RunRecorder(path=path, **arguments)
+    return McapRecorder(path=path, **arguments)
 
 
 def read(path: Path) -> tuple[list[Recorded], Recording]:

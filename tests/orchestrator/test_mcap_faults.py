@@ -268,12 +268,12 @@ KILLED = """
 import sys, time
 import numpy as np
 from pathlib import Path
-from orchestrator.recording.mcap_writer import RunRecorder
+from orchestrator.recording.mcap_writer import McapRecorder
 from vehicles.readings import CameraReading, PoseReading
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 rng = np.random.default_rng(1)
-with RunRecorder(path=Path(sys.argv[1]), epoch_s=1.7e9, clock="wall") as run:
+with McapRecorder(path=Path(sys.argv[1]), epoch_s=1.7e9, clock="wall") as run:
     k = 0
     while True:
         t = k / 100

@@ -156,6 +156,7 @@ def test_provenance_and_log_lines_come_back(tmp_path: Path) -> None:
             {"step": "resize", "duration_s": 0.001},
             {"step": "overlay", "duration_s": 0.002},
         ],
+        "registration_error_px": None,
     }
     assert second.log_ns - first.log_ns == 100_000_000
     assert event == RecordedEvent(

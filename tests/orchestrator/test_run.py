@@ -97,6 +97,7 @@ def test_the_files_of_a_run_are_all_there_and_readable(fly_run: Fly) -> None:
         "mixed.mp4",
         "mixed.png",
         "real.tlog",
+        "run.mcap",
         "trajectory.csv",
         "twin.tlog",
     }

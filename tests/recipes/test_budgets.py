@@ -51,8 +51,9 @@ def test_several_limits_at_once() -> None:
 def test_one_reading_is_judged_by_its_provenance() -> None:
     told = Provenance(1, 1.0, 2, 1.01, 10.0, 150.0)
     assert breach_of(BUDGET, told) is None
-    assert breach_of(BUDGET, told, 1.5) is None
-    assert str(breach_of(BUDGET, told, 3.0)).startswith("max_registration_error_px: 3")
+    assert breach_of(BUDGET, replace(told, registration_error_px=1.5)) is None
+    far = replace(told, registration_error_px=3.0)
+    assert str(breach_of(BUDGET, far)).startswith("max_registration_error_px: 3")
     assert str(breach_of(BUDGET, replace(told, latency_ms=201.0))).startswith("max_latency_ms")
     assert breach_of(Budget(0.06), replace(told, latency_ms=9e9)) is None
 

@@ -110,7 +110,6 @@ BAD: list[tuple[str, Any, str]] = [
     ("lidar", scan([1.0, -2.0, 3.0]), "negative"),
     ("lidar", scan([1.0], step_rad=math.inf), "not_finite"),
     ("lidar", replace(scan([1.0]), ranges_m=np.zeros(0, np.float32)), "empty"),
-    ("lidar_points", cloud(np.zeros((0, 3))), "empty"),
     ("lidar_points", cloud([[1, 2, np.inf]]), "not_finite"),
     ("rangefinder", beam(math.nan), "not_finite"),
     ("gps", fix(91.0, 0.0), "out_of_range"),
@@ -284,6 +283,42 @@ def test_there_is_room_for_several_twins_and_one_flies() -> None:
         (problem,) = caught.value.problems
         assert said in problem.headline
         assert problem.line == 2
+
+
+def test_an_empty_cloud_is_a_fault_of_the_real_lidar_and_none_of_the_twins() -> None:
+    one = mixer("lidar_points", "merge: concatenate")
+    full, empty = cloud([[1, 2, 3]], "real"), cloud(np.zeros((0, 3)))
+    mixed = one.mix(full, empty, now_s=1.1)
+    assert mixed.provenance.dropped is None
+    assert mixed.reading is not None
+    assert np.array_equal(mixed.reading.points_frd_m, full.points_frd_m)
+    dead = one.mix(at(replace(empty, source="real"), 2.0), at(empty, 2.0), now_s=2.1)
+    assert dead.reading is None
+    assert dead.provenance.dropped == "bad_real"
+    assert one.counts().faults == (("real empty", 1),)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "transform: [axes], merge: concatenate",
+        "transform: [{remount: real}], merge: concatenate",
+        "transform: [{units: {length: ft}}], merge: concatenate",
+        "transform: [{delay: 0}, {resample: hold}], merge: concatenate",
+        "filter: [{decimate: 2}], merge: concatenate",
+        "filter: [{isolate_box: {forward_m: [0, 1]}}], merge: concatenate",
+        "filter: [{isolate_sector: {from_deg: 0, to_deg: 90}}], merge: concatenate",
+        "filter: [remove_outliers], merge: concatenate",
+        "filter: [{value_range: {min_m: 1}}], merge: concatenate",
+        "merge: {replace: {source: twin, sector: {from_deg: 90, to_deg: 120}}}",
+    ],
+)
+def test_no_step_stumbles_over_an_empty_cloud(body: str) -> None:
+    one = mixer("lidar_points", body)
+    mixed = one.mix(cloud([[1, 0, 0]], "real"), cloud(np.zeros((0, 3))), now_s=1.1)
+    assert mixed.provenance.dropped is None
+    assert mixed.reading is not None
+    assert len(mixed.reading.points_frd_m) == 1
 
 
 def test_each_vehicle_may_get_a_mixture_of_its_own() -> None:

@@ -1,8 +1,9 @@
 """Readings: one sensor sample each, frozen, with its time, frame and source.
 
 Every reading has t_s (when it was sampled, run clock), arrived_s (when it was delivered to us),
-seq (counts up by one per sample of this sensor, so that a drop shows) and source. Arrays in a
-reading are shared, never written to after construction.
+seq (counts up by one per sample of this sensor, so that a drop shows), source, and sensor: the
+name under which its vehicle carries it ("" where nobody said). Arrays in a reading are shared,
+never written to after construction.
 """
 
 from vehicles.readings.kinds import SENSOR_TYPES, Reading, sensor_type_of

@@ -16,6 +16,7 @@ class PoseReading:
     pose: Pose
     velocity_ned_m_s: Vec3 | None = None
     seq: int = 0
+    sensor: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,7 @@ class GpsReading:
     vertical_accuracy_m: float
     fix_type: int = 3
     satellites: int = 12
+    sensor: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,3 +58,4 @@ class ImuReading:
     source: Source
     specific_force_frd_m_s2: Vec3
     rates_frd_rad_s: Vec3
+    sensor: str = ""

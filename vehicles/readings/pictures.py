@@ -37,6 +37,7 @@ class CameraReading:
     object_ids: IdImage | None = None
     camera_pose: Pose | None = None
     rendered: bool = True
+    sensor: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,3 +58,4 @@ class DepthReading:
     object_ids: IdImage | None = None
     camera_pose: Pose | None = None
     rendered: bool = True
+    sensor: str = ""

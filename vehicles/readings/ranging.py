@@ -38,6 +38,7 @@ class LidarScanReading:
     range_max_m: float
     object_ids: ObjectIds | None = None
     mount: Pose = AT_BODY
+    sensor: str = ""
 
     @property
     def angles_rad(self) -> NDArray[np.float64]:
@@ -62,6 +63,7 @@ class LidarPointsReading:
     points_frd_m: Points
     object_ids: ObjectIds | None = None
     mount: Pose = AT_BODY
+    sensor: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,3 +82,4 @@ class RangefinderReading:
     range_min_m: float
     range_max_m: float
     mount: Pose = AT_BODY
+    sensor: str = ""

@@ -27,6 +27,7 @@ class MicrophoneReading:
     samples: NDArray[np.int16]
     sample_rate_hz: int
     full_scale_pa: float
+    sensor: str = ""
 
     @property
     def duration_s(self) -> float:

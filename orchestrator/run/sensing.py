@@ -1,0 +1,255 @@
+"""The sensors of a run's vehicles: each as its campaign says, as good as its profile is."""
+
+import asyncio
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from campaigns.sensor_setups import (
+    CameraSetup,
+    DepthSetup,
+    GpsSetup,
+    LidarPointsSetup,
+    MicrophoneSetup,
+    PoseSetup,
+    RangefinderSetup,
+    RangingSetup,
+    SensorSetup,
+)
+from campaigns.setup import VehicleSetup
+from orchestrator.run.hangar import Feed, vehicle_seed
+from orchestrator.run.seeing import WorldPictures, WorldRays
+from orchestrator.run.setup import RunSetup
+from orchestrator.run.station import Station
+from vehicles.camera_effects import CameraQuality
+from vehicles.cameras import AskedCamera, Compute, PictureSource, RenderedCamera, inline
+from vehicles.sensors.beams import RangeNoise
+from vehicles.sensors.depth import DepthSensor
+from vehicles.sensors.gps import GPS_TIMING, GpsSensor
+from vehicles.sensors.imu import ImuSensor
+from vehicles.sensors.lens import ThroughLens
+from vehicles.sensors.lidar import (
+    POINTS_TIMING,
+    RANGEFINDER_TIMING,
+    SCAN_TIMING,
+    LidarPointsSensor,
+    LidarScanSensor,
+    RangefinderSensor,
+)
+from vehicles.sensors.microphone import MicrophoneSensor
+from vehicles.sensors.noise_sets import NOISE_SETS, SensorNoise
+from vehicles.sensors.streams import (
+    Asked,
+    AskedSensor,
+    PoseStream,
+    RenderedDepth,
+    SensedStream,
+    Sensor,
+    Stream,
+)
+from vehicles.sensors.timing import Timing
+from vehicles.sensors.track import TruthTrack
+from worlds.scene import Scene
+
+T = TypeVar("T")
+
+FELT_TRUTH_HZ = 250.0
+"""Of the truth that sensors feel: as often as the physics goes."""
+POSE_DELAY_S = 0.01
+"""How long after an exposure its pose is looked up: by then the samples around it have come."""
+
+
+async def in_thread(job: Callable[[], T], /) -> T:
+    """Run a job in a thread, so that the loop's 50 Hz go on."""
+    return await asyncio.to_thread(job)
+
+
+class Senses:
+    """Makes the sensors of a run's vehicles, each with noise of its own.
+
+    events: of the world, with their times. A sensor's noise depends on the run's seed, its
+    vehicle and its name alone, so that a further sensor changes nothing for the others.
+    """
+
+    def __init__(
+        self,
+        *,
+        setup: RunSetup,
+        stations: Mapping[str, Station],
+        feeds: Mapping[str, Feed],
+        events: Mapping[str, float],
+    ) -> None:
+        self._setup = setup
+        self._stations = stations
+        self._feeds = feeds
+        self._events = events
+        self._tracks: dict[str, TruthTrack] = {}
+        self._rays: dict[str, WorldRays] = {}
+        self._asked: dict[str, Asked] = {}
+
+    def stream(self, vehicle: VehicleSetup, sensor: SensorSetup) -> Stream:
+        """Return a sensor of a vehicle that delivers by itself."""
+        if isinstance(sensor, CameraSetup):
+            return self._camera(vehicle, sensor)
+        if isinstance(sensor, PoseSetup):
+            return PoseStream(listen=self._feeds[vehicle.name].on_mocap, rate_hz=sensor.rate_hz)
+        return SensedStream(
+            sensor=self._model(vehicle, sensor, like=sensor),
+            track=self._track(vehicle.name),
+            rate_hz=sensor.rate_hz,
+            rng=self._rng(vehicle, sensor),
+            compute=self._compute(sensor),
+        )
+
+    def asked(self, sensor: SensorSetup, *, like: SensorSetup) -> Asked:
+        """Return the twin's sensor that answers for a pose, mounted like that of the real one.
+
+        A recipe asks only for readings that are of a place. Whoever asks for a sensor gets the
+        same one, so that its numbers are told once.
+        """
+        if sensor.name not in self._asked:
+            self._asked[sensor.name] = self._answering(sensor, like)
+        return self._asked[sensor.name]
+
+    def _answering(self, sensor: SensorSetup, like: SensorSetup) -> Asked:
+        twin = self._setup.vehicle("twin")
+        if isinstance(sensor, CameraSetup) and isinstance(like, CameraSetup):
+            return AskedCamera(
+                source=self._pictures("twin"),
+                intrinsics=sensor.intrinsics,
+                mount=like.mount,
+                compute=self._compute(sensor),
+            )
+        return AskedSensor(
+            sensor=self._model(twin, sensor, like=like),
+            rng=self._rng(twin, sensor),
+            compute=self._compute(sensor),
+        )
+
+    def _camera(self, vehicle: VehicleSetup, camera: CameraSetup) -> RenderedCamera:
+        return RenderedCamera(
+            source=self._pictures(vehicle.name),
+            history=self._stations[vehicle.name].truth,
+            intrinsics=camera.intrinsics,
+            rate_hz=camera.rate_hz,
+            side=vehicle.name,
+            rng=self._rng(vehicle, camera),
+            mount=camera.mount,
+            quality=CameraQuality.of_profile(self._setup.profiles[vehicle.name].camera),
+            compute=self._compute(camera),
+            pose_delay_s=POSE_DELAY_S,
+        )
+
+    def _model(self, vehicle: VehicleSetup, sensor: SensorSetup, *, like: SensorSetup) -> Sensor:
+        """Return a sensor's model. like: the sensor whose mount it has."""
+        noise = NOISE_SETS[self._setup.profiles[vehicle.name].sensors]
+        if isinstance(sensor, RangingSetup):
+            return self._ranging(vehicle, sensor, like, noise)
+        if isinstance(sensor, DepthSetup):
+            camera = self._setup.profiles[vehicle.name].camera
+            return RenderedDepth(
+                source=self._pictures(vehicle.name),
+                intrinsics=sensor.intrinsics,
+                mount=like.mount if isinstance(like, DepthSetup | CameraSetup) else sensor.mount,
+                side=vehicle.name,
+                sensor=DepthSensor(noise=noise.depth),
+                timing=Timing(sensor.rate_hz, camera.latency_s, camera.jitter_s),
+            )
+        if isinstance(sensor, GpsSetup):
+            return GpsSensor(
+                source=vehicle.name,
+                frame=self._setup.campaign.world.frame,
+                noise=noise.gps,
+                timing=self._timing(vehicle, GPS_TIMING, sensor.rate_hz),
+            )
+        if isinstance(sensor, MicrophoneSetup):
+            return MicrophoneSensor(
+                source=vehicle.name,
+                noise=noise.microphone,
+                sample_rate_hz=sensor.sample_rate_hz,
+                block_samples=sensor.block_samples,
+            )
+        return ImuSensor(
+            source=vehicle.name, noise=noise.imu, timing=Timing(sensor.rate_hz or FELT_TRUTH_HZ)
+        )
+
+    def _ranging(
+        self, vehicle: VehicleSetup, sensor: RangingSetup, like: SensorSetup, noise: SensorNoise
+    ) -> Sensor:
+        mount = like.mount if isinstance(like, RangingSetup) else sensor.mount
+        cast = self._caster(vehicle.name)
+        if isinstance(sensor, RangefinderSetup):
+            return RangefinderSensor(
+                source=vehicle.name,
+                cast=cast,
+                half_angle_rad=sensor.half_angle_rad,
+                noise=_reaching(noise.rangefinder, sensor),
+                timing=self._timing(vehicle, RANGEFINDER_TIMING, sensor.rate_hz),
+                mount=mount,
+            )
+        if isinstance(sensor, LidarPointsSetup):
+            return LidarPointsSensor(
+                source=vehicle.name,
+                cast=cast,
+                pattern=sensor.pattern,
+                noise=_reaching(noise.lidar_points, sensor),
+                timing=self._timing(vehicle, POINTS_TIMING, sensor.rate_hz),
+                mount=mount,
+            )
+        return LidarScanSensor(
+            source=vehicle.name,
+            cast=cast,
+            pattern=sensor.pattern,
+            noise=_reaching(noise.lidar, sensor),
+            timing=self._timing(vehicle, SCAN_TIMING, sensor.rate_hz),
+            mount=mount,
+        )
+
+    def _timing(self, vehicle: VehicleSetup, datasheet: Timing, rate_hz: float) -> Timing:
+        """Return when readings come: at once from ideal sensors, else as late as data sheets say.
+
+        A turn of a lidar is delivered when it is over, so that a quicker one is less late.
+        """
+        if self._setup.profiles[vehicle.name].sensors == "ideal":
+            return Timing(rate_hz)
+        turn_s = 1.0 / datasheet.rate_hz
+        late_s = 1.0 / rate_hz if datasheet.latency_s == turn_s else datasheet.latency_s
+        return Timing(rate_hz, late_s, datasheet.jitter_s)
+
+    def _scene(self, name: str) -> Scene:
+        return self._setup.real_scene if name == "real" else self._setup.virtual_scene
+
+    def _pictures(self, name: str) -> PictureSource:
+        return ThroughLens(WorldPictures(scene=self._scene(name), events=self._events))
+
+    def _caster(self, name: str) -> WorldRays:
+        if name not in self._rays:
+            self._rays[name] = WorldRays(scene=self._scene(name), events=self._events)
+        return self._rays[name]
+
+    def _track(self, name: str) -> TruthTrack:
+        if name not in self._tracks:
+            self._tracks[name] = TruthTrack()
+            self._feeds[name].on_truth(self._tracks[name].add, FELT_TRUTH_HZ)
+        return self._tracks[name]
+
+    def _rng(self, vehicle: VehicleSetup, sensor: SensorSetup) -> np.random.Generator:
+        seed = vehicle_seed(self._setup.seed, vehicle.name)
+        return np.random.default_rng([seed, zlib.crc32(sensor.name.encode())])
+
+    def _compute(self, sensor: SensorSetup) -> Compute:
+        """Return where a reading is made: what takes milliseconds goes to a thread in wall time."""
+        heavy = isinstance(sensor, CameraSetup | DepthSetup | LidarPointsSetup)
+        return in_thread if heavy and self._setup.clock != "virtual" else inline
+
+
+def _reaching(noise: RangeNoise, sensor: RangingSetup) -> RangeNoise:
+    low_m, high_m = sensor.reach.min_m, sensor.reach.max_m
+    return replace(
+        noise,
+        range_min_m=noise.range_min_m if low_m is None else low_m,
+        range_max_m=noise.range_max_m if high_m is None else high_m,
+    )
