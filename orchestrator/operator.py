@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-OperatorKind = Literal["abort"]
+OperatorKind = Literal["abort", "hold", "resume"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,10 +23,15 @@ StageWatcher = Callable[[Stage, float], None]
 DecisiveWatcher = Callable[[DecisiveEvent], None]
 
 
+class FlightError(Exception):
+    """A stage that could not be completed; says which vehicle and why."""
+
+
 class Course:
     """What has happened so far; every part of a run reports here.
 
     `over` is set when the flight has to end before its time: something that ends it happened.
+    While the operator holds, nothing of the flight's own ends it: whoever holds wants to look.
     """
 
     def __init__(self, *, time: Callable[[], float]) -> None:
@@ -35,6 +40,8 @@ class Course:
         self.entered_s: dict[Stage, float] = {"start": time()}
         self.decisive: list[DecisiveEvent] = []
         self.over = asyncio.Event()
+        self._held = False
+        self._due = False
         self._stage_watchers: list[StageWatcher] = []
         self._entries: dict[Stage, asyncio.Event] = {}
         self._decisive_watchers: list[DecisiveWatcher] = []
@@ -81,5 +88,17 @@ class Course:
         self.decisive.append(event)
         for watcher in self._decisive_watchers:
             watcher(event)
-        if ends_flight:
+        if ends_flight and self._held:
+            self._due = True
+        elif ends_flight:
+            self.over.set()
+
+    def hold(self) -> None:
+        """Have nothing end the flight until `release`."""
+        self._held = True
+
+    def release(self) -> None:
+        """Take that nobody holds any more; what ended the flight meanwhile does so now."""
+        self._held = False
+        if self._due:
             self.over.set()

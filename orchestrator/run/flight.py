@@ -4,24 +4,24 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 
 from campaigns.setup import SyncSetup
-from orchestrator.run.course import Course
+from orchestrator.run.course import Course, FlightError
+from orchestrator.run.holding import Holding
 from orchestrator.run.station import Station
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.errors import VehicleError
+from vehicles.setpoints import PositionSetpoint
 
 _SETTLED_S = 0.5
 """How long a vehicle has to be at height before it counts: not merely passing through."""
 _POLL_S = 0.02
-
-
-class FlightError(Exception):
-    """A stage that could not be completed; says which vehicle and why."""
+_CLIMB_HZ = 10.0
 
 
 async def fly_together(
     stations: tuple[Station, ...],
     *,
     course: Course,
+    holding: Holding,
     sync: SyncSetup,
     heights_m: Mapping[str, float],
     barrier: Callable[[], None],
@@ -32,32 +32,112 @@ async def fly_together(
     heights_m: to which height above its start each takes off, by name. barrier: called
     when all are at height, before the goal.
 
-    Every barrier waits for all. An error at any stage is raised to the caller, who brings
-    everything down; so does `course.over` when it is set before the goal is given.
+    Every barrier waits for all, and for an operator who holds. An error at any stage is raised to
+    the caller, who brings everything down; so does `course.over` when it is set before the goal is
+    given.
     """
     course.enter("identify")
     await _each(stations, lambda station: station.driver.identify(sync.ready_timeout_s))
     course.enter("ready")
     await _each(stations, lambda station: station.driver.ready(sync.ready_timeout_s))
     course.enter("arm")
+    await holding.through(lambda: _arm(stations))
+    course.enter("takeoff")
+    await holding.through(
+        lambda: _take_off(stations, heights_m, sync),
+        again=lambda: _go_on_taking_off(stations, heights_m, sync),
+    )
+    course.enter("at_height")
+    barrier()
+    await holding.through(lambda: _guide(stations))
+    t0_s = course.enter("goal")
+    await _with_holds(stations, holding, goal(t0_s))
+    course.enter("land")
+    await holding.through(lambda: _land(stations, sync))
+    course.enter("landed")
+
+
+async def _arm(stations: tuple[Station, ...]) -> None:
     await _each(stations, lambda station: station.driver.arm())
     if len(stations) > 1:
         # Who was armed first is ahead by as much: motors that are not up make a takeoff wait.
         flown_by = [autopilot_named(station.driver.identity.autopilot) for station in stations]
         await asyncio.sleep(max(autopilot.spool_s for autopilot in flown_by))
-    course.enter("takeoff")
-    acknowledged = [station.driver.begin_takeoff(heights_m[station.name]) for station in stations]
+
+
+async def _take_off(
+    stations: Iterable[Station], heights_m: Mapping[str, float], sync: SyncSetup
+) -> None:
+    """Give all their takeoff commands in one turn of the loop, and wait until they are up."""
+    acknowledged = [one.driver.begin_takeoff(heights_m[one.name]) for one in stations]
     await asyncio.gather(*acknowledged)
-    await _each(stations, lambda station: _at_height(station, heights_m[station.name], sync))
-    course.enter("at_height")
-    barrier()
+    await _each(stations, lambda one: _at_height(one, heights_m[one.name], sync))
+
+
+async def _go_on_taking_off(
+    stations: Iterable[Station], heights_m: Mapping[str, float], sync: SyncSetup
+) -> None:
+    """Take off who is on the ground still, or again; who was held in the air climbs on."""
+    grounded = [one for one in stations if one.driver.state.landed in {"on_ground", "unknown"}]
+    await _each(grounded, lambda one: one.driver.arm())
+    acknowledged = [one.driver.begin_takeoff(heights_m[one.name]) for one in grounded]
+    await asyncio.gather(*acknowledged)
+
+    async def go_up(station: Station) -> None:
+        up = _at_height if station in grounded else _climb
+        await up(station, heights_m[station.name], sync)
+
+    await _each(stations, go_up)
+
+
+async def _climb(station: Station, height_m: float, sync: SyncSetup) -> None:
+    """Fly to a height above the start by setpoints: no autopilot takes off twice."""
+    await station.driver.enter_guided()
+    north_m, east_m, down_m = station.start.position_ned_m
+    place = PositionSetpoint((north_m, east_m, down_m - height_m), station.start.yaw_rad)
+    there = asyncio.create_task(
+        _at_height(station, height_m, sync), name=f"{station.name} at height"
+    )
+    try:
+        while not there.done():
+            station.driver.send(place)
+            await asyncio.wait([there], timeout=1.0 / _CLIMB_HZ)
+        await there
+    finally:
+        there.cancel()
+
+
+async def _guide(stations: Iterable[Station]) -> None:
     await _each(stations, lambda station: station.driver.enter_guided())
-    t0_s = course.enter("goal")
-    await goal(t0_s)
-    course.enter("land")
+
+
+async def _land(stations: Iterable[Station], sync: SyncSetup) -> None:
     await _each(stations, lambda station: station.driver.land())
     await _each(stations, lambda station: station.driver.disarmed(sync.landing_timeout_s))
-    course.enter("landed")
+
+
+async def _with_holds(stations: Iterable[Station], holding: Holding, goal: Awaitable[None]) -> None:
+    """Fly the goal; after each hold bring all back into the mode that follows setpoints."""
+
+    async def guide_again() -> None:
+        while True:
+            count = holding.count
+            await holding.resumed(after=count)
+            await holding.through(lambda: _guide(stations))
+
+    tasks = [
+        asyncio.ensure_future(goal),
+        asyncio.create_task(guide_again(), name="guided after a hold"),
+    ]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in tasks:
+            if task.done():
+                task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
 
 
 async def _each(stations: Iterable[Station], do: Callable[[Station], Awaitable[object]]) -> None:

@@ -10,16 +10,18 @@ from functools import partial
 from typing import Any
 
 from orchestrator.clock import run_on
-from orchestrator.operator import Inbox
+from orchestrator.operator import Inbox, OperatorCommand
 from orchestrator.progress import Progress, Report
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
 from orchestrator.recording.mcap_settings import recording_settings
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.results import RunResult
 from orchestrator.run.arranging import Watchers, build_perception
-from orchestrator.run.course import Course, Stage
-from orchestrator.run.flight import FlightError, fly_together
+from orchestrator.run.course import Course, FlightError, Stage
+from orchestrator.run.flight import fly_together
 from orchestrator.run.goal import GoalFlight
+from orchestrator.run.guarding import Guard
+from orchestrator.run.holding import Holding
 from orchestrator.run.judging import Bench
 from orchestrator.run.opening import Pair, open_pair
 from orchestrator.run.oracles import build_judge
@@ -59,7 +61,7 @@ def fly(
     return run_on(setup.clock, _fly(setup, report, inbox, disturb))
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Run:
     """The parts of a run that its tasks share."""
 
@@ -71,6 +73,7 @@ class _Run:
     recorder: RunRecorder
     goal: GoalFlight
     sync: Synchronisation
+    holding: Holding
     report: Report
     inbox: Inbox
 
@@ -115,7 +118,17 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                 if disturb is not None:
                     disturb(pair, course)
                 run = _Run(
-                    setup, course, pair, bench, perception, recorder, goal, sync, report, inbox
+                    setup=setup,
+                    course=course,
+                    pair=pair,
+                    bench=bench,
+                    perception=perception,
+                    recorder=recorder,
+                    goal=goal,
+                    sync=sync,
+                    holding=Holding(course=course),
+                    report=report,
+                    inbox=inbox,
                 )
                 await _conduct(run)
                 bench.last_state(loop.time())
@@ -240,6 +253,7 @@ async def _flight(run: _Run) -> None:
         await fly_together(
             run.pair.stations,
             course=run.course,
+            holding=run.holding,
             sync=setup.campaign.sync,
             heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
             barrier=run.sync.check_takeoff,
@@ -266,6 +280,7 @@ async def _bring_down(run: _Run) -> None:
 
 def _guard_event(run: _Run, event: GuardEvent) -> None:
     run.recorder.guard_event(event)
+    run.holding.take(event)
     settled = decisive(event)
     if settled is not None:
         text = settled.text + _last_words(run.pair, event)
@@ -286,8 +301,18 @@ async def _listen(run: _Run) -> None:
     while True:
         while (command := run.inbox.poll()) is not None:
             run.recorder.operator(command)
-            run.pair.guard.abort(command.who)
+            _pass_on(run.pair.guard, command)
         await asyncio.sleep(_OPERATOR_POLL_S)
+
+
+def _pass_on(guard: Guard, command: OperatorCommand) -> None:
+    match command.kind:
+        case "abort":
+            guard.abort(command.who)
+        case "hold":
+            guard.hold(command.who)
+        case "resume":
+            guard.resume(command.who)
 
 
 async def _tell(run: _Run) -> None:

@@ -159,6 +159,8 @@ class GuardCore:
         if self.latched is not None:
             return (self._event(t_s, "refused", "", f"{who}: {command.kind}: all are landing"),)
         if command.kind == "hold":
+            if self.paused:
+                return (self._event(t_s, "refused", "", f"{who}: hold: all hold already"),)
             self.paused = True
             out: list[Output] = []
             for ward in self._wards.values():

@@ -150,9 +150,12 @@ class Observed:
         return old is Mode.GUIDED or (old is Mode.PILOT and self.failsafe)
 
     def _unasked(self, old: Mode, new: Mode, t_s: float, commanded: frozenset[Mode] | None) -> bool:
+        asked = self._asked_s is not None and t_s - self._asked_s <= self._settings.asked_s
         if commanded is not None:
-            return new not in commanded and new is not Mode.GUIDED
-        if self._asked_s is not None and t_s - self._asked_s <= self._settings.asked_s:
+            # What was asked just before the guard took over may be seen only now.
+            late = asked and new not in {Mode.LAND, Mode.RTL}
+            return new not in commanded and new is not Mode.GUIDED and not late
+        if asked:
             return False
         if new in {Mode.LAND, Mode.RTL}:
             return old not in _ASKED_AFTERWARDS

@@ -244,6 +244,8 @@ class GuardProcess:
         if core.latched is not None:
             raise RefusedLineError(f"{line.command}: all are landing already ({core.latched})")
         if line.command == "hold":
+            if core.paused:
+                raise RefusedLineError("hold: all hold already")
             self._shell.hold(who)
             return "all hold"
         if not core.paused:

@@ -1,7 +1,6 @@
 """Whole flights in virtual time: good ones, and each way in which one can go wrong."""
 
 import asyncio
-import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -15,26 +14,11 @@ from orchestrator.results import RunResult
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.opening import Pair
 from orchestrator.writing import to_json
+from tests.orchestrator.flights import all_landed, log_of, rows_of
 from vehicles.autonomy import Command, Telemetry
 from vehicles.readings import Reading
 
 Fly = Callable[..., tuple[RunResult, Path]]
-
-
-def log_of(folder: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (folder / "log.jsonl").read_text("utf-8").splitlines()]
-
-
-def rows_of(folder: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader((folder / "trajectory.csv").read_text("utf-8").splitlines()))
-
-
-def all_landed(folder: Path) -> bool:
-    """Return whether every vehicle was last seen on the ground and disarmed, in truth."""
-    last = {row["vehicle"]: row for row in rows_of(folder)}
-    return all(
-        row["armed"] == "0" and abs(float(row["true_down_m"])) < 0.2 for row in last.values()
-    )
 
 
 def at_stage(stage: Stage, after_s: float, do: Callable[[Pair], None]) -> Any:
