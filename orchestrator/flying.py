@@ -16,15 +16,15 @@ from typing import Protocol
 from campaigns.expansion import Campaign, RunPlan
 from orchestrator.clock import Clock
 from orchestrator.junit import junit_xml
-from orchestrator.operator import OperatorCommand
+from orchestrator.operating.desk import Desk
+from orchestrator.operating.opening import operating
 from orchestrator.order import fly_order
 from orchestrator.pool import Pool, WorkerLost
-from orchestrator.progress import Progress
+from orchestrator.progress import News, Progress
 from orchestrator.recording.epoch import folder_stamp, utc_text
 from orchestrator.results import (
     RunResult,
     SensorKind,
-    Stop,
     Summary,
     SyncResult,
     exit_code,
@@ -45,6 +45,9 @@ _VERSIONED = (
     "trimesh",
 )
 """Packages whose version may change what a run does."""
+
+
+_NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
 
 
 class OutputError(Exception):
@@ -84,7 +87,7 @@ class FlyingSettings:
 
 
 def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
-    """Fly all runs of a campaign and write its folder. Raises OutputError.
+    """Fly all runs of a campaign and write its folder. Raises OutputError, OperatingError.
 
     Every finished run is on the disk, and in summary.json, before this goes on. Ctrl-C and
     SIGTERM land what flies, as ABORTED, and end the campaign.
@@ -122,24 +125,31 @@ class _Flight:
         self._watcher = watcher
         self._folder = folder
         self._results: dict[str, RunResult] = {}
-        self._stopped: Stop | None = None
         self._pool = Pool[RunOrder, RunResult](
-            jobs=settings.jobs, fly=fly_order, report=watcher.progress, done=self._done
+            jobs=settings.jobs, fly=fly_order, report=self._told, done=self._done
+        )
+        self._desk = Desk(
+            campaign=campaign.name,
+            folder=folder,
+            total=len(campaign.runs),
+            fleet=self._pool,
+            say=watcher.say,
         )
 
     async def fly(self) -> None:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, self._signal, number)
+            loop.add_signal_handler(number, self._desk.signal, _NAMES[number])
         try:
-            await self._pool.fly(self._orders())
+            async with operating(self._desk):
+                await self._pool.fly(self._orders())
         finally:
             for number in (signal.SIGINT, signal.SIGTERM):
                 loop.remove_signal_handler(number)
 
     def outcome(self) -> CampaignOutcome:
         summary = self._write_summary()
-        code = exit_code(summary.runs, self._campaign.requirements, stopped=self._stopped)
+        code = exit_code(summary.runs, self._campaign.requirements, stopped=self._desk.stopped)
         return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
 
     def _orders(self) -> Iterable[RunOrder]:
@@ -148,14 +158,10 @@ class _Flight:
             folder.mkdir(parents=True)
             yield RunOrder(plan=plan, folder=folder, clock=self._settings.clock)
 
-    def _signal(self, number: signal.Signals) -> None:
-        if self._stopped is not None:
-            self._watcher.say("still landing; the vehicles are brought down first")
-            return
-        self._stopped = "signal"
-        name = "Ctrl-C" if number == signal.SIGINT else number.name
-        self._watcher.say(f"{name}: landing what flies; its runs are ABORTED")
-        self._pool.abort(OperatorCommand("abort", name))
+    def _told(self, news: News) -> None:
+        if isinstance(news, Progress):
+            self._desk.progress(news)
+            self._watcher.progress(news)
 
     def _done(self, order: RunOrder, outcome: RunResult | WorkerLost) -> None:
         if isinstance(outcome, WorkerLost):
@@ -167,6 +173,7 @@ class _Flight:
             result = outcome
         self._results[order.plan.name] = result
         self._write_summary()
+        self._desk.finished(result)
         self._watcher.finished(result)
 
     def _write_summary(self) -> Summary:

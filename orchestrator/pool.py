@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import multiprocessing as mp
 import os
+import select
 import signal
 import sys
 import traceback
@@ -19,8 +20,10 @@ from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
 from orchestrator.operator import Inbox, OperatorCommand
-from orchestrator.progress import Progress, Report
+from orchestrator.progress import News, Report
 
+_FIRST_WORD_S = 600.0
+"""Until its first word a worker imports and compiles."""
 Order = TypeVar("Order")
 Outcome = TypeVar("Outcome")
 Fly = Callable[[Order, Report, Inbox], Outcome]
@@ -66,9 +69,12 @@ def _work(connection: Connection, fly: "Fly[Any, Any]") -> None:
     os.dup2(2, 1)  # stdout is the parent's document; whatever a library prints goes to stderr
     inbox = PipeInbox(connection)
 
-    def report(progress: Progress) -> None:
-        with contextlib.suppress(OSError):
-            connection.send(progress)
+    def report(news: News) -> None:
+        # A parent that does not read (SIGSTOP) must not make a flight wait.
+        _, writable, _ = select.select([], [connection], [], 0.0)
+        if writable:
+            with contextlib.suppress(OSError):
+                connection.send(news)
 
     while True:
         try:
@@ -94,7 +100,11 @@ class _Worker:
 
 
 class Pool(Generic[Order, Outcome]):
-    """Flies orders on up to `jobs` processes; outcomes come back as they are done."""
+    """Flies orders on up to `jobs` processes; outcomes come back as they are done.
+
+    stall_s: a worker that has reported and then says nothing for so long is killed: it hangs, or
+    was stopped. Its guard brings its vehicles down.
+    """
 
     def __init__(
         self,
@@ -103,21 +113,41 @@ class Pool(Generic[Order, Outcome]):
         fly: "Fly[Order, Outcome]",
         report: Report,
         done: Callable[[Order, Outcome | WorkerLost], None],
+        stall_s: float = 60.0,
     ) -> None:
         self._jobs = jobs
         self._fly = fly
         self._report = report
         self._done = done
         self._context = mp.get_context("spawn")
+        self._stall_s = stall_s
         self._busy: list[_Worker] = []
         self._stopped: OperatorCommand | None = None
+        self._going = asyncio.Event()
+        self._going.set()
 
     def abort(self, command: OperatorCommand) -> None:
         """Have every run in flight land as aborted; orders not begun are not flown."""
         self._stopped = command
+        self._going.set()
+        self.pass_on(command)
+
+    def pass_on(self, command: OperatorCommand) -> int:
+        """Pass a command to every run in flight; returns how many there are."""
         for worker in self._busy:
-            with contextlib.suppress(OSError):
-                worker.connection.send(command)
+            _, writable, _ = select.select([], [worker.connection], [], 0.0)
+            if writable:
+                with contextlib.suppress(OSError):
+                    worker.connection.send(command)
+        return len(self._busy)
+
+    def pause(self) -> None:
+        """Begin no order until `go_on`; what is in flight goes on."""
+        self._going.clear()
+
+    def go_on(self) -> None:
+        """Begin orders again."""
+        self._going.set()
 
     async def fly(self, orders: Iterable[Order]) -> None:
         """Fly all orders, in their order of start; returns when no worker is left."""
@@ -129,7 +159,10 @@ class Pool(Generic[Order, Outcome]):
     async def _serve(self, waiting: "deque[Order]") -> None:
         worker: _Worker | None = None
         try:
-            while waiting and self._stopped is None:
+            while waiting:
+                await self._going.wait()
+                if self._stopped is not None or not waiting:
+                    break
                 order = waiting.popleft()
                 worker = worker or self._start()
                 outcome = await self._fly_one(worker, order)
@@ -152,17 +185,24 @@ class Pool(Generic[Order, Outcome]):
 
     async def _fly_one(self, worker: _Worker, order: Order) -> Outcome | WorkerLost:
         self._busy.append(worker)
+        patience_s = _FIRST_WORD_S
         try:
             worker.connection.send(order)
             while True:
-                message = await _receive(worker.connection)
-                if isinstance(message, Progress):
-                    self._report(message)
-                elif isinstance(message, _Done):
+                async with asyncio.timeout(patience_s):
+                    message = await _receive(worker.connection)
+                patience_s = self._stall_s
+                if isinstance(message, _Done):
                     outcome: Outcome | WorkerLost = message.outcome
                     return outcome
+                if isinstance(message, News):
+                    self._report(message)
+        except TimeoutError:
+            worker.process.kill()
+            return WorkerLost(f"its process said nothing for {patience_s:g} s; it was killed")
         except (EOFError, OSError):
-            worker.process.join(5.0)
+            loop = asyncio.get_running_loop()
+            await loop.run_in_executor(None, worker.process.join, 5.0)
             return WorkerLost(_how_it_ended(worker.process.exitcode))
         finally:
             self._busy.remove(worker)

@@ -2,6 +2,24 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
+
+from worlds.frames import Vec3
+
+HappeningKind = Literal["stage", "collision", "decisive", "guard"]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleProgress:
+    """Where one vehicle stands. Values that are not known are None."""
+
+    name: str
+    armed: bool
+    mode: str
+    landed: str
+    position_ned_m: Vec3 | None = None
+    velocity_ned_m_s: Vec3 | None = None
+    battery_fraction: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +36,29 @@ class Progress:
     clearance_m: float | None = None
     verdict_so_far: str | None = None
     text: str = ""
+    vehicles: tuple[VehicleProgress, ...] = ()
+
+    @property
+    def run(self) -> str:
+        """Return the run's folder beneath the campaign's."""
+        return f"{self.case}/{self.mode}/{self.repetition}"
 
 
-Report = Callable[[Progress], None]
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """Something that happened in a run, told at once.
+
+    kind: a stage was reached; a vehicle touched something; the verdict is settled (word: which);
+    the guard did something (word: what). vehicle: empty when it concerns all.
+    """
+
+    run: str
+    t_s: float
+    kind: HappeningKind
+    word: str
+    vehicle: str
+    text: str
+
+
+News = Progress | Happening
+Report = Callable[[News], None]

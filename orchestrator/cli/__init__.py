@@ -21,6 +21,10 @@ _COMMANDS = (
     ("validate", "orchestrator.cli.validate:validate", "Find every fault of files, fly nothing."),
     ("plan", "orchestrator.cli.plan:plan", "Show the runs of a campaign, fly nothing."),
     ("judge", "orchestrator.cli.judge:judge", "Judge recorded runs again, fly nothing."),
+    ("abort", "orchestrator.cli.operate:abort", "Land what flies on this machine, at once."),
+    ("hold", "orchestrator.cli.operate:hold", "Have what flies stop and stay in the air."),
+    ("resume", "orchestrator.cli.operate:resume", "Let what is held fly on."),
+    ("watch", "orchestrator.cli.watch:watch", "Show what flies on this machine until it is over."),
     ("list", "orchestrator.cli.listing:list_things", "List campaigns, operators and the like."),
 )
 

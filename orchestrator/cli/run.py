@@ -13,6 +13,7 @@ from orchestrator.cli.display import Display, Lines, Silent, Terminal
 from orchestrator.cli.streams import err, out
 from orchestrator.cli.verdicts import verdict_table
 from orchestrator.flying import FlyingSettings, OutputError, fly_campaign
+from orchestrator.operating.opening import OperatingError
 from orchestrator.writing import to_json
 
 
@@ -69,7 +70,7 @@ def run(
     try:
         with display:
             outcome = fly_campaign(campaign, settings, display)
-    except OutputError as error:
+    except (OutputError, OperatingError) as error:
         err(error)
         return 3
     if json_:

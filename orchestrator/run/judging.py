@@ -39,7 +39,7 @@ class Bench:
         judge: Judge,
         course: Course,
         kinds: dict[str, str],
-        watch: FlagWatcher,
+        watch: tuple[FlagWatcher, ...],
         tape: Tape,
     ) -> None:
         self._judge = judge
@@ -131,7 +131,8 @@ class Bench:
 
     def _take(self, flags: tuple[Flag, ...]) -> None:
         for flag in flags:
-            self._watch(flag)
+            for watch in self._watch:
+                watch(flag)
         for event in self._judge.decisive[self._told :]:
             self._told += 1
             self._course.decide(

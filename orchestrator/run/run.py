@@ -11,7 +11,7 @@ from typing import Any
 
 from orchestrator.clock import run_on
 from orchestrator.operator import Inbox, OperatorCommand
-from orchestrator.progress import Progress, Report
+from orchestrator.progress import Report
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
 from orchestrator.recording.mcap_settings import recording_settings
 from orchestrator.recording.run_recorder import RunRecorder
@@ -30,6 +30,7 @@ from orchestrator.run.perceiving import Perception
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from orchestrator.run.synchronisation import Synchronisation
+from orchestrator.run.telling import Telling
 from orchestrator.run.warming import warm_up
 from recipes.working import StepError
 from safety.guard.events import GuardEvent, decisive
@@ -39,7 +40,6 @@ from vehicles.links.base import LinkError
 from worlds.motion import MOMENTS
 
 _OPERATOR_POLL_S = 0.05
-_PROGRESS_S = 0.5
 _LAST_TEXTS = 4
 _ALL_DOWN_S = 60.0
 """How long the guard is given to bring all down; its own retries and escalation fit in."""
@@ -74,7 +74,7 @@ class _Run:
     goal: GoalFlight
     sync: Synchronisation
     holding: Holding
-    report: Report
+    telling: Telling
     inbox: Inbox
 
 
@@ -91,11 +91,13 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
         recorder = streams.enter_context(_recorder(setup, loop))
         course.on_stage(recorder.stage)
         course.on_decisive(recorder.decisive)
+        kinds = {use.name: use.kind for use in setup.campaign.oracles}
+        telling = Telling(plan=setup.order.plan, report=report, course=course, kinds=kinds)
         bench = Bench(
             judge=judge,
             course=course,
-            kinds={use.name: use.kind for use in setup.campaign.oracles},
-            watch=recorder.flag,
+            kinds=kinds,
+            watch=(recorder.flag, telling.flag),
             tape=recorder.judged,
         )
         try:
@@ -127,7 +129,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                     goal=goal,
                     sync=sync,
                     holding=Holding(course=course),
-                    report=report,
+                    telling=telling,
                     inbox=inbox,
                 )
                 await _conduct(run)
@@ -191,7 +193,7 @@ async def _conduct(run: _Run) -> None:
         for name, coroutine in (
             ("judging", run.bench.run()),
             ("operator", _listen(run)),
-            ("progress", _tell(run)),
+            ("progress", _follow(run)),
             ("trajectory", run.recorder.follow(run.pair.stations, run.course)),
             ("perception", run.perception.run()),
         )
@@ -281,6 +283,7 @@ async def _bring_down(run: _Run) -> None:
 def _guard_event(run: _Run, event: GuardEvent) -> None:
     run.recorder.guard_event(event)
     run.holding.take(event)
+    run.telling.guard(event)
     settled = decisive(event)
     if settled is not None:
         text = settled.text + _last_words(run.pair, event)
@@ -315,26 +318,11 @@ def _pass_on(guard: Guard, command: OperatorCommand) -> None:
             guard.resume(command.who)
 
 
-async def _tell(run: _Run) -> None:
+async def _follow(run: _Run) -> None:
     """Report progress until cancelled."""
-    loop = asyncio.get_running_loop()
-    plan = run.setup.order.plan
-    while True:
-        mixing = run.perception.statistics
-        run.report(
-            Progress(
-                case=plan.case,
-                mode=plan.mode,
-                repetition=plan.repetition,
-                stage=run.course.stage,
-                t_s=loop.time(),
-                mixing_rate_hz=None if mixing is None else mixing.rate_hz,
-                skew_ms=None if mixing is None else mixing.skew_ms.last,
-                clearance_m=run.bench.clearance_m(loop.time()),
-                verdict_so_far=run.course.decisive[0].kind if run.course.decisive else "PASS",
-            )
-        )
-        await asyncio.sleep(_PROGRESS_S)
+    await run.telling.follow(
+        run.pair.stations, lambda: run.perception.statistics, run.bench.clearance_m
+    )
 
 
 async def _stop(task: "asyncio.Task[Any]") -> None:

@@ -35,7 +35,7 @@ class OperatorSocket:
     """Listens at `path`; an async context manager.
 
     obey: called with abort, hold and resume; may raise RefusedLineError. status: what `status` and
-    `watch` are told. refused: called with the reason of each line that was not obeyed. pointer:
+    `watch` are told. refused: called with the reason of what was no command at all. pointer:
     where to write where the socket is. Raises OSError when the socket cannot be had.
     """
 
@@ -125,11 +125,15 @@ class OperatorSocket:
     def _take(self, line: bytes, writer: asyncio.StreamWriter) -> OperatorLine | None:
         try:
             asked = parse_line(line, token=self._token)
-            watching = asked.command in {"status", "watch"}
-            text = "as asked" if watching else self._obey(asked)
         except RefusedLineError as error:
             self._refused(str(error))
             writer.write(answer(ok=False, text=str(error)))
+            return None
+        try:
+            watching = asked.command in {"status", "watch"}
+            text = "as asked" if watching else self._obey(asked)
+        except RefusedLineError as error:
+            writer.write(answer(ok=False, text=str(error), command=asked.command))
             return None
         writer.write(answer(ok=True, text=text, command=asked.command, **self._status()))
         return asked

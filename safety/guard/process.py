@@ -236,8 +236,15 @@ class GuardProcess:
                 self._shell.bring_down(order.text)
 
     def _obey(self, line: OperatorLine) -> str:
-        """Do what the operator's socket says."""
-        core, who = self._shell.core, f"socket:{line.who}"
+        """Do what the operator's socket says. Raises RefusedLineError."""
+        try:
+            return self._do(line)
+        except RefusedLineError as error:
+            self._note("refused", text=f"{line.who}: {error}")
+            raise
+
+    def _do(self, line: OperatorLine) -> str:
+        core, who = self._shell.core, line.who
         if line.command == "abort":
             self._shell.abort(who)
             return "all are brought down"

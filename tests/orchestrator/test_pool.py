@@ -9,7 +9,7 @@ import pytest
 
 from orchestrator.operator import Inbox, OperatorCommand
 from orchestrator.pool import Pool, WorkerLost
-from orchestrator.progress import Progress, Report
+from orchestrator.progress import News, Progress, Report
 
 Outcomes = dict[str, "str | WorkerLost"]
 
@@ -20,6 +20,8 @@ def fly(order: str, report: Report, inbox: Inbox) -> str:
     match order:
         case "die":
             os.kill(os.getpid(), signal.SIGKILL)
+        case "stop":
+            os.kill(os.getpid(), signal.SIGSTOP)
         case "exit":
             os._exit(7)
         case "raise":
@@ -33,9 +35,9 @@ def fly(order: str, report: Report, inbox: Inbox) -> str:
     return f"flown {order}"
 
 
-def fly_all(orders: list[str], jobs: int = 2) -> tuple[Outcomes, list[Progress]]:
+def fly_all(orders: list[str], jobs: int = 2) -> tuple[Outcomes, list[News]]:
     outcomes: Outcomes = {}
-    seen: list[Progress] = []
+    seen: list[News] = []
     pool = Pool[str, str](jobs=jobs, fly=fly, report=seen.append, done=outcomes.__setitem__)
     asyncio.run(pool.fly(orders))
     return outcomes, seen
@@ -52,7 +54,7 @@ def test_every_order_has_an_outcome_whatever_happens_to_the_others() -> None:
     assert "SIGKILL" in lost["die"]
     assert "exit status 7" in lost["exit"]
     assert lost["raise"] == "ValueError: bad luck"
-    assert {progress.case for progress in seen} >= {"a", "b", "c", "raise"}
+    assert {news.run.partition("/")[0] for news in seen} >= {"a", "b", "c", "raise"}
 
 
 def test_what_a_worker_prints_stays_off_stdout(capfd: pytest.CaptureFixture[str]) -> None:
@@ -77,3 +79,45 @@ def test_abort_reaches_the_run_in_flight_and_stops_those_that_wait() -> None:
 
     asyncio.run(main())
     assert outcomes == {"wait": "aborted by tester"}
+
+
+def test_while_paused_no_order_is_begun() -> None:
+    outcomes: Outcomes = {}
+    begun: list[str] = []
+
+    async def main() -> None:
+        flying, ended = asyncio.Event(), asyncio.Event()
+
+        def report(news: News) -> None:
+            begun.append(news.run)
+            flying.set()
+
+        def done(order: str, outcome: str | WorkerLost) -> None:
+            outcomes[order] = outcome
+            ended.set()
+
+        pool = Pool[str, str](jobs=1, fly=fly, report=report, done=done)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(pool.fly(["wait", "next"]))
+            await flying.wait()
+            pool.pause()
+            assert pool.pass_on(OperatorCommand("hold", "tester")) == 1
+            await ended.wait()
+            await asyncio.sleep(0.2)
+            assert begun == ["wait/sim/1"]
+            pool.go_on()
+
+    asyncio.run(main())
+    assert outcomes == {"wait": "aborted by tester", "next": "flown next"}
+
+
+def test_a_worker_that_says_nothing_any_more_is_killed() -> None:
+    outcomes: Outcomes = {}
+    pool = Pool[str, str](
+        jobs=1, fly=fly, report=lambda _: None, done=outcomes.__setitem__, stall_s=0.5
+    )
+    asyncio.run(pool.fly(["stop", "next"]))
+    lost = outcomes["stop"]
+    assert isinstance(lost, WorkerLost)
+    assert lost.reason == "its process said nothing for 0.5 s; it was killed"
+    assert outcomes["next"] == "flown next"

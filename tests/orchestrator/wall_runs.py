@@ -71,6 +71,18 @@ class Program:
             out, err = await self.process.communicate()
         return Landed(self.process.returncode or 0, out.decode(), err.decode())
 
+    async def operate(self, *arguments: str) -> Landed:
+        """Run another command of ours beside it."""
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "orchestrator.cli", *arguments),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            cwd=ROOT,
+            env=self.environment,
+        )
+        out, err = await process.communicate()
+        return Landed(process.returncode or 0, out.decode(), err.decode())
+
     @property
     def folder(self) -> Path:
         """The folder of the campaign, once there is one."""

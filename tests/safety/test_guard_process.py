@@ -1,10 +1,7 @@
 import asyncio
 import json
 import os
-import shutil
 import signal
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +27,11 @@ TOKEN = "of the test"  # noqa: S105 - opens nothing
 
 
 @pytest.fixture(autouse=True)
-def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Keep records and sockets of tests apart from those of whoever flies on this machine."""
-    # Beneath pytest's folders the path of a socket is too long.
-    folder = Path(tempfile.mkdtemp(prefix="wil-"))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    yield folder / "wil-campaign"
-    shutil.rmtree(folder)
+    return short_folder / "wil-campaign"
 
 
 @pytest.fixture
@@ -195,7 +189,7 @@ async def test_the_operators_socket(folder: Path) -> None:
         assert flight.kinds() == ["hold", "resume", "abort"]
         assert flight.guard.events[-1].t_s > sent_s
     refused = [line["text"] for line in journal(folder) if line["event"] == "refused"]
-    assert refused == ["resume: nothing is held", "not JSON"]
+    assert refused == ["anna: resume: nothing is held", "not JSON"]
 
 
 async def test_the_socket_works_without_an_orchestrator(folder: Path) -> None:
@@ -207,7 +201,7 @@ async def test_the_socket_works_without_an_orchestrator(folder: Path) -> None:
     await program.wait()
     await until(lambda: all(gone(pid) for pid in pids.values()))
     said = [line["text"] for line in journal(folder) if line.get("kind") == "abort"]
-    assert said == ["aborted by socket:anna"]
+    assert said == ["aborted by anna"]
 
 
 async def test_socket_wants_its_token(folder: Path) -> None:

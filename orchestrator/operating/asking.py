@@ -1,0 +1,43 @@
+"""Speaks to operators' sockets: one line asked, one line answered."""
+
+import contextlib
+import json
+import socket
+from pathlib import Path
+from typing import Any
+
+_ANSWER_S = 2.0
+_LONGEST_ANSWER_BYTES = 1 << 20
+_TELL_S = 0.2
+
+
+class NoAnswerError(Exception):
+    """A socket that is not there, or does not answer."""
+
+
+def ask(path: Path, command: str, *, who: str) -> dict[str, Any]:
+    """Return what a socket answers to a command. Raises NoAnswerError."""
+    try:
+        with socket.socket(socket.AF_UNIX) as end:
+            end.settimeout(_ANSWER_S)
+            end.connect(str(path))
+            end.sendall(_line(command, who))
+            with end.makefile("rb") as stream:
+                answer = json.loads(stream.readline(_LONGEST_ANSWER_BYTES))
+    except (OSError, ValueError) as error:
+        raise NoAnswerError(f"{path} does not answer: {error}") from error
+    if not isinstance(answer, dict):
+        raise NoAnswerError(f"{path} does not answer as it should")
+    return answer
+
+
+def tell(path: Path, command: str, *, who: str) -> None:
+    """Give a command without waiting for the answer; a socket that is gone is passed over."""
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as end:
+        end.settimeout(_TELL_S)
+        end.connect(str(path))
+        end.sendall(_line(command, who))
+
+
+def _line(command: str, who: str) -> bytes:
+    return json.dumps({"command": command, "who": who}).encode() + b"\n"

@@ -1,0 +1,170 @@
+"""The desk: where all commands for a campaign come together, whatever way they came."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from orchestrator.operating.asking import tell
+from orchestrator.operating.log import OperatorLog
+from orchestrator.operating.records import Place
+from orchestrator.operator import OperatorCommand
+from orchestrator.progress import Progress
+from orchestrator.results import RunResult, Stop
+from safety.guard.operator_lines import OperatorLine, RefusedLineError
+
+
+class Fleet(Protocol):
+    """What flies the runs of a campaign."""
+
+    def abort(self, command: OperatorCommand) -> None:
+        """Have every run in flight land as aborted, and begin none."""
+
+    def pass_on(self, command: OperatorCommand) -> int:
+        """Pass a command to every run in flight; returns how many there are."""
+
+    def pause(self) -> None:
+        """Begin no run until `go_on`."""
+
+    def go_on(self) -> None:
+        """Begin runs again."""
+
+
+class Desk:
+    """Obeys operators: once aborted nothing is begun any more, while held nothing either.
+
+    An abort goes straight to the campaign's guards too, past runs that may hang. say: for the
+    person at the terminal.
+    """
+
+    def __init__(
+        self,
+        *,
+        campaign: str,
+        folder: Path,
+        total: int,
+        fleet: Fleet,
+        say: Callable[[str], None],
+    ) -> None:
+        self._campaign = campaign
+        self._folder = folder
+        self._total = total
+        self._fleet = fleet
+        self.guards: Callable[[], Sequence[Place]] = tuple
+        self._say = say
+        self._flying: dict[str, Progress] = {}
+        self._verdicts: dict[str, str] = {}
+        self.log = OperatorLog(path=folder / "operator.jsonl")
+        self.held = False
+        self.stopped: Stop | None = None
+
+    @property
+    def campaign(self) -> str:
+        """Return the campaign's name."""
+        return self._campaign
+
+    @property
+    def folder(self) -> Path:
+        """Return the campaign's folder of results."""
+        return self._folder
+
+    def obey(self, command: OperatorCommand, *, stop: Stop = "command") -> str:
+        """Do what an operator asks, and return what was done. Raises RefusedLineError."""
+        try:
+            done = self._do(command, stop)
+        except RefusedLineError as error:
+            self.log.write(command, ok=False, text=str(error))
+            raise
+        self.log.write(command, ok=True, text=done)
+        self._say(f"{command.kind} by {command.who}: {done}")
+        return done
+
+    def obey_line(self, line: OperatorLine) -> str:
+        """Do what the operator's socket says. Raises RefusedLineError."""
+        match line.command:
+            case "abort" | "hold" | "resume" as kind:
+                return self.obey(OperatorCommand(kind, line.who))
+            case "status" | "watch":
+                return "as asked"
+
+    def signal(self, name: str) -> None:
+        """Take Ctrl-C or SIGTERM: an abort; a second one changes nothing."""
+        if self.stopped is not None:
+            self._say("still landing; the vehicles are brought down first")
+            return
+        self.obey(OperatorCommand("abort", name), stop="signal")
+
+    def progress(self, progress: Progress) -> None:
+        """Take where a run stands."""
+        self._flying[progress.run] = progress
+
+    def finished(self, run: RunResult) -> None:
+        """Take a run's verdict; one that an operator or a pilot ended ends the campaign."""
+        name = f"{run.case}/{run.mode}/{run.rep}"
+        self._flying.pop(name, None)
+        self._verdicts[name] = run.verdict
+        if run.verdict == "ABORTED" and self.stopped is None:
+            self.stopped = "command"
+            self._fleet.abort(OperatorCommand("abort", f"{name} ({run.reason})"))
+
+    def status(self) -> dict[str, Any]:
+        """Return where the campaign stands."""
+        return {
+            "campaign": self._campaign,
+            "folder": str(self._folder),
+            "held": self.held,
+            "stopped": self.stopped,
+            "total": self._total,
+            "finished": dict(self._verdicts),
+            "flying": {name: _plain(one) for name, one in self._flying.items()},
+        }
+
+    def _do(self, command: OperatorCommand, stop: Stop) -> str:
+        match command.kind:
+            case "abort":
+                return self._abort(command, stop)
+            case "hold":
+                return self._hold(command)
+            case "resume":
+                return self._resume(command)
+
+    def _abort(self, command: OperatorCommand, stop: Stop) -> str:
+        for guard in self.guards():
+            tell(guard.socket, "abort", who=command.who)
+        self._fleet.abort(command)
+        if self.stopped is not None:
+            return "all are landing already"
+        self.stopped, self.held = stop, False
+        return "what flies lands, and nothing more is flown"
+
+    def _hold(self, command: OperatorCommand) -> str:
+        self._refuse_when_stopped(command)
+        if self.held:
+            raise RefusedLineError("hold: all hold already")
+        self.held = True
+        self._fleet.pause()
+        return f"held: {_runs(self._fleet.pass_on(command))} in flight; none is begun"
+
+    def _resume(self, command: OperatorCommand) -> str:
+        self._refuse_when_stopped(command)
+        if not self.held:
+            raise RefusedLineError("resume: nothing is held")
+        self.held = False
+        self._fleet.go_on()
+        return f"resumed: {_runs(self._fleet.pass_on(command))} in flight"
+
+    def _refuse_when_stopped(self, command: OperatorCommand) -> None:
+        if self.stopped is not None:
+            raise RefusedLineError(f"{command.kind}: all are landing already")
+
+
+def _runs(count: int) -> str:
+    return f"{count} run" if count == 1 else f"{count} runs"
+
+
+def _plain(progress: Progress) -> dict[str, Any]:
+    return {
+        "stage": progress.stage,
+        "t_s": round(progress.t_s, 3),
+        "clearance_m": progress.clearance_m,
+        "verdict_so_far": progress.verdict_so_far,
+    }

@@ -1,0 +1,88 @@
+"""`wil-campaign abort | hold | resume | watch`, against a desk in this process."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
+
+import pytest
+
+from orchestrator.cli import main
+from orchestrator.operating.opening import operating
+from orchestrator.progress import Progress
+from tests.orchestrator.operating.desks import FakeFleet, make_desk
+
+Said = tuple[int, str, str]
+Cli = Callable[..., Awaitable[Said]]
+
+
+@pytest.fixture(autouse=True)
+def runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+    async def call(*arguments: str) -> Said:
+        code = await asyncio.to_thread(main, arguments)
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+@pytest.fixture
+async def fleet(tmp_path: Path) -> AsyncIterator[FakeFleet]:
+    fleet = FakeFleet()
+    desk = make_desk(tmp_path, fleet)
+    desk.progress(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+    async with operating(desk):
+        yield fleet
+
+
+@pytest.mark.parametrize("command", ["abort", "hold", "resume", "watch"])
+async def test_where_nothing_flies_this_is_said(cli: Cli, command: str, tmp_path: Path) -> None:
+    assert await cli(command) == (3, "", "nothing flies here\n")
+    assert await cli(command, str(tmp_path)) == (3, "", f"nothing flies in {tmp_path}\n")
+
+
+async def test_commands_reach_the_campaign_with_a_name(cli: Cli, fleet: FakeFleet) -> None:
+    assert await cli("hold", "--who", "anna") == (
+        0,
+        "gate: held: 1 run in flight; none is begun\n",
+        "",
+    )
+    assert await cli("hold") == (3, "", "gate: hold: all hold already\n")
+    code, out, _ = await cli("resume", "--who", "anna")
+    assert (code, out) == (0, "gate: resumed: 1 run in flight\n")
+    assert [(one.kind, one.who) for one in fleet.told] == [
+        ("hold", "cli:anna"),
+        ("resume", "cli:anna"),
+    ]
+    code, out, _ = await cli("abort", "--who", "anna")
+    assert (code, out) == (0, "gate: what flies lands, and nothing more is flown\n")
+    assert [one.who for one in fleet.aborted] == ["cli:anna"]
+
+
+async def test_a_folder_chooses_what_is_meant(cli: Cli, fleet: FakeFleet, tmp_path: Path) -> None:
+    assert (await cli("abort", str(tmp_path.parent / "another")))[0] == 3
+    assert fleet.aborted == []
+    assert (await cli("abort", str(tmp_path)))[0] == 0
+
+
+async def test_watch_shows_what_flies_until_it_is_over(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    desk = make_desk(tmp_path, FakeFleet())
+    async with operating(desk):
+        watching = asyncio.create_task(asyncio.to_thread(main, ["watch"]))
+        as_json = asyncio.create_task(asyncio.to_thread(main, ["watch", "--json"]))
+        await asyncio.sleep(1.0)
+        desk.progress(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+        await asyncio.sleep(1.5)
+    assert await watching == await as_json == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "gate: 0 of 4 runs; none flies" in lines
+    assert lines.count("gate: 0 of 4 runs; large/wil/1: goal, PASS so far") == 1
+    statuses = [json.loads(line) for line in lines if line.startswith("{")]
+    assert statuses[-1]["flying"]["large/wil/1"]["stage"] == "goal"
