@@ -8,6 +8,7 @@ import math
 
 from orchestrator.run.hangar import BODY
 from orchestrator.run.setup import RunSetup
+from vehicles.perception.hsv import NAMED_COLORS, HsvMask
 from worlds.camera import Intrinsics
 from worlds.clearance import ClearanceProbe
 from worlds.frames import Pose
@@ -18,11 +19,12 @@ _SMALL = Intrinsics.from_fov(64, 48, math.radians(60.0))
 
 
 def warm_up(setup: RunSetup) -> None:
-    """Measure once to what stands there, and render once what the run's cameras will see."""
+    """Measure once to what stands there, render once what cameras will see, find one colour."""
     probe = ClearanceProbe(setup.judged_scene, BODY, within_m=_FAR_M)
     probe.sweep(Pose((0.0, 0.0, -1.0)), 0.0, Pose((0.1, 0.0, -1.0)), 0.1)
     if any(vehicle.cameras for vehicle in setup.vehicles):
-        for scene in {id(one): one for one in (setup.real_scene, setup.virtual_scene)}.values():
+        for scene in (setup.real_scene, setup.virtual_scene):
             renderer = Renderer(scene)
             for ids in (False, True):
-                renderer.render(Pose((0.0, 0.0, -1.0)), _SMALL, 0.0, {}, want_ids=ids)
+                seen = renderer.render(Pose((0.0, 0.0, -1.0)), _SMALL, 0.0, {}, want_ids=ids)
+        HsvMask(NAMED_COLORS["orange"]).of(seen.image_bgr)

@@ -1,0 +1,47 @@
+"""run.mcap of a flight under the wall clock whose program is killed: what was flown is there."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import time
+from collections import Counter
+from pathlib import Path
+
+from orchestrator.recording.mcap_reader import RecordedProvenance, RecordedReading, Recording
+from tests.orchestrator.wall_runs import Program
+
+
+def writer_of(path: Path) -> int:
+    """Return the process that has a file open: the one that flies the run."""
+    for opened in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError):
+            if opened.samefile(path):
+                return int(opened.parts[2])
+    raise LookupError(f"nobody has {path} open")
+
+
+async def test_what_was_recorded_outlives_kill_9(tmp_path: Path) -> None:
+    async with Program(tmp_path / "out", "--mode", "wil") as program:
+        await program.stage("goal")
+        await asyncio.sleep(3.0)
+        path = program.run_folder() / "run.mcap"
+        killed_s = time.time()
+        os.kill(writer_of(path), signal.SIGKILL)
+        landed = await program.end()
+    assert landed.code == 3
+    recording = Recording(path)
+    found: Counter[str] = Counter()
+    last_s = 0.0
+    for item in recording:
+        if isinstance(item, RecordedReading):
+            found[f"{item.reading.source} {item.sensor}"] += 1
+        elif isinstance(item, RecordedProvenance):
+            found["provenance"] += 1
+            last_s = item.log_ns / 1e9
+    assert recording.end is not None
+    assert not recording.end.whole
+    assert set(found) == {"real camera", "twin camera", "mixed camera", "provenance"}
+    assert min(found.values()) > 30
+    # A chunk spans half a second; a loaded machine is given more.
+    assert killed_s - 5.0 < last_s < killed_s
