@@ -1,7 +1,9 @@
 """From the files of one case to its setup, with every problem found in any of them at once."""
 
 import itertools
+import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -166,7 +168,8 @@ def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
 def _autonomy_problems(campaign: Document, under_test: UnderTest) -> list[Problem]:
     """Build the autonomy once: what it refuses is a fault of the file, not of a flight."""
     try:
-        under_test.build(seed=0)
+        with redirect_stdout(sys.stderr):
+            under_test.build(seed=0)
     except BadReferenceError as error:
         path = (
             ("autonomy", "use") if isinstance(campaign.get(("autonomy",)), dict) else ("autonomy",)
@@ -174,7 +177,7 @@ def _autonomy_problems(campaign: Document, under_test: UnderTest) -> list[Proble
         return [campaign.problem(path, str(error), error.suggestion)]
     except ValueError as error:
         return [campaign.problem(("autonomy", "with"), f"refused by '{under_test.use}': {error}")]
-    except Exception as error:  # noqa: BLE001 - the user's own code may raise anything
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - the user's code may raise anything
         said = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
         return [campaign.problem(("autonomy",), said)]
     return []

@@ -26,7 +26,8 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
     A temporary file in the same folder, fsync, rename, fsync of the folder. Raises OSError.
     """
-    data = content.encode("utf-8") if isinstance(content, str) else content
+    # Half of a surrogate pair, as an error may say it, becomes the escape that JSON has for it.
+    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     try:
         with os.fdopen(handle, "wb") as stream:

@@ -4,10 +4,13 @@ import hashlib
 import importlib.util
 import sys
 import traceback
+from contextlib import redirect_stdout
 from pathlib import Path
 from types import ModuleType
 
 from worlds.documents import closest
+
+_PREFIX = "wil_user_"
 
 
 class BadReferenceError(Exception):
@@ -28,8 +31,9 @@ def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> 
 
     beside: what the file that names it is called in messages.
 
-    The file is run once in a process, and nothing is written beside it. Raises
-    BadReferenceError, with the line of the user's file that failed.
+    The file is run once in a process (see `forget_loaded`), and nothing is written beside it; what
+    it prints goes to stderr, for stdout may be a document of ours. Raises BadReferenceError, with
+    the line of the user's file that failed.
     """
     file, colon, name = text.rpartition(":")
     if not colon or not file.endswith(".py") or not name.isidentifier():
@@ -45,6 +49,12 @@ def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> 
     return found
 
 
+def forget_loaded() -> None:
+    """Have the user's files run anew when they are next named: runs share no state by them."""
+    for name in [name for name in sys.modules if name.startswith(_PREFIX)]:
+        del sys.modules[name]
+
+
 def _sibling(path: Path) -> str:
     if not path.parent.is_dir():
         return ""
@@ -57,7 +67,7 @@ def _is_own(value: object, module: ModuleType) -> bool:
 
 def _module(path: Path) -> ModuleType:
     """Return the module of a file, run at most once."""
-    name = f"wil_user_{path.stem}_{hashlib.sha256(bytes(path)).hexdigest()[:12]}"
+    name = f"{_PREFIX}{path.stem}_{hashlib.sha256(bytes(path)).hexdigest()[:12]}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)
@@ -67,7 +77,8 @@ def _module(path: Path) -> ModuleType:
     sys.modules[name] = module
     wrote, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
-        spec.loader.exec_module(module)
+        with redirect_stdout(sys.stderr):
+            spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise BadReferenceError(f"'{path.name}' cannot be loaded: {_why(error, path)}") from error

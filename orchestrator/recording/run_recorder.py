@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -43,7 +43,8 @@ class RunRecorder:
     epoch_s: UTC of the run clock's zero. vehicles: whose frames are logged. video_rate_hz: of the
     pictures that are perceived; None for no video. collision_oracles: names of those whose flags
     are contacts. clock: whether run.mcap waits for its writer or drops. settings: what it holds.
-    `artifacts` names what was written.
+    broken: told once, why, when something cannot be written any more (the disk is full); what
+    comes after is let go. `artifacts` names what was written.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class RunRecorder:
         collision_oracles: frozenset[str],
         clock: Clock,
         settings: RecordingSettings,
+        broken: Callable[[str], None],
     ) -> None:
         self._folder = folder
         self._time = time
@@ -80,6 +82,8 @@ class RunRecorder:
         self._last: Shown | None = None
         self._collision_oracles = collision_oracles
         self.collisions: list[Flag] = []
+        self._broken = broken
+        self._is_broken = False
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -103,10 +107,27 @@ class RunRecorder:
         trace: TracebackType | None,
     ) -> None:
         self._told_of_recording(self._mcap.close())
-        self._stack.close()
+        self._keep(self._stack.close)
         shown = self._snapshot or self._last
-        if shown is not None:
-            cv2.imwrite(str(self._folder / "mixed.png"), side_by_side(shown))
+        if shown is None:
+            return
+        if not cv2.imwrite(str(self._folder / "mixed.png"), side_by_side(shown)):
+            self._break("mixed.png cannot be written")
+
+    def _keep(self, write: Callable[..., None], *args: Any, **details: Any) -> None:
+        """Write, or be broken: a flight must land before anyone minds that it leaves no record."""
+        try:
+            write(*args, **details)
+        except OSError as error:
+            self._break(error.strerror or str(error))
+
+    def _break(self, why: str) -> None:
+        if not self._is_broken:
+            self._is_broken = True
+            self._broken(f"the recording broke off: {why}")
+
+    def _say(self, t_s: float, event: str, **details: str | float | bool | None) -> None:
+        self._keep(self._log.write, t_s, event, **details)
 
     def _told_of_recording(self, report: RecordingReport) -> None:
         """Say what run.mcap lacks: a replay of it would not show it."""
@@ -124,49 +145,47 @@ class RunRecorder:
         """Record that the run reached a stage."""
         if stage == "goal":
             self._goal_s = t_s
-        self._log.write(t_s, "stage", stage=stage)
+        self._say(t_s, "stage", stage=stage)
         self._mcap.event(t_s, "info", "stage", stage)
 
     def decisive(self, event: DecisiveEvent) -> None:
         """Record what settles the run."""
-        self._log.write(
-            event.t_s, "decisive", kind=event.kind, reason=event.text, source=event.source
-        )
+        self._say(event.t_s, "decisive", kind=event.kind, reason=event.text, source=event.source)
         self._mcap.event(event.t_s, "error", event.kind, event.text)
 
     def flag(self, flag: Flag) -> None:
         """Record a flag of an oracle, at the moment when it is seen."""
         if flag.oracle in self._collision_oracles:
             self.collisions.append(flag)
-        self._log.write(flag.t_s, "flag", oracle=flag.oracle, vehicle=flag.vehicle, text=flag.text)
+        self._say(flag.t_s, "flag", oracle=flag.oracle, vehicle=flag.vehicle, text=flag.text)
         self._mcap.event(flag.t_s, "warning", flag.oracle, flag.text)
 
     def guard_event(self, event: GuardEvent) -> None:
         """Record what the guard did."""
-        self._log.write(event.t_s, "guard", kind=event.kind, vehicle=event.vehicle, text=event.text)
+        self._say(event.t_s, "guard", kind=event.kind, vehicle=event.vehicle, text=event.text)
 
     def operator(self, command: OperatorCommand) -> None:
         """Record who asked what."""
-        self._log.write(
+        self._say(
             self._time(), "operator", kind=command.kind, who=command.who, reason=command.reason
         )
 
     def vehicle_event(self, name: str, event: VehicleEvent) -> None:
         """Record what a vehicle said or did."""
-        self._log.write(event.t_s, "vehicle", vehicle=name, kind=event.kind, text=event.text)
+        self._say(event.t_s, "vehicle", vehicle=name, kind=event.kind, text=event.text)
 
     def note(self, event: str, **details: str | float | bool | None) -> None:
         """Record anything else worth knowing later."""
-        self._log.write(self._time(), event, **details)
+        self._say(self._time(), event, **details)
 
     def judged(self, sample: Taped) -> None:
         """Record a sample that the oracles judge."""
-        self._judged.write(sample)
+        self._keep(self._judged.write, sample)
 
     def frame(self, name: str, t_s: float, frame: bytes) -> None:
         """Record a MAVLink frame that passed the guard."""
         if name in self._tlogs:
-            self._tlogs[name].write(t_s, frame)
+            self._keep(self._tlogs[name].write, t_s, frame)
 
     def reading(self, reading: Reading) -> None:
         """Record a reading of real or twin."""
@@ -180,7 +199,7 @@ class RunRecorder:
     def shown(self, shown: Shown) -> None:
         """Record a perceived picture, and one set of pictures for people."""
         if self._video is not None:
-            self._video.write(shown.perceived.t_s, shown.perceived.image_bgr)
+            self._keep(self._video.write, shown.perceived.t_s, shown.perceived.image_bgr)
         self._last = shown
         due_s = math.inf if self._goal_s is None else self._goal_s + _SNAPSHOT_AFTER_S
         if self._snapshot is None and shown.perceived.t_s >= due_s:
@@ -200,7 +219,7 @@ class RunRecorder:
     def _where_all_are(self, stations: tuple[Station, ...], course: Course) -> None:
         now_s = self._time()
         for station in stations:
-            self._trajectory.write(_row(station, course.stage, now_s))
+            self._keep(self._trajectory.write, _row(station, course.stage, now_s))
 
 
 def _row(station: Station, stage: str, now_s: float) -> TrajectoryRow:

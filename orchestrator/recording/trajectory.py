@@ -70,7 +70,7 @@ class TrajectoryWriter:
             velocity,
             _pose(row.truth),
             _setpoint(row.setpoint),
-            row.note,
+            _text(row.note),
         )
         self._file.write(",".join(cells) + "\n")
         if row.t_s - self._last_flush_s >= 1.0:
@@ -84,6 +84,13 @@ class TrajectoryWriter:
         trace: TracebackType | None,
     ) -> None:
         self._file.close()
+
+
+def _text(text: str) -> str:
+    """Return text as a cell (RFC 4180): in quotes where it has what separates."""
+    if any(letter in text for letter in ',"\r\n'):
+        return '"' + text.replace('"', '""') + '"'
+    return text
 
 
 def _numbers(values: tuple[float, ...] | None, count: int) -> str:

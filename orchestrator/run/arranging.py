@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from campaigns.sensor_setups import CameraSetup, DepthSetup, SensorSetup
 from campaigns.setup import VehicleSetup
+from orchestrator.run.answers import AutonomyFault, asked
 from orchestrator.run.budgeting import BudgetWatch
 from orchestrator.run.control import Pilot
 from orchestrator.run.course import Course
@@ -19,6 +20,7 @@ from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from recipes.perceived import without_knowledge
 from recipes.pipeline import Mixer, compile_recipe
+from vehicles.autonomy import Autonomy
 from vehicles.readings import CameraReading, Reading
 
 _POSE_WAIT_S = 0.05
@@ -54,10 +56,10 @@ def build_perception(
     events: Mapping[str, float],
     watchers: Watchers,
 ) -> Perception:
-    """Return the sensors, mixings and pilots of a run, not started yet."""
+    """Return the sensors, mixings and pilots of a run, not started yet. Raises AutonomyFault."""
     pilots = {
         station.name: Pilot(
-            autonomy=setup.campaign.under_test.build(setup.seed),
+            autonomy=_built(setup, station.name),
             station=station,
             course=course,
             rate_hz=setup.campaign.under_test.rate_hz,
@@ -84,6 +86,14 @@ def build_perception(
     )
     arranger.arrange()
     return perception
+
+
+def _built(setup: RunSetup, name: str) -> Autonomy:
+    """Return the autonomy of a vehicle. Raises AutonomyFault."""
+    try:
+        return asked(lambda: setup.campaign.under_test.build(setup.seed))
+    except AutonomyFault as fault:
+        raise AutonomyFault(f"the autonomy of {name} {fault}") from None
 
 
 class _Arranger:

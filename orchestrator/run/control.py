@@ -1,9 +1,9 @@
 """The autonomy under test flies a vehicle: telemetry and readings in, setpoints out."""
 
 import asyncio
-import traceback
 from collections.abc import Callable
 
+from orchestrator.run.answers import AutonomyFault, asked, command_of
 from orchestrator.run.course import Course
 from orchestrator.run.station import Station
 from vehicles.autonomy import Autonomy, PerceivesRaw
@@ -45,9 +45,9 @@ class Pilot:
         if self._crashed:
             return
         try:
-            perceive(reading)
-        except Exception as error:  # noqa: BLE001  # whatever the code under test raises
-            self._crash(error)
+            asked(lambda: perceive(reading))
+        except AutonomyFault as fault:
+            self._failed(fault)
 
     async def fly(self) -> None:
         """Have the autonomy act from now on until cancelled; `done` is set when it says so."""
@@ -63,9 +63,9 @@ class Pilot:
         if telemetry is None:
             return
         try:
-            command = self._autonomy.act(telemetry)
-        except Exception as error:  # noqa: BLE001  # whatever the code under test raises
-            self._crash(error)
+            command = command_of(asked(lambda: self._autonomy.act(telemetry)))
+        except AutonomyFault as fault:
+            self._failed(fault)
             return
         self.station.driver.send(command.setpoint)
         self.station.setpoint = command.setpoint
@@ -76,12 +76,7 @@ class Pilot:
         if command.done:
             self.done.set()
 
-    def _crash(self, error: Exception) -> None:
+    def _failed(self, fault: AutonomyFault) -> None:
         self._crashed = True
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        self._course.decide(
-            "FAIL",
-            f"the autonomy of {self.station.name} crashed: {type(error).__name__}: {error} "
-            f"({last.filename}:{last.lineno})",
-            source=f"autonomy/{self.station.name}",
-        )
+        name = self.station.name
+        self._course.decide("FAIL", f"the autonomy of {name} {fault}", source=f"autonomy/{name}")

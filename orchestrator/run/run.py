@@ -16,6 +16,7 @@ from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
 from orchestrator.recording.mcap_settings import recording_settings
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.results import RunResult
+from orchestrator.run.answers import AutonomyFault
 from orchestrator.run.arranging import Watchers, build_perception
 from orchestrator.run.course import Course, FlightError, Stage
 from orchestrator.run.flight import fly_together
@@ -88,7 +89,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
     sync = Synchronisation(setup=setup.campaign.sync, course=course)
     perception: Perception | None = None
     with ExitStack() as streams:
-        recorder = streams.enter_context(_recorder(setup, loop))
+        recorder = streams.enter_context(_recorder(setup, loop, course))
         course.on_stage(recorder.stage)
         course.on_decisive(recorder.decisive)
         kinds = {use.name: use.kind for use in setup.campaign.oracles}
@@ -134,6 +135,8 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                 )
                 await _conduct(run)
                 bench.last_state(loop.time())
+        except AutonomyFault as fault:
+            course.decide("FAIL", str(fault), source="autonomy")
         except (VehicleError, LinkError, StepError) as error:
             course.decide("ERROR", str(error))
         end_s = course.enter("end")
@@ -164,7 +167,7 @@ def _moment(
         notify(stage, t_s)
 
 
-def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop) -> RunRecorder:
+def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop, course: Course) -> RunRecorder:
     epoch_s = VIRTUAL_EPOCH_S if setup.clock == "virtual" else time.time() - loop.time()
     rates = [camera.rate_hz for one in setup.vehicles for camera in one.cameras]
     return RunRecorder(
@@ -179,6 +182,7 @@ def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop) -> RunRecorder:
         ),
         clock=setup.clock,
         settings=recording_settings(setup.campaign.record),
+        broken=lambda why: course.decide("ERROR", why, source="recording"),
     )
 
 

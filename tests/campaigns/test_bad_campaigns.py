@@ -294,6 +294,32 @@ def test_a_constructor_that_raises_is_told(files: Any) -> None:
     assert "'pilot.py:Broken' cannot be built: KeyError: 'speed'" in fault
 
 
+def test_a_constructor_that_exits_is_told(files: Any) -> None:
+    files.append(
+        "\nclass Gone(Pilot):\n    def __init__(self, **_):\n        raise SystemExit(0)\n",
+        "pilot.py",
+    )
+    files.change("pilot.py:Pilot", "pilot.py:Gone")
+    (fault,) = files.faults()
+    assert "'pilot.py:Gone' cannot be built: SystemExit: 0" in fault
+
+
+def test_what_code_of_the_user_prints_stays_off_stdout(
+    files: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files.append(
+        "\nprint('hello')\n\nclass Loud(Pilot):\n    def __init__(self, **_):\n"
+        "        print('here I am')\n",
+        "pilot.py",
+    )
+    files.change("pilot.py:Pilot", "pilot.py:Loud")
+    files.load()
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "hello" in said.err
+    assert "here I am" in said.err
+
+
 def test_nothing_is_written_beside_the_files(files: Any) -> None:
     before = sorted(files.folder.rglob("*"))
     files.load()

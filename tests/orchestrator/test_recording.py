@@ -101,3 +101,33 @@ def test_the_log_is_on_its_way_at_once(tmp_path: Path) -> None:
             "event": "stage",
             "name": "takeoff",
         }
+
+
+def test_the_log_takes_what_is_no_text_and_what_comes_too_late(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    with RunLog(path=path) as log:
+        log.write(0.5, "vehicle", text="half a pair: \ud800")
+    log.write(0.6, "late")
+    (line,) = path.read_text(encoding="utf-8").splitlines()
+    assert json.loads(line)["text"] == "half a pair: \ud800"
+
+
+def test_a_note_that_has_what_separates_stays_one_cell(tmp_path: Path) -> None:
+    path = tmp_path / "trajectory.csv"
+    row = TrajectoryRow(
+        t_s=0.0,
+        vehicle="real",
+        stage="goal",
+        mode="OFFBOARD",
+        armed=True,
+        estimate=None,
+        velocity_ned_m_s=None,
+        truth=None,
+        setpoint=None,
+        note='left, "then" right',
+    )
+    with TrajectoryWriter(path=path) as trajectory:
+        trajectory.write(row)
+    (read,) = csv.DictReader(path.read_text(encoding="utf-8").splitlines())
+    assert None not in read
+    assert read["note"] == 'left, "then" right'

@@ -1,11 +1,12 @@
 """Documents are written whole or not at all."""
 
+import json
 import os
 from pathlib import Path
 
 import pytest
 
-from orchestrator.writing import write_whole
+from orchestrator.writing import to_json, write_whole
 
 
 def test_text_and_bytes_are_written(tmp_path: Path) -> None:
@@ -57,3 +58,9 @@ def test_the_file_is_flushed_before_it_gets_its_name(
     monkeypatch.setattr(Path, "replace", replace)
     write_whole(tmp_path / "a.json", "x")
     assert seen == ["file", "rename", "folder"]
+
+
+def test_half_of_a_surrogate_pair_becomes_what_json_has_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    write_whole(path, to_json({"reason": "\ud800"}))
+    assert json.loads(path.read_text("utf-8")) == {"reason": "\ud800"}

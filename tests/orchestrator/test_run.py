@@ -1,7 +1,9 @@
 """Whole flights in virtual time: good ones, and each way in which one can go wrong."""
 
 import asyncio
+import errno
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ import av
 import pytest
 
 from orchestrator.operator import OperatorCommand
+from orchestrator.recording import run_recorder
 from orchestrator.results import RunResult
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.opening import Pair
@@ -234,6 +237,27 @@ def test_an_autonomy_that_never_ends_runs_into_the_time_limit(fly_run: Fly) -> N
     assert result.verdict == "FAIL"
     assert "not done 2 s after its goal" in result.reason
     assert all_landed(folder)
+
+
+@pytest.mark.parametrize("stream", ["JudgedWriter", "TlogWriter", "RunLog", "VideoWriter"])
+def test_a_full_disk_lands_the_flight_and_is_an_error(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, stream: str
+) -> None:
+    writer = getattr(run_recorder, stream)
+    write = writer.write
+
+    def until_full(self: Any, *args: Any, **details: Any) -> None:
+        if asyncio.get_running_loop().time() > 12.0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(self, *args, **details)
+
+    monkeypatch.setattr(writer, "write", until_full)
+    result, folder = fly_run(mode="sim")
+    assert result.verdict == "ERROR"
+    assert result.reason == "the recording broke off: No space left on device"
+    (landed,) = [oracle for oracle in result.oracles if oracle.name == "landed"]
+    assert landed.verdict == "PASS"
+    assert (folder / "trajectory.csv").exists()
 
 
 @pytest.mark.parametrize(("fast", "last"), [("true", "takeoff"), ("false", "landed")])
