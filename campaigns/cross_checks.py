@@ -124,9 +124,14 @@ def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
         try:
             build_oracles([use], contexts)
         except OracleError as error:
-            path: Path = ("oracles", use.name, *((error.key,) if error.key else ()))
-            said = str(error)
-            yield files.campaign.problem(path, said, error.suggestion, key=not error.key)
+            yield _oracle_problem(files.campaign, use.name, error)
+
+
+def _oracle_problem(campaign: Document, name: str, error: OracleError) -> Problem:
+    path: Path = ("oracles", name, *((error.key,) if error.key else ()))
+    if error.offset is not None:
+        return campaign.problem_within(path, error.offset, str(error), error.suggestion)
+    return campaign.problem(path, str(error), error.suggestion, key=not error.key)
 
 
 def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator[Problem]:

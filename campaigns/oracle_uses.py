@@ -10,7 +10,8 @@ def oracle_uses(campaign: Document) -> tuple[tuple[OracleUse, ...], list[Problem
     """Return the oracles that a campaign asks for, and what is wrong with others.
 
     What is no mapping at all is left to the schema.
-    `name: {parameters}`; a name that is no kind of oracle says its kind as `use`.
+    `name: {parameters}`; a name that is no kind of oracle says its kind as `use`, or has a
+    formula as `stl`.
     """
     uses: list[OracleUse] = []
     problems: list[Problem] = []
@@ -29,7 +30,8 @@ def oracle_uses(campaign: Document) -> tuple[tuple[OracleUse, ...], list[Problem
 
 def _use(campaign: Document, name: str, entry: Entry) -> OracleUse:
     value = entry.node.value if isinstance(entry.node.value, dict) else {}
-    kind = value["use"].node.value if "use" in value else name
+    usual = "stl" if "stl" in value else name
+    kind = value["use"].node.value if "use" in value else usual
     if not isinstance(kind, str) or kind not in registry:
         place = value["use"].node.place if "use" in value else entry.key
         known = ", ".join(sorted(registry))

@@ -46,13 +46,14 @@ def _of_use(use: OracleUse, contexts: Mapping[str, OracleContext]) -> Iterable[O
     if spec is None:
         known = ", ".join(sorted(registry))
         raise OracleError(f"there is no oracle {use.kind!r}; there are {known}")
-    if spec.pair_only and len(contexts) < 2:
+    needs_pair = spec.needs_pair(use.parameters)
+    if needs_pair and len(contexts) < 2:
         return
     named, required = use.parameters.vehicle, use.parameters.required
     for vehicle, context in contexts.items():
         if vehicle == (named or context.subject):
             yield spec.build(use.name, use.parameters, context, required=required)
-        elif named is None and not spec.pair_only:
+        elif named is None and not needs_pair:
             yield spec.build(use.name, use.parameters, context, required=False)
 
 

@@ -23,6 +23,7 @@ from worlds.yaml_nodes import (
     Source,
     mapping_node,
     parse_nodes,
+    place_within,
     plain,
     sequence_node,
 )
@@ -90,6 +91,12 @@ class Document:
     ) -> Problem:
         """Return a problem with the value at a path, or with its key."""
         return self._spot(path, key=key).problem(message, suggestion)
+
+    def problem_within(
+        self, path: Path, offset: int, message: str, suggestion: str = ""
+    ) -> Problem:
+        """Return a problem with a character of the text at a path, by its offset (from 0)."""
+        return place_within(self.entry(path).node, offset).problem(message, suggestion)
 
     def override(self, dotted_key: str, entry: Entry) -> "Document":
         """Return a document in which the entry replaces the whole value at a dotted key.

@@ -258,3 +258,42 @@ def _resolve(text: str) -> Scalar:
     if _FLOAT.fullmatch(text) and math.isfinite(number := float(text)):
         return number
     return text
+
+
+def place_within(node: Node, offset: int) -> Place:
+    """Return where in the file a character of a text stands, by its offset in the text.
+
+    A text is followed through the source: quotes, doubled quotes, and line breaks that became
+    spaces are taken into account. Where that fails (escapes), it is the beginning of the text.
+    """
+    place, text = node.place, node.value
+    if not isinstance(text, str) or not place.source.lines or not 0 <= offset <= len(text):
+        return place
+    raw = "\n".join(place.source.lines[place.line - 1 :])
+    at = place.column - 1
+    quote = raw[at] if raw[at : at + 1] in {"'", '"'} else ""
+    at += len(quote)
+    if raw[at : at + 1] in {"|", ">"} and not quote:
+        at = raw.index("\n", at) + 1
+    for letter in text[:offset]:
+        at = _after_letter(raw, at, letter, quote)
+        if at < 0:
+            return place
+    while at < len(raw) and offset < len(text) and raw[at].isspace() and not text[offset].isspace():
+        at += 1
+    before = raw[:at]
+    line = before.count("\n")
+    return Place(place.source, place.line + line, at - (before.rfind("\n") + 1) + 1)
+
+
+def _after_letter(raw: str, at: int, letter: str, quote: str) -> int:
+    """Return the index after one letter of a text in its source; -1 when it is not there."""
+    if letter.isspace():
+        while at < len(raw) and raw[at].isspace():
+            at += 1
+        return at if raw[at - 1].isspace() else -1
+    while at < len(raw) and raw[at].isspace():
+        at += 1
+    if at >= len(raw) or raw[at] != letter:
+        return -1
+    return at + (2 if letter == quote == "'" else 1)

@@ -15,9 +15,10 @@ from orchestrator.cli.text import table
 from recipes.registry import steps
 from safety.oracles import registry
 from safety.oracles.described import ParameterDoc, common_parameters, described
+from safety.oracles.stl_signals import signal_docs
 from worlds.documents import BadInput, load
 
-What = Literal["campaigns", "operators", "autonomies", "oracles"]
+What = Literal["campaigns", "operators", "autonomies", "oracles", "signals"]
 Row = dict[str, Any]
 
 
@@ -30,7 +31,8 @@ def list_things(
     ----------
     what
         campaigns: of ./campaigns and those that come with the program; operators: steps of
-        recipes; autonomies: what `autonomy.use` may name; oracles: what `oracles` may name.
+        recipes; autonomies: what `autonomy.use` may name; oracles: what `oracles` may name;
+        signals: what formulas of oracles (stl) may name.
     json_
         Print one JSON document.
     """
@@ -81,6 +83,13 @@ def _oracle_rows() -> list[Row]:
     return [asdict(described(spec)) for _, spec in sorted(registry.items())]
 
 
+def _signals() -> list[Row]:
+    return [
+        {"name": name, "unit": kind.unit or "true or false", "meaning": kind.meaning}
+        for name, kind in signal_docs().items()
+    ]
+
+
 def _oracle_text() -> str:
     """Return each oracle with its parameters beneath, and at the end what all of them take."""
     lines: list[str] = []
@@ -118,4 +127,5 @@ _LISTS: dict[What, Callable[[], list[Row]]] = {
     "operators": _operators,
     "autonomies": _autonomies,
     "oracles": _oracle_rows,
+    "signals": _signals,
 }

@@ -1,6 +1,6 @@
 """Oracles: what a campaign may have judged; importing this fills the registry."""
 
-from safety.oracles import area, contact, distance, goal, health, motion, pair, vehicle
+from safety.oracles import area, contact, distance, goal, health, motion, pair, stl, vehicle
 from safety.oracles.base import (
     Oracle,
     OracleContext,
@@ -26,5 +26,6 @@ __all__ = [
     "motion",
     "pair",
     "registry",
+    "stl",
     "vehicle",
 ]

@@ -141,7 +141,8 @@ Factory = Callable[[Terms, Any, OracleContext], Oracle]
 class OracleSpec:
     """A kind of oracle that campaigns may name.
 
-    pair_only: it compares two vehicles and is left out where only one flies. at_the_end: only the
+    pair_only: it compares two vehicles and is left out where only one flies; a function of its
+    parameters where these decide. at_the_end: only the
     end shows whether it fails. window, fail_fast: what it does where the campaign does not say.
     """
 
@@ -149,10 +150,14 @@ class OracleSpec:
     summary: str
     parameters: type[Parameters]
     factory: Factory
-    pair_only: bool = False
+    pair_only: bool | Callable[[Any], bool] = False
     at_the_end: bool = False
     window: Window = FLIGHT
     fail_fast: bool = False
+
+    def needs_pair(self, parameters: Parameters) -> bool:
+        """Return whether it judges nothing where one vehicle flies alone."""
+        return self.pair_only(parameters) if callable(self.pair_only) else self.pair_only
 
     def build(
         self, name: str, parameters: Parameters, context: OracleContext, *, required: bool
@@ -187,7 +192,7 @@ def oracle(
     summary: str,
     parameters: type[Parameters],
     *,
-    pair_only: bool = False,
+    pair_only: bool | Callable[[Any], bool] = False,
     at_the_end: bool = False,
     window: Window = FLIGHT,
     fail_fast: bool = False,

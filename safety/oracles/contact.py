@@ -47,7 +47,7 @@ def part_name(separation: Separation) -> str:
     return f"{separation.object_name}.{separation.part_name}".rstrip(".")
 
 
-class _Limits(Mapping[tuple[str, bool], float]):
+class Limits(Mapping[tuple[str, bool], float]):
     """Below which clearance an object is of interest, by name and whether it is a floor."""
 
     def __init__(self) -> None:
@@ -96,7 +96,7 @@ class Clearance(Oracle):
         self._seen = False
         self._worst: Separation | None = None
         self._near: set[tuple[str, bool]] = set()
-        self._limits = _Limits()
+        self._limits = Limits()
         self._limits.ignored = self._ground
 
     def on_stage(self, sample: StageSample) -> Flags:

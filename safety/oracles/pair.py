@@ -54,7 +54,7 @@ class TwinDivergence(Oracle):
         other = self._last.get("twin" if sample.vehicle == "real" else "real")
         if other is None or not self.stages.open:
             return NO_FLAGS
-        distance_m = norm(subtract(sample.pose.position_ned_m, _carried(other, sample.t_s)))
+        distance_m = norm(subtract(sample.pose.position_ned_m, carried(other, sample.t_s)))
         if self._worst is None or distance_m > self._worst[0]:
             self._worst = (distance_m, sample.t_s)
         if self._flagged or self._max_m is None or distance_m <= self._max_m:
@@ -80,7 +80,8 @@ class TwinDivergence(Oracle):
         )
 
 
-def _carried(sample: PoseSample, t_s: float) -> Vec3:
+def carried(sample: PoseSample, t_s: float) -> Vec3:
+    """Return where a vehicle is at a time, by the pose and velocity that it had."""
     ahead_m = scale(sample.velocity_ned_m_s, t_s - sample.t_s)
     return add(sample.pose.position_ned_m, ahead_m)
 

@@ -24,6 +24,15 @@ ONE_PLACE = [
     ("landed: {@from: goal}", "unknown key 'from'"),
     ("modes: {allowed: [@GUIDED]}", "must be hold, takeoff, guided, land, rtl, mission, pilot or"),
     ("altitude: {max_m: 2, vehicle: @both}", "must be real or twin, is 'both'"),
+    ("clear: {stl: 'always[0,30] (@clearence_m >= 0.1)'}", "unknown signal 'clearence_m'; did"),
+    ("clear: {stl: 'always (@clearance >= 0.1)'}", "did you mean 'clearance_m'?"),
+    ('clear: {stl: "@alway[0,30] (clearance_m >= 0.1)"}', "did you mean 'always'?"),
+    ("clear: {stl: always (clearance_m >= @), vehicle: real}", "a signal, a number or '(' is"),
+    ("clear: {stl: always (up_m > 0.5 @m)}", "numbers stand without a unit"),
+    ("clear: {stl: always (up_m @< speed_m_s)}", "m cannot be compared with m/s"),
+    ("clear: {stl: always (@goal_distance_m < 1), required: false}", "unknown signal 'goal_dist"),
+    ("clear: {stl: @5}", "must be text, is 5"),
+    ("clear: {stl: up_m > 0, @unit: m}", "unknown key 'unit'"),
     (
         "area: {keep: {box: {north_m: @[2, 1], east_m: [0, 1], up_m: [0, 1]}}}",
         "must be [low, high], is [2, 1]",
@@ -40,3 +49,21 @@ def test_a_fault_of_an_oracle_is_shown_where_it_is(files: Any, new: str, said: s
     faults = files.faults()
     assert all(fault.startswith(place) for fault in faults), faults
     assert said in faults[0]
+
+
+def test_a_mistake_in_a_formula_of_several_lines_is_found(files: Any) -> None:
+    formula = """\
+  clear:
+    stl: >
+      always[0,30] (up_m > 0.5
+        and sped_m_s < 3)
+"""
+    files.change("  collision: {}\n", formula)
+    (fault,) = files.faults()
+    line = files.path.read_text().splitlines().index("        and sped_m_s < 3)") + 1
+    assert fault.startswith(f"campaign.yaml:{line}:13: oracle 'clear': unknown signal 'sped_m_s'")
+
+
+def test_a_formula_about_both_is_left_out_where_one_flies_alone(files: Any) -> None:
+    files.change("collision: {}", "near: {stl: always (twin_distance_m < 1)}")
+    assert files.load().modes == ("sim", "wil")

@@ -128,6 +128,7 @@ def test_plan_of_a_bad_file_or_option_is_told(cli: Cli) -> None:
         ("operators", "overlay"),
         ("autonomies", "gate"),
         ("oracles", "collision"),
+        ("signals", "clearance_m"),
     ],
 )
 def test_list_shows_what_is_at_hand(cli: Cli, what: str, name: str) -> None:

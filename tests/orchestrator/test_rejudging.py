@@ -25,6 +25,8 @@ EVERYTHING = (
     "oracles.estimator={max_unsound_s: 0.1}",
     "oracles.twin_divergence={max_m: 2}",
     "oracles.near={use: distance, object: gate, max_m: 6}",
+    "oracles.clear={stl: 'always[0,30] (clearance_m >= 0.05 and silence_s < 1)'}",
+    "oracles.calm={stl: 'always (tilt_deg < 30) and eventually (twin_distance_m < 1)'}",
 )
 
 

@@ -271,3 +271,16 @@ def test_an_oracle_lands_the_run_at_once_where_the_campaign_says(
     stages = [line["stage"] for line in log_of(folder) if line["event"] == "stage"]
     assert ("goal" in stages) is (last == "landed")
     assert all_landed(folder)
+
+
+def test_a_formula_that_cannot_hold_any_more_lands_the_run(fly_run: Fly) -> None:
+    formula = "oracles.low={stl: 'always (up_m < 0.6)', from: takeoff, fail_fast: true}"
+    result, folder = fly_run(sets=(formula,))
+    assert result.verdict == "FAIL"
+    assert "low cannot hold any more" in result.reason
+    assert "goal" not in [line.get("stage") for line in log_of(folder)]
+    (judged,) = [o for o in result.oracles if o.name == "low" and o.vehicle == "real"]
+    assert judged.verdict == "FAIL"
+    assert judged.margin is not None
+    assert judged.margin < 0.0
+    assert all_landed(folder)

@@ -14,6 +14,7 @@ def test_registry_names_and_describes_every_oracle() -> None:
         "collision", "clearance", "reached", "reached_position", "time_limit", "geofence",
         "altitude", "vehicle_fault", "link", "landed", "twin_divergence", "area", "distance",
         "speed", "attitude", "estimator", "battery", "modes",
+        "stl",
     }  # fmt: skip
     assert all(spec.summary and spec.name == name for name, spec in registry.items())
 
@@ -79,6 +80,7 @@ NEVER_FED = [
     ("estimator", {}),
     ("battery", {"min_percent": 20}),
     ("modes", {}),
+    ("stl", {"stl": "always (up_m >= 0)"}),
 ]
 
 

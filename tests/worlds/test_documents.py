@@ -457,3 +457,42 @@ def test_any_value_is_checked_or_is_bad_input(value: object) -> None:
         return
     with contextlib.suppress(BadInput):
         assert isinstance(check(found, Top), Top)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: {f: one @two}",
+        "a: {f: 'one @two'}",
+        'a: {f: "one @two"}',
+        "a: {f: 'it''s one, @two'}",
+        "a:\n  f: >\n    one\n    three  four\n    @two",
+        "a:\n  f: |\n    one\n\n    @two\n    three",
+        "a:\n  f: one\n    three\n    @two",
+        'a:\n  f: "one\n    @two"',
+        "a: {f: @two}",
+    ],
+)
+def test_a_place_within_a_text(text: str) -> None:
+    document = doc(text.replace("@", ""))
+    value = document.get(("a", "f"))
+    assert isinstance(value, str)
+    problem = document.problem_within(("a", "f"), value.index("two"), "here")
+    before = text[: text.index("@")]
+    assert (problem.line, problem.column) == (
+        before.count("\n") + 1,
+        len(before) - (before.rfind("\n") + 1) + 1,
+    )
+
+
+@pytest.mark.parametrize("text", [r'a: {f: "one \t two"}', "a: {f: 5}"])
+def test_a_place_within_what_cannot_be_followed_is_its_beginning(text: str) -> None:
+    assert doc(text).problem_within(("a", "f"), 7, "here").column == 8
+
+
+@given(st.text("ab '\"\n\t\\|>é", max_size=20), st.integers(-1, 25))
+def test_any_place_within_any_text_is_a_place(value: str, offset: int) -> None:
+    document = doc(f"a: {json.dumps(value, ensure_ascii=False)}")
+    problem = document.problem_within(("a",), offset, "here")
+    assert problem.line >= 1
+    assert problem.column >= 1

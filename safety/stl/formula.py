@@ -1,0 +1,161 @@
+"""What an STL formula is made of: nodes that know where in the text they stand; no behaviour."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Comparator = Literal[">=", "<=", ">", "<"]
+Junction = Literal["and", "or", "implies", "iff"]
+Modal = Literal["always", "eventually", "once", "historically"]
+
+
+class StlError(ValueError):
+    """A formula that is none, with the offset of the mistake in its text (from 0)."""
+
+    def __init__(self, message: str, offset: int, suggestion: str = "") -> None:
+        super().__init__(message)
+        self.offset = offset
+        self.suggestion = suggestion
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A constant; it has the unit of what it is compared with."""
+
+    value: float
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A signal."""
+
+    name: str
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Calculation:
+    """Arithmetic on two terms."""
+
+    operator: Literal["+", "-", "*", "/"]
+    left: "Term"
+    right: "Term"
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Absolute:
+    """The absolute value of a term."""
+
+    term: "Term"
+    at: int
+
+
+Term = Number | Name | Calculation | Absolute
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two terms compared; its robustness is their difference."""
+
+    left: Term
+    comparator: Comparator
+    right: Term
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Holds:
+    """A signal that is true or false by itself."""
+
+    name: Name
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Not:
+    """A negation."""
+
+    inner: "Formula"
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Junctor:
+    """Two formulas joined."""
+
+    word: Junction
+    left: "Formula"
+    right: "Formula"
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """From when to when, in seconds; until_s None is to the end of the window."""
+
+    from_s: float = 0.0
+    until_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Temporal:
+    """A formula at all times (always, historically), or at some time (eventually, once)."""
+
+    word: Modal
+    interval: Interval
+    inner: "Formula"
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Until:
+    """The left one holds until, within the interval, the right one does."""
+
+    interval: Interval
+    left: "Formula"
+    right: "Formula"
+    at: int
+
+
+Atom = Comparison | Holds
+Formula = Atom | Not | Junctor | Temporal | Until
+Node = Term | Formula
+
+
+def children(node: Node) -> tuple[Node, ...]:
+    """Return what a node is made of."""
+    match node:
+        case Number() | Name():
+            return ()
+        case Absolute(term):
+            return (term,)
+        case Not(inner) | Temporal(_, _, inner):
+            return (inner,)
+        case Holds(name):
+            return (name,)
+        case Calculation(_, left, right) | Comparison(left, _, right):
+            return (left, right)
+        case Junctor(_, left, right) | Until(_, left, right):
+            return (left, right)
+
+
+def names_of(node: Node) -> tuple[Name, ...]:
+    """Return every name in a formula, in the order of the text."""
+    if isinstance(node, Name):
+        return (node,)
+    return tuple(name for child in children(node) for name in names_of(child))
+
+
+def horizon_s(formula: Formula) -> float:
+    """Return how far into the future it looks, where its intervals say so."""
+    own_s = 0.0
+    match formula:
+        case Temporal("always" | "eventually", interval) | Until(interval):
+            own_s = interval.until_s or interval.from_s
+    inner = [horizon_s(c) for c in children(formula) if isinstance(c, FORMULAS)]
+    return own_s + max(inner, default=0.0)
+
+
+FORMULAS = (Comparison, Holds, Not, Junctor, Temporal, Until)
+TERMS = (Number, Name, Calculation, Absolute)

@@ -1,0 +1,107 @@
+"""Whether a formula's signals are there and its units fit together."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from safety.stl.formula import (
+    Absolute,
+    Calculation,
+    Comparison,
+    Formula,
+    Holds,
+    Name,
+    Number,
+    StlError,
+    Term,
+    children,
+)
+from safety.stl.parser import NO_STATEMENT
+from worlds.problems import closest
+
+Dimension = Mapping[str, int]
+"""Base units with their powers: m/s is {m: 1, s: -1}. None stands for a bare number."""
+
+
+@dataclass(frozen=True, slots=True)
+class SignalKind:
+    """What a formula may be told of a signal. unit: "m/s"; "" for one that is true or false."""
+
+    unit: str
+    meaning: str
+
+
+def require_sound(formula: Formula, signals: Mapping[str, SignalKind]) -> None:
+    """Raise StlError when a signal is not there, or units do not fit together."""
+    if isinstance(formula, Comparison):
+        left, right = _dimension(formula.left, signals), _dimension(formula.right, signals)
+        if left is None and right is None:
+            raise StlError("compares two numbers: name a signal", formula.at)
+        _require_same(left, right, formula.at, "compared with")
+        return
+    if isinstance(formula, Holds):
+        if _kind(formula.name, signals).unit:
+            raise StlError(NO_STATEMENT, formula.at)
+        return
+    for child in children(formula):
+        if isinstance(child, Formula):
+            require_sound(child, signals)
+
+
+def unit_text(term: Term, signals: Mapping[str, SignalKind]) -> str:
+    """Return the unit of a term as people write it; "" for a bare number."""
+    return _text(_dimension(term, signals) or {})
+
+
+def _dimension(term: Term, signals: Mapping[str, SignalKind]) -> Dimension | None:
+    match term:
+        case Number():
+            return None
+        case Name():
+            unit = _kind(term, signals).unit
+            if not unit:
+                said = f"'{term.name}' is true or false: write it by itself, without a comparison"
+                raise StlError(said, term.at)
+            return _parsed(unit)
+        case Absolute(inner):
+            return _dimension(inner, signals)
+        case Calculation(operator, left_term, right_term, at):
+            left, right = _dimension(left_term, signals), _dimension(right_term, signals)
+            if operator in {"+", "-"}:
+                _require_same(left, right, at, "added to" if operator == "+" else "subtracted from")
+                return right if left is None else left
+            if left is None and right is None:
+                return None
+            return _product(left or {}, right or {}, 1 if operator == "*" else -1)
+
+
+def _kind(name: Name, signals: Mapping[str, SignalKind]) -> SignalKind:
+    kind = signals.get(name.name)
+    if kind is None:
+        meant = closest(name.name, signals)
+        known = "" if meant else f" (there are: {', '.join(sorted(signals))})"
+        raise StlError(f"unknown signal '{name.name}'{known}", name.at, meant)
+    return kind
+
+
+def _require_same(left: Dimension | None, right: Dimension | None, at: int, how: str) -> None:
+    if left is not None and right is not None and left != right:
+        raise StlError(f"{_text(left)} cannot be {how} {_text(right)}", at)
+
+
+def _parsed(unit: str) -> Dimension:
+    over, _, under = unit.partition("/")
+    return _product({over: 1}, {under: 1} if under else {}, -1)
+
+
+def _product(left: Dimension, right: Dimension, sign: int) -> Dimension:
+    powers = {base: left.get(base, 0) + sign * right.get(base, 0) for base in {*left, *right}}
+    return {base: power for base, power in powers.items() if power}
+
+
+def _text(dimension: Dimension) -> str:
+    def written(base: str, power: int) -> str:
+        return base if power == 1 else f"{base}^{power}"
+
+    over = [written(base, power) for base, power in sorted(dimension.items()) if power > 0]
+    under = [written(base, -power) for base, power in sorted(dimension.items()) if power < 0]
+    return "/".join([" ".join(over) or "1", *under]) if over or under else ""
