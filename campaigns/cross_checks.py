@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from campaigns.files import CaseFiles
+from campaigns.outside_checks import outside_problems
 from campaigns.place_checks import judged_world, place_problems
 from campaigns.schema import Mode, VehicleName
 from campaigns.setup import Setup
@@ -163,4 +164,4 @@ class _AnyGate:
         return -1.0
 
 
-_CHECKS: tuple[Check, ...] = (_mixing, _gates, place_problems, _oracles)
+_CHECKS: tuple[Check, ...] = (_mixing, _gates, place_problems, _oracles, outside_problems)

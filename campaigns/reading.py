@@ -12,6 +12,7 @@ from campaigns.cross_checks import cross_problems
 from campaigns.files import CaseFiles
 from campaigns.link_setups import LinkSetup, link_setup
 from campaigns.oracle_uses import oracle_uses
+from campaigns.outside_reading import outside_setup, program_problems, sensor_setups
 from campaigns.references import BadReferenceError
 from campaigns.schema import (
     VEHICLES,
@@ -55,6 +56,7 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         oracles=uses,
         links=_links(part.links),
         record=_record(part.record),
+        outside=outside_setup(files.campaign, part, problems),
     )
     problems += _autonomy_problems(files.campaign, setup.under_test)
     problems += cross_problems(files, setup, modes)
@@ -101,7 +103,8 @@ def _vehicle(
         anchor=part.anchor,
         pose_source=part.pose_source,
         params=dict(part.params),
-        sensors=tuple(one.setup(sensor) for sensor, one in part.sensors.items()),
+        mocap=None if part.mocap is None else part.mocap.setup(name),
+        sensors=sensor_setups(campaign, name, part, problems),
     )
 
 
@@ -162,11 +165,14 @@ def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
         rate_hz=part.autonomy.rate_hz,
         parameters=dict(part.autonomy.with_),
         goal=goal,
+        program=None if part.autonomy.program is None else tuple(part.autonomy.program),
     )
 
 
 def _autonomy_problems(campaign: Document, under_test: UnderTest) -> list[Problem]:
     """Build the autonomy once: what it refuses is a fault of the file, not of a flight."""
+    if under_test.program is not None:
+        return program_problems(campaign, under_test.program, under_test.folder)
     try:
         with redirect_stdout(sys.stderr):
             under_test.build(seed=0)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from campaigns.outside_setups import SourceSetup
 from vehicles.sensors.lidar import GridPattern, ScanPattern
 from worlds.camera import CameraMount, Intrinsics
 from worlds.frames import AT_ORIGIN, Pose
@@ -10,7 +11,7 @@ from worlds.frames import AT_ORIGIN, Pose
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraSetup:
-    """A camera of a vehicle; its intrinsics may carry a distortion."""
+    """A camera of a vehicle; its intrinsics may carry a distortion. source: None: rendered."""
 
     kind: ClassVar[str] = "camera"
 
@@ -18,6 +19,7 @@ class CameraSetup:
     rate_hz: float
     intrinsics: Intrinsics
     mount: CameraMount
+    source: SourceSetup | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

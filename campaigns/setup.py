@@ -1,10 +1,11 @@
 """What one run needs, resolved and checked: the campaign of one case as frozen values."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 from campaigns.link_setups import LinkSetup
+from campaigns.outside_setups import MocapSetup, OutsideSetup
 from campaigns.schema import PictureFormat, VehicleName
 from campaigns.sensor_setups import CameraSetup, SensorSetup
 from campaigns.under_test import UnderTest
@@ -12,6 +13,7 @@ from recipes.recipe import Recipe
 from safety.geofence import Fence
 from safety.judge import OracleUse
 from vehicles.autopilots.base import AutopilotName
+from worlds.documents import Path
 from worlds.frames import Pose, Vec3
 from worlds.world import World
 
@@ -31,7 +33,8 @@ __all__ = [
 class VehicleSetup:
     """A vehicle. link: "embedded". profile: for `load_profile`: a name, or an absolute path.
 
-    params: autopilot parameters by name. start: where it stands, world frame.
+    params: autopilot parameters by name. start: where it stands, world frame. mocap: None: the
+    surrogate's own motion capture.
     """
 
     name: VehicleName
@@ -41,6 +44,7 @@ class VehicleSetup:
     start: Pose
     anchor: Literal["start"] = "start"
     pose_source: Literal["mavlink", "mocap"] = "mavlink"
+    mocap: MocapSetup | None = None
     params: Mapping[str, float] = field(default_factory=dict)
     sensors: tuple[SensorSetup, ...] = ()
 
@@ -98,3 +102,17 @@ class Setup:
     oracles: tuple[OracleUse, ...]
     links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
     record: RecordSetup = RecordSetup()
+    outside: OutsideSetup = field(default_factory=OutsideSetup)
+
+    def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:
+        """Yield what this case has outside of this process: its path in the campaign, its name."""
+        for name, vehicle in self.vehicles.items():
+            if vehicle.mocap is not None:
+                yield ("vehicles", name, "mocap"), f"motion capture at {vehicle.mocap.address}"
+            for camera in vehicle.cameras:
+                if camera.source is not None and camera.source.needs_wall_clock:
+                    path = ("vehicles", name, "sensors", camera.name, "source")
+                    yield path, f"the camera at {camera.source.address}"
+        if self.under_test.program is not None:
+            yield ("autonomy", "program"), f"the program {self.under_test.program[0]}"
+        yield from self.outside.needing_wall_clock()

@@ -28,21 +28,25 @@ class ShippedAutonomy:
 class UnderTest:
     """An autonomy as a campaign uses it; picklable.
 
-    use: as the file says it. folder: what a file in `use` is relative to. goal: what the autonomy
-    is told of it. rate_hz: how often it acts.
+    use: as the file says it; None for a program. folder: what a file in `use` is relative to, and
+    where a program runs. goal: what the autonomy is told of it. rate_hz: how often it acts.
+    program: command and arguments.
     """
 
-    use: str
+    use: str | None
     folder: Path
     rate_hz: float
     parameters: Mapping[str, object] = field(default_factory=dict)
     goal: Mapping[str, float | str] = field(default_factory=dict)
+    program: tuple[str, ...] | None = None
 
     def build(self, seed: int) -> Autonomy:
         """Return a new autonomy for one vehicle of one run.
 
         Raises BadReferenceError when it cannot be found, and whatever its constructor raises.
         """
+        if self.use is None:
+            raise BadReferenceError("a program is started, not built")
         factory = find_autonomy(self.use, self.folder)
         return factory(goal=dict(self.goal), parameters=dict(self.parameters), seed=seed)
 

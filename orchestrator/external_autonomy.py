@@ -16,13 +16,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
+from vehicles.errors import VehicleError
+
 _TERM_GRACE_S = 3.0
 _KILL_GRACE_S = 2.0
 _POLL_S = 0.02
 _TAIL_BYTES = 2000
 
 
-class ExternalAutonomyError(Exception):
+class ExternalAutonomyError(VehicleError):
     """The program could not be started; says which, and what to do."""
 
 
@@ -54,11 +56,15 @@ def autonomy_environment(
     mavlink_url: str,
     video_url: str,
     goal: Mapping[str, object],
+    parameters: Mapping[str, object] | None = None,
+    vehicle: str = "real",
+    seed: int = 0,
 ) -> dict[str, str]:
     """Return the environment of the program.
 
     WIL_MAVLINK_URL: link string of the vehicle. WIL_VIDEO_URL: stream, or SDP file, of what it
-    perceives. WIL_GOAL: the campaign's goal as JSON. PYTHONUNBUFFERED, so that the log of a
+    perceives. WIL_GOAL, WIL_PARAMETERS: the campaign's goal, and what stands under `with`, as
+    JSON. WIL_VEHICLE: real or twin. WIL_SEED: of the run. PYTHONUNBUFFERED, so that the log of a
     Python program that is killed is not lost.
     """
     return {
@@ -67,6 +73,9 @@ def autonomy_environment(
         "WIL_MAVLINK_URL": mavlink_url,
         "WIL_VIDEO_URL": video_url,
         "WIL_GOAL": json.dumps(dict(goal), allow_nan=False),
+        "WIL_PARAMETERS": json.dumps(dict(parameters or {}), allow_nan=False),
+        "WIL_VEHICLE": vehicle,
+        "WIL_SEED": str(seed),
     }
 
 

@@ -48,6 +48,7 @@ _VERSIONED = (
 
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
+_REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered")
 
 
 class OutputError(Exception):
@@ -222,13 +223,15 @@ def _with_paths(run: RunResult) -> RunResult:
 
 
 def _sensors(campaign: Campaign) -> dict[str, SensorKind]:
-    """Return where each sensor's readings came from: embedded vehicles have rendered cameras."""
-    return {
-        camera.name: "rendered"
-        for setup in campaign.setups.values()
-        for vehicle in setup.vehicles.values()
-        for camera in vehicle.cameras
-    }
+    """Return where each camera's pictures came from; of several, what is least rendered."""
+    found: dict[str, SensorKind] = {}
+    for setup in campaign.setups.values():
+        for vehicle in setup.vehicles.values():
+            for camera in vehicle.cameras:
+                kind = "rendered" if camera.source is None else camera.source.shown_as
+                before = found.get(camera.name, kind)
+                found[camera.name] = min(before, kind, key=_REAL_FIRST.index)
+    return found
 
 
 def _manifest(campaign: Campaign, clock: Clock) -> dict[str, object]:

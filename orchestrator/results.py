@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from campaigns.acceptance import Requirement, Share, Standing, standings
+from orchestrator.outside.results import OutsideResult
 from safety.results import Flag, OracleResult, Verdict
 
 Clock = Literal["virtual", "wall", "scaled"]
@@ -94,7 +95,8 @@ class RunResult:
     """One flight. rep counts from 1. duration_s: takeoff command to disarm, None without takeoff.
 
     wall_s: how long it took on this machine. mixing: None where nothing is mixed. collisions: the
-    flags of contacts as they happened. artifacts: files, relative to the campaign's folder.
+    flags of contacts as they happened. outside: what came in and went out; None for a run that
+    has nothing outside of its own processes. artifacts: files, relative to the campaign's folder.
     """
 
     case: str
@@ -111,6 +113,7 @@ class RunResult:
     sync: SyncResult
     mixing: MixingResult | None
     collisions: tuple[Flag, ...] = ()
+    outside: OutsideResult | None = None
     artifacts: tuple[str, ...] = ()
 
 

@@ -19,6 +19,7 @@ from vehicles.camera_effects import (
     Streak,
     streak_px,
 )
+from vehicles.errors import VehicleError
 from vehicles.pose_history import PoseHistory
 from vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage, Source
 from worlds.camera import CameraMount, Intrinsics
@@ -28,6 +29,7 @@ __all__ = [
     "AskedCamera",
     "CameraQuality",
     "Compute",
+    "NoPictureError",
     "Picture",
     "PictureSource",
     "RenderedCamera",
@@ -42,6 +44,10 @@ MAX_POSE_AGE_S = 0.25
 MAX_JITTER_SIGMA = 3.0
 
 T = TypeVar("T")
+
+
+class NoPictureError(VehicleError):
+    """A source gave no picture this time: it was late, refused, or wrong."""
 
 
 class Picture(Protocol):
@@ -72,7 +78,7 @@ class PictureSource(Protocol):
         want_depth: bool = False,
         want_ids: bool = False,
     ) -> Picture:
-        """Return a picture of its own: the caller keeps it."""
+        """Return a picture of its own: the caller keeps it. Raises NoPictureError."""
 
 
 class Compute(Protocol):
@@ -104,7 +110,8 @@ class RenderedCamera:
     that cannot be taken (no pose, or the last picture is not ready) is left out, and its
     number with it. A picture is delivered `latency_s`, with jitter, after the middle of its
     exposure, in order, and never before the shutter closed. pose_delay_s: how long after the
-    exposure its pose is looked up, for poses that arrive late.
+    exposure its pose is looked up, for poses that arrive late. on_missing: told why, when the
+    source gave no picture; that exposure is left out.
     """
 
     def __init__(
@@ -120,7 +127,9 @@ class RenderedCamera:
         quality: CameraQuality | None = None,
         compute: Compute = inline,
         pose_delay_s: float = 0.0,
+        on_missing: Callable[[str], None] | None = None,
     ) -> None:
+        self._on_missing = on_missing
         self._source = source
         self._history = history
         self._intrinsics = intrinsics
@@ -152,11 +161,21 @@ class RenderedCamera:
                 self.left_out += 1
             else:
                 earliest_s = exposure.due_s
-                ready.put_nowait((exposure.due_s, await self._take(exposure)))
+                await self._expose_one(exposure, ready)
             behind_s = asyncio.get_running_loop().time() - shutter_s - start_s
             following = max(seq + 1, next_tick(behind_s, self._rate_hz))
             self.left_out += following - seq - 1
             seq = following
+
+    async def _expose_one(
+        self, exposure: _Exposure, ready: asyncio.Queue[tuple[float, CameraReading]]
+    ) -> None:
+        try:
+            ready.put_nowait((exposure.due_s, await self._take(exposure)))
+        except NoPictureError as error:
+            self.left_out += 1
+            if self._on_missing is not None:
+                self._on_missing(str(error))
 
     def _exposure(self, seq: int, t_s: float, earliest_s: float) -> _Exposure | None:
         """Return what is drawn for one exposure; None when the body's pose is not known."""
@@ -227,7 +246,10 @@ class AskedCamera:
     async def ask(
         self, body: Pose, t_s: float, *, want_depth: bool = False, want_ids: bool = False
     ) -> CameraReading:
-        """Return the picture from a body's pose (world frame) of the world as it is at t_s."""
+        """Return the picture from a body's pose (world frame) of the world as it is at t_s.
+
+        Raises NoPictureError.
+        """
         camera_pose = self._mount.camera_pose(body)
         seq, self._seq = self._seq, self._seq + 1
 

@@ -1,11 +1,12 @@
 """The campaign file as a whole, and its small parts."""
 
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
 
 from campaigns.acceptance import parse_share
+from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
 from campaigns.schema.links import LinksPart
 from campaigns.schema.vehicles import VehiclesPart
 from safety.fence_parts import FencePart
@@ -49,10 +50,12 @@ def _one_case() -> Cases:
 class AutonomyPart(Part):
     """The system under test: `use` is file.py:Class beside this file, or a name of ours.
 
-    rate_hz: how often it is asked for a setpoint. A bare text stands for `use`.
+    program: instead, a program with its arguments, run beside this file. rate_hz: how often `use`
+    is asked for a setpoint. A bare text stands for `use`.
     """
 
-    use: Annotated[str, Field(min_length=1)]
+    use: Annotated[str, Field(min_length=1)] | None = None
+    program: Annotated[list[str], Field(min_length=1)] | None = None
     with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
     rate_hz: Annotated[float, Field(ge=2, le=250)] = 20.0
 
@@ -60,6 +63,16 @@ class AutonomyPart(Part):
     @classmethod
     def _shorthand(cls, given: Any) -> Any:
         return {"use": given} if isinstance(given, str) else given
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if self.use is None and self.program is None:
+            raise ValueError("give use: (a class) or program: (a command)")
+        if self.program is not None:
+            for key in ("use", "rate_hz"):
+                if key in self.model_fields_set:
+                    raise KeyFaultError(key, "says nothing beside a program")
+        return self
 
 
 class PositionPart(Part):
@@ -129,6 +142,9 @@ class CampaignPart(Part):
     sync: SyncPart = SyncPart()
     links: LinksPart = LinksPart()
     geofence: FencePart | None = None
+    deliver: list[DeliverPart] = Field(default_factory=list)
+    inject: InjectPart = InjectPart()
+    ground_station: Annotated[str, AfterValidator(ground_station_link)] | None = None
     oracles: Annotated[dict[str, dict[str, JsonValue] | None], Field(min_length=1)]
     record: RecordPart = RecordPart()
     accept: dict[str, dict[str, str]] | None = None

@@ -4,8 +4,9 @@ import math
 from dataclasses import replace
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from campaigns.schema.sources import SourcePart
 from campaigns.sensor_setups import (
     CameraSetup,
     DepthSetup,
@@ -33,6 +34,17 @@ Focal = Annotated[float, Field(gt=0, le=1e6)]
 _FOCAL_KEYS = ("fx_px", "fy_px", "cx_px", "cy_px")
 _DISTORTIONS = (0, 4, 5, 8, 12, 14)
 """How many numbers OpenCV's lens models have."""
+
+
+def _as_opencv(given: list[float]) -> list[float]:
+    if len(given) not in _DISTORTIONS:
+        raise ValueError(
+            f"has {len(given)} numbers; OpenCV's models have 4 (k1, k2, p1, p2), 5, 8, 12 or 14"
+        )
+    return given
+
+
+Distortion = Annotated[list[float], AfterValidator(_as_opencv)]
 
 
 class MountPart(Part):
@@ -74,12 +86,15 @@ class PicturePart(Part):
 
     @model_validator(mode="after")
     def _one_kind_of_optics(self) -> Self:
-        if self.fov_deg is None and self.fx_px is None:
+        if self.fov_deg is None and self.fx_px is None and self._needs_optics():
             raise ValueError("a camera needs fov_deg or fx_px")
         given = [key for key in _FOCAL_KEYS if getattr(self, key) is not None]
         if self.fov_deg is not None and given:
             raise KeyFaultError(given[0], "fov_deg says this already; give one of the two")
         return self
+
+    def _needs_optics(self) -> bool:
+        return True
 
     def pinhole(self, distortion: tuple[float, ...] = ()) -> Intrinsics:
         """Return the camera model."""
@@ -104,19 +119,16 @@ class PicturePart(Part):
 
 
 class CameraPart(PicturePart):
-    """A camera. distortion: OpenCV's k1, k2, p1, p2, k3 and on; none without."""
+    """A camera. distortion: OpenCV's k1, k2, p1, p2, k3 and on; none without.
+
+    source: where its pictures come from; rendered without. calibration: file with its optics, and
+    with mounting and latency where they were measured.
+    """
 
     type: Literal["camera"]
-    distortion: list[float] = Field(default_factory=list)
-
-    @field_validator("distortion")
-    @classmethod
-    def _as_opencv(cls, given: list[float]) -> list[float]:
-        if len(given) not in _DISTORTIONS:
-            raise ValueError(
-                f"has {len(given)} numbers; OpenCV's models have 4 (k1, k2, p1, p2), 5, 8, 12 or 14"
-            )
-        return given
+    distortion: Distortion = Field(default_factory=list)
+    source: SourcePart | None = None
+    calibration: str | None = None
 
     @model_validator(mode="after")
     def _lens_that_can_be(self) -> Self:
@@ -125,8 +137,18 @@ class CameraPart(PicturePart):
             raise KeyFaultError("distortion", fault)
         return self
 
+    @model_validator(mode="after")
+    def _said_once(self) -> Self:
+        for key in ("fov_deg", *_FOCAL_KEYS, "distortion") if self.calibration is not None else ():
+            if key in self.model_fields_set:
+                raise KeyFaultError(key, "the calibration says this already; give one of the two")
+        return self
+
     def _has_optics(self) -> bool:
         return self.fov_deg is not None or self.fx_px is not None
+
+    def _needs_optics(self) -> bool:
+        return self.calibration is None
 
     def intrinsics(self) -> Intrinsics:
         """Return the camera model."""

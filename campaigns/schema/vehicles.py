@@ -1,14 +1,15 @@
 """`vehicles`: the real vehicle and its twin."""
 
 import math
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal, Self, get_args
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from campaigns.schema.sensors import SensorPart
+from campaigns.schema.sources import MocapPart
 from vehicles.autopilots.base import AutopilotName
 from vehicles.links.parse import LinkAddressError, parse_link
-from worlds.documents import Part
+from worlds.documents import KeyFaultError, Part
 from worlds.frames import Pose
 
 VehicleName = Literal["real", "twin"]
@@ -33,7 +34,7 @@ class StartPart(Part):
 
 
 class VehiclePart(Part):
-    """One vehicle of the pair."""
+    """One vehicle of the pair. mocap: where motion capture comes from; None: the surrogate's."""
 
     link: str
     autopilot: AutopilotName
@@ -42,7 +43,14 @@ class VehiclePart(Part):
     start: StartPart = StartPart()
     anchor: Literal["start"] = "start"
     pose_source: Literal["mavlink", "mocap"] = "mavlink"
+    mocap: MocapPart | None = None
     sensors: dict[str, SensorPart] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _mocap_is_used(self) -> Self:
+        if self.mocap is not None and self.pose_source != "mocap":
+            raise KeyFaultError("mocap", f"is not used with pose_source: {self.pose_source}")
+        return self
 
     @field_validator("link")
     @classmethod

@@ -3,15 +3,17 @@
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
 from campaigns.expansion import Options, load_campaign
+from orchestrator.cli.clocks import clock_for, outside_of
 from orchestrator.cli.display import Display, Lines, Silent, Terminal
 from orchestrator.cli.streams import err, out
 from orchestrator.cli.verdicts import verdict_table
+from orchestrator.clock import Clock
 from orchestrator.flying import FlyingSettings, OutputError, fly_campaign
 from orchestrator.operating.opening import OperatingError
 from orchestrator.writing import to_json
@@ -26,7 +28,7 @@ def run(
     repetitions: int | None = None,
     seed: int | None = None,
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
-    clock: Literal["virtual", "wall"] = "virtual",
+    clock: Clock | None = None,
     jobs: int | None = None,
     junit: Path | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
@@ -51,7 +53,8 @@ def run(
         KEY=VALUE: a dotted key of the campaign, or of world.* or recipe.*, and its value.
     clock
         virtual: as fast as the machine can, to the byte the same each time. wall: in real time,
-        each vehicle a process of its own on UDP.
+        each vehicle a process of its own on UDP. By default virtual, unless the campaign has
+        something outside: a live camera, a simulator, a program, a stream to send.
     jobs
         How many runs fly at once, each in a process of its own; by default one per core, under
         the wall clock one per two cores.
@@ -62,10 +65,15 @@ def run(
     """
     options = Options(cases=case, modes=mode, repetitions=repetitions, seed=seed, sets=set_)
     campaign = load_campaign(file, options)
+    chosen = clock_for(campaign, clock)
+    if outside_of(campaign) and (jobs or 1) > 1:
+        err(f"--jobs {jobs}: runs of this campaign would share {outside_of(campaign)[0].name}")
+        return 2
     if jobs is not None and jobs < 1:
         err(f"--jobs {jobs}: at least one run has to fly at a time")
         return 2
-    settings = FlyingSettings(out=out_, clock=clock, jobs=jobs or _default_jobs(clock), junit=junit)
+    most = 1 if outside_of(campaign) else _default_jobs(chosen)
+    settings = FlyingSettings(out=out_, clock=chosen, jobs=jobs or most, junit=junit)
     display = _display(json=json_, total=len(campaign.runs))
     try:
         with display:

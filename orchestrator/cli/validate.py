@@ -3,19 +3,23 @@
 from pathlib import Path
 
 from campaigns.expansion import Campaign, load_campaign
+from orchestrator.cli.clocks import clock_for, outside_of
 from orchestrator.cli.streams import err, out
+from orchestrator.clock import Clock
 from recipes.language import load_recipe
 from worlds.documents import BadInput, Problem, load
 from worlds.world import World
 
 
-def validate(*files: Path) -> int:
+def validate(*files: Path, clock: Clock | None = None) -> int:
     """Find every fault of files, fly nothing.
 
     Parameters
     ----------
     files
         Campaign files, with the world and recipe that each names; or world or recipe files.
+    clock
+        Whether they can be flown on this clock as well: virtual or wall.
     """
     if not files:
         err("validate needs at least one file")
@@ -23,7 +27,7 @@ def validate(*files: Path) -> int:
     problems: list[Problem] = []
     for file in files:
         try:
-            out(_checked(file))
+            out(_checked(file, clock))
         except BadInput as error:
             problems += error.problems
     if not problems:
@@ -36,7 +40,7 @@ def validate(*files: Path) -> int:
     return 2
 
 
-def _checked(file: Path) -> str:
+def _checked(file: Path, clock: Clock | None) -> str:
     """Return a line about a good file, whatever kind it says it is. Raises BadInput."""
     document = load(file)
     schema = document.get(("schema",))
@@ -46,7 +50,11 @@ def _checked(file: Path) -> str:
     if schema == "wil/recipe/1":
         recipe = load_recipe(document)
         return f"{file}: a recipe of {_count(len(recipe.combinations), 'combination')}"
-    return f"{file}: {_summary(load_campaign(file))}"
+    campaign = load_campaign(file)
+    chosen = clock_for(campaign, clock)
+    outside = ", ".join(dict.fromkeys(one.name for one in outside_of(campaign)))
+    because = f"; {chosen} clock, for {outside}" if outside else ""
+    return f"{file}: {_summary(campaign)}{because}"
 
 
 def _summary(campaign: Campaign) -> str:

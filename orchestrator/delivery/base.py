@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
+from vehicles.errors import VehicleError
 from vehicles.readings import CameraReading
 
 
-class DeliveryError(Exception):
+class DeliveryError(VehicleError):
     """A delivery that cannot be had; says which, and what to do."""
 
 

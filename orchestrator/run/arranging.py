@@ -7,20 +7,19 @@ from dataclasses import dataclass
 
 from campaigns.sensor_setups import CameraSetup, DepthSetup, SensorSetup
 from campaigns.setup import VehicleSetup
-from orchestrator.run.answers import AutonomyFault, asked
+from orchestrator.outside.outside import Outside
 from orchestrator.run.budgeting import BudgetWatch
-from orchestrator.run.control import Pilot
 from orchestrator.run.course import Course
 from orchestrator.run.mixing import Frame, MixingLoop, Registration
 from orchestrator.run.opening import Pair
 from orchestrator.run.perceiving import Perception, SensorSource, Take
+from orchestrator.run.pilots import AnyPilot
 from orchestrator.run.registration import Registrar
 from orchestrator.run.sensing import Senses
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from recipes.perceived import without_knowledge
 from recipes.pipeline import Mixer, compile_recipe
-from vehicles.autonomy import Autonomy
 from vehicles.readings import CameraReading, Reading
 
 _POSE_WAIT_S = 0.05
@@ -42,30 +41,29 @@ class Shown:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Watchers:
-    """Who looks on. reading: each of a source, of real or twin; frame: each mixture."""
+    """Who looks on.
+
+    reading: each of a source, of real or twin. frame: each mixture. perceived: each reading that
+    an autonomy perceives, with the vehicles whose autonomies do.
+    """
 
     reading: Callable[[Reading], None]
     frame: Callable[[Frame], None]
+    perceived: Callable[[Reading, tuple[str, ...]], None]
     shown: Callable[[Shown], None]
 
 
 def build_perception(
     setup: RunSetup,
+    *,
     pair: Pair,
+    pilots: Mapping[str, AnyPilot],
+    outside: Outside,
     course: Course,
     events: Mapping[str, float],
     watchers: Watchers,
 ) -> Perception:
-    """Return the sensors, mixings and pilots of a run, not started yet. Raises AutonomyFault."""
-    pilots = {
-        station.name: Pilot(
-            autonomy=_built(setup, station.name),
-            station=station,
-            course=course,
-            rate_hz=setup.campaign.under_test.rate_hz,
-        )
-        for station in pair.stations
-    }
+    """Return the sensors and mixings of a run, not started yet, for its pilots."""
 
     def someone_is_silent() -> bool:
         now_s = asyncio.get_running_loop().time()
@@ -75,7 +73,10 @@ def build_perception(
     budgets = BudgetWatch(course=course, someone_is_silent=someone_is_silent)
     perception = Perception(pilots, course, budgets)
     stations = {station.name: station for station in pair.stations}
-    senses = Senses(setup=setup, stations=stations, feeds=pair.vehicles, events=events)
+    senses = Senses(
+        setup=setup, stations=stations, feeds=pair.vehicles, events=events, outside=outside
+    )
+    perception.from_outside = outside.senses(budgets.doubted)
     arranger = _Arranger(
         setup=setup,
         stations=stations,
@@ -86,14 +87,6 @@ def build_perception(
     )
     arranger.arrange()
     return perception
-
-
-def _built(setup: RunSetup, name: str) -> Autonomy:
-    """Return the autonomy of a vehicle. Raises AutonomyFault."""
-    try:
-        return asked(lambda: setup.campaign.under_test.build(setup.seed))
-    except AutonomyFault as fault:
-        raise AutonomyFault(f"the autonomy of {name} {fault}") from None
 
 
 class _Arranger:
@@ -177,6 +170,8 @@ class _Arranger:
             if asked and frame.twin is not None:
                 self._watchers.reading(frame.twin)
             self._watchers.frame(frame)
+            if frame.mixed.reading is not None:
+                self._watchers.perceived(frame.mixed.reading, mixer.publish)
             if filmed:
                 self._show(frame)
             for pilot in pilots:
@@ -200,9 +195,7 @@ class _Arranger:
         subject = vehicle.name == self._setup.subject
         filmed = subject and isinstance(sensor, CameraSetup) and self._film(sensor.name)
         self._source(vehicle.name, sensor).takers.append(
-            _perceiving(
-                self._perception.pilots[vehicle.name], self._watchers.shown if filmed else None
-            )
+            _perceiving(self._perception.pilots[vehicle.name], self._watchers, filmed=filmed)
         )
 
     def _source(self, vehicle: str, sensor: SensorSetup) -> SensorSource:
@@ -219,17 +212,20 @@ class _Arranger:
         return self._registrar.of(real)
 
 
-def _perceiving(pilot: Pilot, show: Callable[[Shown], None] | None) -> Take:
+def _perceiving(pilot: AnyPilot, watchers: Watchers, *, filmed: bool) -> Take:
+    receivers = (pilot.station.name,)
+
     def take(reading: Reading) -> None:
         reading = without_knowledge(reading)
-        if show is not None and isinstance(reading, CameraReading):
-            show(Shown(reading, reading if reading.source == "real" else None))
+        watchers.perceived(reading, receivers)
+        if filmed and isinstance(reading, CameraReading):
+            watchers.shown(Shown(reading, reading if reading.source == "real" else None))
         pilot.perceive(reading)
 
     return take
 
 
-def _hand_over(pilot: Pilot, frame: Frame, *, raw: bool) -> None:
+def _hand_over(pilot: AnyPilot, frame: Frame, *, raw: bool) -> None:
     if raw:
         for reading in (frame.real, frame.twin):
             if reading is not None:

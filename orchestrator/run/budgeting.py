@@ -66,8 +66,12 @@ class BudgetWatch:
 
     def spoiled(self, name: str, reason: str) -> None:
         """Take that what was perceived proves nothing, if this happens while the goal is flown."""
+        self.doubted(f"mixing of {name}: {reason}")
+
+    def doubted(self, reason: str) -> None:
+        """Take that a sensor gave nothing, if this happens while the goal is flown."""
         if self._course.stage == "goal" and self._doubt is None:
-            self._doubt = (asyncio.get_running_loop().time(), f"mixing of {name}: {reason}")
+            self._doubt = (asyncio.get_running_loop().time(), reason)
 
     async def run(self) -> None:
         """Watch for what does not happen, and settle what is in doubt; until cancelled."""

@@ -24,13 +24,14 @@ async def fly_together(
     holding: Holding,
     sync: SyncSetup,
     heights_m: Mapping[str, float],
+    before_arming: Callable[[], Awaitable[None]],
     barrier: Callable[[], None],
     goal: Callable[[float], Awaitable[None]],
 ) -> None:
     """Take all stations through the stages up to landed; `goal(t0_s)` flies the goal.
 
-    heights_m: to which height above its start each takes off, by name. barrier: called
-    when all are at height, before the goal.
+    heights_m: to which height above its start each takes off, by name. before_arming: what has
+    to be proven when all are ready. barrier: called when all are at height, before the goal.
 
     Every barrier waits for all, and for an operator who holds. An error at any stage is raised to
     the caller, who brings everything down; so does `course.over` when it is set before the goal is
@@ -40,6 +41,7 @@ async def fly_together(
     await _each(stations, lambda station: station.driver.identify(sync.ready_timeout_s))
     course.enter("ready")
     await _each(stations, lambda station: station.driver.ready(sync.ready_timeout_s))
+    await before_arming()
     course.enter("arm")
     await holding.through(lambda: _arm(stations))
     course.enter("takeoff")

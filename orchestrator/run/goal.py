@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from orchestrator.run.control import Pilot
 from orchestrator.run.course import Course
+from orchestrator.run.pilots import AnyPilot
 
 _OTHERS_S = 2.0
 """How long the twin may take longer than the real vehicle to say that it is done."""
@@ -19,7 +19,7 @@ class GoalFlight:
     when each vehicle got its first setpoint.
     """
 
-    pilots: Mapping[str, Pilot]
+    pilots: Mapping[str, AnyPilot]
     subject: str
     course: Course
     events: dict[str, float]

@@ -9,7 +9,7 @@ from orchestrator.run.statistics import MixingStatistics
 from recipes.alignment import align_pose
 from recipes.mixed import Mixed
 from recipes.pipeline import Mixer
-from vehicles.cameras import sleep_until
+from vehicles.cameras import NoPictureError, sleep_until
 from vehicles.pose_history import PoseHistory
 from vehicles.readings import CameraReading, DepthReading, LidarPointsReading, Reading
 from vehicles.sensors.streams import Asked
@@ -172,12 +172,16 @@ class MixingLoop:
         found = align_pose(request, self._poses, exposure_s=real.t_s, now_s=now_s)
         if found is None:
             return None, "no pose"
-        reading = await twin.ask(
-            found.pose,
-            found.t_s,
-            want_ids="ids" in self.mixer.needs,
-            want_depth="depth" in self.mixer.needs,
-        )
+        try:
+            reading = await twin.ask(
+                found.pose,
+                found.t_s,
+                want_ids="ids" in self.mixer.needs,
+                want_depth="depth" in self.mixer.needs,
+            )
+        except NoPictureError as error:
+            self._trouble(str(error))
+            return None, "no picture"
         return replace(reading, sensor=self.mixer.sensor), found.how
 
     async def _pose_has_come(self, t_s: float) -> None:

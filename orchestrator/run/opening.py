@@ -8,6 +8,7 @@ from typing import cast
 
 from campaigns.schema import VehicleName
 from campaigns.setup import LinkSetup
+from orchestrator.outside.captures import Captures
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.guarding import Guard, guard_of
 from orchestrator.run.hangar import TRUTH_HZ, Feed
@@ -15,6 +16,7 @@ from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from safety.guard.shell import Record
 from vehicles.driver import Driver
+from vehicles.links.tapped import TappedLink
 
 _OTHERS_TRUTH_HZ = 50.0
 """The truth of a vehicle that nobody judges by it: its camera interpolates, and it is recorded."""
@@ -24,11 +26,15 @@ _CLOCK_DRIFT = 2e-4
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """What flies: one station in modes sim and real, two in wil; and the guard over them."""
+    """What flies: one station in modes sim and real, two in wil; and the guard over them.
+
+    links: to the vehicles through the guard, for who speaks MAVLink beside the drivers.
+    """
 
     stations: tuple[Station, ...]
     vehicles: Mapping[str, Feed]
     guard: Guard
+    links: Mapping[str, TappedLink]
 
     def go_dark(self, links: Mapping[VehicleName, LinkSetup], course: Course) -> None:
         """Have links black out at the stages that the campaign names."""
@@ -52,12 +58,14 @@ class Pair:
 
 
 @asynccontextmanager
-async def open_pair(setup: RunSetup, *, record: Record) -> AsyncIterator[Pair]:
+async def open_pair(setup: RunSetup, *, record: Record, captures: Captures) -> AsyncIterator[Pair]:
     """Start the guard, then the vehicles of a run, and connect to them through the guard.
 
-    Closing stops the vehicles, wherever they are: land before that. Raises LinkError.
+    captures: motion capture from outside, for vehicles that have it. Closing stops the vehicles,
+    wherever they are: land before that. Raises LinkError.
     """
-    guard, hangar, links = guard_of(setup, record=record)
+    guard, hangar, guarded = guard_of(setup, record=record)
+    links = {name: TappedLink(link) for name, link in guarded.items()}
     stations: list[Station] = []
     for vehicle in setup.vehicles:
         driver = Driver(
@@ -76,12 +84,12 @@ async def open_pair(setup: RunSetup, *, record: Record) -> AsyncIterator[Pair]:
             feeds[vehicle.name] = feed = await hangar.start(stack, vehicle)
             await stack.enter_async_context(station.driver)
             _wire(station, feed, guard, truth_hz=truth_hz)
-        yield Pair(tuple(stations), feeds, guard)
+            if not captures.listen(vehicle.name, station.take_mocap):
+                feed.on_mocap(station.take_mocap)
+        yield Pair(tuple(stations), feeds, guard, links)
 
 
 def _wire(station: Station, feed: Feed, guard: Guard, *, truth_hz: float) -> None:
     station.driver.on_estimate(station.take_estimate)
-    if station.pose_source == "mocap":
-        feed.on_mocap(station.take_mocap)
     feed.on_truth(station.take_truth, truth_hz)
     station.on_pose(guard.position)

@@ -1,5 +1,10 @@
 """The result of a run, from what happened to it."""
 
+from dataclasses import replace
+
+from orchestrator.outside.outside import Outside
+from orchestrator.outside.program import ProgramPilot
+from orchestrator.outside.results import OutsideResult
 from orchestrator.results import (
     Also,
     CombinationResult,
@@ -9,6 +14,7 @@ from orchestrator.results import (
 )
 from orchestrator.run.course import Course
 from orchestrator.run.mixing import MixingLoop
+from orchestrator.run.perceiving import Perception
 from orchestrator.run.setup import RunSetup
 from safety.judge import Judge
 from safety.results import Flag
@@ -23,6 +29,7 @@ def result_of(
     sync: SyncResult,
     mixings: tuple[MixingLoop, ...],
     collisions: tuple[Flag, ...],
+    outside: OutsideResult | None,
     artifacts: tuple[str, ...],
     end_s: float,
     wall_s: float,
@@ -49,6 +56,7 @@ def result_of(
         sync=sync,
         mixing=_mixing(mixings),
         collisions=collisions,
+        outside=outside,
         artifacts=artifacts,
     )
 
@@ -56,6 +64,14 @@ def result_of(
 def also_of(decision: Decision) -> tuple[Also, ...]:
     """Return what came after the event that made the verdict."""
     return tuple(Also(event.kind, event.text, event.t_s) for event in decision.also)
+
+
+def outside_result(outside: Outside, perception: Perception | None) -> OutsideResult | None:
+    """Return what came in and went out; None when there was nothing outside of the process."""
+    pilots = () if perception is None else perception.pilots.values()
+    programs = tuple(pilot.result for pilot in pilots if isinstance(pilot, ProgramPilot))
+    result = replace(outside.result, programs=programs)
+    return result if result.anything else None
 
 
 def _mixing(mixings: tuple[MixingLoop, ...]) -> MixingResult | None:

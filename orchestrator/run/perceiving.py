@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from orchestrator.run.budgeting import BudgetWatch
-from orchestrator.run.control import Pilot
 from orchestrator.run.course import Course
 from orchestrator.run.mixing import Frame, MixingLoop
+from orchestrator.run.pilots import AnyPilot
 from orchestrator.run.statistics import MixingStatistics
 from recipes.working import StepError
 from vehicles.errors import VehicleError
@@ -41,12 +41,14 @@ class SensorSource:
 class Perception:
     """The sensors and mixings of a run, and the pilots that perceive by them.
 
-    listeners: told each mixture with the readings behind it, also one that is none.
+    listeners: told each mixture with the readings behind it, also one that is none. from_outside:
+    whether a sensor's readings come from outside of our processes.
     """
 
-    pilots: Mapping[str, Pilot]
+    pilots: Mapping[str, AnyPilot]
     course: Course
     budgets: BudgetWatch
+    from_outside: bool = False
     sources: list[SensorSource] = field(default_factory=list)
     listeners: list[Callable[[Frame], None]] = field(default_factory=list)
 
@@ -77,14 +79,15 @@ class Perception:
                 )
             for mixing in self.mixings:
                 group.create_task(self._mix(mixing), name=f"mixing {mixing.name}")
-            if self.mixings:
+            if self.mixings or self.from_outside:
                 group.create_task(self.budgets.run(), name="mixing budgets")
 
     async def _sense(self, source: SensorSource) -> None:
         try:
             await source.run()
         except VehicleError as error:
-            self.course.decide("ERROR", f"{source.vehicle} {source.sensor}: {error}")
+            if not self.course.reached("done"):
+                self.course.decide("ERROR", f"{source.vehicle} {source.sensor}: {error}")
 
     async def _mix(self, mixing: MixingLoop) -> None:
         try:

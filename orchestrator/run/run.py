@@ -3,7 +3,7 @@
 import asyncio
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -11,6 +11,7 @@ from typing import Any
 
 from orchestrator.clock import run_on
 from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.outside.outside import Outside
 from orchestrator.progress import Report
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
 from orchestrator.recording.mcap_settings import recording_settings
@@ -26,8 +27,9 @@ from orchestrator.run.holding import Holding
 from orchestrator.run.judging import Bench
 from orchestrator.run.opening import Pair, open_pair
 from orchestrator.run.oracles import build_judge
-from orchestrator.run.outcome import result_of
+from orchestrator.run.outcome import outside_result, result_of
 from orchestrator.run.perceiving import Perception
+from orchestrator.run.pilots import open_pilots
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from orchestrator.run.synchronisation import Synchronisation
@@ -35,9 +37,11 @@ from orchestrator.run.telling import Telling
 from orchestrator.run.warming import warm_up
 from recipes.working import StepError
 from safety.guard.events import GuardEvent, decisive
+from safety.results import Flag
 from safety.tape import WorldEvent
 from vehicles.errors import VehicleError
 from vehicles.links.base import LinkError
+from vehicles.readings import Reading
 from worlds.motion import MOMENTS
 
 _OPERATOR_POLL_S = 0.05
@@ -70,6 +74,7 @@ class _Run:
     course: Course
     pair: Pair
     bench: Bench
+    outside: Outside
     perception: Perception
     recorder: RunRecorder
     goal: GoalFlight
@@ -88,6 +93,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
     judge = build_judge(setup, events)
     sync = Synchronisation(setup=setup.campaign.sync, course=course)
     perception: Perception | None = None
+    outside = Outside(setup=setup, events=events)
     with ExitStack() as streams:
         recorder = streams.enter_context(_recorder(setup, loop, course))
         course.on_stage(recorder.stage)
@@ -98,15 +104,27 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
             judge=judge,
             course=course,
             kinds=kinds,
-            watch=(recorder.flag, telling.flag),
+            watch=(recorder.flag, telling.flag, partial(_contact, outside, kinds)),
             tape=recorder.judged,
         )
         try:
-            async with open_pair(setup, record=sync.recording(recorder.frame)) as pair:
-                watchers = Watchers(
-                    reading=recorder.reading, frame=recorder.mixture, shown=recorder.shown
+            async with (
+                outside,
+                open_pair(
+                    setup, record=sync.recording(recorder.frame), captures=outside.captures
+                ) as pair,
+                open_pilots(setup, pair, course) as pilots,
+            ):
+                outside.attach(pair.stations)
+                perception = build_perception(
+                    setup,
+                    pair=pair,
+                    pilots=pilots,
+                    outside=outside,
+                    course=course,
+                    events=events,
+                    watchers=_watchers(recorder, outside),
                 )
-                perception = build_perception(setup, pair, course, events, watchers)
                 goal = GoalFlight(
                     pilots=perception.pilots,
                     subject=setup.subject,
@@ -125,6 +143,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                     course=course,
                     pair=pair,
                     bench=bench,
+                    outside=outside,
                     perception=perception,
                     recorder=recorder,
                     goal=goal,
@@ -147,6 +166,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
         sync=sync.result(),
         mixings=() if perception is None else perception.mixings,
         collisions=tuple(recorder.collisions),
+        outside=outside_result(outside, perception),
         artifacts=recorder.artifacts,
         end_s=end_s,
         wall_s=time.monotonic() - began_s,
@@ -200,6 +220,7 @@ async def _conduct(run: _Run) -> None:
             ("progress", _follow(run)),
             ("trajectory", run.recorder.follow(run.pair.stations, run.course)),
             ("perception", run.perception.run()),
+            ("outside", run.outside.run(run.course)),
         )
     ]
     flight = asyncio.create_task(_flight(run), name="flight")
@@ -248,6 +269,24 @@ def _innermost(error: BaseException) -> BaseException:
     return error
 
 
+def _watchers(recorder: RunRecorder, outside: Outside) -> Watchers:
+    def reading(one: Reading) -> None:
+        recorder.reading(one)
+        outside.untouched(one)
+
+    return Watchers(
+        reading=reading,
+        frame=recorder.mixture,
+        perceived=outside.perceived,
+        shown=recorder.shown,
+    )
+
+
+def _contact(outside: Outside, kinds: Mapping[str, str], flag: Flag) -> None:
+    if kinds.get(flag.oracle) == "collision":
+        outside.contact(flag)
+
+
 def _record_events(run: _Run, station: Station) -> None:
     station.driver.on_event(lambda event: run.recorder.vehicle_event(station.name, event))
 
@@ -262,6 +301,7 @@ async def _flight(run: _Run) -> None:
             holding=run.holding,
             sync=setup.campaign.sync,
             heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
+            before_arming=lambda: run.outside.before_arming(run.pair.stations),
             barrier=run.sync.check_takeoff,
             goal=run.goal.fly,
         )

@@ -20,6 +20,7 @@ from campaigns.sensor_setups import (
     SensorSetup,
 )
 from campaigns.setup import VehicleSetup
+from orchestrator.outside.outside import Outside
 from orchestrator.run.hangar import Feed, vehicle_seed
 from orchestrator.run.seeing import WorldPictures, WorldRays
 from orchestrator.run.setup import RunSetup
@@ -70,7 +71,8 @@ async def in_thread(job: Callable[[], T], /) -> T:
 class Senses:
     """Makes the sensors of a run's vehicles, each with noise of its own.
 
-    events: of the world, with their times. A sensor's noise depends on the run's seed, its
+    events: of the world, with their times. outside: cameras whose pictures come from there, and
+    simulators that draw them. A sensor's noise depends on the run's seed, its
     vehicle and its name alone, so that a further sensor changes nothing for the others.
     """
 
@@ -81,7 +83,9 @@ class Senses:
         stations: Mapping[str, Station],
         feeds: Mapping[str, Feed],
         events: Mapping[str, float],
+        outside: Outside,
     ) -> None:
+        self._outside = outside
         self._setup = setup
         self._stations = stations
         self._feeds = feeds
@@ -95,7 +99,8 @@ class Senses:
         if isinstance(sensor, CameraSetup):
             return self._camera(vehicle, sensor)
         if isinstance(sensor, PoseSetup):
-            return PoseStream(listen=self._feeds[vehicle.name].on_mocap, rate_hz=sensor.rate_hz)
+            station = self._stations[vehicle.name]
+            return PoseStream(listen=station.on_mocap, rate_hz=sensor.rate_hz)
         return SensedStream(
             sensor=self._model(vehicle, sensor, like=sensor),
             track=self._track(vehicle.name),
@@ -118,7 +123,7 @@ class Senses:
         twin = self._setup.vehicle("twin")
         if isinstance(sensor, CameraSetup) and isinstance(like, CameraSetup):
             return AskedCamera(
-                source=self._pictures("twin"),
+                source=self._pictures("twin", sensor.name),
                 intrinsics=sensor.intrinsics,
                 mount=like.mount,
                 compute=self._compute(sensor),
@@ -129,9 +134,13 @@ class Senses:
             compute=self._compute(sensor),
         )
 
-    def _camera(self, vehicle: VehicleSetup, camera: CameraSetup) -> RenderedCamera:
+    def _camera(self, vehicle: VehicleSetup, camera: CameraSetup) -> Stream:
+        key = (vehicle.name, camera.name)
+        if key in self._outside.cameras:
+            return self._outside.cameras[key]
         return RenderedCamera(
-            source=self._pictures(vehicle.name),
+            source=self._pictures(*key),
+            on_missing=lambda reason: self._outside.missing(key, reason),
             history=self._stations[vehicle.name].truth,
             intrinsics=camera.intrinsics,
             rate_hz=camera.rate_hz,
@@ -151,7 +160,7 @@ class Senses:
         if isinstance(sensor, DepthSetup):
             camera = self._setup.profiles[vehicle.name].camera
             return RenderedDepth(
-                source=self._pictures(vehicle.name),
+                source=self._pictures(vehicle.name, sensor.name),
                 intrinsics=sensor.intrinsics,
                 mount=like.mount if isinstance(like, DepthSetup | CameraSetup) else sensor.mount,
                 side=vehicle.name,
@@ -222,7 +231,11 @@ class Senses:
     def _scene(self, name: str) -> Scene:
         return self._setup.real_scene if name == "real" else self._setup.virtual_scene
 
-    def _pictures(self, name: str) -> PictureSource:
+    def _pictures(self, name: str, sensor: str) -> PictureSource:
+        """Return what draws a sensor's pictures: a simulator, or we."""
+        simulator = self._outside.simulators.get((name, sensor))
+        if simulator is not None:
+            return ThroughLens(simulator)
         return ThroughLens(WorldPictures(scene=self._scene(name), events=self._events))
 
     def _caster(self, name: str) -> WorldRays:

@@ -19,6 +19,7 @@ _ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 PoseListener = Callable[[PoseSample], None]
 ContactListener = Callable[[TruthSample], None]
+MocapListener = Callable[[PoseReading], None]
 
 
 @dataclass(slots=True)
@@ -42,6 +43,7 @@ class Station:
     contact: str | None = None
     _listeners: list[PoseListener] = field(default_factory=list)
     _contact_listeners: list[ContactListener] = field(default_factory=list)
+    _mocap_listeners: list[MocapListener] = field(default_factory=list)
 
     def on_pose(self, listener: PoseListener) -> None:
         """Call `listener` with each pose of the campaign's pose source."""
@@ -50,6 +52,10 @@ class Station:
     def on_contact(self, listener: ContactListener) -> None:
         """Call `listener` with the truth at its first contact with a physical thing."""
         self._contact_listeners.append(listener)
+
+    def on_mocap(self, listener: MocapListener) -> None:
+        """Call `listener` with each reading of its motion capture."""
+        self._mocap_listeners.append(listener)
 
     def height_m(self) -> float | None:
         """Return its height above its start by its own estimate; None while unknown."""
@@ -74,6 +80,8 @@ class Station:
 
     def take_mocap(self, reading: PoseReading) -> None:
         """Take a pose of motion capture."""
+        for listener in self._mocap_listeners:
+            listener(reading)
         if self.pose_source != "mocap":
             return
         velocity = reading.velocity_ned_m_s or self._mocap_velocity(reading)

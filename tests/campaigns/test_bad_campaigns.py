@@ -174,10 +174,10 @@ def test_all_faults_of_all_files_come_at_once(files: Any) -> None:
 
 
 def test_keys_that_nothing_acts_on_are_unknown(files: Any) -> None:
-    for key in ("inject", "preflight", "abort", "operator", "retries"):
+    for key in ("preflight", "abort", "operator", "retries"):
         files.path.write_text(files.path.read_text() + f"{key}: {{}}\n")
     found = files.faults()
-    assert len(found) == 5
+    assert len(found) == 4
     assert all("unknown key" in fault for fault in found)
 
 

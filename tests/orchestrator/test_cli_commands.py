@@ -79,6 +79,25 @@ def test_validate_shows_every_problem_with_its_line(cli: Cli, gate: Path) -> Non
     assert sorted(gate.parents[1].rglob("*")) == before
 
 
+def test_what_comes_in_real_time_is_flown_on_the_wall_clock_and_no_other(
+    cli: Cli, gate: Path
+) -> None:
+    gate.write_text(gate.read_text() + "deliver: [{rtp: '127.0.0.1:5600'}]\n")
+    good = cli("validate", str(gate))
+    assert good.code == 0
+    assert good.out.endswith("; wall clock, for rtp 127.0.0.1:5600\n")
+    assert cli("validate", str(gate), "--clock", "wall").code == 0
+    last = len(gate.read_text().splitlines())
+    for command in (("validate", str(gate)), ("run", str(gate), "--out", str(gate.parent))):
+        bad = cli(*command, "--clock", "virtual")
+        assert bad.code == 2
+        said = "rtp 127.0.0.1:5600 comes in real time: fly with --clock wall"
+        assert f"{gate}:{last}:11: {said}" in bad.err
+    shared = cli("run", str(gate), "--out", str(gate.parent), "--jobs", "2")
+    assert shared.code == 2
+    assert "--jobs 2: runs of this campaign would share rtp 127.0.0.1:5600" in shared.err
+
+
 @pytest.mark.parametrize("content", [b"", b"\x7fELF\x00", b"[1, 2]", b"a: [", b"\xff\xfe"])
 def test_validate_survives_what_is_no_campaign(cli: Cli, tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "x.yaml"

@@ -270,6 +270,18 @@ class Driver:
             raise AnchorError(f"{self.name}: not anchored in the world; await ready() first")
         self._flying().setpoints.send(anchor.to_local(setpoint))
 
+    def keep_still(self) -> None:
+        """Stream zero velocity until the next `send` or `hand_over`."""
+        self._flying().setpoints.keep_still()
+
+    def hand_over(self) -> None:
+        """Stream nothing by ourselves any more: somebody else sends setpoints."""
+        self._flying().setpoints.stop()
+
+    def tell(self, message: Any) -> None:
+        """Send any other message, as what the vehicle would hear from its sensors."""
+        self._session.send(message)
+
     async def hold(self) -> None:
         """Stop and stay, whatever setpoints come. Raises CommandError, StateTimeoutError."""
         await self._reach(Mode.HOLD)

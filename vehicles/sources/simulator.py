@@ -10,6 +10,7 @@ from typing import Self, TypeVar
 
 import zmq
 
+from vehicles.cameras import NoPictureError
 from vehicles.sources.base import SourceError
 from vehicles.sources.packing import BadMessageError
 from vehicles.sources.picture_parts import Buffer
@@ -32,7 +33,7 @@ T = TypeVar("T")
 _MAX_MESSAGE_BYTES = 256 * 1024 * 1024
 
 
-class SimulatorError(SourceError):
+class SimulatorError(SourceError, NoPictureError):
     """The simulator gave no picture that can be used."""
 
 
@@ -87,6 +88,8 @@ class ZmqPictureSource:
         self._lock = threading.Lock()
         self._seq = 0
         self.counts = SimulatorCounts()
+        self.trouble = ""
+        """Why the last question that got no picture got none."""
         self.welcome = Welcome("")
 
     async def __aenter__(self) -> Self:
@@ -145,6 +148,9 @@ class ZmqPictureSource:
             self._count(asked=1)
             try:
                 picture = self._answered(ask)
+            except SimulatorError as error:
+                self.trouble = str(error)
+                raise
             except zmq.ZMQError as error:
                 raise SimulatorError(
                     f"{self.name}: the connection is closed ({error.strerror}); ask within "

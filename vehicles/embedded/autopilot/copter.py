@@ -87,6 +87,14 @@ class ArduCopter(CopterCore):
             state = self.state
             self._take_setpoint(global_setpoint(message, state.frame, state.home_down_m))
 
+    @on_message("OBSTACLE_DISTANCE")
+    def _on_obstacles(self, message: Any) -> None:
+        self.avoidance.obstacle_distance(message, self.t_s)
+
+    @on_message("DISTANCE_SENSOR")
+    def _on_distance(self, message: Any) -> None:
+        self.avoidance.distance_sensor(message, self.t_s)
+
     def _take_setpoint(self, wanted: Wanted | None) -> None:
         flight = self.flight
         if wanted is None or not flight.armed or flight.landed or self.taking_off:

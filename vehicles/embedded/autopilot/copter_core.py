@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.autopilot import copter_boot as boot
 from vehicles.embedded.autopilot import copter_flying, copter_telemetry, telemetry
+from vehicles.embedded.autopilot.avoidance import SimpleAvoidance
 from vehicles.embedded.autopilot.base import EmbeddedAutopilot
 from vehicles.embedded.autopilot.commands import (
     ACCEPTED,
@@ -71,6 +72,7 @@ class CopterCore(EmbeddedAutopilot):
         self.failsafe = False
         self.taking_off = False
         self._makers = self._makers_by_id()
+        self.avoidance = SimpleAvoidance(self.parameters)
         self.follow = self._new_follow()
         self.velocity_at_s: float | None = None
         """When the velocity setpoint came that is being flown; None when none is."""
@@ -198,7 +200,8 @@ class CopterCore(EmbeddedAutopilot):
 
     def _new_follow(self) -> Follow:
         speeds = copter_flying.speeds(self.parameters)
-        return Follow(speeds=speeds, yaw_rad=0.0, may_lift=False)
+        limit = self.avoidance.limited if self.avoidance.listens else None
+        return Follow(speeds=speeds, yaw_rad=0.0, may_lift=False, limit=limit)
 
     # Arming.
 
@@ -238,7 +241,7 @@ class CopterCore(EmbeddedAutopilot):
             return None
         if not self._prearm_bit() or (self.mode.needs_position and not self.position_valid):
             return "Need Position Estimate"
-        return None
+        return self.avoidance.arming_fault(self.t_s)
 
     def disarm(self, *, force: bool) -> int:
         """Disarm on the ground, in the air only by force."""

@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -26,6 +27,10 @@ class Speeds(NamedTuple):
     across: float
     up: float
     down: float
+
+
+Limit = Callable[[Vec3, float, float], Vec3]
+"""From velocity, heading and time to the velocity that may be flown."""
 
 
 class Behaviour(ABC):
@@ -91,10 +96,16 @@ class GoTo(Behaviour):
 
 
 class Follow(Behaviour):
-    """Fly the last setpoint that came; with none yet, or a stale one, stand still."""
+    """Fly the last setpoint that came; with none yet, or a stale one, stand still.
 
-    def __init__(self, *, speeds: Speeds, yaw_rad: float, may_lift: bool) -> None:
+    limit: what of a velocity may be flown, where something is to be avoided.
+    """
+
+    def __init__(
+        self, *, speeds: Speeds, yaw_rad: float, may_lift: bool, limit: Limit | None = None
+    ) -> None:
         super().__init__()
+        self._limit = limit
         self._speeds = speeds
         self._may_lift = may_lift
         self._still = Target((None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds)
@@ -132,9 +143,13 @@ class Follow(Behaviour):
         self._target = self._still._replace(yaw_rad=now.euler_rad[2])
         self._lifts = self._descends = False
 
-    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
+    def update(self, now: Motion, t_s: float) -> Target:
         """Return the setpoint."""
-        return self._target
+        target = self._target
+        if self._limit is None or target.position_ned_m[0] is not None:
+            return target
+        limited = self._limit(target.velocity_ned_m_s, now.euler_rad[2], t_s)
+        return target._replace(velocity_ned_m_s=limited)
 
 
 class TakeOff(Behaviour):

@@ -57,7 +57,11 @@ class Ignored:
 
 
 class Rule(Protocol):
-    """One condition of a thing being acted on."""
+    """One condition of a thing being acted on. parameters: those that it looks at."""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return the names of the parameters that it looks at."""
 
     def broken(self, situation: Situation) -> Ignored | None:
         """Return why it does not hold; None when it does."""
@@ -80,10 +84,14 @@ class Needs:
     more_names: tuple[str, ...] = ()
     reboot: bool = False
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return its names, the present one first."""
+        return (self.parameter, *self.more_names)
+
     def broken(self, situation: Situation) -> Ignored | None:
         """Return what is wrong with the parameter, also when it is not there."""
-        names = (self.parameter, *self.more_names)
-        name = next((each for each in names if each in situation.parameters), None)
+        name = next((each for each in self.parameters if each in situation.parameters), None)
         if name is None:
             return Ignored(
                 f"{self.parameter} does not exist on this autopilot: {self.meaning}",
@@ -121,6 +129,11 @@ class InModes:
     modes: frozenset[str]
     why: str
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return none: modes are no parameters."""
+        return ()
+
     def broken(self, situation: Situation) -> Ignored | None:
         """Return that the mode is not one of them."""
         if situation.mode in self.modes:
@@ -136,6 +149,11 @@ class When:
     rule: Rule
     modes: frozenset[str]
     setpoints: Setpoints | None = None
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return those of the rule."""
+        return self.rule.parameters
 
     def broken(self, situation: Situation) -> Ignored | None:
         """Return what the rule says, where it applies."""
@@ -153,6 +171,11 @@ class Never:
     why: str
     remedy: str
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return none."""
+        return ()
+
     def broken(self, _situation: Situation) -> Ignored | None:
         """Return that it never does."""
         return Ignored(self.why, self.remedy)
@@ -165,3 +188,8 @@ def broken_rules(rules: Rules, thing: Thing, situation: Situation) -> tuple[Igno
     """Return every reason why a thing would be ignored, in the order of the rules."""
     found = (rule.broken(situation) for rule in rules[thing])
     return tuple(each for each in found if each is not None)
+
+
+def parameters_in(rules: Rules, thing: Thing) -> tuple[str, ...]:
+    """Return the names of all parameters that the rules of a thing look at, each once."""
+    return tuple(dict.fromkeys(name for rule in rules[thing] for name in rule.parameters))

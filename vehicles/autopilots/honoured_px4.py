@@ -6,7 +6,7 @@ Each rule names its source in PX4's tree; parameters as in its own documentation
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from orchestrator.delivery.honoured import InModes, Needs, Never, Rule, Thing, When
+from vehicles.autopilots.honoured import InModes, Needs, Never, Rule, Thing, When
 
 # CollisionPrevention.cpp: is_active is CP_DIST > 0; used by the tasks of manual Position mode.
 _COLLISION_PREVENTION: tuple[Rule, ...] = (

@@ -4,9 +4,9 @@ import typing
 
 import pytest
 
-from orchestrator.delivery.honest_injection import honoured
-from orchestrator.delivery.honoured import Setpoints, Thing
 from vehicles.autopilots.base import AutopilotName
+from vehicles.autopilots.honest_injection import honoured
+from vehicles.autopilots.honoured import Setpoints, Thing
 
 THINGS: tuple[Thing, ...] = typing.get_args(Thing)
 

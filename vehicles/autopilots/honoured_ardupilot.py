@@ -6,7 +6,7 @@ Each rule names its source in ArduPilot's tree; parameters as in its own documen
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from orchestrator.delivery.honoured import InModes, Needs, Never, Rule, Thing, When
+from vehicles.autopilots.honoured import InModes, Needs, Never, Rule, Thing, When
 
 _GUIDED = frozenset({"GUIDED"})
 _NAVIGATES = frozenset({"AUTO", "GUIDED", "RTL"})

@@ -1,0 +1,68 @@
+"""A camera's calibration, in a file of its own: what `wil-campaign calibrate` writes."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from campaigns.schema.sensors import Distortion, Focal, MountPart, Pixels
+from worlds.camera import Intrinsics
+from worlds.documents import Document, Part, check
+
+SCHEMA = "wil/calibration/1"
+
+
+class OpticsPart(Part):
+    """The camera model: OpenCV's pinhole with distortion, for one size of picture."""
+
+    width_px: Pixels
+    height_px: Pixels
+    fx_px: Focal
+    fy_px: Focal
+    cx_px: float
+    cy_px: float
+    distortion: Distortion = Field(default_factory=list)
+
+    def intrinsics(self) -> Intrinsics:
+        """Return the camera model."""
+        return Intrinsics(
+            width_px=self.width_px,
+            height_px=self.height_px,
+            fx_px=self.fx_px,
+            fy_px=self.fy_px,
+            cx_px=self.cx_px,
+            cy_px=self.cy_px,
+            distortion=tuple(self.distortion),
+        )
+
+
+class OpticsQualityPart(Part):
+    """How well the optics are known. rms_px: of the corners, against the model."""
+
+    board: str
+    pictures: Annotated[int, Field(ge=1)]
+    rms_px: Annotated[float, Field(ge=0)]
+    covered: Annotated[float, Field(ge=0, le=1)]
+
+
+class SpreadPart(Part):
+    """How well mounting and latency are known: one standard deviation."""
+
+    mount_m: Annotated[float, Field(ge=0)] | None = None
+    mount_deg: Annotated[float, Field(ge=0)] | None = None
+    latency_ms: Annotated[float, Field(ge=0)] | None = None
+
+
+class CalibrationPart(Part):
+    """A calibration file. mount, latency_ms: missing until they were measured."""
+
+    schema_: Literal["wil/calibration/1"] = Field(alias="schema")
+    camera: OpticsPart
+    mount: MountPart | None = None
+    latency_ms: Annotated[float, Field(ge=0, le=10_000)] | None = None
+    quality: OpticsQualityPart | None = None
+    spread: SpreadPart | None = None
+
+
+def read_calibration(document: Document) -> CalibrationPart:
+    """Return the calibration in a document. Raises BadInput."""
+    return check(document, CalibrationPart)

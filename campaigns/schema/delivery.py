@@ -1,0 +1,172 @@
+"""`deliver` and `inject`: where mixed readings go beside the autonomy in this process."""
+
+import re
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from campaigns.outside_setups import InjectionSetup, PictureOutlet
+from recipes.working import SIDES, Side
+from vehicles.links.parse import LinkAddressError, parse_link
+from worlds.documents import KeyFaultError, Part
+
+_HOST_PORT = re.compile(r"([^:/@\s]+):(\d{1,5})")
+_KINDS: tuple[Literal["rtp", "zmq", "v4l2"], ...] = ("rtp", "zmq", "v4l2")
+_ONLY_FOR = {
+    "encoding": "zmq",
+    "topic": "zmq",
+    "key_interval_s": "rtp",
+    "max_bit_rate": "rtp",
+}
+RateHz = Annotated[float, Field(gt=0, le=250)]
+
+
+class DeliverPart(Part):
+    """One way out for pictures: `rtp: HOST:PORT`, `zmq: tcp://HOST:PORT` or `v4l2: /dev/videoN`.
+
+    sensor: the camera; may be missing where there is one. of: what a vehicle perceives (mixed, in
+    mode wil), or the untouched picture of real or twin. vehicle: whose perception; the judged
+    one's without.
+    """
+
+    rtp: str | None = None
+    zmq: str | None = None
+    v4l2: str | None = None
+    sensor: str | None = None
+    of: Literal["perceived", "real", "twin"] = "perceived"
+    vehicle: Side | None = None
+    encoding: Literal["bgr8", "png", "jpeg"] = "bgr8"
+    topic: Annotated[str, Field(min_length=1, max_length=100)] = "mixed"
+    key_interval_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    max_bit_rate: Annotated[int, Field(ge=10_000, le=1_000_000_000)] | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        given = [kind for kind in _KINDS if getattr(self, kind) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give one of {', '.join(_KINDS)}, with where it goes")
+        for key, kind in _ONLY_FOR.items():
+            if key in self.model_fields_set and kind != given[0]:
+                raise KeyFaultError(key, f"is for {kind}, not for {given[0]}")
+        if self.vehicle is not None and self.of != "perceived":
+            raise KeyFaultError("vehicle", f"of: {self.of} says whose picture it is")
+        _check_address(given[0], str(getattr(self, given[0])))
+        return self
+
+    def outlet(self, default_sensor: str) -> PictureOutlet:
+        """Return the way out; default_sensor where none is named."""
+        kind = next(kind for kind in _KINDS if getattr(self, kind) is not None)
+        return PictureOutlet(
+            kind=kind,
+            address=str(getattr(self, kind)),
+            sensor=self.sensor or default_sensor,
+            of=self.of,
+            vehicle=self.vehicle,
+            encoding=self.encoding,
+            topic=self.topic,
+            key_interval_s=self.key_interval_s,
+            max_bit_rate=self.max_bit_rate,
+        )
+
+
+def _check_address(kind: str, address: str) -> None:
+    if kind == "rtp":
+        match = _HOST_PORT.fullmatch(address)
+        if match is None or not 0 < int(match[2]) < 65536:
+            raise KeyFaultError("rtp", "must be HOST:PORT, as in 127.0.0.1:5600")
+        if int(match[2]) % 2:
+            raise KeyFaultError("rtp", "RTP wants an even port; the next one is RTCP's")
+    elif kind == "zmq":
+        if not re.fullmatch(r"(tcp://[^:/\s]+:(\d{1,5}|\*)|ipc://\S+)", address):
+            raise KeyFaultError("zmq", "must be an address to bind, as tcp://127.0.0.1:5601")
+    elif not address.startswith("/dev/"):
+        raise KeyFaultError("v4l2", "must be a loopback device, as /dev/video10")
+
+
+class _ToVehicles(Part):
+    """to: which vehicles' autopilots get it; all that fly without."""
+
+    to: Annotated[list[Side], Field(min_length=1)] = Field(default_factory=lambda: [*SIDES])
+    rate_hz: RateHz | None = None
+
+    @field_validator("to")
+    @classmethod
+    def _once_each(cls, to: list[Side]) -> list[Side]:
+        if len(set(to)) != len(to):
+            raise ValueError("names a vehicle twice")
+        return to
+
+
+class OfSensorPart(_ToVehicles):
+    """A thing made of a sensor's mixed readings."""
+
+    sensor: Annotated[str, Field(min_length=1)]
+
+
+class OfObjectsPart(_ToVehicles):
+    """A thing made of where objects of the virtual world are."""
+
+    objects: Annotated[list[str], Field(min_length=1)]
+
+
+class OfObjectPart(_ToVehicles):
+    """A thing made of where one object of the virtual world is."""
+
+    object: Annotated[str, Field(min_length=1)]
+
+
+class OfPosePart(_ToVehicles):
+    """A pose: of motion capture as it comes, or of a sensor of type pose, mixed."""
+
+    sensor: Annotated[str, Field(min_length=1)] | None = None
+
+
+class InjectPart(Part):
+    """Things that the autopilots are told, each under its MAVLink message's name."""
+
+    obstacle_distance: OfSensorPart | None = None
+    distance_sensor: OfSensorPart | None = None
+    adsb_vehicle: OfObjectsPart | None = None
+    landing_target: OfObjectPart | None = None
+    vision_position_estimate: OfPosePart | None = None
+    odometry: OfPosePart | None = None
+
+    @model_validator(mode="after")
+    def _one_estimate(self) -> Self:
+        if self.vision_position_estimate is not None and self.odometry is not None:
+            raise KeyFaultError("odometry", "vision_position_estimate gives the pose already")
+        return self
+
+    def setups(self) -> tuple[InjectionSetup, ...]:
+        """Return them in the order of the messages above."""
+        found: list[InjectionSetup] = []
+        for thing in type(self).model_fields:
+            part: _ToVehicles | None = getattr(self, thing)
+            if part is None:
+                continue
+            objects: tuple[str, ...] = ()
+            if isinstance(part, OfObjectsPart):
+                objects = tuple(part.objects)
+            elif isinstance(part, OfObjectPart):
+                objects = (part.object,)
+            found.append(
+                InjectionSetup(
+                    thing=thing,  # type: ignore[arg-type]  # the fields are its values
+                    to=tuple(part.to),
+                    sensor=part.sensor if isinstance(part, OfSensorPart | OfPosePart) else None,
+                    objects=objects,
+                    rate_hz=part.rate_hz,
+                )
+            )
+        return tuple(found)
+
+
+def ground_station_link(link: str) -> str:
+    """Return the link when it can lead to a ground station. Raises ValueError."""
+    try:
+        address = parse_link(link)
+    except LinkAddressError as error:
+        raise ValueError(f"is no link: {error}") from error
+    if address.kind not in {"udpout", "tcpout"}:
+        raise ValueError("must lead out: udpout://HOST:14550 or tcpout://HOST:PORT")
+    return link

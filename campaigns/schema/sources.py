@@ -1,0 +1,156 @@
+"""`source` of a camera and `mocap` of a vehicle: what comes into a run from outside."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from campaigns.outside_setups import MocapSetup, SourceKind, SourceSetup
+from worlds.documents import KeyFaultError, Part
+
+Milliseconds = Annotated[float, Field(ge=0, le=10_000)]
+Seconds = Annotated[float, Field(gt=0, le=600)]
+
+_SCHEMES: dict[str, SourceKind] = {
+    "rtsp://": "rtsp",
+    "rtsps://": "rtsp",
+    "rtp://": "rtp",
+    "tcp://": "simulator",
+    "ipc://": "simulator",
+    "v4l2://": "v4l2",
+    "/dev/": "v4l2",
+}
+_ONLY_FOR: dict[str, tuple[SourceKind, ...]] = {
+    "transport": ("rtsp",),
+    "format": ("v4l2",),
+    "topic": ("mcap",),
+    "answer_ms": ("simulator",),
+    "stall_s": ("rtsp", "rtp", "v4l2"),
+    "open_s": ("rtsp", "rtp", "v4l2", "simulator"),
+}
+"""Which kinds of source a key says anything about."""
+
+
+class SourcePart(Part):
+    """A camera's pictures from outside; a bare text stands for `address`.
+
+    address: rtsp://..., rtp://HOST:PORT or FILE.sdp, /dev/videoN, a video file, a folder of
+    images, an MCAP file, or tcp://HOST:PORT of a simulator. latency_ms: middle of the exposure to
+    arrival. answer_ms: how long a simulator may take for a picture.
+    """
+
+    address: Annotated[str, Field(min_length=1)]
+    latency_ms: Milliseconds | None = None
+    open_s: Seconds = 5.0
+    stall_s: Seconds = 1.0
+    answer_ms: Annotated[float, Field(gt=0, le=10_000)] = 200.0
+    transport: Literal["tcp", "udp"] = "tcp"
+    format: str | None = None
+    topic: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, given: Any) -> Any:
+        return {"address": given} if isinstance(given, str) else given
+
+    @model_validator(mode="after")
+    def _fitting(self) -> "SourcePart":
+        if re.match(r"[a-z0-9+]+://", self.address) and self._scheme() is None:
+            known = ", ".join(scheme for scheme in _SCHEMES if scheme.endswith("://"))
+            raise KeyFaultError("address", f"'{self.address}': known are {known}, and files")
+        if self._scheme() is None:
+            return self  # what a file is, its folder tells
+        for key, kinds in _ONLY_FOR.items():
+            if key in self.model_fields_set and self._scheme() not in kinds:
+                raise KeyFaultError(key, f"says nothing about a source of {self._scheme()}")
+        return self
+
+    def setup(self, folder: Path, *, latency_s: float) -> SourceSetup:
+        """Return it with files found beneath a folder.
+
+        latency_s: of the calibration, where none is given here. Raises KeyFaultError for a file
+        that is not there.
+        """
+        kind, address = self._scheme(), self.address
+        if kind is None or address.endswith(".sdp"):
+            kind, address = _file(folder, address)
+        return SourceSetup(
+            kind=kind,
+            address=address,
+            latency_s=latency_s if self.latency_ms is None else self.latency_ms / 1000.0,
+            open_s=self.open_s,
+            stall_s=self.stall_s,
+            answer_s=self.answer_ms / 1000.0,
+            topic=self.topic,
+            transport=self.transport,
+            device_format=self.format,
+        )
+
+    def _scheme(self) -> SourceKind | None:
+        found = (kind for start, kind in _SCHEMES.items() if self.address.startswith(start))
+        return next(found, "rtp" if self.address.endswith(".sdp") else None)
+
+
+def _file(folder: Path, name: str) -> tuple[SourceKind, str]:
+    path = (folder / name).resolve()
+    if not path.exists():
+        raise KeyFaultError("address", f"there is no file or folder '{name}' beside the campaign")
+    if path.suffix == ".sdp":
+        return "rtp", str(path)
+    if path.is_dir():
+        return "images", str(path)
+    return ("mcap" if path.suffix == ".mcap" else "video"), str(path)
+
+
+class MocapPart(Part):
+    """Motion capture from outside; a bare text stands for `address`.
+
+    address: udp://HOST:PORT (ours, to bind), tcp://HOST:PORT (a ZeroMQ publisher's), or
+    vrpn://HOST[:PORT]. body: its name in the capture system; the vehicle's without. stall_s: a
+    silence in flight after which the run proves nothing.
+    """
+
+    address: str
+    body: Annotated[str, Field(min_length=1)] | None = None
+    latency_ms: Milliseconds = 0.0
+    stall_s: Seconds = 0.5
+    topic: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, given: Any) -> Any:
+        return {"address": given} if isinstance(given, str) else given
+
+    @model_validator(mode="after")
+    def _known(self) -> "MocapPart":
+        kind, _, _ = self._parsed()
+        if self.topic and kind != "zmq":
+            raise KeyFaultError("topic", "is for tcp:// alone")
+        return self
+
+    def setup(self, vehicle: str) -> MocapSetup:
+        """Return it for a vehicle."""
+        kind, host, port = self._parsed()
+        return MocapSetup(
+            kind=kind,
+            host=host,
+            port=port,
+            body=self.body or vehicle,
+            latency_s=self.latency_ms / 1000.0,
+            stall_s=self.stall_s,
+            topic=self.topic,
+        )
+
+    def _parsed(self) -> tuple[Literal["udp", "zmq", "vrpn"], str, int]:
+        match = re.fullmatch(r"(udp|tcp|vrpn)://([^:/@\s]+)(?::(\d{1,5}))?", self.address)
+        port = int(match[3] or (3883 if match[1] == "vrpn" else 0)) if match else 0
+        if match is None or not 0 < port < 65536:
+            raise KeyFaultError(
+                "address",
+                "must be udp://HOST:PORT (to listen), tcp://HOST:PORT (a ZeroMQ publisher) or "
+                "vrpn://HOST",
+            )
+        kinds: dict[str, Literal["udp", "zmq", "vrpn"]]
+        kinds = {"udp": "udp", "tcp": "zmq", "vrpn": "vrpn"}
+        return kinds[match[1]], match[2], port

@@ -1,0 +1,257 @@
+"""All that one run has outside of this process: opened before its vehicles, closed after them."""
+
+import asyncio
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AsyncExitStack
+from types import TracebackType
+from typing import Self
+
+from campaigns.outside_setups import MocapSetup
+from campaigns.sensor_setups import CameraSetup
+from orchestrator.delivery.camera_component import CameraComponent, VideoStream
+from orchestrator.outside.cameras import SourcedCamera
+from orchestrator.outside.captures import Captures
+from orchestrator.outside.ground_station import GroundStation
+from orchestrator.outside.honesty import prove
+from orchestrator.outside.injecting import Injector, Surroundings
+from orchestrator.outside.outlets import Outlet, Outlets, picture_delivery
+from orchestrator.outside.results import OutsideResult, SourceResult
+from orchestrator.run.course import Course
+from orchestrator.run.hangar import SYSTEM_IDS
+from orchestrator.run.setup import RunSetup
+from orchestrator.run.station import Station
+from safety.results import Flag
+from vehicles.links.opening import open_link
+from vehicles.links.parse import parse_link
+from vehicles.readings import CameraReading, Reading, Source
+from vehicles.sources.simulator import ZmqPictureSource
+
+_WATCH_S = 0.1
+_STALLED_S = 1.0
+"""Without a picture for so long in flight, a run proves nothing any more."""
+_FIRST_CAMERA = 100
+"""MAV_COMP_ID_CAMERA; the next ones follow."""
+
+Key = tuple[str, str]
+"""A vehicle, and a sensor of it."""
+
+
+class Outside:
+    """Sources, ways out and injections of one run; an async context manager.
+
+    cameras: those with pictures from outside, simulators: those that are asked in another
+    process, both by vehicle and sensor. Nothing here is slower for a run that has none of it.
+    """
+
+    def __init__(self, *, setup: RunSetup, events: Mapping[str, float]) -> None:
+        self._setup = setup
+        self._events = events
+        self._injectors: dict[str, Injector] = {}
+        self._stack = AsyncExitStack()
+        self._missing: dict[Key, float] = {}
+        self._doubted: Callable[[str], None] = lambda _: None
+        self.cameras: dict[Key, SourcedCamera] = {}
+        self.simulators: dict[Key, ZmqPictureSource] = {}
+        for vehicle in setup.vehicles:
+            for camera in vehicle.cameras:
+                self._add(vehicle.name, camera)
+        captured: dict[Source, MocapSetup] = {
+            one.name: one.mocap for one in setup.vehicles if one.mocap is not None
+        }
+        self.captures = Captures(captured)
+        self.outlets = Outlets(self._outlets())
+        self._ground = self._ground_station()
+
+    async def __aenter__(self) -> Self:
+        """Open all. Raises SourceError, DeliveryError, LinkError: whichever cannot be had."""
+        async with AsyncExitStack() as stack:
+            for camera in self.cameras.values():
+                await camera.open(stack)
+            for simulator in self.simulators.values():
+                await stack.enter_async_context(simulator)
+            await self.captures.open(stack)
+            await self.outlets.open(stack)
+            if self._ground is not None:
+                await stack.enter_async_context(self._ground.link)
+            self._stack = stack.pop_all()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close all."""
+        await self._stack.aclose()
+
+    def attach(self, stations: Iterable[Station]) -> None:
+        """Take the vehicles, whose autopilots are told from now on what is injected."""
+        setup = self._setup
+        surroundings = Surroundings(
+            setup.virtual_scene if setup.mode != "real" else setup.real_scene,
+            setup.campaign.world.frame,
+            self._events,
+        )
+        for station in stations:
+            injector = Injector(
+                station=station,
+                autopilot=setup.vehicle(station.name).autopilot,
+                injections=setup.campaign.outside.injections,
+                surroundings=surroundings,
+            )
+            if injector.things:
+                self._injectors[station.name] = injector
+                station.on_mocap(injector.pose)
+
+    async def before_arming(self, stations: Iterable[Station]) -> None:
+        """Prove that motion capture is there, and that what is injected will be acted on.
+
+        Raises SourceError, NotHonouredError.
+        """
+        if self._setup.clock == "wall":
+            await self.captures.ready()
+        if self._injectors:
+            vehicles = {str(one.name): one for one in self._setup.vehicles}
+            await prove(stations, vehicles, self._setup.campaign.outside.injections)
+
+    async def run(self, course: Course) -> None:
+        """Tell autopilots and ground station what is due, and watch, until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            group.create_task(course.reaching("end"), name="outside")
+            for name, injector in self._injectors.items():
+                group.create_task(injector.run(), name=f"injection into {name}")
+            if self._ground is not None:
+                group.create_task(self._ground.run(), name="ground station")
+            if any(one.mocap is not None for one in self._setup.vehicles):
+                group.create_task(self._watch(course), name="motion capture watch")
+
+    def senses(self, doubted: Callable[[str], None]) -> bool:
+        """Return whether any camera is outside; `doubted` is told when one gives nothing."""
+        self._doubted = doubted
+        for camera in self.cameras.values():
+            camera.on_stall(doubted)
+        return bool(self.cameras or self.simulators)
+
+    def missing(self, key: Key, reason: str) -> None:
+        """Take that a camera could not be given a picture; one here and there is no stall."""
+        now_s = asyncio.get_running_loop().time()
+        since_s = self._missing.setdefault(key, now_s)
+        if now_s - since_s > _STALLED_S:
+            self._doubted(f"{' '.join(key)}: {reason}")
+
+    def perceived(self, reading: Reading, by: Iterable[str]) -> None:
+        """Take a reading that vehicles perceive: it goes out, and to their autopilots."""
+        if not self._injectors and not self.outlets:
+            return
+        receivers = tuple(by)
+        for name in receivers:
+            if name in self._injectors:
+                self._injectors[name].perceived(reading.sensor, reading)
+        if isinstance(reading, CameraReading):
+            self.outlets.perceived(reading.sensor, reading, receivers)
+
+    def untouched(self, reading: Reading) -> None:
+        """Take a reading as a vehicle's sensor made it."""
+        if self._missing:
+            self._missing.pop((reading.source, reading.sensor), None)
+        if self.outlets and isinstance(reading, CameraReading):
+            self.outlets.untouched(reading.sensor, reading)
+
+    def contact(self, flag: Flag) -> None:
+        """Take a contact, at the moment when it is seen."""
+        if self._ground is None:
+            return
+        things = self._setup.judged_scene.objects
+        named = (thing.object_id for thing in things if thing.name in flag.text)
+        self._ground.contact(f"{flag.vehicle} {flag.text}", thing_id=next(named, 0))
+
+    @property
+    def result(self) -> OutsideResult:
+        """Return what came in and went out."""
+        return OutsideResult(
+            sources=(
+                *(camera.result for camera in self.cameras.values()),
+                *(_simulated(*key, one) for key, one in self.simulators.items()),
+            ),
+            captures=self.captures.results,
+            outlets=self.outlets.results,
+            injected=tuple(r for one in self._injectors.values() for r in one.results),
+        )
+
+    async def _watch(self, course: Course) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(_WATCH_S)
+            silent = self.captures.silent(loop.time()) if course.stage == "goal" else ""
+            if silent:
+                course.decide("INVALID", silent, source="mocap")
+                return
+
+    def _add(self, vehicle: Source, camera: CameraSetup) -> None:
+        source, key = camera.source, (str(vehicle), camera.name)
+        if source is None:
+            return
+        if not source.asked:
+            self.cameras[key] = SourcedCamera(camera=camera, source=source, side=vehicle)
+            return
+        scene = self._setup.real_scene if vehicle == "real" else self._setup.virtual_scene
+        self.simulators[key] = ZmqPictureSource(
+            address=source.address,
+            timeout_s=source.answer_s,
+            open_timeout_s=source.open_s,
+            objects={thing.name: thing.object_id for thing in scene.objects},
+            events=lambda: dict(self._events),
+        )
+
+    def _outlets(self) -> Iterable[Outlet]:
+        flying = {vehicle.name: vehicle for vehicle in self._setup.vehicles}
+        for outlet in self._setup.campaign.outside.pictures:
+            perceived = outlet.of == "perceived"
+            name = (outlet.vehicle or self._setup.subject) if perceived else outlet.of
+            if name not in flying:
+                continue
+            # The mixed picture is as large as that of the real vehicle, whose it replaces.
+            owner = flying.get("real", flying[name]) if perceived else flying[name]
+            camera = next(one for one in owner.cameras if one.name == outlet.sensor)
+            sdp = self._setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"
+            delivery = picture_delivery(outlet, camera, sdp_path=sdp)
+            yield Outlet(delivery, outlet.sensor, name, perceived)
+
+    def _ground_station(self) -> GroundStation | None:
+        outside = self._setup.campaign.outside
+        if outside.ground_station is None:
+            return None
+        system_id = SYSTEM_IDS[self._setup.subject]
+        streams = [one for one in outside.pictures if one.kind == "rtp"]
+        cameras = self._setup.vehicle(self._setup.subject).cameras
+        components = tuple(
+            CameraComponent(
+                system_id=system_id,
+                intrinsics=camera.intrinsics,
+                stream=VideoStream(
+                    port=int(one.address.rpartition(":")[2]), rate_hz=camera.rate_hz, name=one.topic
+                ),
+                component_id=_FIRST_CAMERA + number,
+            )
+            for number, one in enumerate(streams)
+            for camera in cameras
+            if camera.name == one.sensor
+        )
+        link = open_link(parse_link(outside.ground_station))
+        return GroundStation(link=link, system_id=system_id, cameras=components)
+
+
+def _simulated(vehicle: str, sensor: str, simulator: ZmqPictureSource) -> SourceResult:
+    counts = simulator.counts
+    return SourceResult(
+        vehicle=vehicle,
+        sensor=sensor,
+        source="rendered",
+        delivered=counts.answered,
+        dropped=counts.late,
+        missed=counts.timeouts,
+        damaged=counts.garbage + counts.refused,
+        stalls=0,
+        trouble=simulator.trouble,
+    )

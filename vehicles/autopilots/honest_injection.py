@@ -1,0 +1,55 @@
+"""The questions of honest injection, for both autopilots; pure."""
+
+from collections.abc import Mapping
+
+from vehicles.autopilots.base import AutopilotName
+from vehicles.autopilots.honoured import (
+    Ignored,
+    Rules,
+    Setpoints,
+    Situation,
+    Thing,
+    broken_rules,
+    parameters_in,
+)
+from vehicles.autopilots.honoured_ardupilot import ARDUPILOT
+from vehicles.autopilots.honoured_px4 import PX4
+
+_RULES: Mapping[AutopilotName, Rules] = {"ardupilot": ARDUPILOT, "px4": PX4}
+_GUIDED: Mapping[AutopilotName, str] = {"ardupilot": "GUIDED", "px4": "OFFBOARD"}
+_LANDING: frozenset[Thing] = frozenset({"landing_target"})
+
+
+def flown_mode(autopilot: AutopilotName, thing: Thing) -> str:
+    """Return the mode of a run in which a thing matters, by the autopilot's own name."""
+    return "LAND" if thing in _LANDING else _GUIDED[autopilot]
+
+
+def honoured(
+    autopilot: AutopilotName,
+    thing: Thing,
+    parameters: Mapping[str, float],
+    mode: str,
+    *,
+    setpoints: Setpoints = "velocity",
+) -> tuple[Ignored, ...]:
+    """Return every reason why an injected thing would be ignored; empty when it is acted on.
+
+    parameters: all that the autopilot reported. mode: that it will fly in, by its own name.
+    setpoints: what the autonomy sends in guided flight.
+    """
+    return broken_rules(_RULES[autopilot], thing, Situation(parameters, mode, setpoints))
+
+
+def never_honoured(autopilot: AutopilotName, thing: Thing) -> tuple[Ignored, ...]:
+    """Return the reasons that no parameter mends, for the mode of a run in which it matters.
+
+    So that a file can be refused before any vehicle is there.
+    """
+    reasons = honoured(autopilot, thing, {}, flown_mode(autopilot, thing))
+    return tuple(reason for reason in reasons if reason.parameter is None)
+
+
+def parameters_to_ask(autopilot: AutopilotName, thing: Thing) -> tuple[str, ...]:
+    """Return the parameters that decide whether a thing is acted on, each once."""
+    return parameters_in(_RULES[autopilot], thing)

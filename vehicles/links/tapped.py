@@ -1,0 +1,53 @@
+"""A link whose bytes others may read and write as well."""
+
+from types import TracebackType
+from typing import Self
+
+from vehicles.links.base import Link, Receiver
+
+
+class TappedLink:
+    """Hands on what comes by a link to its receiver, and after that to every tap."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._receiver: Receiver | None = None
+        self._taps: list[Receiver] = []
+        link.receive(self._received)
+
+    @property
+    def name(self) -> str:
+        """Return the name of the link."""
+        return self._link.name
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set who is handed what arrives first."""
+        self._receiver = receiver
+
+    def tap(self, receiver: Receiver) -> None:
+        """Hand what arrives to `receiver` as well, from now on."""
+        self._taps.append(receiver)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes."""
+        self._link.write(data)
+
+    async def __aenter__(self) -> Self:
+        """Open the link. Raises LinkError."""
+        await self._link.__aenter__()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the link."""
+        await self._link.__aexit__(kind, error, trace)
+
+    def _received(self, data: bytes, t_s: float) -> None:
+        if self._receiver is not None:
+            self._receiver(data, t_s)
+        for tap in self._taps:
+            tap(data, t_s)
