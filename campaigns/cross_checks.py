@@ -1,6 +1,6 @@
 """What is wrong between the parts of a campaign, its world and its recipe; pure."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 
 from campaigns.files import CaseFiles
 from campaigns.outside_checks import outside_problems
@@ -9,7 +9,7 @@ from campaigns.schema import Mode, VehicleName
 from campaigns.setup import Setup
 from recipes.recipe import Recipe
 from safety.judge import OracleUse, build_oracles
-from safety.oracles import OracleContext, OracleError
+from safety.oracles import Oracle, OracleContext, OracleError
 from worlds.documents import Document, Path, Problem, closest
 from worlds.world import World
 
@@ -120,12 +120,15 @@ def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
         )
         for name in FLIES[mode]
     }
+    built: list[tuple[OracleUse, tuple[Oracle, ...]]] = []
     for use in setup.oracles:
         yield from _unknown_names(files.campaign, use, setup.world)
         try:
-            build_oracles([use], contexts)
+            built.append((use, build_oracles([use], contexts)))
         except OracleError as error:
             yield _oracle_problem(files.campaign, use.name, error)
+    if len(built) == len(_asked_for(files.campaign)):
+        yield from _unjudged(files.campaign, setup, mode, built)
 
 
 def _oracle_problem(campaign: Document, name: str, error: OracleError) -> Problem:
@@ -133,6 +136,47 @@ def _oracle_problem(campaign: Document, name: str, error: OracleError) -> Proble
     if error.offset is not None:
         return campaign.problem_within(path, error.offset, str(error), error.suggestion)
     return campaign.problem(path, str(error), error.suggestion, key=not error.key)
+
+
+def _asked_for(campaign: Document) -> Sized:
+    """Return the oracles that the file has, those with faults of their own included."""
+    found = campaign.get(("oracles",))
+    return found if isinstance(found, dict) else ()
+
+
+def _unjudged(
+    campaign: Document,
+    setup: Setup,
+    mode: Mode,
+    built: Iterable[tuple[OracleUse, tuple[Oracle, ...]]],
+) -> Iterator[Problem]:
+    """Yield what would pass unseen: the flight of a mode as a whole, or whether it got there."""
+    subject = FLIES[mode][0]
+    told = [
+        (use.kind, oracle.required)
+        for use, oracles in built
+        for oracle in oracles
+        if oracle.name == use.name
+        and subject in oracle.watches
+        and oracle.required == use.parameters.required
+    ]
+    if not any(required for _, required in told):
+        said = f"in mode {mode} no required oracle judges '{subject}': nearly any flight would pass"
+        yield campaign.problem(("oracles",), said, key=True)
+    wanted = (
+        ("gates", "reached", "{}", bool(setup.goal.gates)),
+        (
+            "position",
+            "reached_position",
+            "{tolerance_m: 0.3}",
+            setup.goal.position_ned_m is not None,
+        ),
+    )
+    for key, kind, parameters, given in wanted:
+        if given and all(kind != one for one, _ in told):
+            said = f"in mode {mode} no oracle judges whether '{subject}' gets there; ask for"
+            hint = f"'{kind}: {parameters}', with 'required: false' to have it reported only"
+            yield campaign.problem(("goal", key), f"{said} {hint}", key=True)
 
 
 def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator[Problem]:

@@ -59,6 +59,7 @@ def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Probl
             yield from _goal_above_room(files, setup, vehicle, scene)
         if not outside:
             yield from _goal_outside_fence(files, setup, vehicle)
+        yield from _no_takeoff(files, setup, vehicle)
     yield from _gates_outside_fence(files, setup, mode)
 
 
@@ -87,6 +88,19 @@ def _goal_outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -
             side = setup.fence.boundary(place)
             said = f"is {-margin_m:.2f} m outside of the geofence's {side}"
             yield files.campaign.problem(path, said)
+
+
+def _no_takeoff(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
+    """Yield a takeoff that leads nowhere, or after which one would be told before it."""
+    up_m = -vehicle.start.position_ned_m[2]
+    climb_m = setup.goal.altitude_m - up_m
+    if climb_m <= 0.0:
+        said = f"is not above the start of '{vehicle.name}', {up_m:g} m up"
+        yield files.campaign.problem(("goal", "altitude_m"), said)
+    elif climb_m <= setup.sync.takeoff_tolerance_m:
+        near = f"within {setup.sync.takeoff_tolerance_m:g} m of that it is on the ground, too"
+        said = f"'{vehicle.name}' climbs by {climb_m:g} m: {near}"
+        yield files.campaign.problem(("sync", "takeoff_tolerance_m"), said)
 
 
 def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:

@@ -28,11 +28,17 @@ from campaigns.schema.links import LinkPart, LinksPart
 from campaigns.setup import GoalSetup, RecordSetup, Setup, SyncSetup, VehicleSetup
 from campaigns.under_test import UnderTest
 from recipes.language import load_recipe
+from safety.judge import OracleUse
+from safety.oracles.goal import TimeLimitParameters
 from vehicles.embedded.profile import ProfileError, load_profile
 from worlds.documents import BadInput, Document, Problem, check
 from worlds.world import World
 
 T = TypeVar("T")
+
+_GOAL_S = 600.0
+_GRACE_S = 1.0
+"""What a goal is given where no time-out is said: ten minutes, and longer than a `time_limit`."""
 
 
 def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
@@ -51,7 +57,7 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         recipe=recipe,
         under_test=_under_test(files, part),
         goal=_goal(part.goal),
-        sync=_sync(part.sync),
+        sync=_sync(part.sync, uses),
         fence=part.geofence.fence() if part.geofence is not None else None,
         oracles=uses,
         links=_links(part.links),
@@ -139,8 +145,11 @@ def _record(part: RecordPart) -> RecordSetup:
     return RecordSetup(pictures=part.pictures, quality=part.quality)
 
 
-def _sync(part: SyncPart) -> SyncSetup:
+def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
+    limits = [use.parameters for use in uses if isinstance(use.parameters, TimeLimitParameters)]
+    longest_s = max([_GOAL_S, *(limit.limit_s + _GRACE_S for limit in limits)])
     return SyncSetup(
+        goal_timeout_s=part.goal_timeout_s or longest_s,
         ready_timeout_s=part.ready_timeout_s,
         takeoff_timeout_s=part.takeoff_timeout_s,
         takeoff_tolerance_m=part.takeoff_tolerance_m,

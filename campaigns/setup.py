@@ -61,6 +61,7 @@ class SyncSetup:
     ready_timeout_s: float
     takeoff_timeout_s: float
     takeoff_tolerance_m: float
+    goal_timeout_s: float
     landing_timeout_s: float
     max_command_skew_s: float
     max_takeoff_skew_s: float

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from safety.oracles import registry
 from safety.oracles.base import Oracle, OracleContext, OracleError, Parameters, Terms
+from safety.oracles.contact import ContactParameters
 from safety.oracles.vehicle import Landed
 from safety.results import Flag, OracleResult
 from safety.samples import HeardSample, PoseSample, StageSample, StateSample
@@ -25,6 +26,10 @@ class OracleUse:
     parameters: Parameters
 
 
+COLLISION_ALWAYS = OracleUse("collision_always", "collision", ContactParameters())
+"""A contact fails a run, also of a campaign that asks for no such oracle."""
+
+
 def build_oracles(
     uses: Sequence[OracleUse], contexts: Mapping[str, OracleContext]
 ) -> tuple[Oracle, ...]:
@@ -32,11 +37,16 @@ def build_oracles(
 
     An oracle that names no vehicle judges the subject, and in mode wil the twin beside it, not
     required. One that names a vehicle which does not fly in this mode is left out. That a real
-    vehicle is on the ground and disarmed at the end is judged always. Raises OracleError.
+    vehicle is on the ground and disarmed at the end is judged always, and that the subject touches
+    nothing where no use of `collision` says anything of it. Raises OracleError.
     """
     oracles = [oracle for use in uses for oracle in _of_use(use, contexts)]
     if "real" in contexts and not any(_is_final(oracle) for oracle in oracles):
         oracles.append(Landed(Terms(name="landed_always", vehicle="real", required=True)))
+    for vehicle, context in contexts.items():
+        told = any(_is_of_contact(use, vehicle) for use in uses)
+        if vehicle == context.subject and context.probe is not None and not told:
+            oracles += _of_use(COLLISION_ALWAYS, {vehicle: context})
     _require_unique(oracles)
     return tuple(oracles)
 
@@ -59,6 +69,10 @@ def _of_use(use: OracleUse, contexts: Mapping[str, OracleContext]) -> Iterable[O
 
 def _is_final(oracle: Oracle) -> bool:
     return isinstance(oracle, Landed) and oracle.vehicle == "real" and oracle.required
+
+
+def _is_of_contact(use: OracleUse, subject: str) -> bool:
+    return use.kind == "collision" and use.parameters.vehicle in {None, subject}
 
 
 def _require_unique(oracles: Iterable[Oracle]) -> None:

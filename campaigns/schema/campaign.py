@@ -105,6 +105,7 @@ class SyncPart(Part):
     ready_timeout_s: Seconds = 90.0
     takeoff_timeout_s: Seconds = 30.0
     takeoff_tolerance_m: Annotated[float, Field(gt=0, le=100)] = 0.3
+    goal_timeout_s: Seconds | None = None
     landing_timeout_s: Seconds = 60.0
     max_command_skew_s: Seconds = 0.1
     max_takeoff_skew_s: Seconds = 1.0

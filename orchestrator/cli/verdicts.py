@@ -1,6 +1,7 @@
 """The table at the end of a campaign."""
 
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -9,6 +10,7 @@ from rich.text import Text
 from campaigns.acceptance import Requirement, Standing
 from orchestrator.cli.display import VERDICT_STYLES
 from orchestrator.results import RunResult, Summary, standings_of
+from safety.judge import COLLISION_ALWAYS
 
 _COLUMNS = (
     "case",
@@ -47,8 +49,8 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
     return (
         f"{passed}/{len(runs)}",
         _verdict(runs, standing),
-        _worst(runs, "collision"),
-        _worst(runs, "reached", largest=True),
+        _worst(runs, {"collision", COLLISION_ALWAYS.name}),
+        _worst(runs, {"reached"}, largest=True),
         _largest_ms([run.sync.takeoff_skew_s for run in runs]),
         *_mixing(runs),
     )
@@ -63,13 +65,13 @@ def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
     return Text(f"{worst} ({standing.requirement.share})", style=VERDICT_STYLES[worst])
 
 
-def _worst(runs: Sequence[RunResult], name: str, *, largest: bool = False) -> str:
-    """Return the worst value that the judged vehicle had in an oracle over all runs."""
+def _worst(runs: Sequence[RunResult], names: AbstractSet[str], *, largest: bool = False) -> str:
+    """Return the worst value that the judged vehicle had in these oracles over all runs."""
     values = [
         oracle.actual
         for run in runs
         for oracle in run.oracles
-        if oracle.name == name and oracle.vehicle == subject(run) and oracle.actual is not None
+        if oracle.name in names and oracle.vehicle == subject(run) and oracle.actual is not None
     ]
     if not values:
         return "-"

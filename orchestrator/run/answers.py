@@ -16,9 +16,10 @@ from worlds.problems import printable
 
 T = TypeVar("T")
 
-LONGEST_ANSWER_S = 60.0
-"""Wall time for one answer, loading a model included; who takes longer hangs. Under the wall
-clock the guard has long taken over by then."""
+LONGEST_ANSWER_S = 30.0
+LONGEST_CONSTRUCTION_S = 300.0
+"""Wall time for one answer, and for a constructor that loads a model; who takes longer hangs.
+Before a worker that says nothing is killed, and under the wall clock long after the guard."""
 _AGAIN_S = 1.0
 _LONGEST_TEXT = 300
 _LONGEST_NOTE = 80

@@ -16,7 +16,7 @@ class GoalFlight:
     """Flies the goal with every pilot.
 
     events: learns of t0 as the world's event "goal"; notify: told of it as well. started: told
-    when each vehicle got its first setpoint.
+    when each vehicle got its first setpoint. within_s: how long the subject is given.
     """
 
     pilots: Mapping[str, AnyPilot]
@@ -25,9 +25,13 @@ class GoalFlight:
     events: dict[str, float]
     started: Callable[[str, float], None]
     notify: Callable[[str, float], None]
+    within_s: float
 
     async def fly(self, t0_s: float) -> None:
-        """Return when the subject's autonomy is done, and the other's is or was waited for."""
+        """Return when the subject's autonomy is done, and the other's is or was waited for.
+
+        One that is not done in time FAILs the run, whatever its oracles ask: it would never end.
+        """
         self.events["goal"] = t0_s
         self.notify("goal", t0_s)
         for pilot in self.pilots.values():
@@ -38,11 +42,15 @@ class GoalFlight:
         ]
         done = asyncio.create_task(self._done(), name="goal done")
         try:
-            await asyncio.wait([done, *tasks], return_when=asyncio.FIRST_COMPLETED)
-            for task in tasks:
-                if task.done():
-                    task.result()
-            await done
+            async with asyncio.timeout(self.within_s):
+                await asyncio.wait([done, *tasks], return_when=asyncio.FIRST_COMPLETED)
+                for task in tasks:
+                    if task.done():
+                        task.result()
+                await done
+        except TimeoutError:
+            said = f"the autonomy of {self.subject} was not done {self.within_s:g} s after its goal"
+            self.course.decide("FAIL", f"{said} (sync.goal_timeout_s)", source="goal")
         finally:
             for task in (done, *tasks):
                 task.cancel()

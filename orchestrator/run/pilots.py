@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 
 from orchestrator.outside.program import ProgramPilot
-from orchestrator.run.answers import AutonomyFault, asked
+from orchestrator.run.answers import LONGEST_CONSTRUCTION_S, AutonomyFault, asked
 from orchestrator.run.control import Pilot
 from orchestrator.run.course import Course
 from orchestrator.run.hangar import SYSTEM_IDS
@@ -45,7 +45,9 @@ async def open_pilots(
 def _built(setup: RunSetup, name: str) -> Autonomy:
     """Return the autonomy of a vehicle. Raises AutonomyFault."""
     try:
-        return asked(lambda: setup.campaign.under_test.build(setup.seed))
+        return asked(
+            lambda: setup.campaign.under_test.build(setup.seed), within_s=LONGEST_CONSTRUCTION_S
+        )
     except AutonomyFault as fault:
         raise AutonomyFault(f"the autonomy of {name} {fault}") from None
 

@@ -37,6 +37,7 @@ from orchestrator.run.telling import Telling
 from orchestrator.run.warming import warm_up
 from recipes.working import StepError
 from safety.guard.events import GuardEvent, decisive
+from safety.judge import COLLISION_ALWAYS
 from safety.results import Flag
 from safety.tape import WorldEvent
 from vehicles.errors import VehicleError
@@ -61,8 +62,7 @@ def fly(
 
     disturb: for runs that are to show what a fault leads to.
     """
-    if setup.clock == "wall":
-        warm_up(setup)
+    warm_up(setup)
     return run_on(setup.clock, _fly(setup, report, inbox, disturb))
 
 
@@ -95,10 +95,10 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
     perception: Perception | None = None
     outside = Outside(setup=setup, events=events)
     with ExitStack() as streams:
-        recorder = streams.enter_context(_recorder(setup, loop, course))
+        kinds = {use.name: use.kind for use in (*setup.campaign.oracles, COLLISION_ALWAYS)}
+        recorder = streams.enter_context(_recorder(setup, loop, course, kinds))
         course.on_stage(recorder.stage)
         course.on_decisive(recorder.decisive)
-        kinds = {use.name: use.kind for use in setup.campaign.oracles}
         telling = Telling(plan=setup.order.plan, report=report, course=course, kinds=kinds)
         bench = Bench(
             judge=judge,
@@ -131,6 +131,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                     course=course,
                     events=events,
                     started=sync.goal_given,
+                    within_s=setup.campaign.sync.goal_timeout_s,
                     notify=partial(_world_event, recorder, pair),
                 )
                 course.on_stage(partial(_moment, events, goal.notify))
@@ -187,7 +188,12 @@ def _moment(
         notify(stage, t_s)
 
 
-def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop, course: Course) -> RunRecorder:
+def _recorder(
+    setup: RunSetup,
+    loop: asyncio.AbstractEventLoop,
+    course: Course,
+    kinds: Mapping[str, str],
+) -> RunRecorder:
     epoch_s = VIRTUAL_EPOCH_S if setup.clock == "virtual" else time.time() - loop.time()
     rates = [camera.rate_hz for one in setup.vehicles for camera in one.cameras]
     return RunRecorder(
@@ -197,9 +203,7 @@ def _recorder(setup: RunSetup, loop: asyncio.AbstractEventLoop, course: Course) 
         # Under the wall clock the guard's process logs the frames, so that they outlive this one.
         vehicles=tuple(one.name for one in setup.vehicles if setup.clock == "virtual"),
         video_rate_hz=max(rates, default=None),
-        collision_oracles=frozenset(
-            use.name for use in setup.campaign.oracles if use.kind == "collision"
-        ),
+        collision_oracles=frozenset(name for name, kind in kinds.items() if kind == "collision"),
         clock=setup.clock,
         settings=recording_settings(setup.campaign.record),
         broken=lambda why: course.decide("ERROR", why, source="recording"),

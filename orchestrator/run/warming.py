@@ -1,7 +1,8 @@
 """What takes its time once in a process is done before the loop runs, not in flight.
 
 Compiled kernels are loaded, or compiled, at their first call, with the interpreter's lock held
-for most of a second: the guard would take that for an orchestrator that is dead.
+for most of a second: the guard would take that for an orchestrator that is dead. On a machine that
+has nothing kept and much to do it takes minutes: the pool would take that for a worker that hangs.
 """
 
 import math

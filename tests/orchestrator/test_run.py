@@ -260,6 +260,27 @@ def test_a_full_disk_lands_the_flight_and_is_an_error(
     assert (folder / "trajectory.csv").exists()
 
 
+def test_an_autonomy_that_never_ends_has_a_time_out_whatever_is_judged(fly_run: Fly) -> None:
+    result, folder = fly_run(
+        mode="sim", sets=("oracles={reached: {}}", "sync.goal_timeout_s=2", "accept=null")
+    )
+    assert result.verdict == "FAIL"
+    assert result.reason == (
+        "the autonomy of twin was not done 2 s after its goal (sync.goal_timeout_s)"
+    )
+    assert all_landed(folder)
+
+
+def test_a_contact_fails_the_run_of_a_campaign_that_does_not_ask(fly_run: Fly) -> None:
+    result, _ = fly_run(
+        mode="sim",
+        sets=("world.objects.gate.shape.gate.inner_size_m=0.31", "oracles={reached: {}}"),
+    )
+    assert result.verdict == "FAIL"
+    assert result.reason.startswith("twin touched gate.")
+    assert [flag.oracle for flag in result.collisions][:1] == ["collision_always"]
+
+
 @pytest.mark.parametrize(("fast", "last"), [("true", "takeoff"), ("false", "landed")])
 def test_an_oracle_lands_the_run_at_once_where_the_campaign_says(
     fly_run: Fly, fast: str, last: str

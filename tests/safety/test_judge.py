@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -167,3 +168,29 @@ def test_samples_of_a_vehicle_nobody_judges_are_let_go() -> None:
     judge = Judge(build_oracles([use("geofence")], contexts("sim")))
     assert judge.pose(pose(1.0, "real", (99, 0, 0))) == ()
     assert judge.heard(HeardSample(1.0, "nobody")) == ()
+
+
+class Nothing:
+    """A probe of an empty world."""
+
+    def sweep(self, *_: object, **__: object) -> tuple[()]:
+        return ()
+
+
+@pytest.mark.parametrize("mode", ["sim", "wil", "real"])
+def test_that_the_subject_touches_nothing_is_judged_always(mode: RunMode) -> None:
+    flying = contexts(mode)
+    seen = {name: replace(context, probe=Nothing()) for name, context in flying.items()}
+    subject = next(iter(flying.values())).subject
+
+    def of_contact(*uses: OracleUse) -> list[tuple[str, str, bool]]:
+        found = [(o.name, o.vehicle, o.required) for o in build_oracles(uses, seen)]
+        return [one for one in found if one[0] not in {"landed_always", "altitude"}]
+
+    always = [("collision_always", subject, True)]
+    assert of_contact(use("altitude", max_m=3)) == always
+    assert of_contact(use("collision"))[0] == ("collision", subject, True)
+    assert of_contact(use("collision", required=False))[0] == ("collision", subject, False)
+    other = "real" if subject == "twin" else "twin"
+    assert always[0] in of_contact(use("collision", vehicle=other))
+    assert always[0] not in of_contact(use("collision", name="walls", exclude=("gate",)))
