@@ -187,6 +187,13 @@ def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator
                 yield _no_object(campaign, ("oracles", use.name, key, index), name, world)
 
 
+def _limits(files: CaseFiles, setup: Setup, _: Mode) -> Iterator[Problem]:
+    """Yield a limit to a fence that is not there."""
+    if setup.limits is not None and setup.limits.inside_fence and setup.fence is None:
+        said = "needs a geofence to stay inside of; the campaign has none"
+        yield files.campaign.problem(("limits", "inside_geofence"), said)
+
+
 class _NothingNear:
     """A probe of an empty world."""
 
@@ -208,4 +215,11 @@ class _AnyGate:
         return -1.0
 
 
-_CHECKS: tuple[Check, ...] = (_mixing, _gates, place_problems, _oracles, outside_problems)
+_CHECKS: tuple[Check, ...] = (
+    _mixing,
+    _gates,
+    place_problems,
+    _oracles,
+    outside_problems,
+    _limits,
+)

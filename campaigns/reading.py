@@ -25,6 +25,7 @@ from campaigns.schema import (
     VehiclePart,
 )
 from campaigns.schema.links import LinkPart, LinksPart
+from campaigns.schema.operator import GcsPart
 from campaigns.setup import GoalSetup, RecordSetup, Setup, SyncSetup, VehicleSetup
 from campaigns.under_test import UnderTest
 from recipes.language import load_recipe
@@ -63,6 +64,8 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         links=_links(part.links),
         record=_record(part.record),
         outside=outside_setup(files.campaign, part, problems),
+        limits=None if part.limits is None else part.limits.limits(),
+        gcs=_gcs(part.operator.gcs),
     )
     problems += _autonomy_problems(files.campaign, setup.under_test)
     problems += cross_problems(files, setup, modes)
@@ -130,6 +133,11 @@ def _profile(
 def _links(part: LinksPart) -> dict[VehicleName, LinkSetup]:
     given: dict[VehicleName, LinkPart | None] = {"real": part.real, "twin": part.twin}
     return {name: link_setup(one) for name, one in given.items() if one is not None}
+
+
+def _gcs(part: GcsPart) -> dict[VehicleName, str]:
+    given: dict[VehicleName, str | None] = {"real": part.real, "twin": part.twin}
+    return {name: link for name, link in given.items() if link is not None}
 
 
 def _goal(part: GoalPart) -> GoalSetup:

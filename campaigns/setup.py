@@ -11,6 +11,7 @@ from campaigns.sensor_setups import CameraSetup, SensorSetup
 from campaigns.under_test import UnderTest
 from recipes.recipe import Recipe
 from safety.geofence import Fence
+from safety.guard.limits import SetpointLimits
 from safety.judge import OracleUse
 from vehicles.autopilots.base import AutopilotName
 from worlds.documents import Path
@@ -89,8 +90,9 @@ class RecordSetup:
 class Setup:
     """All of one case.
 
-    recipe: None where no mode mixes. fence: None where none is asked for. links: those that are
-    made worse than they are.
+    recipe: None where no mode mixes. fence: None where none is asked for. limits: of setpoints;
+    None for none. links: those that are made worse than they are. gcs: link strings of ground
+    station ports.
     """
 
     vehicles: Mapping[VehicleName, VehicleSetup]
@@ -104,6 +106,8 @@ class Setup:
     links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
     record: RecordSetup = RecordSetup()
     outside: OutsideSetup = field(default_factory=OutsideSetup)
+    limits: SetpointLimits | None = None
+    gcs: Mapping[VehicleName, str] = field(default_factory=dict)
 
     def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:
         """Yield what this case has outside of this process: its path in the campaign, its name."""
@@ -116,4 +120,6 @@ class Setup:
                     yield path, f"the camera at {camera.source.address}"
         if self.under_test.program is not None:
             yield ("autonomy", "program"), f"the program {self.under_test.program[0]}"
+        for name, link in self.gcs.items():
+            yield ("operator", "gcs", name), f"the ground station at {link}"
         yield from self.outside.needing_wall_clock()

@@ -7,7 +7,9 @@ from pydantic import AfterValidator, Field, JsonValue, field_validator, model_va
 
 from campaigns.acceptance import parse_share
 from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
+from campaigns.schema.limits import LimitsPart
 from campaigns.schema.links import LinksPart
+from campaigns.schema.operator import OperatorPart
 from campaigns.schema.vehicles import VehiclesPart
 from safety.fence_parts import FencePart
 from worlds.documents import KeyFaultError, Part
@@ -146,7 +148,9 @@ class CampaignPart(Part):
     deliver: list[DeliverPart] = Field(default_factory=list)
     inject: InjectPart = InjectPart()
     ground_station: Annotated[str, AfterValidator(ground_station_link)] | None = None
+    limits: LimitsPart | None = None
     oracles: Annotated[dict[str, dict[str, JsonValue] | None], Field(min_length=1)]
+    operator: OperatorPart = OperatorPart()
     record: RecordPart = RecordPart()
     accept: dict[str, dict[str, str]] | None = None
 

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from campaigns.expansion import Options, load_campaign
+from campaigns.schema import VEHICLES
 from orchestrator.cli.clocks import clock_for, outside_of
 from orchestrator.cli.display import Display, Lines, Silent, Terminal
 from orchestrator.cli.streams import err, out
@@ -30,6 +31,7 @@ def run(
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
     clock: Clock | None = None,
     jobs: int | None = None,
+    gcs: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     junit: Path | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
@@ -58,12 +60,16 @@ def run(
     jobs
         How many runs fly at once, each in a process of its own; by default one per core, under
         the wall clock one per two cores.
+    gcs
+        A ground station's LINK, or NAME=LINK for one vehicle (udpout://127.0.0.1:14550): the guard
+        passes MAVLink on to it and back. It needs the wall clock; may be given several times.
     junit
         Write junit.xml here as well.
     json_
         Print summary.json on standard output and nothing else there.
     """
-    options = Options(cases=case, modes=mode, repetitions=repetitions, seed=seed, sets=set_)
+    sets = (*set_, *_gcs_sets(gcs))
+    options = Options(cases=case, modes=mode, repetitions=repetitions, seed=seed, sets=sets)
     campaign = load_campaign(file, options)
     chosen = clock_for(campaign, clock)
     if outside_of(campaign) and (jobs or 1) > 1:
@@ -88,6 +94,18 @@ def run(
         console.print(verdict_table(outcome.summary, campaign.requirements))
         console.print(f"results: {outcome.folder}", highlight=False, soft_wrap=True)
     return outcome.exit_code
+
+
+def _gcs_sets(links: tuple[str, ...]) -> list[str]:
+    """Return --gcs as overrides; a link without a vehicle's name is both vehicles'."""
+    sets: list[str] = []
+    for text in links:
+        name, is_named, link = text.partition("=")
+        sets += [
+            f"operator.gcs.{one}={link if is_named else text}"
+            for one in ((name,) if is_named else VEHICLES)
+        ]
+    return sets
 
 
 def _default_jobs(clock: str) -> int:

@@ -35,6 +35,8 @@ def guard_of(setup: RunSetup, *, record: Record) -> tuple[Guard, Hangar, Mapping
             autopilot=autopilot_named(vehicle.autopilot),
             target=Target(SYSTEM_IDS[vehicle.name]),
             fence=setup.campaign.fence,
+            limits=setup.campaign.limits,
+            gcs=setup.clock != "virtual" and vehicle.name in setup.campaign.gcs,
         )
         for vehicle in setup.vehicles
     }
@@ -45,7 +47,11 @@ def guard_of(setup: RunSetup, *, record: Record) -> tuple[Guard, Hangar, Mapping
         folder=str(setup.order.folder.absolute()),
         epoch_s=time.time() - asyncio.get_running_loop().time(),
         vehicles={
-            one.name: Guarded(vehicle=guarded[one.name], conditions=conditions_of(setup, one))
+            one.name: Guarded(
+                vehicle=guarded[one.name],
+                gcs=setup.campaign.gcs.get(one.name, ""),
+                conditions=conditions_of(setup, one),
+            )
             for one in setup.vehicles
         },
     )

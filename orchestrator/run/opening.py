@@ -51,6 +51,16 @@ class Pair:
 
         course.on_stage(entered)
 
+    def tell_anchors(self) -> None:
+        """Tell the guard where the vehicles' own frames lie in the world, as far as is known.
+
+        With it the guard can place them by their own estimates, which it needs when nobody else
+        tells it where they are, and it can limit setpoints, which are in these frames.
+        """
+        for station in self.stations:
+            if station.driver.anchor is not None:
+                self.guard.anchor(station.name, station.driver.anchor)
+
     def notify(self, event: str, t_s: float) -> None:
         """Tell every vehicle's surroundings that an event of the world happened."""
         for vehicle in self.vehicles.values():

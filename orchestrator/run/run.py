@@ -216,6 +216,8 @@ async def _conduct(run: _Run) -> None:
         run.bench.attach(station)
         _record_events(run, station)
     run.pair.guard.on_event(lambda event: _guard_event(run, event))
+    # They are taken anew at arming.
+    run.course.on_stage(lambda stage, _: run.pair.tell_anchors() if stage == "takeoff" else None)
     background = [
         asyncio.create_task(coroutine, name=name)
         for name, coroutine in (

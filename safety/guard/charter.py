@@ -9,6 +9,7 @@ from safety.areas import Area, Circle, Polygon
 from safety.geofence import Fence
 from safety.guard.contingency import ContingencyPlan
 from safety.guard.events import GuardedVehicle, GuardSettings
+from safety.guard.limits import SetpointLimits
 from vehicles.autopilots.base import AutopilotName, Mode, Target
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.links.conditions import LinkConditions
@@ -103,11 +104,12 @@ def _plain_guarded(guarded: Guarded) -> dict[str, Any]:
         "attached": vehicle.attached,
         "landing": vehicle.landing.value,
         "terminate": vehicle.terminate,
+        "limits": None if vehicle.limits is None else asdict(vehicle.limits),
     }
 
 
 def _guarded(plain: Mapping[str, Any]) -> Guarded:
-    fence = plain["fence"]
+    fence, limits = plain["fence"], plain["limits"]
     return Guarded(
         link=str(plain["link"]),
         gcs=str(plain["gcs"]),
@@ -120,6 +122,7 @@ def _guarded(plain: Mapping[str, Any]) -> Guarded:
             landing=_landing(plain["landing"]),
             terminate=bool(plain["terminate"]),
             gcs=bool(plain["gcs"]),
+            limits=None if limits is None else SetpointLimits(**limits),
         ),
     )
 

@@ -24,6 +24,7 @@ from safety.guard.events import (
     ToOrchestrator,
     ToVehicle,
 )
+from safety.guard.setpoint_frames import SETPOINTS
 from safety.guard.traffic import command_of, frame_name, is_harmless, is_steering
 from safety.guard.ward import Ward
 from safety.guard.wire import (
@@ -125,21 +126,29 @@ class GuardCore:
         events: list[Output] = []
         for frame in ward.from_orchestrator.feed(data):
             if self._passes(ward, frame, t_s):
-                passed.append(frame.raw)
+                raw = frame.raw if ward.meter is None else self._metered(ward, frame, t_s)
+                if raw:
+                    passed.append(raw)
             else:
                 events += self._drop(ward, frame, t_s)
+        events += self._limitings(ward, t_s)
         if not passed:
             return tuple(events)
         return (ToVehicle(name, tuple(passed)), *events)
 
     def from_gcs(self, name: str, data: bytes, t_s: float) -> Outputs:
-        """Take bytes of a ground station: they always pass; steering in flight is a takeover."""
+        """Take bytes of a ground station: they always pass; steering in flight is a takeover.
+
+        What is meant for another vehicle is no takeover of this one: ground stations say all that
+        they say on all of their links.
+        """
         ward = self._wards[name]
         frames = ward.from_gcs.feed(data)
         if not frames:
             return ()
         out: list[Output] = [ToVehicle(name, tuple(frame.raw for frame in frames))]
-        steering = [frame for frame in frames if is_steering(frame)]
+        system = ward.vehicle.target.system
+        steering = [frame for frame in frames if is_steering(frame, system)]
         if steering and ward.seen.may_be_armed(t_s) and not ward.seen.taken_over:
             ward.seen.taken_over = True
             text = f"the ground station took {name} over by {frame_name(steering[0])}"
@@ -149,7 +158,8 @@ class GuardCore:
     def position(self, sample: PoseSample) -> Outputs:
         """Take where a vehicle is, from the fastest source there is."""
         ward = self._wards[sample.vehicle]
-        return self._place(ward, sample.pose.position_ned_m, sample.velocity_ned_m_s, sample.t_s)
+        place, velocity = sample.pose.position_ned_m, sample.velocity_ned_m_s
+        return self._place(ward, place, velocity, sample.t_s, told=True)
 
     def command(self, command: OperatorCommand) -> Outputs:
         """Take an operator's command. Abort always wins, and nothing undoes it."""
@@ -206,6 +216,9 @@ class GuardCore:
             out += self._latch("silence", "", "the orchestrator fell silent", t_s)
         for ward in self._wards.values():
             out += self._check_lost(ward, t_s)
+            if ward.meter is not None:
+                ward.meter.lapse(t_s)
+                out += self._limitings(ward, t_s)
         for ward in self._wards.values():
             if ward.contingency.phase is not Phase.IDLE and not ward.gone:
                 actions = ward.contingency.step(ward.seen.facts(t_s), t_s)
@@ -241,11 +254,17 @@ class GuardCore:
         return tuple(self._latch(change.kind, ward.name, f"{ward.name}: {change.text}", t_s))
 
     def _place(
-        self, ward: Ward, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float
+        self,
+        ward: Ward,
+        position_ned_m: Vec3,
+        velocity_ned_m_s: Vec3,
+        t_s: float,
+        *,
+        told: bool = False,
     ) -> Outputs:
         if not math.isfinite(sum(position_ned_m) + sum(velocity_ned_m_s)):
             return tuple(self._tell_once(ward, "pose", "a position is not finite", t_s))
-        ward.seen.place(position_ned_m, velocity_ned_m_s, t_s)
+        ward.seen.place(position_ned_m, velocity_ned_m_s, t_s, told=told)
         fence = ward.vehicle.fence
         if fence is None or "fence" in ward.told or not ward.seen.may_be_armed(t_s):
             return ()
@@ -273,6 +292,18 @@ class GuardCore:
             return False
         ward.seen.note_command(command, t_s)
         return True
+
+    def _metered(self, ward: Ward, frame: Frame, t_s: float) -> bytes | None:
+        """Return what may pass of a frame; setpoints are held to the campaign's limits."""
+        if ward.meter is None or frame.message_id not in SETPOINTS:
+            return frame.raw
+        return ward.meter.through(frame, ward.seen.anchor, ward.seen.motion(t_s), t_s)
+
+    def _limitings(self, ward: Ward, t_s: float) -> list[Output]:
+        if ward.meter is None or not ward.meter.notes:
+            return []
+        notes, ward.meter.notes = ward.meter.notes, []
+        return [self._event(t_s, "limited", ward.name, f"{ward.name}: {n}") for n in notes]
 
     def _drop(self, ward: Ward, frame: Frame, t_s: float) -> Outputs:
         key = (ward.name, frame_name(frame))

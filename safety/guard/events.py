@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from safety.geofence import Fence
+from safety.guard.limits import SetpointLimits
 from safety.verdict import DecisiveEvent, DecisiveKind
 from vehicles.autopilots.base import Autopilot, Mode, Target
 
@@ -23,16 +24,17 @@ EventKind = Literal[
     "refused",
     "action",
     "dropped",
+    "limited",
     "heard",
     "pose",
     "record",
     "guard",
 ]
 """A cause; hold, resume: the operator's; refused: a command that cannot be followed now; action: a
-step of a contingency; dropped: frames of the orchestrator that were not passed; heard: a lost
-vehicle or orchestrator is back; pose: a position that is not finite was let go;
-record: the log of frames cannot be written any more; guard: the guard's own process ended, or
-erred."""
+step of a contingency; dropped: frames of the orchestrator that were not passed; limited: setpoints
+were more than the campaign's limits, told at the first and after the last of them; heard: a lost
+vehicle or orchestrator is back; pose: a position that is not finite was let go; record: the log of
+frames cannot be written any more; guard: the guard's own process ended, or erred."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +90,8 @@ class GuardedVehicle:
 
     attached: it came from outside, so that it may be hardware. landing: LAND, or RTL where the
     campaign asks for it and preflight allowed it. terminate: the campaign opted in to cutting the
-    motors of this vehicle as the last resort. gcs: a ground station port is open for it.
+    motors of this vehicle as the last resort. gcs: a ground station port is open for it. limits:
+    of the setpoints that it is given; None passes all.
     """
 
     autopilot: Autopilot
@@ -98,6 +101,7 @@ class GuardedVehicle:
     landing: Literal[Mode.LAND, Mode.RTL] = Mode.LAND
     terminate: bool = False
     gcs: bool = False
+    limits: SetpointLimits | None = None
 
     @property
     def may_terminate(self) -> bool:

@@ -5,6 +5,7 @@ from typing import Literal
 
 from safety.guard.contingency import Facts
 from safety.guard.events import GuardedVehicle, GuardSettings
+from safety.guard.limiting import Motion
 from safety.guard.wire import (
     EXTENDED_SYS_STATE,
     HEARTBEAT,
@@ -22,6 +23,9 @@ from worlds.frames import Vec3, norm
 
 _ASKED_AFTERWARDS = frozenset({Mode.LAND, Mode.RTL, Mode.MISSION})
 """Modes from which an autopilot goes on to landing by itself."""
+_FRESH_S = 1.0
+_TOLD_S = 0.3
+"""After how long without a position of the orchestrator's the vehicle's own estimate counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +57,9 @@ class Observed:
         self._up_m: float | None = None
         self._speed_m_s: float | None = None
         self._seen_s: float | None = None
-        self._from_world = False
+        self._world_s: float | None = None
+        self._motion: Motion | None = None
+        self._told_s: float | None = None
 
     def may_be_armed(self, t_s: float) -> bool:
         """Return whether it is armed, or was just told to arm and has not said otherwise since."""
@@ -86,21 +92,37 @@ class Observed:
         """Take that the orchestrator asked for a mode by SET_MODE."""
         self._asked_s = t_s
 
-    def place(self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float) -> None:
-        """Take a position in the world; from then on heights are the world's only."""
-        self._from_world = True
+    def place(
+        self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float, *, told: bool = False
+    ) -> None:
+        """Take a position in the world; from then on heights are the world's only.
+
+        told: by the orchestrator, from the source of positions that judging uses.
+        """
+        self._world_s = t_s
+        self._told_s = t_s if told else self._told_s
+        self._motion = Motion(position_ned_m, velocity_ned_m_s)
         self._put(position_ned_m, velocity_ned_m_s, t_s)
+
+    def motion(self, t_s: float) -> Motion | None:
+        """Return where it is in the world, when that was heard within the last second."""
+        known = self._world_s is not None and t_s - self._world_s <= _FRESH_S
+        return self._motion if known else None
+
+    def knows_world(self, t_s: float) -> bool:
+        """Return whether a better source than its own estimate tells where it is."""
+        return self._told_s is not None and t_s - self._told_s <= _TOLD_S
 
     def read_position(self, frame: Frame, t_s: float) -> tuple[Vec3, Vec3] | None:
         """Take a LOCAL_POSITION_NED; returns position and velocity in the world, when known."""
-        if frame.message_id != LOCAL_POSITION_NED:
+        if frame.message_id != LOCAL_POSITION_NED or self.knows_world(t_s):
             return None
         local = read_local_position(frame)
         if local is None:
             return None
         position_m, velocity_m_s = local
         if self.anchor is None:
-            if not self._from_world:
+            if self._world_s is None:
                 self._put(position_m, velocity_m_s, t_s)
             return None
         return self.anchor.position(position_m), self.anchor.velocity(velocity_m_s)

@@ -13,6 +13,7 @@ from safety.guard.wire import (
     SET_MODE,
     Command,
     read_command,
+    read_target,
 )
 from vehicles.mavlink.framing import Frame
 from vehicles.mavlink.names import command_name, message_name
@@ -52,6 +53,10 @@ _STEERING_COMMANDS = frozenset(
 )
 
 
+_TARGET_AT = {SET_MODE: 4, 82: 36, 84: 50, 86: 50}
+"""Where in their payloads SET_MODE and the setpoints say whom they are for."""
+
+
 def command_of(frame: Frame) -> Command | None:
     """Return a frame's command; None when it is none."""
     return read_command(frame) if frame.message_id in {COMMAND_LONG, COMMAND_INT} else None
@@ -70,12 +75,13 @@ def is_harmless(frame: Frame, *, parameters: bool) -> bool:
     return frame.message_id in _HARMLESS
 
 
-def is_steering(frame: Frame) -> bool:
-    """Return whether a ground station's frame takes the vehicle out of our hands."""
-    if frame.message_id == SET_MODE:
-        return True
+def is_steering(frame: Frame, system: int) -> bool:
+    """Return whether a ground station's frame takes the vehicle `system` out of our hands."""
+    at = _TARGET_AT.get(frame.message_id)
+    if at is not None:
+        return read_target(frame, at) in {0, system}
     command = command_of(frame)
-    if command is None:
+    if command is None or command.system not in {0, system}:
         return False
     return command.number in _STEERING_COMMANDS or command.disarms or command.cuts_motors
 

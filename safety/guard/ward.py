@@ -4,11 +4,16 @@ from dataclasses import replace
 
 from safety.guard.contingency import Action, Contingency, ContingencyPlan, Phase
 from safety.guard.events import GuardedVehicle, GuardSettings
+from safety.guard.limiting import SetpointLimiter
+from safety.guard.metering import Meter
 from safety.guard.observed import Observed
 from vehicles.autopilots.base import Mode
 from vehicles.mavlink.codec import Codec
 from vehicles.mavlink.framing import FrameSplitter
 
+_LATER, _GENTLER = 2.0, 0.4
+"""A vehicle follows its setpoints by about the latency late: held to the same braking, it would be
+faster than the fence's own prediction allows, and the guard would take over."""
 _STANDING = (0.0, 0.0, 0.0)
 
 
@@ -25,6 +30,7 @@ class Ward:
             replace(plan, landing=vehicle.landing, terminate=vehicle.may_terminate)
         )
         self.codec = Codec(system_id=settings.system_id, component_id=settings.component_id)
+        self.meter = _meter(vehicle, settings)
         self.from_vehicle = FrameSplitter()
         self.from_orchestrator = FrameSplitter()
         self.from_gcs = FrameSplitter()
@@ -63,3 +69,16 @@ class Ward:
                     raise RuntimeError(f"{self.name} must not be terminated")
                 message = autopilot.terminate(target)
         return self.codec.pack(message)
+
+
+def _meter(vehicle: GuardedVehicle, settings: GuardSettings) -> Meter | None:
+    if vehicle.limits is None:
+        return None
+    return Meter(
+        SetpointLimiter(
+            limits=vehicle.limits,
+            fence=vehicle.fence,
+            latency_s=_LATER * settings.latency_s,
+            braking_m_s2=_GENTLER * settings.braking_m_s2,
+        )
+    )

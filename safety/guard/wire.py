@@ -36,7 +36,7 @@ _FORCE = 21196
 
 _heartbeat = struct.Struct("<IBBBBB")
 _local_position = struct.Struct("<Iffffff")
-_command = struct.Struct("<ff20xH")
+_command = struct.Struct("<ff20xHB")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +50,12 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A COMMAND_LONG or COMMAND_INT, as far as the guard cares."""
+    """A COMMAND_LONG or COMMAND_INT, as far as the guard cares; system: whom it is for, 0 all."""
 
     number: int
     param1: float
     param2: float
+    system: int = 0
 
     @property
     def arms(self) -> bool:
@@ -101,6 +102,11 @@ def read_local_position(frame: Frame) -> tuple[Vec3, Vec3] | None:
 
 def read_command(frame: Frame) -> Command:
     """Return the command of a COMMAND_LONG or COMMAND_INT."""
-    param1, param2, number = _command.unpack(_payload(frame, 30))
+    param1, param2, number, system = _command.unpack(_payload(frame, 31))
     # round() of NaN raises; a NaN means "not given" in commands.
-    return Command(number, param1, 0.0 if not math.isfinite(param2) else param2)
+    return Command(number, param1, 0.0 if not math.isfinite(param2) else param2, system)
+
+
+def read_target(frame: Frame, at: int) -> int:
+    """Return the target system of a message that has it at this place of its payload."""
+    return _payload(frame, at + 1)[at]

@@ -45,6 +45,17 @@ ONE_PLACE = [
     ("altitude_m: 1.2", "@altitude_ft: 4", "unknown key 'altitude_ft'; did you mean 'altitude_m'"),
     ("up_m: [-0.5, 2.3]", "up_m: @[2.3, -0.5]", "must be [low, high], is [2.3, -0.5]"),
     ("up_m: [-0.5, 2.3]", "up_m: @[2.3]", "has too few entries (1)"),
+    ("seed: 7", "limits: {@speed: 1}\nseed: 7", "unknown key 'speed'; did you mean 'speed_m_s'?"),
+    ("seed: 7", "limits: {speed_m_s: @0}\nseed: 7", "must be greater than 0, is 0"),
+    ("seed: 7", "limits: {up_m: @[2, 1]}\nseed: 7", "must be [low, high], is [2, 1]"),
+    ("seed: 7", "limits: {up_m: @[0, 0.5]}\nseed: 7", "leaves no room: keep_m of 0.3 m is kept to"),
+    ("seed: 7", "operator: {gcs: {real: @14550}}\nseed: 7", "must be text, is 14550"),
+    ("seed: 7", "operator: {gcs: {real: @udp:14550}}\nseed: 7", "must be a link such as udpout://"),
+    (
+        "seed: 7",
+        "operator: {gcs: {@rael: 'x'}}\nseed: 7",
+        "unknown key 'rael'; did you mean 'real'?",
+    ),
     (
         "use: pilot.py:Pilot",
         "use: @plot.py:Pilot",
@@ -174,10 +185,10 @@ def test_all_faults_of_all_files_come_at_once(files: Any) -> None:
 
 
 def test_keys_that_nothing_acts_on_are_unknown(files: Any) -> None:
-    for key in ("preflight", "abort", "operator", "retries"):
+    for key in ("preflight", "abort", "retries"):
         files.path.write_text(files.path.read_text() + f"{key}: {{}}\n")
     found = files.faults()
-    assert len(found) == 4
+    assert len(found) == 3
     assert all("unknown key" in fault for fault in found)
 
 

@@ -299,3 +299,14 @@ def test_tables_line_up_and_are_never_cut() -> None:
     assert [len(line) for line in shown.splitlines()[1:]] == [205, 205, 205]
     assert "\x1b" not in table(("name",), [("\x1b[31mred",)])
     assert table(("name", "n"), []) == "name  n\n----  -"
+
+
+def test_a_ground_station_cannot_follow_virtual_time(cli: Cli, tmp_path: Path) -> None:
+    link = "udpout://127.0.0.1:14550"
+    virtual = ("run", "campaigns/gate.yaml", "--out", str(tmp_path), "--clock", "virtual")
+    outcome = cli(*virtual, "--gcs", link)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert f"the ground station at {link} comes in real time: fly with --clock wall" in outcome.err
+    outcome = cli(*virtual, "--gcs", "rael=" + link)
+    assert outcome.code == 2
+    assert "unknown key 'rael'; did you mean 'real'?" in outcome.err

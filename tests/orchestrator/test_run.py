@@ -20,6 +20,7 @@ from orchestrator.writing import to_json
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from vehicles.autonomy import Command, Telemetry
 from vehicles.readings import Reading
+from vehicles.setpoints import VelocitySetpoint
 
 Fly = Callable[..., tuple[RunResult, Path]]
 
@@ -207,6 +208,46 @@ def test_a_fence_that_is_left_brings_both_down_and_fails(fly_run: Fly) -> None:
     result, folder = fly_run(sets=("geofence.box.north_m=[-0.8, 3.2]",))
     assert result.verdict == "FAIL"
     assert "fence" in result.reason
+    assert all_landed(folder)
+
+
+class Reckless:
+    """Flies north as fast as it can, for ever."""
+
+    def __init__(self, **_: object) -> None:
+        pass
+
+    def perceive(self, reading: Reading) -> None:
+        pass
+
+    def act(self, telemetry: Telemetry) -> Command:
+        return Command(VelocitySetpoint((6.0, 0.0, -1.0)))
+
+
+@pytest.mark.parametrize("campaign", ["gate", "gate-ardupilot"])
+def test_limits_keep_a_reckless_autonomy_inside_of_the_fence(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, campaign: str
+) -> None:
+    monkeypatch.setattr("campaigns.under_test.find_autonomy", lambda *_: Reckless)
+    limits = "limits={inside_geofence: true, up_m: [0, 2.2], acceleration_m_s2: 3, speed_m_s: 2}"
+    result, folder = fly_run(
+        campaign,
+        sets=(
+            limits,
+            "oracles.time_limit.limit_s=12",
+            "oracles.collision.required=false",
+            "oracles.reached.required=false",
+        ),
+    )
+    assert result.reason == "real was not done 12 s after its goal"
+    fence = next(o for o in result.oracles if (o.name, o.vehicle) == ("geofence", "real"))
+    assert fence.verdict == "PASS"
+    said = [line["text"] for line in log_of(folder) if line.get("kind") == "limited"]
+    for what in ("speed", "acceleration", "speed towards the fence"):
+        assert any(text.startswith(f"real: {what} limited from") for text in said)
+    rows = [row for row in rows_of(folder) if row["vehicle"] == "real" and row["true_north_m"]]
+    north_m = [float(row["true_north_m"]) for row in rows]
+    assert 3.0 < max(north_m) < 4.8
     assert all_landed(folder)
 
 

@@ -1,5 +1,6 @@
 """A whole flight under the wall clock: the guard and each vehicle are processes of their own."""
 
+import asyncio
 import json
 import signal
 from pathlib import Path
@@ -9,6 +10,11 @@ from pymavlink import mavutil
 
 from safety.guard.leftovers import ProcessId
 from tests.orchestrator.wall_runs import Program, lines, stages
+from vehicles.autopilots.base import Mode, Target
+from vehicles.autopilots.px4 import Px4
+from vehicles.links.parse import LinkAddress
+from vehicles.links.udp import UdpLink
+from vehicles.mavlink.codec import Codec
 
 
 def kinds(log: Path) -> set[tuple[str, int]]:
@@ -77,3 +83,48 @@ async def test_ctrl_c_lands_first(tmp_path: Path) -> None:
     (run,) = json.loads(landed.out)["runs"]
     assert (run["verdict"], run["reason"]) == ("ABORTED", "aborted by Ctrl-C")
     assert "landed" in stages(program.run_folder())
+
+
+class GroundStation:
+    """QGroundControl as far as the guard can tell: hears on one port, answers all who speak."""
+
+    def __init__(self) -> None:
+        self._codec = Codec(system_id=255, component_id=190)
+        self.link = UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
+        self.link.receive(self._hear)
+        self.heard: dict[int, set[str]] = {}
+        self.armed = False
+
+    def _hear(self, data: bytes, _: float) -> None:
+        for message in self._codec.parse(data):
+            self.heard.setdefault(message.get_srcSystem(), set()).add(message.get_type())
+            if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
+                self.armed = bool(message.base_mode & 128)
+
+    def ask(self, mode: Mode) -> None:
+        self.link.write(self._codec.pack(Px4().set_mode(Target(1), mode)))
+
+
+async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
+    station = GroundStation()
+    async with station.link:
+        where = f"real=udpout://127.0.0.1:{station.link.local_port}"
+        async with Program(tmp_path / "out", "--mode", "wil", "--json", "--gcs", where) as program:
+            await program.stage("goal")
+            assert station.heard.keys() == {1}
+            assert {"HEARTBEAT", "LOCAL_POSITION_NED"} <= station.heard[1]
+            station.ask(Mode.HOLD)
+            await program.said("takeover")
+            await asyncio.sleep(2.0)
+            assert station.armed
+            station.ask(Mode.LAND)
+            landed = await program.end()
+    assert landed.code == 4
+    (run,) = json.loads(landed.out)["runs"]
+    assert run["verdict"] == "ABORTED"
+    assert run["reason"] == "the ground station took real over by MAV_CMD_DO_SET_MODE"
+    assert "landed" in stages(program.run_folder())
+    taken = [one for one in lines(program.run_folder() / "guard.jsonl") if "kind" in one]
+    phases = [one["text"] for one in taken if one["vehicle"] == "real" and one["kind"] == "action"]
+    assert phases[-1] == "real: down: it is disarmed"
+    assert "real: flown by the pilot: a pilot flies it" in phases

@@ -67,6 +67,8 @@ class FakeVehicle:
 
     def _take(self, message: Any, t_s: float) -> None:
         kind = message.get_type()
+        if getattr(message, "target_system", 0) not in {0, self.system}:
+            return
         if kind != "COMMAND_LONG":
             velocity = getattr(message, "vx", None), getattr(message, "vy", None)
             self.heard.append((t_s, "ZERO" if velocity == (0.0, 0.0) else kind))

@@ -81,10 +81,12 @@ def test_the_estimate_is_a_position_source_once_it_is_anchored(pair: Any) -> Non
     pair.blind = True
     message = mavlink.MAVLink_local_position_ned_message(0, 1.0, 0, -2, 0, 0, 0)
     frame = pair.vehicles["real"].codec.pack(message)
-    pair.apply(pair.core.from_vehicle("real", frame, pair.t_s))
+    pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.5))
     assert pair.core.latched is None
     pair.core.anchor("real", Anchor((9.0, 0.0, 0.0)))
-    pair.apply(pair.core.from_vehicle("real", frame, pair.t_s))
+    pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.2))
+    assert pair.core.latched is None, "who knows better told a position just now"
+    pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.5))
     assert pair.core.latched == "fence"
 
 

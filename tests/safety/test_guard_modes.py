@@ -14,7 +14,12 @@ from tests.safety.guard_rigs import (
     mode_command,
     to_orchestrator,
 )
-from vehicles.autopilots.base import Mode
+from vehicles.autopilots.base import Mode, Target, command_long
+from vehicles.autopilots.px4 import Px4
+
+
+def velocity(target: Target) -> Any:
+    return Px4().velocity_setpoint(target, t_boot_ms=0, velocity_ned_m_s=(1.0, 0.0, 0.0))
 
 
 def test_a_pilot_takes_over_and_the_guard_keeps_out(pair: Any) -> None:
@@ -67,6 +72,11 @@ def test_a_disarmed_vehicle_in_a_pilot_mode_is_no_takeover(fake_vehicle: Any, ri
         (command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148, codec=GCS), False),
         (GCS.pack(mavlink.MAVLink_param_request_list_message(1, 1)), False),
         (GCS.pack(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0)), False),
+        (GCS.pack(command_long(Target(2), mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 6)), False),
+        (GCS.pack(command_long(Target(0), mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 6)), True),
+        (GCS.pack(mavlink.MAVLink_set_mode_message(2, 1, 4)), False),
+        (GCS.pack(velocity(Target(1))), True),
+        (GCS.pack(velocity(Target(2))), False),
     ],
 )
 def test_a_ground_station_takes_over_by_a_mode_command(

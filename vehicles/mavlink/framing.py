@@ -54,6 +54,20 @@ def frame_header(raw: bytes) -> Frame | None:
     return _frame(raw, 0, length) if 0 < length <= len(raw) else None
 
 
+def with_payload(frame: Frame, payload: bytes) -> bytes:
+    """Return a frame of a known message with another payload, from the same sender, unsigned.
+
+    payload: whole, with its trailing zeros. Raises KeyError for a message that is not known.
+    """
+    raw, extra = frame.raw, _CRC_EXTRAS[frame.message_id]
+    if frame.version == 2:
+        payload = payload.rstrip(b"\0") or b"\0"
+        body = bytes((len(payload), 0)) + raw[3:10] + payload
+    else:
+        body = bytes((len(payload),)) + raw[2:6] + payload
+    return raw[:1] + body + checksum(body, extra).to_bytes(2, "little")
+
+
 class FrameSplitter:
     """Cuts frames out of bytes as they come; garbage is skipped and counted.
 

@@ -1,0 +1,46 @@
+"""`limits`: what setpoints are held to on their way to the vehicles, whatever the autonomy asks."""
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from safety.guard.limits import SetpointLimits
+from worlds.documents import KeyFaultError, Part
+
+Range = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class LimitsPart(Part):
+    """The limits of both vehicles; what is not named is not limited.
+
+    keep_m: the distance that is kept to the geofence and to the heights of up_m.
+    """
+
+    speed_m_s: Annotated[float, Field(gt=0, le=1000)] | None = None
+    acceleration_m_s2: Annotated[float, Field(gt=0, le=1000)] | None = None
+    up_m: Range | None = None
+    inside_geofence: bool = False
+    keep_m: Annotated[float, Field(ge=0, le=1000)] = 0.3
+
+    @model_validator(mode="after")
+    def _some_room(self) -> Self:
+        if self.up_m is not None:
+            low, high = self.up_m
+            if low >= high:
+                raise KeyFaultError("up_m", f"must be [low, high], is [{low:g}, {high:g}]")
+            if high - low <= 2.0 * self.keep_m:
+                said = f"leaves no room: keep_m of {self.keep_m:g} m is kept to both"
+                raise KeyFaultError("up_m", said)
+        return self
+
+    def limits(self) -> SetpointLimits:
+        """Return them as the guard takes them."""
+        low, high = self.up_m or (None, None)
+        return SetpointLimits(
+            speed_m_s=self.speed_m_s,
+            acceleration_m_s2=self.acceleration_m_s2,
+            floor_up_m=low,
+            ceiling_up_m=high,
+            inside_fence=self.inside_geofence,
+            keep_m=self.keep_m,
+        )
