@@ -80,13 +80,17 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             self._look_outside(0.0)
         if not callbacks:
             self._wait()
-        now_s = self._now_s + _SAME_INSTANT_S
-        while timers and timers[0][0] <= now_s:
-            callbacks.append(heappop(timers)[2])
+        end_s = self._now_s
+        instant_s = end_s + _SAME_INSTANT_S
+        while timers and timers[0][0] <= instant_s:
+            end_s, _, timer = heappop(timers)
+            callbacks.append(timer)
         for _ in range(len(callbacks)):
             handle = callbacks.popleft()
             if not handle._cancelled:  # noqa: SLF001 - asyncio's loops do so
                 handle._run()  # noqa: SLF001 - asyncio's loops do so
+        # Who waits again and again for a time that is a rounding ahead must find it come.
+        self._now_s = max(self._now_s, end_s)
 
     def _wait(self) -> None:
         """Wait for a job, or else have time jump exactly to the next timer."""

@@ -177,3 +177,22 @@ def test_it_is_a_loop_of_its_own() -> None:
         assert loop.time() == 0.0
     finally:
         loop.close()
+
+
+def test_a_deadline_a_rounding_ahead_comes_also_while_others_are_busy() -> None:
+    async def wait() -> float:
+        loop = asyncio.get_running_loop()
+        busy = asyncio.create_task(chatter(), name="busy")
+        await asyncio.sleep(8.0 - 2e-14)
+        for _ in range(3):
+            if (left_s := 8.0 - loop.time()) > 0:
+                await asyncio.sleep(left_s)
+        busy.cancel()
+        return loop.time()
+
+    async def chatter() -> None:
+        await asyncio.sleep(8.0 - 2e-14)
+        for _ in range(1000):
+            await asyncio.sleep(0)
+
+    assert run_virtual(wait()) == 8.0
