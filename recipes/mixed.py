@@ -30,7 +30,8 @@ class Provenance:
     says. dropped: why nothing of the twin is in the mixture, or why there is no mixture; None when
     all is in. detail: the same in a sentence. stages: empty without a clock, so that virtual runs
     repeat to the byte. registration_error_px: RMS distance between where what is virtual was drawn
-    and where an independent reference puts it, as the caller measured; None without one.
+    and where an independent reference puts it, as the caller measured; None without one. mixed_s:
+    when it was mixed, run clock. given_*: numbers of the readings that the mixer was handed.
     """
 
     real_seq: int | None
@@ -44,6 +45,9 @@ class Provenance:
     detail: str = ""
     stages: tuple[StageTime, ...] = ()
     registration_error_px: float | None = None
+    mixed_s: float | None = None
+    given_real_seq: int | None = None
+    given_twin_seq: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

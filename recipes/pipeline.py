@@ -13,7 +13,7 @@ from recipes.mixed import MixCounts, Mixed, Provenance, StageTime
 from recipes.perceived import perceived
 from recipes.recipe import Combination, Recipe
 from recipes.registry import Context
-from recipes.stages import Merging, Stage, Stopwatch, compile_stages
+from recipes.stages import Merging, Observer, Stage, StageView, Stopwatch, compile_stages
 from recipes.working import (
     SIDES,
     AnyMasked,
@@ -39,19 +39,25 @@ def compile_recipe(
     *,
     object_ids: Mapping[str, int],
     stopwatch: Stopwatch | None = None,
+    observer: Observer | None = None,
 ) -> tuple["Mixer", ...]:
     """Return a mixer for each combination of a recipe, in their order.
 
     object_ids: what `object_ids` of the twin's readings mean. stopwatch: seconds, to measure the
-    steps; None leaves the provenance without durations. Raises ValueError for an object that
+    steps; None leaves the provenance without durations. observer: is shown what each step made,
+    and the two sides before the first. Raises ValueError for an object that
     the world has not (`Recipe.unknown_objects` says it with its place).
     """
     context = Context(object_ids, recipe.document.path.parent)
-    return tuple(_compile(one, context, recipe, stopwatch) for one in recipe.combinations)
+    return tuple(_compile(one, context, recipe, stopwatch, observer) for one in recipe.combinations)
 
 
 def _compile(
-    combination: Combination, context: Context, recipe: Recipe, stopwatch: Stopwatch | None
+    combination: Combination,
+    context: Context,
+    recipe: Recipe,
+    stopwatch: Stopwatch | None,
+    observer: Observer | None,
 ) -> "Mixer":
     compiled = compile_stages(combination, context, recipe.document)
     return Mixer(
@@ -61,6 +67,7 @@ def _compile(
         pose_request=compiled.pose_request,
         needs=compiled.needs,
         stopwatch=stopwatch,
+        observer=observer,
     )
 
 
@@ -80,6 +87,7 @@ class Mixer:
         pose_request: PoseRequest | None,
         needs: Mapping[Side, frozenset[Need]],
         stopwatch: Stopwatch | None,
+        observer: Observer | None = None,
     ) -> None:
         self.combination = combination
         self.pose_request = pose_request
@@ -88,6 +96,7 @@ class Mixer:
         self._stages = stages
         self._merging = merging
         self._stopwatch = stopwatch
+        self._observer = observer
         sensor = combination.sensor
         self._real, self._twin = (
             Intake(side, sensor.kind_of(side), combination.tolerated(side)) for side in SIDES
@@ -143,7 +152,7 @@ class Mixer:
         said. alignment: how the pose of the twin's reading was found, for the record. Raises
         StepError when a step fails by a fault of its own.
         """
-        run = _Frame(self._stages, self._merging, self._stopwatch, self._frames)
+        run = _Frame(self._stages, self._merging, self._stopwatch, self._frames, self._observer)
         self._frames += 1
         reading, fault = self._run(run, real, twin, now_s)
         if fault is None:
@@ -163,6 +172,7 @@ class Mixer:
             fault=fault,
             alignment=alignment,
             times=run.times,
+            given=(_seq(real), _seq(twin)),
         )
         return Mixed(cast("R | None", mixed), told)
 
@@ -211,7 +221,7 @@ class Mixer:
 class _Frame:
     """One run of the steps: the sides as they become, and how long each step took."""
 
-    __slots__ = ("_frame", "_merging", "_stages", "_stopwatch", "sides", "times")
+    __slots__ = ("_frame", "_merging", "_observer", "_stages", "_stopwatch", "sides", "times")
 
     def __init__(
         self,
@@ -219,11 +229,13 @@ class _Frame:
         merging: Merging,
         stopwatch: Stopwatch | None,
         frame: int,
+        observer: Observer | None,
     ) -> None:
         self._stages = stages
         self._merging = merging
         self._stopwatch = stopwatch
         self._frame = frame
+        self._observer = observer
         self.sides: dict[Side, AnyMasked] = {}
         self.times: list[StageTime] = []
 
@@ -238,6 +250,8 @@ class _Frame:
         Raises CannotMixError when it is the real side that cannot be worked on.
         """
         left_out: CannotMixError | None = None
+        for side in self.sides:
+            self._show(side, side)
         for stage in self._stages:
             started_s = self._now()
             for side in stage.sides:
@@ -245,6 +259,7 @@ class _Frame:
                     continue
                 try:
                     self.sides[side] = stage.apply(side, self.sides, self._frame)
+                    self._show(stage.name, side)
                 except CannotMixError as fault:
                     if side == "real":
                         raise
@@ -264,7 +279,13 @@ class _Frame:
             fault = mismatch
             reading = self._merging.apply({"real": self.sides["real"]}, self._frame)
         self._note(self._merging.name, started_s)
+        if self._observer is not None:
+            self._observer(StageView(self._merging.name, None, Masked(reading)))
         return reading, fault
+
+    def _show(self, name: str, side: Side) -> None:
+        if self._observer is not None:
+            self._observer(StageView(name, side, self.sides[side]))
 
     def _now(self) -> float:
         return self._stopwatch() if self._stopwatch is not None else 0.0
@@ -286,6 +307,7 @@ def _provenance(
     fault: CannotMixError | None,
     alignment: str,
     times: list[StageTime],
+    given: tuple[int | None, int | None],
 ) -> Provenance:
     real_t_s = real.t_s if real is not None else None
     twin_t_s = twin.t_s if twin is not None else None
@@ -293,9 +315,9 @@ def _provenance(
         abs(real_t_s - twin_t_s) * 1000.0 if real_t_s is not None and twin_t_s is not None else None
     )
     return Provenance(
-        real_seq=real.seq if real is not None else None,
+        real_seq=_seq(real),
         real_t_s=real_t_s,
-        twin_seq=twin.seq if twin is not None else None,
+        twin_seq=_seq(twin),
         twin_t_s=twin_t_s,
         skew_ms=skew_ms,
         latency_ms=(now_s - real_t_s) * 1000.0 if real_t_s is not None else None,
@@ -303,4 +325,11 @@ def _provenance(
         dropped=fault.reason if fault is not None else None,
         detail=str(fault) if fault is not None else "",
         stages=tuple(times),
+        mixed_s=now_s,
+        given_real_seq=given[0],
+        given_twin_seq=given[1],
     )
+
+
+def _seq(reading: Reading | None) -> int | None:
+    return None if reading is None else reading.seq

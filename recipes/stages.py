@@ -29,6 +29,18 @@ Stopwatch = Callable[[], float]
 
 
 @dataclass(frozen=True, slots=True)
+class StageView:
+    """What a step made. side: None for a merge. work: its mask holds until the next frame."""
+
+    name: str
+    side: Side | None
+    work: AnyMasked
+
+
+Observer = Callable[[StageView], None]
+
+
+@dataclass(frozen=True, slots=True)
 class StepPlace:
     """Where a step stands in its recipe, and what people call it."""
 

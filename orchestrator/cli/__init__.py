@@ -25,6 +25,8 @@ _COMMANDS = (
     ("hold", "orchestrator.cli.operate:hold", "Have what flies stop and stay in the air."),
     ("resume", "orchestrator.cli.operate:resume", "Let what is held fly on."),
     ("watch", "orchestrator.cli.watch:watch", "Show what flies on this machine until it is over."),
+    ("mix", "orchestrator.cli.mix:mix", "Mix pictures, videos or recordings by a recipe."),
+    ("replay", "orchestrator.cli.replay:replay_run", "Mix a recorded run anew, fly nothing."),
     ("list", "orchestrator.cli.listing:list_things", "List campaigns, operators and the like."),
 )
 

@@ -56,7 +56,9 @@ REPLAYABLE = RecordingSettings(real=EXACT, twin=EXACT, mixed=Pictures())
 
 
 def recording_settings(record: RecordSetup) -> RecordingSettings:
-    """Return what a campaign wants to be recorded: with exact pictures all that mixing needs."""
-    exact = record.pictures in ("png", "raw")
-    inputs = Pictures(record.pictures, record.quality, depth=exact, object_ids=exact)
-    return RecordingSettings(real=inputs, twin=inputs, mixed=inputs)
+    """Return what a campaign wants to be recorded.
+
+    Depth and ids are in a reading only where the recipe needs them, and then a replay does too.
+    """
+    pictures = Pictures(record.pictures, record.quality, depth=True, object_ids=True)
+    return RecordingSettings(real=pictures, twin=pictures, mixed=pictures)

@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import threading
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -69,7 +69,8 @@ class _Item:
 class McapRecorder:
     """Records one run; a context manager, used by one thread.
 
-    epoch_s: UTC at which the run clock was zero. Leaving the context waits for the thread;
+    epoch_s: UTC at which the run clock was zero. facts: for the file's first record, what a reader
+    wants to know before all readings. Leaving the context waits for the thread;
     within a running loop under a wall clock, await `aclose()` before. Raises OSError when the
     file cannot be made.
     """
@@ -81,8 +82,10 @@ class McapRecorder:
         epoch_s: float,
         clock: Clock,
         settings: RecordingSettings | None = None,
+        facts: Mapping[str, str] | None = None,
     ) -> None:
         self._path = path
+        self._facts = dict(facts or {})
         self._waits = clock == "virtual"
         self._settings = settings or RecordingSettings()
         self._encoder = Encoder(epoch_s=epoch_s, settings=self._settings)
@@ -203,7 +206,11 @@ class McapRecorder:
         """Encode and write until told to end; in a thread of its own."""
         self._guarded(
             lambda: self._file.start(
-                {"schema": SCHEMA, "epoch_ns": str(self._encoder.stamps.epoch_ns)}
+                {
+                    **self._facts,
+                    "schema": SCHEMA,
+                    "epoch_ns": str(self._encoder.stamps.epoch_ns),
+                }
             )
         )
         while (item := self._next()) is not None:

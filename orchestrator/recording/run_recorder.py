@@ -1,7 +1,7 @@
 """Everything that one run leaves in its folder."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -42,9 +42,9 @@ class RunRecorder:
 
     epoch_s: UTC of the run clock's zero. vehicles: whose frames are logged. video_rate_hz: of the
     pictures that are perceived; None for no video. collision_oracles: names of those whose flags
-    are contacts. clock: whether run.mcap waits for its writer or drops. settings: what it holds.
-    broken: told once, why, when something cannot be written any more (the disk is full); what
-    comes after is let go. `artifacts` names what was written.
+    are contacts. clock: whether run.mcap waits for its writer or drops. settings: what it holds;
+    facts: what it tells of the run. broken: told once, why, when something cannot be written any
+    more (the disk is full); what comes after is let go. `artifacts` names what was written.
     """
 
     def __init__(
@@ -59,6 +59,7 @@ class RunRecorder:
         clock: Clock,
         settings: RecordingSettings,
         broken: Callable[[str], None],
+        facts: Mapping[str, str],
     ) -> None:
         self._folder = folder
         self._time = time
@@ -75,7 +76,7 @@ class RunRecorder:
             else VideoWriter(path=folder / "mixed.mp4", rate_hz=video_rate_hz)
         )
         self._mcap = McapRecorder(
-            path=folder / "run.mcap", epoch_s=epoch_s, clock=clock, settings=settings
+            path=folder / "run.mcap", epoch_s=epoch_s, clock=clock, settings=settings, facts=facts
         )
         self._goal_s: float | None = None
         self._snapshot: Shown | None = None

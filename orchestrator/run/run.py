@@ -14,6 +14,7 @@ from orchestrator.operator import Inbox, OperatorCommand
 from orchestrator.outside.outside import Outside
 from orchestrator.progress import Report
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
+from orchestrator.recording.facts import facts_of
 from orchestrator.recording.mcap_settings import recording_settings
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.results import RunResult
@@ -207,6 +208,7 @@ def _recorder(
         clock=setup.clock,
         settings=recording_settings(setup.campaign.record),
         broken=lambda why: course.decide("ERROR", why, source="recording"),
+        facts=facts_of(setup),
     )
 
 

@@ -47,7 +47,8 @@ def mixer(sensor: str, body: str, *, declared: str = "", **more: Any) -> Mixer:
         f"schema: wil/recipe/1\nsensors: {{s: {{type: {sensor}{declared}}}}}\n"
         f"combine: [{{sensor: s, {body}}}]\n"
     )
-    (one,) = compile_recipe(load_recipe(parse(text.encode(), name="r.yaml")), object_ids={}, **more)
+    recipe = load_recipe(parse(text.encode(), name="r.yaml"))
+    (one,) = compile_recipe(recipe, **{"object_ids": {}, **more})
     return one
 
 
@@ -309,13 +310,15 @@ def test_an_empty_cloud_is_a_fault_of_the_real_lidar_and_none_of_the_twins() -> 
         "filter: [{isolate_box: {forward_m: [0, 1]}}], merge: concatenate",
         "filter: [{isolate_sector: {from_deg: 0, to_deg: 90}}], merge: concatenate",
         "filter: [remove_outliers], merge: concatenate",
+        "filter: [{isolate_objects: [gate]}], merge: concatenate",
         "filter: [{value_range: {min_m: 1}}], merge: concatenate",
         "merge: {replace: {source: twin, sector: {from_deg: 90, to_deg: 120}}}",
     ],
 )
 def test_no_step_stumbles_over_an_empty_cloud(body: str) -> None:
-    one = mixer("lidar_points", body)
-    mixed = one.mix(cloud([[1, 0, 0]], "real"), cloud(np.zeros((0, 3))), now_s=1.1)
+    one = mixer("lidar_points", body, object_ids={"gate": 3})
+    nothing = cloud(np.zeros((0, 3)), object_ids=np.zeros(0, np.uint8))
+    mixed = one.mix(cloud([[1, 0, 0]], "real"), nothing, now_s=1.1)
     assert mixed.provenance.dropped is None
     assert mixed.reading is not None
     assert len(mixed.reading.points_frd_m) == 1

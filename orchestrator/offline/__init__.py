@@ -1,0 +1,1 @@
+"""Mixing without a flight: pictures, videos, and recordings that are mixed anew."""
