@@ -58,14 +58,15 @@ def autonomy_environment(
     goal: Mapping[str, object],
     parameters: Mapping[str, object] | None = None,
     vehicle: str = "real",
+    system_id: int = 1,
     seed: int = 0,
 ) -> dict[str, str]:
     """Return the environment of the program.
 
     WIL_MAVLINK_URL: link string of the vehicle. WIL_VIDEO_URL: stream, or SDP file, of what it
     perceives. WIL_GOAL, WIL_PARAMETERS: the campaign's goal, and what stands under `with`, as
-    JSON. WIL_VEHICLE: real or twin. WIL_SEED: of the run. PYTHONUNBUFFERED, so that the log of a
-    Python program that is killed is not lost.
+    JSON. WIL_VEHICLE: real or twin. WIL_SYSTEM_ID: its MAVLink system. WIL_SEED: of the run.
+    PYTHONUNBUFFERED, so that the log of a Python program that is killed is not lost.
     """
     return {
         "PYTHONUNBUFFERED": "1",
@@ -75,6 +76,7 @@ def autonomy_environment(
         "WIL_GOAL": json.dumps(dict(goal), allow_nan=False),
         "WIL_PARAMETERS": json.dumps(dict(parameters or {}), allow_nan=False),
         "WIL_VEHICLE": vehicle,
+        "WIL_SYSTEM_ID": str(system_id),
         "WIL_SEED": str(seed),
     }
 

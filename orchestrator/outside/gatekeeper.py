@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.guard.traffic import command_of, is_harmless
+from safety.guard.traffic import ESTIMATES, command_of, is_harmless
 from vehicles.autopilots.base import Target
 from vehicles.mavlink.codec import Codec
 from vehicles.mavlink.framing import Frame
@@ -35,26 +35,45 @@ Answer = Literal["pass", "later", "never"]
 
 
 class Gatekeeper:
-    """Decides on each frame of a program. flying: whether the goal is being flown."""
+    """Decides on each frame of a program.
+
+    flying: whether the goal is being flown. trouble: what the program does wrong, in words.
+    """
 
     def __init__(self, *, target: Target) -> None:
+        self._target = target
         self._as_vehicle = Codec(system_id=target.system, component_id=target.component)
         self.flying = False
         self.refused = 0
+        self.trouble = ""
 
     def judge(self, frame: Frame) -> Answer:
         """Return whether a frame may pass: now, not yet, or never."""
         command = command_of(frame)
         number = None if command is None else command.number
         steers = frame.message_id in SETPOINTS or number in _STEERING_COMMANDS
-        if steers or frame.message_id == mavlink.MAVLINK_MSG_ID_SET_MODE:
-            answer: Answer = "pass" if self.flying else "later"
+        if frame.message_id in SETPOINTS and not self._is_for_vehicle(frame):
+            answer: Answer = "never"
+        elif steers or frame.message_id == mavlink.MAVLINK_MSG_ID_SET_MODE:
+            answer = "pass" if self.flying else "later"
+        elif frame.message_id in ESTIMATES:
+            answer = "never"
         elif is_harmless(frame, parameters=False) and number not in _OUR_RATES:
             answer = "pass"
         else:
             answer = "never"
         self.refused += answer != "pass"
         return answer
+
+    def _is_for_vehicle(self, frame: Frame) -> bool:
+        message = self._as_vehicle.decode(frame)
+        if message is None:
+            return False
+        system = message.target_system
+        if system in {0, self._target.system}:
+            return True
+        self.trouble = f"its setpoints are for system {system}, and it flies {self._target.system}"
+        return False
 
     def refusal(self, frame: Frame, answer: Answer) -> bytes:
         """Return the vehicle's answer to a command that does not pass; empty to anything else.

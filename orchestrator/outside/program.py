@@ -60,6 +60,7 @@ class ProgramPilot:
         self._course = course
         self._folder = folder
         self._seed = seed
+        self._target = target
         self._gate = Gatekeeper(target=target)
         self._splitter = FrameSplitter()
         self._udp = UdpLink(address=LinkAddress(kind="udpin", host=_HOST, port=0))
@@ -109,7 +110,12 @@ class ProgramPilot:
         """Return how it ended, and what of it was refused."""
         ended = None if self._program is None else self._program.exit
         said = "was not started" if ended is None else str(ended)
-        return ProgramResult(vehicle=self.station.name, exit=said, refused=self._gate.refused)
+        return ProgramResult(
+            vehicle=self.station.name,
+            exit=said,
+            refused=self._gate.refused,
+            trouble=self._gate.trouble,
+        )
 
     def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
         """Call `started(name, t_s)` when the next setpoint is on its way, once."""
@@ -158,6 +164,7 @@ class ProgramPilot:
             goal=self._under_test.goal,
             parameters=self._under_test.parameters,
             vehicle=self.station.name,
+            system_id=self._target.system,
             seed=self._seed,
         )
 

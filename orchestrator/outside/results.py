@@ -66,12 +66,13 @@ class InjectedResult:
 class ProgramResult:
     """The autonomy of a vehicle that is a program. exit: how it ended, in words.
 
-    refused: frames of it that were not passed on to the vehicle.
+    refused: frames of it that were not passed on to the vehicle. trouble: what it did wrong.
     """
 
     vehicle: str
     exit: str
     refused: int
+    trouble: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,15 @@ _HARMLESS = frozenset(
     }
 )
 """Messages that read or keep a link alive, and move nothing."""
+ESTIMATES = frozenset(
+    {
+        102,  # VISION_POSITION_ESTIMATE
+        132,  # DISTANCE_SENSOR
+        138,  # ATT_POS_MOCAP
+        331,  # ODOMETRY
+    }
+)
+"""What an estimator may fly by: a vehicle that loses it while it is brought down is lost itself."""
 _HARMLESS_COMMANDS = frozenset({510, 511, 512, 519, 520})
 """Message intervals, requests of a message, of the version and of the capabilities."""
 _STEERING_COMMANDS = frozenset(
@@ -72,7 +81,7 @@ def is_harmless(frame: Frame, *, parameters: bool) -> bool:
     command = command_of(frame)
     if command is not None:
         return command.number in _HARMLESS_COMMANDS
-    return frame.message_id in _HARMLESS
+    return frame.message_id in _HARMLESS or frame.message_id in ESTIMATES
 
 
 def is_steering(frame: Frame, system: int) -> bool:

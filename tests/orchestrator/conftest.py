@@ -45,10 +45,12 @@ def fly_run(tmp_path: Path) -> Fly:
         seed: int | None = None,
         inbox: Inbox | None = None,
         disturb: Disturb | None = None,
+        has_cameras: bool = True,
     ) -> Flown:
         nonlocal flown
         flown += 1
-        options = Options(cases=(case,), modes=(mode,), seed=seed, sets=(*SMALL_CAMERAS, *sets))
+        sets = (*(SMALL_CAMERAS if has_cameras else ()), *sets)
+        options = Options(cases=(case,), modes=(mode,), seed=seed, sets=sets)
         plan = load_campaign(ROOT / "campaigns" / f"{campaign}.yaml", options).runs[0]
         folder = tmp_path / f"run{flown}"
         folder.mkdir()

@@ -246,9 +246,18 @@ def test_a_thing_is_sent_at_its_rate_and_each_once() -> None:
         message = paced.due(now_s)
         if message is not None:
             sent.append(now_s)
-    assert len(sent) == 10
+    assert len(sent) == paced.sent == 11
     assert np.diff(sent) == pytest.approx(0.1, abs=0.021)
-    assert paced.sent == 10
+    assert sent[-1] == pytest.approx(1.0, abs=0.011)
+
+
+def test_an_uneven_feed_of_the_same_rate_is_sent_whole() -> None:
+    paced = Paced(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
+    early_late = [0.0, 0.004, -0.003, 0.002, -0.004] * 20
+    for k, off_s in enumerate(early_late):
+        paced.offer(k, 0.1 * k + off_s)
+        assert paced.due(0.1 * k + off_s) == k
+    assert (paced.sent, paced.replaced) == (100, 0)
 
 
 def test_a_slow_feed_is_sent_as_it_comes_and_not_repeated() -> None:

@@ -45,6 +45,13 @@ def test_its_setpoints_pass_from_the_goal_on() -> None:
     assert gate.refused == 2
 
 
+def test_setpoints_for_another_vehicle_are_not_passed_and_told() -> None:
+    gate = Gatekeeper(target=Target(2))
+    gate.flying = True
+    assert gate.judge(setpoint()) == "never"
+    assert gate.trouble == "its setpoints are for system 1, and it flies 2"
+
+
 def test_what_only_reads_passes_always() -> None:
     gate = Gatekeeper(target=Target(1))
     assert gate.judge(HEARTBEAT) == "pass"
@@ -85,6 +92,7 @@ def test_parameters_fences_and_missions_are_not_its_own() -> None:
         mavlink.MAVLink_mission_count_message(1, 1, 3, 1),
         mavlink.MAVLink_mission_clear_all_message(1, 1, 1),
         mavlink.MAVLink_rc_channels_override_message(1, 1, *[1500] * 8),
+        mavlink.MAVLink_vision_position_estimate_message(0, 0, 0, 0, 0, 0, 0),
     ):
         assert gate.judge(frame(message)) == "never"
         assert gate.refusal(frame(message), "never") == b""

@@ -113,7 +113,7 @@ def test_a_rate_of_the_campaign_wins() -> None:
         return real
 
     real = run_virtual(feed())
-    assert len(real.driver.told) == 8
+    assert len(real.driver.told) == 9
     assert real.driver.told[0].current_distance == 150
 
 

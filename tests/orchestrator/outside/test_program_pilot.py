@@ -110,7 +110,7 @@ async def test_it_is_told_where_to_fly_what_to_see_and_what_for(tmp_path: Path) 
     assert "H264" in sdp
     assert json.loads(told["WIL_GOAL"]) == {"altitude_m": 1.2}
     assert json.loads(told["WIL_PARAMETERS"]) == {"speed_m_s": 0.8}
-    assert (told["WIL_VEHICLE"], told["WIL_SEED"]) == ("real", "7")
+    assert (told["WIL_VEHICLE"], told["WIL_SYSTEM_ID"], told["WIL_SEED"]) == ("real", "1", "7")
 
 
 async def test_its_setpoints_pass_from_the_goal_on_and_its_end_is_being_done(

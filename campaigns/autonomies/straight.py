@@ -1,0 +1,47 @@
+"""Fly straight ahead for a while: what stops the vehicle then is its autopilot, or nothing."""
+
+from collections.abc import Mapping
+
+from vehicles.autonomy import Command, Telemetry
+from vehicles.readings import Reading
+from vehicles.setpoints import VelocitySetpoint
+from worlds.frames import rotate
+
+_KNOWN = {"speed_m_s": 1.0, "for_s": 10.0}
+
+
+class StraightAutonomy:
+    """Asks for a speed along the heading at the start, perceives nothing, is done after a time."""
+
+    def __init__(
+        self, *, goal: Mapping[str, float | str], parameters: Mapping[str, object], seed: int
+    ) -> None:
+        """Raise ValueError on parameters that are not known or no positive numbers.
+
+        parameters: speed_m_s, for_s. goal, seed: unused.
+        """
+        del goal, seed
+        for name, value in parameters.items():
+            if name not in _KNOWN:
+                raise ValueError(f"unknown parameter '{name}' (there are {', '.join(_KNOWN)})")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+                raise ValueError(f"{name} must be a positive number, is {value!r}")
+        chosen = _KNOWN | {name: float(str(value)) for name, value in parameters.items()}
+        self._speed_m_s, self._for_s = chosen["speed_m_s"], chosen["for_s"]
+        self._began_s: float | None = None
+        self._yaw_rad = 0.0
+        self._velocity = (0.0, 0.0, 0.0)
+
+    def perceive(self, reading: Reading) -> None:
+        """Look at nothing."""
+
+    def act(self, telemetry: Telemetry) -> Command:
+        """Return the speed ahead; zero when the time is over."""
+        if self._began_s is None:
+            self._began_s = telemetry.t_s
+            self._yaw_rad = telemetry.pose.yaw_rad
+            north, east, _ = rotate(telemetry.pose.q_wxyz, (self._speed_m_s, 0.0, 0.0))
+            self._velocity = (north, east, 0.0)
+        if telemetry.t_s - self._began_s < self._for_s:
+            return Command(VelocitySetpoint(self._velocity, self._yaw_rad), note="ahead")
+        return Command(VelocitySetpoint((0.0, 0.0, 0.0), self._yaw_rad), done=True, note="stop")
