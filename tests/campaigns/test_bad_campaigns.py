@@ -69,7 +69,7 @@ ONE_PLACE = [
     ("use: pilot.py:Pilot", "use: @pilot.py:Deaf", "'pilot.py:Deaf' is no autonomy: it has no met"),
     ("use: pilot.py:Pilot", "use: @pilot.py:Wrong", "'pilot.py:Wrong' cannot be called with"),
     ("use: pilot.py:Pilot", "use: @pilot.py", "'pilot.py' is not of the form file.py:Name"),
-    ("use: pilot.py:Pilot", "use: @gaet", "there is no autonomy 'gaet' (there are gate; or give"),
+    ("use: pilot.py:Pilot", "use: @gaet", "there is no autonomy 'gaet' (there are gate, straight"),
     (
         "with: {speed_m_s: 0.8}",
         "with: @{sped_m_s: 0.8}",

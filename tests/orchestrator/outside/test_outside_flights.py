@@ -153,7 +153,10 @@ async def test_an_autonomy_that_is_a_program_flies(tmp_path: Path) -> None:
     command = json.dumps([sys.executable, str(script)])
     given = (
         *sets(f"autonomy={{program: {command}}}", "vehicles.twin.start={north_m: 0}"),
-        *sets("oracles={time_limit: {limit_s: 60}, landed: {}, vehicle_fault: {}}"),
+        *sets(
+            "oracles={time_limit: {limit_s: 60}, landed: {}, vehicle_fault: {}, "
+            "reached: {required: false}}"
+        ),
     )
     async with Program(tmp_path / "out", "--mode", "sim", "--json", *given) as program:
         landed = await program.end()
