@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from safety.guard.traffic import ESTIMATES, command_of, is_harmless
 from vehicles.autopilots.base import Target
+from vehicles.autopilots.honoured import Setpoints
 from vehicles.mavlink.codec import Codec
 from vehicles.mavlink.framing import Frame
 
@@ -31,13 +32,20 @@ _STEERING_COMMANDS = frozenset(
 _OUR_RATES = frozenset({mavlink.MAV_CMD_SET_MESSAGE_INTERVAL})
 """How often telemetry comes is asked for by the driver; half of it would blind the judge."""
 
+_NO_POSITION = (
+    mavlink.POSITION_TARGET_TYPEMASK_X_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_Y_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_Z_IGNORE
+)
+
 Answer = Literal["pass", "later", "never"]
 
 
 class Gatekeeper:
     """Decides on each frame of a program.
 
-    flying: whether the goal is being flown. trouble: what the program does wrong, in words.
+    flying: whether the goal is being flown. steers_by: what its newest setpoint that passed was.
+    trouble: what the program does wrong, in words.
     """
 
     def __init__(self, *, target: Target) -> None:
@@ -45,14 +53,16 @@ class Gatekeeper:
         self._as_vehicle = Codec(system_id=target.system, component_id=target.component)
         self.flying = False
         self.refused = 0
+        self.steers_by: Setpoints | None = None
         self.trouble = ""
 
     def judge(self, frame: Frame) -> Answer:
         """Return whether a frame may pass: now, not yet, or never."""
         command = command_of(frame)
         number = None if command is None else command.number
-        steers = frame.message_id in SETPOINTS or number in _STEERING_COMMANDS
-        if frame.message_id in SETPOINTS and not self._is_for_vehicle(frame):
+        setpoint = self._setpoint(frame) if frame.message_id in SETPOINTS else None
+        steers = setpoint is not None or number in _STEERING_COMMANDS
+        if frame.message_id in SETPOINTS and setpoint is None:
             answer: Answer = "never"
         elif steers or frame.message_id == mavlink.MAVLINK_MSG_ID_SET_MODE:
             answer = "pass" if self.flying else "later"
@@ -63,17 +73,23 @@ class Gatekeeper:
         else:
             answer = "never"
         self.refused += answer != "pass"
+        if answer == "pass" and setpoint is not None:
+            self.steers_by = setpoint
         return answer
 
-    def _is_for_vehicle(self, frame: Frame) -> bool:
+    def _setpoint(self, frame: Frame) -> Setpoints | None:
+        """Return what a setpoint for this vehicle steers by; None for another's."""
         message = self._as_vehicle.decode(frame)
         if message is None:
-            return False
+            return None
         system = message.target_system
-        if system in {0, self._target.system}:
-            return True
-        self.trouble = f"its setpoints are for system {system}, and it flies {self._target.system}"
-        return False
+        if system not in {0, self._target.system}:
+            said = f"its setpoints are for system {system}, and it flies {self._target.system}"
+            self.trouble = said
+            return None
+        if frame.message_id == mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
+            return "attitude"
+        return "velocity" if message.type_mask & _NO_POSITION == _NO_POSITION else "position"
 
     def refusal(self, frame: Frame, answer: Answer) -> bytes:
         """Return the vehicle's answer to a command that does not pass; empty to anything else.

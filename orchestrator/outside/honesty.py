@@ -1,13 +1,19 @@
-"""Before arming it is proven that each autopilot will act on what the campaign tells it."""
+"""Each autopilot acts on what it is told: proven before arming, watched in flight."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 from campaigns.outside_setups import Injected, InjectionSetup
 from campaigns.setup import VehicleSetup
 from orchestrator.run.station import Station
 from vehicles.autopilots.base import AutopilotName
-from vehicles.autopilots.honest_injection import flown_mode, honoured, parameters_to_ask
-from vehicles.autopilots.honoured import Thing
+from vehicles.autopilots.honest_injection import (
+    flown_mode,
+    honoured,
+    matters_in_flight,
+    parameters_to_ask,
+)
+from vehicles.autopilots.honoured import Ignored, Thing
 from vehicles.errors import ParameterError, VehicleError
 from worlds.frames import Pose, rotate
 
@@ -19,25 +25,63 @@ class NotHonouredError(VehicleError):
     """Something is injected that an autopilot would ignore: which, why, and what to do."""
 
 
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """What one vehicle is told, and the parameters by which it acts on that."""
+
+    station: Station
+    autopilot: AutopilotName
+    thing: Thing
+    parameters: Mapping[str, float]
+
+    def broken(self) -> tuple[Ignored, ...]:
+        """Return why it is ignored now, in the mode and by the setpoints that are flown."""
+        if not matters_in_flight(self.thing):
+            return ()
+        mode, setpoints = self.station.driver.state.mode_name, self.station.steered_by
+        return honoured(
+            self.autopilot, self.thing, self.parameters, mode, setpoints=setpoints or "velocity"
+        )
+
+    def said(self, reasons: Iterable[Ignored]) -> str:
+        """Return reasons in words, with whose they are."""
+        return "; ".join(f"{self.station.name}, {self.thing}: {reason}" for reason in reasons)
+
+
 async def prove(
     stations: Iterable[Station],
     vehicles: Mapping[str, VehicleSetup],
     injections: Iterable[InjectionSetup],
-) -> None:
+    *,
+    unbooted: Mapping[str, frozenset[str]] | None = None,
+) -> tuple[Proof, ...]:
     """Ask each autopilot for the parameters that matter. Raises NotHonouredError with all faults.
 
     Only what the vehicle itself reports counts: what a campaign has set may not have taken.
+    unbooted: of each vehicle the parameters that were changed since it booted.
     """
     wanted = tuple(injections)
+    proofs: list[Proof] = []
     faults: list[str] = []
     for station in stations:
         vehicle = vehicles[station.name]
         for injection in wanted:
-            if station.name in injection.to:
-                thing = thing_of(injection.thing, _mount(vehicle, injection.sensor))
-                faults += await _faults(station, vehicle.autopilot, thing)
+            if station.name not in injection.to:
+                continue
+            thing = thing_of(injection.thing, _mount(vehicle, injection.sensor))
+            proof = await _asked(station, vehicle.autopilot, thing)
+            reasons = honoured(
+                vehicle.autopilot,
+                thing,
+                proof.parameters,
+                flown_mode(vehicle.autopilot, thing),
+                unbooted=(unbooted or {}).get(station.name, frozenset()),
+            )
+            proofs.append(proof)
+            faults += [proof.said(reasons)] if reasons else []
     if faults:
         raise NotHonouredError("injection would be ignored: " + "; ".join(faults))
+    return tuple(proofs)
 
 
 def thing_of(injected: Injected, mount: Pose | None) -> Thing:
@@ -48,15 +92,14 @@ def thing_of(injected: Injected, mount: Pose | None) -> Thing:
     return injected
 
 
-async def _faults(station: Station, autopilot: AutopilotName, thing: Thing) -> list[str]:
+async def _asked(station: Station, autopilot: AutopilotName, thing: Thing) -> Proof:
     parameters: dict[str, float] = {}
     for name in parameters_to_ask(autopilot, thing):
         try:
             parameters[name] = await station.driver.parameters.get(name)
         except ParameterError:
             continue  # that it has none is what the rule then says
-    reasons = honoured(autopilot, thing, parameters, flown_mode(autopilot, thing))
-    return [f"{station.name}, {thing}: {reason}" for reason in reasons]
+    return Proof(station, autopilot, thing, parameters)
 
 
 def _mount(vehicle: VehicleSetup, sensor: str | None) -> Pose | None:

@@ -12,7 +12,7 @@ from orchestrator.delivery.camera_component import CameraComponent, VideoStream
 from orchestrator.outside.cameras import SourcedCamera
 from orchestrator.outside.captures import Captures
 from orchestrator.outside.ground_station import GroundStation
-from orchestrator.outside.honesty import prove
+from orchestrator.outside.honesty import Proof, prove
 from orchestrator.outside.injecting import Injector, Surroundings
 from orchestrator.outside.outlets import Outlet, Outlets, picture_delivery
 from orchestrator.outside.results import OutsideResult, SourceResult
@@ -50,6 +50,7 @@ class Outside:
         self._stack = AsyncExitStack()
         self._missing: dict[Key, float] = {}
         self._doubted: Callable[[str], None] = lambda _: None
+        self._proofs: tuple[Proof, ...] = ()
         self.cameras: dict[Key, SourcedCamera] = {}
         self.simulators: dict[Key, ZmqPictureSource] = {}
         for vehicle in setup.vehicles:
@@ -113,7 +114,8 @@ class Outside:
             await self.captures.ready()
         if self._injectors:
             vehicles = {str(one.name): one for one in self._setup.vehicles}
-            await prove(stations, vehicles, self._setup.campaign.outside.injections)
+            injections = self._setup.campaign.outside.injections
+            self._proofs = await prove(stations, vehicles, injections)
 
     async def run(self, course: Course) -> None:
         """Tell autopilots and ground station what is due, and watch, until cancelled."""
@@ -125,6 +127,8 @@ class Outside:
                 group.create_task(self._ground.run(), name="ground station")
             if any(one.mocap is not None for one in self._setup.vehicles):
                 group.create_task(self._watch(course), name="motion capture watch")
+            if self._injectors:
+                group.create_task(self._watch_honesty(course), name="injection watch")
 
     def senses(self, doubted: Callable[[str], None]) -> bool:
         """Return whether any camera is outside; `doubted` is told when one gives nothing."""
@@ -187,6 +191,23 @@ class Outside:
             if silent:
                 course.decide("INVALID", silent, source="mocap")
                 return
+
+    async def _watch_honesty(self, course: Course) -> None:
+        """End the flight as INVALID when an autopilot is flown so that it ignores what it is told.
+
+        Twice in a row: what changes the mode may itself be on its way to being told.
+        """
+        before = ""
+        while True:
+            await asyncio.sleep(_WATCH_S)
+            said = ""
+            if course.stage == "goal" and not course.decisive:
+                broken = ((proof, proof.broken()) for proof in self._proofs)
+                said = "; ".join(proof.said(reasons) for proof, reasons in broken if reasons)
+            if said and said == before:
+                course.decide("INVALID", f"injection was ignored: {said}", source="injection")
+                return
+            before = said
 
     def _add(self, vehicle: Source, camera: CameraSetup) -> None:
         source, key = camera.source, (str(vehicle), camera.name)

@@ -183,6 +183,7 @@ class ProgramPilot:
                 self.station.driver.hand_over()
                 self._started(self.station.name, t_s)
                 self._started = None
+            self.station.program_setpoints = self._gate.steers_by
             self._link.write(frame.raw)
 
 

@@ -5,12 +5,13 @@ from dataclasses import dataclass, field
 
 from safety.samples import PoseSample
 from vehicles.autonomy import Telemetry
+from vehicles.autopilots.honoured import Setpoints
 from vehicles.driver import Driver
 from vehicles.driver.state import EstimateSample
 from vehicles.embedded.states import TruthSample
 from vehicles.pose_history import PoseHistory
 from vehicles.readings import PoseReading
-from vehicles.setpoints import Setpoint
+from vehicles.setpoints import PositionSetpoint, Setpoint
 from worlds.frames import Pose, Vec3, scale, subtract
 
 HISTORY_S = 2.0
@@ -28,7 +29,8 @@ class Station:
 
     poses: by the campaign's pose source, world frame; what judging and rendering use. truth:
     where it truly is; empty for vehicles that are not embedded. setpoint, note: the newest of its
-    autonomy. lifted_s: when it left the ground by the vehicle's own clock, mapped.
+    autonomy; program_setpoints: of which kind a program's newest was. lifted_s: when it left the
+    ground by the vehicle's own clock, mapped.
     """
 
     name: str
@@ -38,12 +40,20 @@ class Station:
     poses: PoseHistory = field(default_factory=lambda: PoseHistory(HISTORY_S))
     truth: PoseHistory = field(default_factory=lambda: PoseHistory(HISTORY_S))
     setpoint: Setpoint | None = None
+    program_setpoints: Setpoints | None = None
     note: str = ""
     lifted_s: float | None = None
     contact: str | None = None
     _listeners: list[PoseListener] = field(default_factory=list)
     _contact_listeners: list[ContactListener] = field(default_factory=list)
     _mocap_listeners: list[MocapListener] = field(default_factory=list)
+
+    @property
+    def steered_by(self) -> Setpoints | None:
+        """Return what its autonomy steers by; None before its first setpoint."""
+        if self.setpoint is None:
+            return self.program_setpoints
+        return "position" if isinstance(self.setpoint, PositionSetpoint) else "velocity"
 
     def on_pose(self, listener: PoseListener) -> None:
         """Call `listener` with each pose of the campaign's pose source."""

@@ -158,3 +158,16 @@ def test_a_landing_that_is_not_guided_yet() -> None:
     assert "in mode GUIDED" in texts("ardupilot", "landing_target", ARDUPILOT_READY, "GUIDED")
     assert "RTL_PLD_MD is 0" in texts("px4", "landing_target", {"RTL_PLD_MD": 0}, "RTL")
     assert honoured("px4", "landing_target", {}, "PRECLAND") == ()
+
+
+def test_a_value_that_waits_for_a_boot_is_told_from_one_that_counts() -> None:
+    just_set = frozenset({"PRX1_TYPE", "AVOID_ENABLE"})
+    (said,) = honoured(
+        "ardupilot", "obstacle_distance", ARDUPILOT_READY, "GUIDED", unbooted=just_set
+    )
+    assert said.reboot
+    assert str(said) == (
+        "PRX1_TYPE was set to 2 since the autopilot booted, and counts from the next boot on: "
+        "until then obstacles over MAVLink are not listened to; set PRX1_TYPE to 2 in the vehicle "
+        "itself, reboot it, and then fly"
+    )

@@ -20,6 +20,11 @@ _GUIDED: Mapping[AutopilotName, str] = {"ardupilot": "GUIDED", "px4": "OFFBOARD"
 _LANDING: frozenset[Thing] = frozenset({"landing_target"})
 
 
+def matters_in_flight(thing: Thing) -> bool:
+    """Return whether a thing matters while the goal is flown, rather than at the landing."""
+    return thing not in _LANDING
+
+
 def flown_mode(autopilot: AutopilotName, thing: Thing) -> str:
     """Return the mode of a run in which a thing matters, by the autopilot's own name."""
     return "LAND" if thing in _LANDING else _GUIDED[autopilot]
@@ -32,13 +37,15 @@ def honoured(
     mode: str,
     *,
     setpoints: Setpoints = "velocity",
+    unbooted: frozenset[str] = frozenset(),
 ) -> tuple[Ignored, ...]:
     """Return every reason why an injected thing would be ignored; empty when it is acted on.
 
     parameters: all that the autopilot reported. mode: that it will fly in, by its own name.
-    setpoints: what the autonomy sends in guided flight.
+    setpoints: what the autonomy sends in guided flight. unbooted: parameters set since it booted.
     """
-    return broken_rules(_RULES[autopilot], thing, Situation(parameters, mode, setpoints))
+    situation = Situation(parameters, mode, setpoints, unbooted)
+    return broken_rules(_RULES[autopilot], thing, situation)
 
 
 def never_honoured(autopilot: AutopilotName, thing: Thing) -> tuple[Ignored, ...]:

@@ -26,16 +26,21 @@ Thing = Literal[
     "flight_termination",
     "inject_failure",
 ]
-Setpoints = Literal["velocity", "position"]
+Setpoints = Literal["velocity", "position", "attitude"]
+"""What an autonomy steers by: velocities or accelerations, positions, or attitudes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """How the vehicle will fly. mode: the autopilot's own word ("GUIDED", "OFFBOARD")."""
+    """How the vehicle will fly. mode: the autopilot's own word ("GUIDED", "OFFBOARD").
+
+    unbooted: parameters that were set since the autopilot booted.
+    """
 
     parameters: Mapping[str, float]
     mode: str
     setpoints: Setpoints = "velocity"
+    unbooted: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +108,7 @@ class Needs:
             )
         found = situation.parameters[name]
         if self._fits(found):
-            return None
+            return self._asleep(name, found) if name in situation.unbooted else None
         value = float(round(found) | self.bits) if self.bits else self.advised
         after = " and reboot the autopilot" if self.reboot else ""
         return Ignored(
@@ -112,6 +117,19 @@ class Needs:
             name,
             value,
             self.reboot,
+        )
+
+    def _asleep(self, name: str, found: float) -> Ignored | None:
+        """Return that it does not count yet, when it takes effect at boot alone."""
+        if not self.reboot:
+            return None
+        return Ignored(
+            f"{name} was set to {found:g} since the autopilot booted, and counts from the next "
+            f"boot on: until then {self.meaning}",
+            f"set {name} to {found:g} in the vehicle itself, reboot it, and then fly",
+            name,
+            found,
+            reboot=True,
         )
 
     def _fits(self, found: float) -> bool:

@@ -6,7 +6,7 @@ Each rule names its source in ArduPilot's tree; parameters as in its own documen
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from vehicles.autopilots.honoured import InModes, Needs, Never, Rule, Thing, When
+from vehicles.autopilots.honoured import InModes, Needs, Never, Rule, Setpoints, Thing, When
 
 _GUIDED = frozenset({"GUIDED"})
 _NAVIGATES = frozenset({"AUTO", "GUIDED", "RTL"})
@@ -25,6 +25,7 @@ _AVOID = Needs("AVOID_ENABLE", "the proximity sensor does not stop it (bit 1)", 
 _AVOID_MODES = InModes(frozenset({"GUIDED", "ALT_HOLD", "LOITER"}), "simple avoidance is not used")
 # AP_OAPathPlanner.cpp, var_info: TYPE 1 BendyRuler, 2 Dijkstra, 3 both.
 _PLANNER = Needs("OA_TYPE", "no path is planned round obstacles", 1, one_of=(1, 2, 3), reboot=True)
+_PATHLESS: tuple[Setpoints, ...] = ("velocity", "attitude")
 # Parameters.cpp: GUID_OPTIONS bit 6, "Waypoint navigation used for position targets".
 _GUIDED_BY_WAYPOINTS = Needs(
     "GUID_OPTIONS", "position targets are flown straight, not by waypoint navigation", 64, bits=64
@@ -38,7 +39,19 @@ _GUIDED_POSITIONS = When(
     _GUIDED,
     "position",
 )
-_SIMPLE_AVOIDANCE: tuple[Rule, ...] = (_PROXIMITY, _AVOID, _AVOID_MODES, _GUIDED_POSITIONS)
+# mode_guided.cpp, angle_control_run: what is asked is flown.
+_GUIDED_ATTITUDES = When(
+    Never("attitude setpoints are not adjusted by simple avoidance", "send velocity setpoints"),
+    _GUIDED,
+    "attitude",
+)
+_SIMPLE_AVOIDANCE: tuple[Rule, ...] = (
+    _PROXIMITY,
+    _AVOID,
+    _AVOID_MODES,
+    _GUIDED_POSITIONS,
+    _GUIDED_ATTITUDES,
+)
 
 # AP_Avoidance.cpp, var_info: ENABLE; F_ACTION 0 none, 1 report, 2 and above moves.
 _TRAFFIC: tuple[Rule, ...] = (
@@ -59,10 +72,13 @@ ARDUPILOT: Mapping[Thing, tuple[Rule, ...]] = MappingProxyType(
             _PROXIMITY,
             _PLANNER,
             InModes(_NAVIGATES, "there is no path to plan"),
-            When(
-                Never("velocity setpoints have no path to plan", "send position setpoints"),
-                _GUIDED,
-                "velocity",
+            *(
+                When(
+                    Never(f"{kind} setpoints have no path to plan", "send position setpoints"),
+                    _GUIDED,
+                    kind,
+                )
+                for kind in _PATHLESS
             ),
             When(_GUIDED_BY_WAYPOINTS, _GUIDED, "position"),
         ),

@@ -26,6 +26,7 @@ class FakeParameters:
 @dataclass
 class FakeState:
     local: LocalEstimate | None = None
+    mode_name: str = "GUIDED"
 
 
 @dataclass
@@ -56,6 +57,7 @@ class FakeStation:
 
     name: str = "real"
     driver: FakeDriver = field(default_factory=FakeDriver)
+    steered_by: str | None = None
 
 
 async def until(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:

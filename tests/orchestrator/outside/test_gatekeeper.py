@@ -103,3 +103,31 @@ def test_a_command_that_comes_too_early_may_be_sent_again() -> None:
     asked = command(mavlink.MAV_CMD_DO_REPOSITION)
     (ack,) = Codec(system_id=1, component_id=1).parse(gate.refusal(asked, gate.judge(asked)))
     assert ack.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+
+
+def steering(type_mask: int) -> Any:
+    return frame(
+        mavlink.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, 1, type_mask, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0
+        )
+    )
+
+
+def test_what_it_steers_by_is_known_from_what_passed() -> None:
+    gate = Gatekeeper(target=Target(1))
+    gate.judge(steering(0b110111111000))
+    assert gate.steers_by is None  # it was not its turn
+    gate.flying = True
+    for message, expected in (
+        (steering(0b110111000111), "velocity"),
+        (steering(0b110111111000), "position"),
+        (steering(0b110111000000), "position"),
+        (
+            frame(
+                mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, [1, 0, 0, 0], 0, 0, 0, 1)
+            ),
+            "attitude",
+        ),
+    ):
+        assert gate.judge(message) == "pass"
+        assert gate.steers_by == expected

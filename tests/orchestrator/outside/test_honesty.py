@@ -1,18 +1,20 @@
 """Before arming each autopilot is asked whether it will act on what it is told."""
 
 import math
+import typing
 from typing import cast
 
 import pytest
 
-from campaigns.outside_setups import InjectionSetup
+from campaigns.outside_setups import Injected, InjectionSetup
 from campaigns.sensor_setups import RangefinderSetup
 from campaigns.setup import VehicleSetup
 from orchestrator.clock import run_virtual
-from orchestrator.outside.honesty import NotHonouredError, prove, thing_of
+from orchestrator.outside.honesty import NotHonouredError, Proof, prove, thing_of
 from orchestrator.run.station import Station
 from tests.orchestrator.outside.rigs import FakeDriver, FakeParameters, FakeStation
 from vehicles.autopilots.base import AutopilotName
+from vehicles.autopilots.honoured import Setpoints
 from worlds.frames import AT_ORIGIN, Pose
 
 DOWN = Pose.of(0.0, 0.0, 0.0, pitch_rad=-math.pi / 2)
@@ -72,3 +74,77 @@ def test_a_rangefinder_is_height_or_proximity_by_where_it_looks() -> None:
     assert proven(READY, sideways, vehicle(mount=AT_ORIGIN)).asked[0] == "PRX1_TYPE"
     with pytest.raises(NotHonouredError, match="RNGFND1_TYPE"):
         proven(READY, sideways)
+
+
+INJECTED: tuple[Injected, ...] = typing.get_args(Injected)
+NEVER = {("px4", "obstacle_distance"), ("px4", "landing_target")}
+"""What OFFBOARD flies into, and PX4's LAND lands beside."""
+WHAT_TO_SET = {
+    ("ardupilot", "obstacle_distance"): {"PRX1_TYPE": 2, "AVOID_ENABLE": 2},
+    ("ardupilot", "distance_sensor"): {"RNGFND1_TYPE": 10, "RNGFND1_ORIENT": 25},
+    ("ardupilot", "adsb_vehicle"): {"ADSB_TYPE": 1, "AVD_ENABLE": 1, "AVD_F_ACTION": 3},
+    ("ardupilot", "landing_target"): {"PLND_ENABLED": 1, "PLND_TYPE": 1},
+    ("ardupilot", "vision_position_estimate"): {"VISO_TYPE": 1, "EK3_SRC1_POSXY": 6},
+    ("ardupilot", "odometry"): {"VISO_TYPE": 1, "EK3_SRC1_POSXY": 6},
+    ("px4", "distance_sensor"): {"EKF2_RNG_CTRL": 1},
+    ("px4", "adsb_vehicle"): {"NAV_TRAFF_AVOID": 4},
+    ("px4", "vision_position_estimate"): {"EKF2_EV_CTRL": 1},
+    ("px4", "odometry"): {"EKF2_EV_CTRL": 1},
+}
+
+
+@pytest.mark.parametrize("thing", INJECTED)
+@pytest.mark.parametrize("autopilot", typing.get_args(AutopilotName))
+def test_each_thing_on_each_autopilot_is_refused_until_what_is_said_is_set(
+    autopilot: AutopilotName, thing: Injected
+) -> None:
+    setup = vehicle(autopilot)
+    injection = InjectionSetup(thing=thing, to=("real",), sensor="below")
+    if (autopilot, thing) in NEVER:
+        with pytest.raises(NotHonouredError, match=r"in mode (OFFBOARD|LAND): .*; fly in "):
+            proven({"CP_DIST": 2.0, "MPC_POS_MODE": 4.0, "RTL_PLD_MD": 1.0}, injection, setup)
+        return
+    needed = WHAT_TO_SET[autopilot, thing]
+    with pytest.raises(NotHonouredError) as refusal:
+        proven(dict.fromkeys(needed, 0.0), injection, setup)
+    for name, value in needed.items():
+        assert f"real, {thing}: {name} is 0" in str(refusal.value) or f"; {name}" in str(refusal)
+        assert f"set {name} to {value}" in str(refusal.value)
+    proven({name: float(value) for name, value in needed.items()}, injection, setup)
+
+
+def test_what_counts_after_a_boot_alone_does_not_count_when_it_was_just_set() -> None:
+    station = FakeStation(driver=FakeDriver(parameters=FakeParameters(dict(READY))))
+    just_set = {"real": frozenset({"PRX1_TYPE", "AVOID_ENABLE"})}
+    proving = prove([cast("Station", station)], {"real": vehicle()}, [OBSTACLES], unbooted=just_set)
+    with pytest.raises(NotHonouredError) as refusal:
+        run_virtual(proving)
+    assert "PRX1_TYPE was set to 2 since the autopilot booted" in str(refusal.value)
+    assert "reboot it" in str(refusal.value)
+    assert "AVOID_ENABLE" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("mode", "steered_by", "said"),
+    [
+        ("GUIDED", None, ""),
+        ("GUIDED", "velocity", ""),
+        ("GUIDED", "position", "position setpoints in GUIDED are not adjusted"),
+        ("GUIDED", "attitude", "attitude setpoints are not adjusted"),
+        ("BRAKE", "velocity", "in mode BRAKE: simple avoidance is not used"),
+    ],
+)
+def test_how_it_is_flown_is_held_against_what_was_proven(
+    mode: str, steered_by: Setpoints | None, said: str
+) -> None:
+    station = FakeStation(steered_by=steered_by)
+    station.driver.state.mode_name = mode
+    proof = Proof(cast("Station", station), "ardupilot", "obstacle_distance", READY)
+    found = proof.said(proof.broken())
+    assert said in found
+    assert bool(found) == bool(said)
+
+
+def test_a_landing_target_says_nothing_about_the_flight_before_the_landing() -> None:
+    proof = Proof(cast("Station", FakeStation()), "ardupilot", "landing_target", {})
+    assert proof.broken() == ()

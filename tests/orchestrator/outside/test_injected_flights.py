@@ -84,3 +84,28 @@ def test_the_same_seed_injects_the_same(fly_run: Fly) -> None:
     assert first[0].outside == second[0].outside
     assert rows_of(first[1]) == rows_of(second[1])
     assert all_landed(first[1])
+
+
+BY_POSITIONS = """
+from vehicles.autonomy import Command
+from vehicles.setpoints import PositionSetpoint
+
+
+class ByPositions:
+    def __init__(self, *, goal, parameters, seed):
+        pass
+
+    def perceive(self, reading):
+        pass
+
+    def act(self, telemetry):
+        return Command(PositionSetpoint((2.0, 0.0, -1.5)))
+"""
+
+
+def test_who_steers_past_the_avoidance_proves_nothing(fly_run: Fly, tmp_path: Path) -> None:
+    (tmp_path / "by_positions.py").write_text(BY_POSITIONS)
+    result, folder = flown(fly_run, f"autonomy={tmp_path}/by_positions.py:ByPositions", mode="sim")
+    assert result.verdict == "INVALID"
+    assert "twin, obstacle_distance: position setpoints in GUIDED are not adjusted" in result.reason
+    assert all_landed(folder)
