@@ -1,9 +1,10 @@
 """`wil-campaign list`: what is at hand."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from textwrap import wrap
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -12,6 +13,8 @@ import campaigns
 from campaigns.under_test import shipped_autonomies
 from orchestrator.cli.streams import out
 from orchestrator.cli.text import table
+from recipes.described import StepDoc
+from recipes.described import described as described_step
 from recipes.registry import steps
 from safety.oracles import registry
 from safety.oracles.described import ParameterDoc, common_parameters, described
@@ -20,6 +23,8 @@ from worlds.documents import BadInput, load
 
 What = Literal["campaigns", "operators", "autonomies", "oracles", "signals"]
 Row = dict[str, Any]
+
+_WIDTH = 100
 
 
 def list_things(
@@ -41,6 +46,8 @@ def list_things(
         out(json.dumps(rows, indent=2, ensure_ascii=False))
     elif what == "oracles":
         out(_oracle_text())
+    elif what == "operators":
+        out("\n".join(line for kind in steps() for line in _step_lines(described_step(kind))))
     elif rows:
         out(table(tuple(rows[0]), [tuple(map(str, row.values())) for row in rows]))
     return 0
@@ -63,16 +70,7 @@ def _campaign(path: Path) -> Row:
 
 
 def _operators() -> list[Row]:
-    return [
-        {
-            "name": step.name,
-            "stage": step.stage,
-            "sensors": ", ".join(step.sensors),
-            "parameters": ", ".join(step.parameters.model_fields),
-            "summary": step.summary,
-        }
-        for step in steps()
-    ]
+    return [asdict(described_step(kind)) for kind in steps()]
 
 
 def _autonomies() -> list[Row]:
@@ -103,19 +101,45 @@ def _oracle_text() -> str:
     return "\n".join([*lines, "", "every oracle takes", *_parameter_lines(common_parameters())])
 
 
-def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
-    if not parameters:
-        return []
+def _step_lines(doc: StepDoc) -> list[str]:
+    """Return a step with its shapes and units, and its parameters with what they mean."""
+    works = ", ".join(doc.sensors) + (f" -> {doc.gives}" if doc.gives else "")
+    texts = [each for each in (doc.details, doc.notes) if each]
     rows = [
-        (
-            f"    {each.name}",
-            f"{each.takes}{', ' if each.unit else ''}{each.unit}",
-            "needed" if each.needed else each.default,
-            each.meaning,
-        )
-        for each in parameters
+        (f"    {each.name}", each.takes, "needed" if each.needed else each.default)
+        for each in doc.parameters
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    return [
+        f"{doc.name} ({doc.stage}; {works}): {doc.summary}",
+        *(line for text in texts for line in _wrapped(text)),
+        *_aligned(rows),
+    ]
+
+
+def _wrapped(text: str) -> list[str]:
+    return wrap(text, _WIDTH, initial_indent="    ", subsequent_indent="    ")
+
+
+def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
+    return _aligned(
+        [
+            (
+                f"    {each.name}",
+                f"{each.takes}{', ' if each.unit else ''}{each.unit}",
+                "needed" if each.needed else each.default,
+                each.meaning,
+            )
+            for each in parameters
+        ]
+    )
+
+
+def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return rows with their columns one under the other, but for the last."""
+    if not rows:
+        return []
+    last = len(rows[0]) - 1
+    widths = [max(len(row[column]) for row in rows) for column in range(last)]
     return [
         "  ".join(cell.ljust(width) for cell, width in zip(row, (*widths, 0), strict=True)).rstrip()
         for row in rows

@@ -26,7 +26,8 @@ _KEPT_SMALL = 64
 """Readings of the twin among which that of a moment is sought."""
 _EARLY_S = 1e-6
 
-Registration = Callable[[Reading], float | None]
+Registration = Callable[[Reading, float], float | None]
+"""The twin's reading and the real exposure that it was laid over, to the error in pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +135,11 @@ class MixingLoop:
         now_s = asyncio.get_running_loop().time()
         mixed: Mixed[Reading] = self.mixer.mix(real, twin, now_s=now_s, alignment=alignment)
         if self._registration is not None and twin is not None:
-            error_px = self._registration(twin)
-            told = replace(mixed.provenance, registration_error_px=error_px)
-            mixed = Mixed(mixed.reading, told)
+            told = mixed.provenance
+            # A step may have chosen an older picture of the real camera.
+            exposed_s = real.t_s if told.real_t_s is None else told.real_t_s
+            error_px = self._registration(twin, exposed_s)
+            mixed = Mixed(mixed.reading, replace(told, registration_error_px=error_px))
         self._account(mixed, now_s)
         self._tell(Frame(self.name, self.mixer.sensor, real, twin, mixed))
 

@@ -36,14 +36,14 @@ class Registrar:
         """
         truth = self._stations["real"].truth
 
-        def error_px(twin: Reading) -> float | None:
+        def error_px(twin: Reading, exposed_s: float) -> float | None:
             if not isinstance(twin, CameraReading | DepthReading) or twin.camera_pose is None:
                 return None
-            found = truth.at(twin.t_s)
+            found = truth.at(exposed_s)
             if found.pose is None:
                 return None
             return registration_error_px(
-                self._corners(twin.t_s),
+                zip(self._corners(twin.t_s), self._corners(exposed_s), strict=True),
                 intrinsics=camera.intrinsics,
                 drawn_from=twin.camera_pose,
                 reference=camera.mount.camera_pose(found.pose),
@@ -61,7 +61,7 @@ class Registrar:
 
 
 def registration_error_px(
-    points_ned_m: Iterable[Vec3],
+    points_ned_m: Iterable[tuple[Vec3, Vec3]],
     *,
     intrinsics: Intrinsics,
     drawn_from: Pose,
@@ -69,13 +69,13 @@ def registration_error_px(
 ) -> float | None:
     """Return the RMS distance between points as drawn and as the reference camera would see them.
 
-    points_ned_m: points of virtual objects, world frame. drawn_from, reference: camera poses (FRD
-    axes). Only points in front of both cameras and within either picture count; None when there
-    is none.
+    points_ned_m: points of virtual objects, world frame, each where it was drawn and where it
+    was at the exposure of the real picture. drawn_from, reference: camera poses (FRD axes). Only
+    points in front of both cameras and within either picture count; None when there is none.
     """
     squares: list[float] = []
-    for point in points_ned_m:
-        drawn = intrinsics.project(drawn_from.to_local(point))
+    for shown, point in points_ned_m:
+        drawn = intrinsics.project(drawn_from.to_local(shown))
         right = intrinsics.project(reference.to_local(point))
         if drawn is None or right is None:
             continue

@@ -172,6 +172,15 @@ def test_list_oracles_documents_every_parameter(cli: Cli) -> None:
     assert "every oracle takes" in text
 
 
+def test_list_operators_tells_shapes_units_and_parameters(cli: Cli) -> None:
+    rows = {row["name"]: row for row in json.loads(cli("list", "operators", "--json").out)}
+    assert "(h, w, 3) uint8" in rows["resize"]["details"]
+    text = cli("list", "operators").out
+    assert "geodetic (transform; pose -> gps): Turn a local position into a fix" in text
+    lines = [line.split() for line in text.splitlines()]
+    assert ["soft_edge_px", "number", "0"] in lines
+
+
 def test_list_campaigns_finds_those_of_the_folder_and_the_shipped(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

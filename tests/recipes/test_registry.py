@@ -3,6 +3,7 @@
 import pytest
 
 from recipes import registry
+from recipes.described import described
 from recipes.registry import (
     STAGES,
     Context,
@@ -41,3 +42,25 @@ def test_a_second_step_of_a_name_is_refused() -> None:
     found = registry.find("resize")
     assert found is not None
     assert found.stage == "transform"
+
+
+def test_every_step_is_described_with_its_parameters() -> None:
+    docs = {(doc.name, doc.stage): doc for doc in map(described, steps())}
+    resize = docs["resize", "transform"]
+    assert resize.sensors == ("camera", "depth")
+    assert "(h, w, 3) uint8" in resize.details
+    on, to = resize.parameters
+    assert (on.name, on.takes, on.default, on.needed) == (
+        "on",
+        "real | twin | both",
+        "twin",
+        False,
+    )
+    assert (to.takes, to.needed) == ("real | twin or {width_px, height_px}", True)
+    assert docs["geodetic", "transform"].gives == "gps"
+    assert docs["use", "filter"].parameters[-1].name == "with"
+    overlay = {one.name: one for one in docs["overlay", "merge"].parameters}
+    assert overlay["priority"].default == "[twin, real]"
+    for doc in docs.values():
+        assert doc.summary.endswith((".", ":"))
+        assert doc.notes

@@ -1,0 +1,122 @@
+"""What the pages of docs/ show is true: recipes load, steps are all there, named tests exist."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from recipes.language import load_recipe
+from recipes.paper_xml import parse_paper_xml
+from recipes.pipeline import compile_recipe
+from recipes.recipe import Recipe
+from recipes.registry import STAGES, StepType, steps
+from tests.recipes.samples import camera, plain
+from worlds.documents import BadInput, parse
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+RECIPES = (DOCS / "recipes.md").read_text(encoding="utf-8")
+ROW = re.compile(r"^\| `(\w+)` \| ([^|]+) \| `(.+?)` \| .+ \|$", re.MULTILINE)
+MORE_STEPS = """
+
+class Brightest:
+    def __call__(self, work, other):
+        return work
+
+
+def newest(sides):
+    return sides["real"].reading
+"""
+"""What the page names and does not show."""
+FITTING = {
+    "units": "gps",
+    "replace": "gps",
+    "resample": "imu",
+    "offset": "pose",
+    "match_photometry": "camera",
+    "overlay": "camera",
+}
+MERGES = {"lidar_points": "concatenate", "microphone": "add"}
+GIVES = {"geodetic": "gps", "local": "pose", "to_points": "lidar_points"}
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", RECIPES, re.MULTILINE | re.DOTALL)
+
+
+def loaded(text: str) -> Recipe:
+    return load_recipe(parse(text.encode(), name="docs/recipes.md"))
+
+
+@pytest.mark.parametrize("text", blocks("yaml"), ids=range(len(blocks("yaml"))))
+def test_the_recipes_of_the_page_are_recipes(text: str) -> None:
+    assert loaded(text).combinations
+
+
+def test_the_xml_of_the_page_is_a_recipe() -> None:
+    (text,) = blocks("xml")
+    recipe = load_recipe(parse_paper_xml(text.encode(), name="docs/recipes.xml"))
+    steps_of = [step.kind.name for step in recipe.combinations[0].steps]
+    assert steps_of == ["resize", "isolate_color"]
+
+
+def tables() -> dict[str, list[tuple[str, str, str]]]:
+    """Return the rows of each stage's table: step, sensors, example."""
+    found = {}
+    for stage in STAGES:
+        _, _, section = RECIPES.partition(f"### {stage.capitalize()}\n")
+        found[stage] = ROW.findall(section.partition("\n\n")[0])
+    return found
+
+
+def test_every_step_stands_on_the_page_with_the_sensors_that_it_works_on() -> None:
+    every = len({sensor for kind in steps() for sensor in kind.sensors})
+
+    def sensors(kind: StepType) -> str:
+        return "every sensor" if len(kind.sensors) == every else ", ".join(kind.sensors)
+
+    listed = {(name, stage): works for stage, rows in tables().items() for name, works, _ in rows}
+    assert listed == {(kind.name, kind.stage): sensors(kind) for kind in steps()}
+
+
+@pytest.mark.parametrize(
+    ("stage", "example", "sensor"),
+    [
+        (stage, example, "camera" if works == "every sensor" else works.split(", ")[-1])
+        for stage, rows in tables().items()
+        for _, works, example in rows
+    ],
+)
+def test_every_example_of_a_step_is_understood(
+    tmp_path: Path, stage: str, example: str, sensor: str
+) -> None:
+    (tmp_path / "my_steps.py").write_text(blocks("python")[0] + MORE_STEPS)
+    name = example.strip("{").partition(":")[0]
+    given = FITTING.get(name, sensor)
+    made = GIVES.get(name, given)
+    beside = f"{stage}: [{example}], merge: {MERGES.get(made, 'overlay')}"
+    step = f"merge: {example}" if stage == "merge" else beside
+    text = (
+        f"schema: wil/recipe/1\nsensors: {{s: {{type: {made}, twin_type: {given}}}}}\n"
+        f"combine:\n  - {{sensor: s, {step}}}"
+    )
+    document = parse(text.encode(), name="example", path=tmp_path / "r.yaml")
+    if name == "isolate_detections":
+        with pytest.raises(BadInput, match=r"there is no file 'yolo\.onnx'"):
+            load_recipe(document)
+    else:
+        assert load_recipe(document).combinations
+
+
+def test_the_step_of_ones_own_on_the_page_works(tmp_path: Path) -> None:
+    (tmp_path / "my_steps.py").write_text(blocks("python")[0])
+    text = (
+        "schema: wil/recipe/1\nsensors: {s: {type: camera}}\ncombine:\n"
+        "  - {sensor: s, filter: [{use: 'my_steps.py:desaturate', with: {amount: 1.0}}],"
+        " merge: overlay}"
+    )
+    recipe = load_recipe(parse(text.encode(), name="r.yaml", path=tmp_path / "r.yaml"))
+    (mixer,) = compile_recipe(recipe, object_ids={})
+    mixed = mixer.mix(camera(source="real"), camera(plain((0, 90, 180))), now_s=1.0).reading
+    assert mixed is not None
+    assert (mixed.image_bgr == 90).all()
