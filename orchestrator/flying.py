@@ -2,26 +2,23 @@
 
 import asyncio
 import contextlib
-import hashlib
-import os
-import platform
 import signal
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Protocol
 
 from campaigns.expansion import Campaign, RunPlan
 from orchestrator.clock import Clock
 from orchestrator.junit import junit_xml
+from orchestrator.manifest import manifest
 from orchestrator.operating.desk import Desk
 from orchestrator.operating.opening import operating
 from orchestrator.order import fly_order
 from orchestrator.pool import Pool, WorkerLost
 from orchestrator.progress import News, Progress
-from orchestrator.recording.epoch import folder_stamp, utc_text
+from orchestrator.recording.epoch import folder_stamp
 from orchestrator.results import (
     RunResult,
     SensorKind,
@@ -33,21 +30,8 @@ from orchestrator.results import (
 from orchestrator.run.setup import FLIES, RunOrder
 from orchestrator.writing import to_json, write_whole
 
-_VERSIONED = (
-    "wil-campaign",
-    "av",
-    "embreex",
-    "jsbsim",
-    "numba",
-    "numpy",
-    "opencv-python-headless",
-    "pymavlink",
-    "trimesh",
-)
-"""Packages whose version may change what a run does."""
-
-
-_NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
+_NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
+"""What lands all and ends the campaign; SIGHUP unless it is ignored, as under nohup."""
 _REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered")
 
 
@@ -94,10 +78,21 @@ def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher)
     SIGTERM land what flies, as ABORTED, and end the campaign.
     """
     folder = make_folder(settings.out / campaign.name)
-    write_whole(folder / "campaign.json", to_json(_manifest(campaign, settings.clock)))
+    _write(folder / "campaign.json", to_json(manifest(campaign, settings.clock)))
     flight = _Flight(campaign, settings, watcher, folder)
+    # From the beginning a document says that nothing has passed yet, also where an old one stood.
+    flight.write_summary()
     asyncio.run(flight.fly())
     return flight.outcome()
+
+
+def _write(path: Path, content: str | bytes) -> None:
+    """Write a document. Raises OutputError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
 def make_folder(parent: Path) -> Path:
@@ -139,24 +134,26 @@ class _Flight:
 
     async def fly(self) -> None:
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        heeded = [number for number in _NAMES if signal.getsignal(number) is not signal.SIG_IGN]
+        for number in heeded:
             loop.add_signal_handler(number, self._desk.signal, _NAMES[number])
         try:
             async with operating(self._desk):
                 await self._pool.fly(self._orders())
+        except* OutputError as errors:
+            raise errors.exceptions[0] from None
         finally:
-            for number in (signal.SIGINT, signal.SIGTERM):
+            for number in heeded:
                 loop.remove_signal_handler(number)
 
     def outcome(self) -> CampaignOutcome:
-        summary = self._write_summary()
+        summary = self.write_summary()
         code = exit_code(summary.runs, self._campaign.requirements, stopped=self._desk.stopped)
         return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
 
     def _orders(self) -> Iterable[RunOrder]:
         for plan in self._campaign.runs:
             folder = self._folder / plan.name
-            folder.mkdir(parents=True)
             yield RunOrder(plan=plan, folder=folder, clock=self._settings.clock)
 
     def _told(self, news: News) -> None:
@@ -167,17 +164,18 @@ class _Flight:
     def _done(self, order: RunOrder, outcome: RunResult | WorkerLost) -> None:
         if isinstance(outcome, WorkerLost):
             result = lost_result(order.plan, outcome)
-            write_whole(order.folder / "result.json", to_json(result))
+            _write(order.folder / "result.json", to_json(result))
             if outcome.details:
-                write_whole(order.folder / "error.txt", outcome.details)
+                _write(order.folder / "error.txt", outcome.details)
         else:
             result = outcome
         self._results[order.plan.name] = result
-        self._write_summary()
+        self.write_summary()
         self._desk.finished(result)
         self._watcher.finished(result)
 
-    def _write_summary(self) -> Summary:
+    def write_summary(self) -> Summary:
+        """Write summary.json and junit.xml of what is finished. Raises OutputError."""
         plans = self._campaign.runs
         runs = [self._results[plan.name] for plan in plans if plan.name in self._results]
         summary = summarize(
@@ -189,11 +187,11 @@ class _Flight:
             real_kind="embedded",
             sensors=_sensors(self._campaign),
         )
-        write_whole(self._folder / "summary.json", to_json(summary))
+        _write(self._folder / "summary.json", to_json(summary))
         junit = junit_xml(summary, self._campaign.requirements)
-        write_whole(self._folder / "junit.xml", junit)
+        _write(self._folder / "junit.xml", junit)
         if self._settings.junit is not None:
-            write_whole(self._settings.junit, junit)
+            _write(self._settings.junit, junit)
         return summary
 
 
@@ -231,32 +229,4 @@ def _sensors(campaign: Campaign) -> dict[str, SensorKind]:
                 kind = "rendered" if camera.source is None else camera.source.shown_as
                 before = found.get(camera.name, kind)
                 found[camera.name] = min(before, kind, key=_REAL_FIRST.index)
-    return found
-
-
-def _manifest(campaign: Campaign, clock: Clock) -> dict[str, object]:
-    """Return campaign.json: what was flown, with what, and where."""
-    return {
-        "campaign": campaign.name,
-        "description": campaign.description,
-        "seed": campaign.seed,
-        "clock": clock,
-        "started_utc": utc_text(time.time()),
-        "host": {"name": platform.node(), "machine": platform.machine(), "cores": os.cpu_count()},
-        "versions": {"python": platform.python_version(), **_versions()},
-        "files": {
-            path.name: f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
-            for path in campaign.paths
-        },
-        "document": campaign.document.data,
-    }
-
-
-def _versions() -> dict[str, str]:
-    found: dict[str, str] = {}
-    for name in _VERSIONED:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
     return found

@@ -15,6 +15,7 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     """Fly a run and write its result.json; returns the result when it is on the disk."""
     cv2.setNumThreads(1)  # runs share the cores by processes
     forget_loaded()  # else the runs that a worker flew before this one could tell
+    order.folder.mkdir(parents=True, exist_ok=True)
     result = fly(RunSetup.of(order), report, inbox)
     write_whole(order.folder / "result.json", to_json(result))
     return result

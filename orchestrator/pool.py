@@ -66,6 +66,10 @@ class PipeInbox:
 def _work(connection: Connection, fly: "Fly[Any, Any]") -> None:
     """Fly orders as they come until the parent closes the pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # `timeout`, a service manager and a terminal that closes send these to the whole group; the
+        # parent tells us what to do. A handler, for what is ignored our children would ignore too.
+        signal.signal(number, lambda *_: None)
     os.dup2(2, 1)  # stdout is the parent's document; whatever a library prints goes to stderr
     inbox = PipeInbox(connection)
 

@@ -5,12 +5,15 @@ error of our own, 130 an interrupt. Standard output carries what was asked for, 
 """
 
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from cyclopts import App, Parameter
 
-from orchestrator.cli.streams import err
+from orchestrator.cli.streams import StreamError, err, make_sound
 
 USAGE_ERROR = 2
 INTERNAL_ERROR = 3
@@ -38,16 +41,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with WIL_DEBUG=1.
     """
     tokens = list(sys.argv[1:] if arguments is None else arguments)
+    make_sound()
     try:
-        return _called(tokens)
+        with _interruptible():
+            return _called(tokens)
     except SystemExit as error:
         return error.code if isinstance(error.code, int) else int(error.code is not None)
     except KeyboardInterrupt:
         err("interrupted")
         return INTERRUPTED
     except BrokenPipeError:
-        # Whoever read our output has gone; point it elsewhere, so that the last flush is quiet.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return INTERNAL_ERROR  # whoever read our output has gone
+    except StreamError as error:
+        err(error)
         return INTERNAL_ERROR
     except Exception as error:  # noqa: BLE001 - the last place where one can be told to people
         return _failed(error)
@@ -59,8 +65,24 @@ def _called(tokens: list[str]) -> int:
         app.help_print(console=app.error_console)
         return USAGE_ERROR
     code = app(tokens, result_action="return_value")
-    sys.stdout.flush()
     return code if isinstance(code, int) else 0
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Take SIGTERM, and the terminal's end unless that is ignored (nohup), as Ctrl-C."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def build_app() -> App:

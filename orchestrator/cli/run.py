@@ -1,21 +1,20 @@
 """`wil-campaign run`: fly a campaign."""
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
-from campaigns.expansion import Options, load_campaign
+from campaigns.expansion import Campaign, Options, load_campaign
 from campaigns.schema import VEHICLES
 from orchestrator.cli.clocks import clock_for, outside_of
 from orchestrator.cli.display import Display, Lines, Silent, Terminal
-from orchestrator.cli.streams import err, out
-from orchestrator.cli.verdicts import verdict_table
+from orchestrator.cli.streams import as_far_as_heard, err, out
+from orchestrator.cli.verdicts import conclusions, verdict_table
 from orchestrator.clock import Clock
-from orchestrator.flying import FlyingSettings, OutputError, fly_campaign
+from orchestrator.flying import CampaignOutcome, FlyingSettings, OutputError, fly_campaign
 from orchestrator.operating.opening import OperatingError
 from orchestrator.writing import to_json
 
@@ -72,27 +71,36 @@ def run(
     options = Options(cases=case, modes=mode, repetitions=repetitions, seed=seed, sets=sets)
     campaign = load_campaign(file, options)
     chosen = clock_for(campaign, clock)
-    if outside_of(campaign) and (jobs or 1) > 1:
-        err(f"--jobs {jobs}: runs of this campaign would share {outside_of(campaign)[0].name}")
-        return 2
-    if jobs is not None and jobs < 1:
-        err(f"--jobs {jobs}: at least one run has to fly at a time")
+    if said := _at_once_refused(campaign, jobs):
+        err(said)
         return 2
     most = 1 if outside_of(campaign) else _default_jobs(chosen)
     settings = FlyingSettings(out=out_, clock=chosen, jobs=jobs or most, junit=junit)
-    display = _display(json=json_, total=len(campaign.runs))
+    return _flown(campaign, settings, json=json_)
+
+
+def _at_once_refused(campaign: Campaign, jobs: int | None) -> str:
+    """Return why a campaign cannot fly so many at once; empty when it can."""
+    if jobs is not None and jobs < 1:
+        return f"--jobs {jobs}: at least one run has to fly at a time"
+    if jobs is not None and jobs > 1 and (outside := outside_of(campaign)):
+        return f"--jobs {jobs}: runs of this campaign would share {outside[0].name}"
+    return ""
+
+
+def _flown(campaign: Campaign, settings: FlyingSettings, *, json: bool) -> int:
+    display = _display(json=json, total=len(campaign.runs))
     try:
         with display:
+            display.say(_announcement(campaign, settings))
             outcome = fly_campaign(campaign, settings, display)
     except (OutputError, OperatingError) as error:
         err(error)
         return 3
-    if json_:
-        out(to_json(outcome.summary))
+    if json:
+        out(to_json(outcome.summary).rstrip())
     else:
-        console = Console()
-        console.print(verdict_table(outcome.summary, campaign.requirements))
-        console.print(f"results: {outcome.folder}", highlight=False, soft_wrap=True)
+        _print_verdicts(outcome, campaign)
     return outcome.exit_code
 
 
@@ -108,6 +116,24 @@ def _gcs_sets(links: tuple[str, ...]) -> list[str]:
     return sets
 
 
+def _announcement(campaign: Campaign, settings: FlyingSettings) -> str:
+    at_once = min(settings.jobs, len(campaign.runs))
+    return (
+        f"{campaign.name}: {len(campaign.runs)} to fly, {at_once} at a time, {settings.clock} clock"
+    )
+
+
+def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign) -> None:
+    console = Console(file=as_far_as_heard())
+    table = verdict_table(outcome.summary, campaign.requirements)
+    # Where the terminal is narrower it wraps the lines: cells that were cut off would tell nothing.
+    width = max(console.width, console.measure(table).maximum)
+    Console(file=as_far_as_heard(), width=width).print(table)
+    for line in conclusions(outcome.summary):
+        console.print(line, soft_wrap=True)
+    console.print(f"results: {outcome.folder}", highlight=False, soft_wrap=True)
+
+
 def _default_jobs(clock: str) -> int:
     cores = len(os.sched_getaffinity(0))
     return cores if clock == "virtual" else max(1, cores // 2)
@@ -116,6 +142,7 @@ def _default_jobs(clock: str) -> int:
 def _display(*, json: bool, total: int) -> Display:
     if json:
         return Silent()
-    if sys.stdout.isatty():
-        return Terminal(console=Console(), total=total)
-    return Lines(console=Console(width=200, highlight=False), total=total)
+    stream = as_far_as_heard()
+    if stream.isatty():
+        return Terminal(console=Console(file=stream), total=total)
+    return Lines(console=Console(file=stream, highlight=False, soft_wrap=True), total=total)

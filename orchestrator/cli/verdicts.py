@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 
-from rich.console import Group, RenderableType
+from rich.box import SIMPLE_HEAD
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -27,11 +28,14 @@ _COLUMNS = (
 the largest median of the registration error."""
 
 
-def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> RenderableType:
-    """Return a row for each case and mode, and beneath it what the campaign came to."""
-    table = Table(title=f"{summary.campaign}: {len(summary.runs)} runs", title_justify="left")
+def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Table:
+    """Return a row for each case and mode; 80 columns wide where the case's name is short."""
+    count = len(summary.runs)
+    title = f"{summary.campaign}: {count} run{'' if count == 1 else 's'}"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in _COLUMNS:
-        table.add_column(name, justify="left" if name in {"case", "mode", "verdict"} else "right")
+        words = name in {"case", "mode", "verdict"}
+        table.add_column(name, justify="left" if words else "right", no_wrap=True)
     standings = {
         (one.requirement.case, one.requirement.mode): one
         for one in standings_of(summary.runs, requirements)
@@ -41,7 +45,12 @@ def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Rend
         groups.setdefault((run.case, run.mode), []).append(run)
     for (case, mode), runs in groups.items():
         table.add_row(case, mode, *_cells(runs, standings.get((case, mode))))
-    return Group(table, *_reasons(summary), _conclusion(summary))
+    return table
+
+
+def conclusions(summary: Summary) -> list[Text]:
+    """Return why runs did not pass, and what the campaign came to."""
+    return [*_reasons(summary), _conclusion(summary)]
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
@@ -57,12 +66,15 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
 
 
 def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
+    """Return what a row comes to, with the share that is required where it is not all."""
     if standing is None:
         return Text("reported", style="dim")
+    share = standing.requirement.share
+    wanted = "" if share.passes == share.runs else f" ({share})"
     if standing.met:
-        return Text(f"PASS ({standing.requirement.share})", style="green")
+        return Text(f"PASS{wanted}", style="green")
     worst = next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
-    return Text(f"{worst} ({standing.requirement.share})", style=VERDICT_STYLES[worst])
+    return Text(f"{worst}{wanted}", style=VERDICT_STYLES[worst])
 
 
 def _worst(runs: Sequence[RunResult], names: AbstractSet[str], *, largest: bool = False) -> str:
