@@ -115,7 +115,7 @@ def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
             gates={gate: _AnyGate() for gate in (*openings, *setup.goal.gates)},
             route=setup.goal.gates,
             target_ned_m=setup.goal.position_ned_m,
-            fence=setup.fence,
+            fence=setup.fences.get(name),
             frame=setup.world.frame,
         )
         for name in FLIES[mode]
@@ -187,11 +187,15 @@ def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator
                 yield _no_object(campaign, ("oracles", use.name, key, index), name, world)
 
 
-def _limits(files: CaseFiles, setup: Setup, _: Mode) -> Iterator[Problem]:
+def _limits(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
     """Yield a limit to a fence that is not there."""
-    if setup.limits is not None and setup.limits.inside_fence and setup.fence is None:
-        said = "needs a geofence to stay inside of; the campaign has none"
-        yield files.campaign.problem(("limits", "inside_geofence"), said)
+    if setup.limits is None or not setup.limits.inside_fence:
+        return
+    for name in FLIES[mode]:
+        if name not in setup.fences:
+            whose = "the campaign" if not setup.fences else f"'{name}'"
+            said = f"needs a geofence to stay inside of; {whose} has none"
+            yield files.campaign.problem(("limits", "inside_geofence"), said)
 
 
 class _NothingNear:

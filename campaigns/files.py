@@ -1,14 +1,17 @@
 """The files of one case: campaign, world and recipe, with what the case and --set override."""
 
 import os
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from campaigns.schema import MATRIX_KEYS
 from worlds.documents import BadInput, Document, Entry, Problem, closest, load, parse_value
+from worlds.documents import Path as DocumentPath
 
 _INTO = ("world", "recipe")
+_SUFFIXES = frozenset({".yaml", ".yml", ".plan", ".json", ".geojson", ".xml"})
+"""Of files that a campaign may name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +36,15 @@ class Override:
 
 @dataclass(frozen=True, slots=True)
 class CaseFiles:
-    """The documents of one case, overrides applied; picklable. recipe: None without one."""
+    """The documents of one case, overrides applied; picklable. recipe: None without one.
+
+    fences: the files that the geofence names, by what the campaign calls them.
+    """
 
     campaign: Document
     world: Document | None
     recipe: Document | None
+    fences: Mapping[str, Document] = field(default_factory=dict)
 
     @property
     def folder(self) -> Path:
@@ -47,7 +54,7 @@ class CaseFiles:
     @property
     def paths(self) -> tuple[Path, ...]:
         """Return the files that it was read from."""
-        documents = (self.campaign, self.world, self.recipe)
+        documents = (self.campaign, self.world, self.recipe, *self.fences.values())
         return tuple(document.path for document in documents if document is not None)
 
 
@@ -90,7 +97,7 @@ def case_files(
     found: dict[str, Document | None] = {}
     for key in _INTO:
         inner = [override for override in ordered if override.file == key]
-        document = _named_file(campaign, key, problems)
+        document = _named_file(campaign, (key,), problems)
         if document is not None:
             document = _overridden(document, inner, problems)
         elif campaign.get((key,)) is None:
@@ -99,7 +106,8 @@ def case_files(
                 for override in inner
             ]
         found[key] = document
-    return CaseFiles(campaign, found["world"], found["recipe"]), problems
+    fences = _fence_files(campaign, problems)
+    return CaseFiles(campaign, found["world"], found["recipe"], fences), problems
 
 
 def _overridden(
@@ -113,19 +121,30 @@ def _overridden(
     return document
 
 
-def _named_file(campaign: Document, key: str, problems: list[Problem]) -> Document | None:
-    """Return the document of the file that `world` or `recipe` names; None without one."""
-    text = campaign.get((key,))
+def _fence_files(campaign: Document, problems: list[Problem]) -> dict[str, Document]:
+    found: dict[str, Document] = {}
+    for place in (("geofence",), ("geofence", "real"), ("geofence", "twin")):
+        document = _named_file(campaign, (*place, "file"), problems, json=True)
+        if document is not None:
+            found[str(campaign.get((*place, "file")))] = document
+    return found
+
+
+def _named_file(
+    campaign: Document, key: DocumentPath, problems: list[Problem], *, json: bool = False
+) -> Document | None:
+    """Return the document of the file that is named at a path of the campaign; None without one."""
+    text = campaign.get(key)
     if not isinstance(text, str):
         return None
     path = campaign.path.parent / text
     if not path.exists():
         message = f"there is no file '{text}' beside the campaign"
-        problems.append(campaign.problem((key,), message, _sibling(text, path)))
+        problems.append(campaign.problem(key, message, _sibling(text, path)))
         return None
     name = os.path.normpath(Path(campaign.name).parent / text)
     try:
-        return load(path, name=name)
+        return load(path, name=name, json=json)
     except BadInput as error:
         problems += error.problems
         return None
@@ -135,5 +154,6 @@ def _sibling(text: str, path: Path) -> str:
     """Return the file name, as the campaign would write it, that was probably meant."""
     if not path.parent.is_dir():
         return ""
-    found = closest(path.name, [other.name for other in path.parent.glob("*.y*ml")])
+    others = [other.name for other in path.parent.iterdir() if other.suffix in _SUFFIXES]
+    found = closest(path.name, others)
     return str(Path(text).parent / found) if found else ""

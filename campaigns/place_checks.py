@@ -66,11 +66,9 @@ def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Probl
 def _start_outside_fence(
     files: CaseFiles, setup: Setup, vehicle: VehicleSetup
 ) -> Iterator[Problem]:
-    start = vehicle.start.position_ned_m
-    if setup.fence is not None and (margin_m := setup.fence.margin_m(start)) < 0:
-        side = setup.fence.boundary(start)
-        said = f"'{vehicle.name}' starts {-margin_m:.2f} m outside of the geofence's {side}"
-        yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
+    if said := _outside(setup, vehicle, vehicle.start.position_ned_m):
+        path = ("vehicles", vehicle.name, "start")
+        yield files.campaign.problem(path, f"'{vehicle.name}' starts {said}", key=True)
 
 
 def _goal_outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
@@ -82,12 +80,8 @@ def _goal_outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -
         (("goal", "position"), setup.goal.position_ned_m),
     ]
     for path, place in wanted:
-        if setup.fence is None or place is None:
-            continue
-        if (margin_m := setup.fence.margin_m(place)) < 0:
-            side = setup.fence.boundary(place)
-            said = f"is {-margin_m:.2f} m outside of the geofence's {side}"
-            yield files.campaign.problem(path, said)
+        if place is not None and (said := _outside(setup, vehicle, place)):
+            yield files.campaign.problem(path, f"is {said}")
 
 
 def _no_takeoff(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
@@ -104,16 +98,29 @@ def _no_takeoff(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterat
 
 
 def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield gates whose middle is outside of the fence, as long as they stand still."""
+    """Yield gates whose middle is outside of a fence, as long as they stand still."""
     scene = setup.world.scene(mode, judged_world(mode))
     for index, name in enumerate(setup.goal.gates):
-        if setup.fence is None or name not in scene or scene[name].motion is not None:
+        if name not in scene or scene[name].motion is not None:
             continue
         middle = scene[name].pose.position_ned_m
-        if (margin_m := setup.fence.margin_m(middle)) < 0:
-            side = setup.fence.boundary(middle)
-            said = f"'{name}' stands {-margin_m:.2f} m outside of the geofence's {side}"
-            yield files.campaign.problem(("goal", "gates", index), said)
+        for flown, vehicle in SEES:
+            if flown == mode and (said := _outside(setup, setup.vehicles[vehicle], middle)):
+                yield files.campaign.problem(("goal", "gates", index), f"'{name}' stands {said}")
+
+
+def _outside(setup: Setup, vehicle: VehicleSetup, place: Vec3) -> str:
+    """Return how far outside of a vehicle's fence a place is, or too near to it; empty when not."""
+    fence = setup.fences.get(vehicle.name)
+    if fence is None:
+        return ""
+    margin_m, keep_m = fence.margin_m(place), setup.guarding.keep_m
+    side = fence.boundary(place)
+    if margin_m < 0.0:
+        return f"{-margin_m:.2f} m outside of the geofence's {side}"
+    if margin_m < keep_m:
+        return f"{margin_m:.2f} m from the geofence's {side}, nearer than keep_m {keep_m:g}"
+    return ""
 
 
 def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> Iterator[Problem]:

@@ -2,13 +2,14 @@
 
 import itertools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from campaigns.cross_checks import cross_problems
+from campaigns.fences import Drawing, fences_of
 from campaigns.files import CaseFiles
 from campaigns.link_setups import LinkSetup, link_setup
 from campaigns.oracle_uses import oracle_uses
@@ -26,9 +27,10 @@ from campaigns.schema import (
 )
 from campaigns.schema.links import LinkPart, LinksPart
 from campaigns.schema.operator import GcsPart
-from campaigns.setup import GoalSetup, RecordSetup, Setup, SyncSetup, VehicleSetup
+from campaigns.setup import GoalSetup, GuardingSetup, RecordSetup, Setup, SyncSetup, VehicleSetup
 from campaigns.under_test import UnderTest
 from recipes.language import load_recipe
+from safety.geofence import Fence
 from safety.judge import OracleUse
 from safety.oracles.goal import TimeLimitParameters
 from vehicles.embedded.profile import ProfileError, load_profile
@@ -59,7 +61,8 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         under_test=_under_test(files, part),
         goal=_goal(part.goal),
         sync=_sync(part.sync, uses),
-        fence=part.geofence.fence() if part.geofence is not None else None,
+        fences=_fences(files, part, world, problems),
+        guarding=_guarding(part),
         oracles=uses,
         links=_links(part.links),
         record=_record(part.record),
@@ -68,7 +71,9 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         gcs=_gcs(part.operator.gcs),
     )
     problems += _autonomy_problems(files.campaign, setup.under_test)
-    problems += cross_problems(files, setup, modes)
+    if part.geofence is None or setup.fences:
+        # Without the fence that it has, everything would be said to lack one.
+        problems += cross_problems(files, setup, modes)
     if problems:
         raise BadInput(problems)
     return setup
@@ -138,6 +143,24 @@ def _links(part: LinksPart) -> dict[VehicleName, LinkSetup]:
 def _gcs(part: GcsPart) -> dict[VehicleName, str]:
     given: dict[VehicleName, str | None] = {"real": part.real, "twin": part.twin}
     return {name: link for name, link in given.items() if link is not None}
+
+
+def _fences(
+    files: CaseFiles, part: CampaignPart, world: World, problems: list[Problem]
+) -> Mapping[VehicleName, Fence]:
+    if part.geofence is None:
+        return {}
+    drawing = Drawing(files.campaign, files.fences, world.frame)
+    return gathered(problems, partial(fences_of, part.geofence, drawing, ("geofence",))) or {}
+
+
+def _guarding(part: CampaignPart) -> GuardingSetup:
+    given = part.geofence
+    if given is None:
+        return GuardingSetup()
+    return GuardingSetup(
+        keep_m=given.keep_m, latency_s=given.latency_s, braking_m_s2=given.braking_m_s2
+    )
 
 
 def _goal(part: GoalPart) -> GoalSetup:

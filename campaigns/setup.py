@@ -11,6 +11,7 @@ from campaigns.sensor_setups import CameraSetup, SensorSetup
 from campaigns.under_test import UnderTest
 from recipes.recipe import Recipe
 from safety.geofence import Fence
+from safety.guard.events import GuardSettings
 from safety.guard.limits import SetpointLimits
 from safety.judge import OracleUse
 from vehicles.autopilots.base import AutopilotName
@@ -18,9 +19,12 @@ from worlds.documents import Path
 from worlds.frames import Pose, Vec3
 from worlds.world import World
 
+_USUAL = GuardSettings()
+
 __all__ = [
     "CameraSetup",
     "GoalSetup",
+    "GuardingSetup",
     "LinkSetup",
     "RecordSetup",
     "SensorSetup",
@@ -87,12 +91,21 @@ class RecordSetup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class GuardingSetup:
+    """How the guard keeps vehicles inside of their fences; see `GuardSettings`."""
+
+    keep_m: float = _USUAL.keep_m
+    latency_s: float = _USUAL.latency_s
+    braking_m_s2: float = _USUAL.braking_m_s2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
     """All of one case.
 
-    recipe: None where no mode mixes. fence: None where none is asked for. limits: of setpoints;
-    None for none. links: those that are made worse than they are. gcs: link strings of ground
-    station ports.
+    recipe: None where no mode mixes. fences: of the vehicles that have one; guarding: how the guard
+    keeps them. limits: of setpoints; None for none. links: those that are made worse than they are.
+    gcs: link strings of ground station ports.
     """
 
     vehicles: Mapping[VehicleName, VehicleSetup]
@@ -101,10 +114,11 @@ class Setup:
     under_test: UnderTest
     goal: GoalSetup
     sync: SyncSetup
-    fence: Fence | None
+    fences: Mapping[VehicleName, Fence]
     oracles: tuple[OracleUse, ...]
     links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
     record: RecordSetup = RecordSetup()
+    guarding: GuardingSetup = GuardingSetup()
     outside: OutsideSetup = field(default_factory=OutsideSetup)
     limits: SetpointLimits | None = None
     gcs: Mapping[VehicleName, str] = field(default_factory=dict)

@@ -22,6 +22,8 @@ Reason = Literal[
     "altitude_swapped",
     "empty",
     "excludes_point",
+    "latitude",
+    "far",
 ]
 
 _SHAPELY_ABOVE_EDGES = 24
@@ -60,10 +62,10 @@ class Polygon:
         shape = shapely.Polygon(self.corners_m)
         # A polygon that crosses itself may have no area by sign; its hull has.
         if shape.convex_hull.area < 1e-6:
-            raise FenceError("no_area", f"polygon {self.corners_m} has no area")
+            raise FenceError("no_area", "the polygon has no area")
         if not shape.is_valid:
             why = explain_validity(shape)
-            raise FenceError("self_intersecting", f"polygon crosses itself: {why}")
+            raise FenceError("self_intersecting", f"the polygon crosses itself: {why}")
 
     @classmethod
     def rectangle(cls, north_m: Point2, east_m: Point2) -> "Polygon":

@@ -10,7 +10,7 @@ from safety.oracles.base import Oracle, OracleContext, OracleError, Parameters, 
 from safety.oracles.contact import ContactParameters
 from safety.oracles.vehicle import Landed
 from safety.results import Flag, OracleResult
-from safety.samples import HeardSample, PoseSample, StageSample, StateSample
+from safety.samples import FenceSample, HeardSample, PoseSample, StageSample, StateSample
 from safety.verdict import DecisiveEvent, source_of
 
 S = TypeVar("S")
@@ -98,6 +98,7 @@ class Judge:
         self._poses = self._table("on_pose")
         self._states = self._table("on_state")
         self._heards = self._table("on_heard")
+        self._fences = self._table("on_fence")
         self._stages = self.oracles
         self._ticks = [o.on_tick for o in self.oracles if _overrides(o, "on_tick")]
         self._flags: list[Flag] = []
@@ -128,6 +129,10 @@ class Judge:
     def heard(self, sample: HeardSample) -> tuple[Flag, ...]:
         """Take that a vehicle was heard; returns new flags."""
         return self._feed(self._heards.get(sample.vehicle, ()), sample)
+
+    def fence(self, sample: FenceSample) -> tuple[Flag, ...]:
+        """Take that a vehicle has another fence from now on; returns new flags."""
+        return self._feed(self._fences.get(sample.vehicle, ()), sample)
 
     def stage(self, sample: StageSample) -> tuple[Flag, ...]:
         """Take a stage, of one vehicle or of all; returns new flags."""

@@ -6,6 +6,7 @@ Positions are NED metres in the world's local frame, whatever source they came f
 from dataclasses import dataclass
 from typing import Literal
 
+from safety.geofence import Fence
 from vehicles.autopilots.base import Mode
 from worlds.frames import Pose, Vec3
 
@@ -60,3 +61,12 @@ class StageSample:
     t_s: float
     stage: Stage
     vehicle: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FenceSample:
+    """From now on this is the vehicle's fence."""
+
+    t_s: float
+    vehicle: str
+    fence: Fence

@@ -12,6 +12,7 @@ cameras three percent of its speed):
     ["stage", t_s, stage, vehicle or nil]
     ["event", t_s, name]                                  of the world, for what moves from then on
     ["tick", t_s]
+    ["fence", t_s, vehicle, fence]                        as `safety.fence_plain` writes it
 """
 
 import dataclasses
@@ -21,8 +22,9 @@ from typing import Any, BinaryIO, get_args
 
 import msgpack  # type: ignore[import-untyped]  # ships no types
 
+from safety.fence_plain import fence_of_plain, plain_fence
 from safety.judge import Judge
-from safety.samples import HeardSample, PoseSample, Stage, StageSample, StateSample
+from safety.samples import FenceSample, HeardSample, PoseSample, Stage, StageSample, StateSample
 from vehicles.autopilots.base import Mode
 from worlds.frames import Pose
 
@@ -50,7 +52,16 @@ class WorldEvent:
     name: str
 
 
-Taped = PoseSample | StateSample | HeardSample | StageSample | Tick | WorldEvent
+Taped = PoseSample | StateSample | HeardSample | StageSample | FenceSample | Tick | WorldEvent
+
+
+_NAMES: dict[type[Taped], str] = {
+    HeardSample: "heard",
+    StageSample: "stage",
+    Tick: "tick",
+    WorldEvent: "event",
+}
+"""Those whose fields travel as they are."""
 
 
 class TapePacker:
@@ -74,16 +85,12 @@ class TapePacker:
         match sample:
             case PoseSample(t_s, vehicle, pose, velocity):
                 return ("pose", t_s, vehicle, pose.position_ned_m, pose.q_wxyz, velocity)
-            case HeardSample(t_s, vehicle):
-                return ("heard", t_s, vehicle)
-            case Tick(t_s):
-                return ("tick", t_s)
             case StateSample():
                 return self._state(sample)
-            case StageSample(t_s, stage, of_vehicle):
-                return ("stage", t_s, stage, of_vehicle)
-            case WorldEvent(t_s, name):
-                return ("event", t_s, name)
+            case FenceSample(t_s, vehicle, fence):
+                return ("fence", t_s, vehicle, plain_fence(fence))
+            case _:
+                return (_NAMES[type(sample)], *dataclasses.astuple(sample))
 
     def _state(self, sample: StateSample) -> tuple[Any, ...]:
         last, self._states[sample.vehicle] = self._states.get(sample.vehicle), sample
@@ -160,6 +167,7 @@ _READERS: dict[str, Callable[..., Taped]] = {
     "tick": Tick,
     "stage": lambda t_s, stage, vehicle: StageSample(t_s, _stage(stage), vehicle),
     "event": WorldEvent,
+    "fence": lambda t_s, vehicle, plain: FenceSample(t_s, vehicle, fence_of_plain(plain)),
 }
 
 
@@ -190,6 +198,8 @@ def judge_tape(tape: Iterable[Taped], judge: Judge, events: dict[str, float]) ->
             case StageSample(t_s, stage):
                 judge.stage(sample)
                 reached.setdefault(stage, t_s)
+            case FenceSample():
+                judge.fence(sample)
             case WorldEvent(t_s, name):
                 events[name] = t_s
     return Played(reached.get("end"), frozenset(reached))

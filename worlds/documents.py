@@ -152,8 +152,10 @@ def _no_way(entry: Entry, dotted_key: str, message: str, suggestion: str = "") -
     return BadInput([entry.key.problem(f"override '{dotted_key}': {message}", suggestion)])
 
 
-def load(path: FilePath, name: str | None = None) -> Document:
+def load(path: FilePath, name: str | None = None, *, json: bool = False) -> Document:
     """Return the document in a file. name: what to call it in messages; None: the path.
+
+    json: the file is JSON, in which tabs may stand between the parts; YAML knows the rest of it.
 
     Raises BadInput, with every problem found, for a file that is missing, unreadable, too big,
     not UTF-8 or not YAML, and for what `parse` refuses.
@@ -169,6 +171,8 @@ def load(path: FilePath, name: str | None = None) -> Document:
         raise BadInput([Place(source).problem(f"cannot be read: {said or error}")]) from error
     if len(content) > MAX_BYTES:
         raise BadInput([Place(source).problem(f"is larger than {MAX_BYTES} bytes")])
+    if json:
+        content = content.replace(b"\t", b" ")
     return parse(content, name=source.name, path=path)
 
 

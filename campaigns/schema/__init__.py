@@ -15,19 +15,18 @@ from campaigns.schema.campaign import (
     RecordPart,
     SyncPart,
 )
+from campaigns.schema.fence import GeofencePart
 from campaigns.schema.sensors import CameraPart, MountPart, SensorPart
 from campaigns.schema.vehicles import VEHICLES, StartPart, VehicleName, VehiclePart, VehiclesPart
-from safety.fence_parts import AreaPart, FencePart
 
 __all__ = [
     "DEFAULT_CASE",
     "MATRIX_KEYS",
     "VEHICLES",
-    "AreaPart",
     "AutonomyPart",
     "CameraPart",
     "CampaignPart",
-    "FencePart",
+    "GeofencePart",
     "GoalPart",
     "Mode",
     "MountPart",

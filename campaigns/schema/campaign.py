@@ -7,11 +7,11 @@ from pydantic import AfterValidator, Field, JsonValue, field_validator, model_va
 
 from campaigns.acceptance import parse_share
 from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
+from campaigns.schema.fence import GeofencePart
 from campaigns.schema.limits import LimitsPart
 from campaigns.schema.links import LinksPart
 from campaigns.schema.operator import OperatorPart
 from campaigns.schema.vehicles import VehiclesPart
-from safety.fence_parts import FencePart
 from worlds.documents import KeyFaultError, Part
 
 Mode = Literal["sim", "wil", "real"]
@@ -144,10 +144,10 @@ class CampaignPart(Part):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     sync: SyncPart = SyncPart()
     links: LinksPart = LinksPart()
-    geofence: FencePart | None = None
     deliver: list[DeliverPart] = Field(default_factory=list)
     inject: InjectPart = InjectPart()
     ground_station: Annotated[str, AfterValidator(ground_station_link)] | None = None
+    geofence: GeofencePart | None = None
     limits: LimitsPart | None = None
     oracles: Annotated[dict[str, dict[str, JsonValue] | None], Field(min_length=1)]
     operator: OperatorPart = OperatorPart()

@@ -9,7 +9,7 @@ from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
 from orchestrator.run.hangar import SYSTEM_IDS, Hangar, InProcess, OwnProcesses, vehicle_seed
 from orchestrator.run.setup import RunSetup
 from safety.guard.charter import GuardCharter, Guarded
-from safety.guard.events import GuardedVehicle
+from safety.guard.events import GuardedVehicle, GuardSettings
 from safety.guard.remote import RemoteGuard
 from safety.guard.shell import GuardLinks, GuardShell, Record
 from vehicles.autopilots.base import Target
@@ -34,14 +34,18 @@ def guard_of(setup: RunSetup, *, record: Record) -> tuple[Guard, Hangar, Mapping
         vehicle.name: GuardedVehicle(
             autopilot=autopilot_named(vehicle.autopilot),
             target=Target(SYSTEM_IDS[vehicle.name]),
-            fence=setup.campaign.fence,
             limits=setup.campaign.limits,
             gcs=setup.clock != "virtual" and vehicle.name in setup.campaign.gcs,
+            fence=setup.campaign.fences.get(vehicle.name),
         )
         for vehicle in setup.vehicles
     }
+    keeping = setup.campaign.guarding
+    settings = GuardSettings(
+        keep_m=keeping.keep_m, latency_s=keeping.latency_s, braking_m_s2=keeping.braking_m_s2
+    )
     if setup.clock == "virtual":
-        return _in_process(setup, guarded, record)
+        return _in_process(setup, guarded, settings, record)
     charter = GuardCharter(
         run=setup.order.plan.name,
         folder=str(setup.order.folder.absolute()),
@@ -54,6 +58,7 @@ def guard_of(setup: RunSetup, *, record: Record) -> tuple[Guard, Hangar, Mapping
             )
             for one in setup.vehicles
         },
+        settings=settings,
     )
     guard = RemoteGuard(charter=charter, record=record)
     return guard, OwnProcesses(setup, guard), {name: guard.link(name) for name in guarded}
@@ -71,7 +76,10 @@ def conditions_of(setup: RunSetup, vehicle: VehicleSetup) -> LinkConditions:
 
 
 def _in_process(
-    setup: RunSetup, guarded: Mapping[str, GuardedVehicle], record: Record
+    setup: RunSetup,
+    guarded: Mapping[str, GuardedVehicle],
+    settings: GuardSettings,
+    record: Record,
 ) -> tuple[Guard, Hangar, Mapping[str, Link]]:
     hangar = InProcess(setup)
     inner: dict[str, GuardLinks] = {}
@@ -84,4 +92,5 @@ def _in_process(
         inner[vehicle.name] = GuardLinks(
             vehicle=there.link, orchestrator=near, impaired=there.impaired
         )
-    return GuardShell(vehicles=guarded, links=inner, record=record), hangar, outer
+    guard = GuardShell(vehicles=guarded, links=inner, settings=settings, record=record)
+    return guard, hangar, outer

@@ -6,9 +6,10 @@ from typing import cast, get_args
 
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.station import Station
+from safety.geofence import Fence
 from safety.judge import Judge
 from safety.results import Flag
-from safety.samples import HeardSample, PoseSample, StageSample, StateSample
+from safety.samples import FenceSample, HeardSample, PoseSample, StageSample, StateSample
 from safety.samples import Stage as JudgedStage
 from safety.tape import Taped, Tick
 from vehicles.cameras import sleep_until
@@ -81,6 +82,12 @@ class Bench:
             if self._kinds.get(oracle.name) in _CLEARANCE_KINDS
         ]
         return min([r.actual for r in results if r.actual is not None], default=None)
+
+    def fence(self, name: str, fence: Fence) -> None:
+        """Judge a vehicle by another fence from now on."""
+        changed = FenceSample(asyncio.get_running_loop().time(), name, fence)
+        self._tape(changed)
+        self._take(self._judge.fence(changed))
 
     def last_state(self, t_s: float) -> None:
         """Take every vehicle's last word."""

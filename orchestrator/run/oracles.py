@@ -29,7 +29,7 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
             gates=gates_of(scene),
             route=setup.campaign.goal.gates,
             target_ned_m=setup.campaign.goal.position_ned_m,
-            fence=setup.campaign.fence,
+            fence=setup.campaign.fences.get(vehicle.name),
             frame=setup.campaign.world.frame,
             events=events,
         )

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, cast
 
-from safety.areas import Area, Circle, Polygon
-from safety.geofence import Fence
+from safety.fence_plain import fence_of_plain, plain_fence
 from safety.guard.contingency import ContingencyPlan
 from safety.guard.events import GuardedVehicle, GuardSettings
 from safety.guard.limits import SetpointLimits
@@ -100,7 +99,7 @@ def _plain_guarded(guarded: Guarded) -> dict[str, Any]:
         "conditions": guarded.conditions.plain(),
         "autopilot": vehicle.autopilot.name,
         "target": [vehicle.target.system, vehicle.target.component],
-        "fence": None if vehicle.fence is None else _plain_fence(vehicle.fence),
+        "fence": None if vehicle.fence is None else plain_fence(vehicle.fence),
         "attached": vehicle.attached,
         "landing": vehicle.landing.value,
         "terminate": vehicle.terminate,
@@ -117,7 +116,7 @@ def _guarded(plain: Mapping[str, Any]) -> Guarded:
         vehicle=GuardedVehicle(
             autopilot=_autopilot(plain["autopilot"]),
             target=Target(*plain["target"]),
-            fence=None if fence is None else _fence(fence),
+            fence=None if fence is None else fence_of_plain(fence),
             attached=bool(plain["attached"]),
             landing=_landing(plain["landing"]),
             terminate=bool(plain["terminate"]),
@@ -138,34 +137,3 @@ def _landing(value: str) -> Literal[Mode.LAND, Mode.RTL]:
     if value not in _LANDINGS:
         raise ValueError(f"{value!r} is no way to land")
     return Mode.RTL if value == Mode.RTL.value else Mode.LAND
-
-
-def _plain_fence(fence: Fence) -> dict[str, Any]:
-    return {
-        "inclusions": [_plain_area(area) for area in fence.inclusions],
-        "exclusions": [_plain_area(area) for area in fence.exclusions],
-        "floor_up_m": fence.floor_up_m,
-        "ceiling_up_m": fence.ceiling_up_m,
-    }
-
-
-def _fence(plain: Mapping[str, Any]) -> Fence:
-    return Fence(
-        inclusions=[_area(area) for area in plain["inclusions"]],
-        exclusions=[_area(area) for area in plain["exclusions"]],
-        floor_up_m=plain["floor_up_m"],
-        ceiling_up_m=plain["ceiling_up_m"],
-    )
-
-
-def _plain_area(area: Area) -> dict[str, Any]:
-    if isinstance(area, Circle):
-        return {"centre_m": list(area.centre_m), "radius_m": area.radius_m}
-    return {"corners_m": [list(corner) for corner in area.corners_m]}
-
-
-def _area(plain: Mapping[str, Any]) -> Area:
-    if "corners_m" in plain:
-        return Polygon(tuple((float(n), float(e)) for n, e in plain["corners_m"]))
-    north_m, east_m = plain["centre_m"]
-    return Circle((float(north_m), float(east_m)), float(plain["radius_m"]))

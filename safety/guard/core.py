@@ -10,6 +10,8 @@ frames pass; once it latches, they do not, and its own contingency brings every 
 import math
 from collections.abc import Mapping
 
+from safety.fence_change import refusal_of_change
+from safety.geofence import Fence
 from safety.guard.contingency import Action, ContingencyPlan, Phase
 from safety.guard.events import (
     Cause,
@@ -183,6 +185,37 @@ class GuardCore:
         for ward in self._wards.values():
             ward.contingency.resume(t_s)
         return (self._event(t_s, "resume", "", f"resumed by {who}"), *self._notes(t_s))
+
+    def fence_refusal(self, fences: Mapping[str, Fence], t_s: float) -> str:
+        """Return why vehicles cannot be given these fences now; empty when they can.
+
+        To be asked before the fences are uploaded to the autopilots: those that hold go on
+        holding until `change_fences`.
+        """
+        if self.latched is not None:
+            return "all are landing"
+        settings = self.settings
+        for name, fence in fences.items():
+            motion = self._wards[name].seen.motion(t_s)
+            why = refusal_of_change(
+                fence,
+                None if motion is None else (motion.position_ned_m, motion.velocity_ned_m_s),
+                latency_s=settings.latency_s,
+                braking_m_s2=settings.braking_m_s2,
+                keep_m=settings.keep_m,
+            )
+            if why:
+                return f"{name}: {why}"
+        return ""
+
+    def change_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
+        """Give vehicles new fences, all of them or none; an event says which it was, and why."""
+        if why := self.fence_refusal(fences, t_s):
+            return (self._event(t_s, "refused", "", f"{who}: geofence: {why}"),)
+        for name, fence in fences.items():
+            self._wards[name].change_fence(fence)
+        names = " and ".join(fences)
+        return (self._event(t_s, "geofence", "", f"{who} changed the fence of {names}"),)
 
     def bring_down(self, reason: str, t_s: float) -> Outputs:
         """Bring all down because the orchestrator asks: it has its own reason for the verdict."""

@@ -62,6 +62,10 @@ class SetpointLimiter:
         self._braking_m_s2 = braking_m_s2
         self._given: tuple[float, Vec3] | None = None
 
+    def change_fence(self, fence: Fence) -> None:
+        """Keep inside of another fence from now on, if of any."""
+        self._fence = fence if self.limits.inside_fence else None
+
     def limit(
         self, asked: Setpoint, motion: Motion | None, t_s: float
     ) -> tuple[Setpoint | None, tuple[Limiting, ...]]:

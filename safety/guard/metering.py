@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from safety.geofence import Fence
 from safety.guard.limiting import Limiting, Motion, SetpointLimiter
 from safety.guard.setpoint_frames import read_setpoint, rewritten
 from vehicles.anchor import Anchor
@@ -33,6 +34,10 @@ class Meter:
         self._limiter = limiter
         self._spells: dict[str, _Spell] = {}
         self.notes: list[str] = []
+
+    def change_fence(self, fence: Fence) -> None:
+        """Hold setpoints to another fence from now on."""
+        self._limiter.change_fence(fence)
 
     def through(
         self, frame: Frame, anchor: Anchor | None, motion: Motion | None, t_s: float

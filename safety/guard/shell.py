@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
+from safety.geofence import Fence
 from safety.guard.contingency import ContingencyPlan, Phase
 from safety.guard.core import GuardCore
 from safety.guard.events import (
@@ -142,6 +143,11 @@ class GuardShell:
         """Give the vehicles back to the orchestrator after a hold."""
         now_s = self._now_s()
         self._apply(self.core.command(OperatorCommand("resume", who, now_s)), now_s)
+
+    def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
+        """Give vehicles new fences, all or none; an event says which."""
+        now_s = self._now_s()
+        self._apply(self.core.change_fences(fences, who, now_s), now_s)
 
     def bring_down(self, reason: str) -> None:
         """Bring all down for a reason of the orchestrator's own."""

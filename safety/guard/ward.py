@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from safety.geofence import Fence
 from safety.guard.contingency import Action, Contingency, ContingencyPlan, Phase
 from safety.guard.events import GuardedVehicle, GuardSettings
 from safety.guard.limiting import SetpointLimiter
@@ -46,6 +47,12 @@ class Ward:
         if self.contingency.phase is Phase.IDLE:
             return None
         return frozenset({Mode.HOLD, Mode.LAND, self.vehicle.landing})
+
+    def change_fence(self, fence: Fence) -> None:
+        """Watch another fence from now on."""
+        self.vehicle = replace(self.vehicle, fence=fence)
+        if self.meter is not None:
+            self.meter.change_fence(fence)
 
     def frame(self, action: Action, t_s: float) -> bytes:
         """Return the frame of an action."""

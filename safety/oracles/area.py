@@ -1,9 +1,10 @@
 """Where the vehicle may be: the geofence, an area of the campaign's own, and the height."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from safety.areas import FenceError
 from safety.fence_parts import FencePart
 from safety.geofence import Fence
 from safety.oracles.base import (
@@ -17,7 +18,8 @@ from safety.oracles.base import (
     oracle,
 )
 from safety.oracles.kept import Band, Kept, limit_of, margin_of
-from safety.samples import PoseSample
+from safety.samples import FenceSample, PoseSample
+from worlds.documents import KeyFaultError
 
 
 class AltitudeParameters(Band):
@@ -34,6 +36,12 @@ class AreaParameters(Windowed):
 
     keep: Annotated[FencePart, Field(description="where it has to stay; written as `geofence` is")]
 
+    @model_validator(mode="after")
+    def _without_file(self) -> Self:
+        if self.keep.file is not None:
+            raise KeyFaultError(("keep", "file"), "an area is drawn here, not in another file")
+        return self
+
 
 class Geofence(Kept):
     """Stays inside of its fence.
@@ -42,10 +50,19 @@ class Geofence(Kept):
     judges where the vehicle was; whether it could still have stopped is the guard's business.
     """
 
-    def __init__(self, terms: Terms, *, fence: Fence, what: str = "the fence") -> None:
+    def __init__(
+        self, terms: Terms, *, fence: Fence, what: str = "the fence", changes: bool = True
+    ) -> None:
         super().__init__(terms, unit="m", limit=0.0)
         self._fence = fence
         self._what = what
+        self._changes = changes
+
+    def on_fence(self, sample: FenceSample) -> Flags:
+        """Take that the operator gave the vehicle another fence."""
+        if self._changes:
+            self._fence = sample.fence
+        return NO_FLAGS
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Take a pose; each time the fence is left is a flag."""
@@ -98,9 +115,12 @@ def geofence(terms: Terms, parameters: Windowed, context: OracleContext) -> Orac
 
 @oracle("area", "stays in an area of the campaign's own, which no guard watches", AreaParameters)
 def area(terms: Terms, parameters: AreaParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of an area."""
-    del context
-    return Geofence(terms, fence=parameters.keep.fence(), what="its area")
+    """Return the oracle of an area. Raises OracleError when it is no place in this world."""
+    try:
+        fence = parameters.keep.fence(context.frame)
+    except FenceError as error:
+        raise OracleError(f"oracle {terms.name!r}: {error}", key="keep") from error
+    return Geofence(terms, fence=fence, what="its area", changes=False)
 
 
 @oracle("altitude", "keeps between min_m and max_m over the world's origin", AltitudeParameters)

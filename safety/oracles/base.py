@@ -13,7 +13,7 @@ from typing import Any
 from safety.oracles.context import Gate, OracleContext, Probe, RunMode, Separation
 from safety.oracles.terms import FLIGHT, Parameters, Stages, Terms, Window, Windowed
 from safety.results import Flag, Limit, OracleResult
-from safety.samples import HeardSample, PoseSample, StageSample, StateSample
+from safety.samples import FenceSample, HeardSample, PoseSample, StageSample, StateSample
 
 __all__ = [
     "NO_FLAGS",
@@ -88,6 +88,11 @@ class Oracle(ABC):
     def on_stage(self, sample: StageSample) -> Flags:
         """Take that the run reached a stage."""
         self.stages.reach(sample)
+        return NO_FLAGS
+
+    def on_fence(self, sample: FenceSample) -> Flags:
+        """Take that a vehicle has another fence from now on."""
+        del sample
         return NO_FLAGS
 
     def on_tick(self, t_s: float) -> Flags:

@@ -16,10 +16,10 @@ from safety.oracles.base import (
     Windowed,
     oracle,
 )
-from safety.oracles.stl_signals import TWIN_DISTANCE_NAME, Signal, Together, signals_of
+from safety.oracles.stl_signals import TWIN_DISTANCE_NAME, FenceMargin, Signal, Together, signals_of
 from safety.oracles.terms import ON_GOAL
 from safety.results import OracleResult
-from safety.samples import HeardSample, PoseSample, StateSample
+from safety.samples import FenceSample, HeardSample, PoseSample, StateSample
 from safety.stl.formula import Comparison, Formula, StlError, names_of
 from safety.stl.parser import parse_stl
 from safety.stl.robustness import (
@@ -133,6 +133,13 @@ class Stl(Oracle):
         """Take a sign of life."""
         if sample.vehicle == self.vehicle:
             self._heard_s = sample.t_s
+        return NO_FLAGS
+
+    def on_fence(self, sample: FenceSample) -> Flags:
+        """Take that the operator gave a vehicle another fence."""
+        for signal in self._used.values():
+            if sample.vehicle == self.vehicle and isinstance(signal.of_pose, FenceMargin):
+                signal.of_pose.fence = sample.fence
         return NO_FLAGS
 
     def on_tick(self, t_s: float) -> Flags:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import get_args
 
 from safety import signals
+from safety.geofence import Fence
 from safety.oracles.base import OracleContext, Probe, Stages
 from safety.oracles.contact import Limits
 from safety.oracles.health import ModeName
@@ -108,10 +109,7 @@ def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
             of_pose = _Distance(thing, probe_of, context.events)
             found[name] = Signal(THING_DISTANCE, of_pose=of_pose)
     if context.fence is not None:
-        fence = context.fence
-        found["fence_margin_m"] = Signal(
-            FENCE_MARGIN, of_pose=lambda s: fence.margin_m(s.pose.position_ned_m)
-        )
+        found["fence_margin_m"] = Signal(FENCE_MARGIN, of_pose=FenceMargin(context.fence))
     if context.target_ned_m is not None:
         target = context.target_ned_m
         found["goal_distance_m"] = Signal(
@@ -120,6 +118,17 @@ def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
     if context.mode == "wil":
         found[TWIN_DISTANCE_NAME] = Signal(TWIN_DISTANCE, of_both=True)
     return found
+
+
+class FenceMargin:
+    """The distance to the fence in force."""
+
+    def __init__(self, fence: Fence) -> None:
+        self.fence = fence
+
+    def __call__(self, sample: PoseSample) -> float:
+        """Return it where a pose is."""
+        return self.fence.margin_m(sample.pose.position_ned_m)
 
 
 class _Distance:

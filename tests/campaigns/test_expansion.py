@@ -175,7 +175,7 @@ def test_the_setup_is_what_the_file_says(files: Any) -> None:
     (camera,) = real.cameras
     assert (camera.intrinsics.width_px, camera.rate_hz) == (320, 15.0)
     assert [use.name for use in setup.oracles] == ["collision", "reached", "time_limit", "geofence"]
-    assert setup.fence.margin_m((0.0, 0.0, 0.0)) == pytest.approx(0.5)
+    assert setup.fences["twin"].margin_m((0.0, 0.0, 0.0)) == pytest.approx(0.5)
 
 
 def test_the_autonomy_is_told_of_the_goal_but_not_where_the_gates_are(files: Any) -> None:
@@ -217,7 +217,7 @@ def test_fences_of_areas(files: Any) -> None:
     circle = "include: [{circle: {north_m: 2, east_m: 0, radius_m: 2.5}}]"
     hole = "exclude: [{polygon: [[1, 1], [1, 2], [2, 2]]}]"
     files.change(box, f"{circle}\n  {hole}\n  up_m: [-0.5, 2.3]")
-    fence = files.load().runs[0].setup().fence
+    fence = files.load().runs[0].setup().fences["real"]
     assert fence.margin_m((0.0, 0.0, -1.0)) == pytest.approx(0.5)
     assert fence.margin_m((1.2, 1.6, -1.0)) < 0
 

@@ -1,0 +1,32 @@
+"""`geofence`: where each vehicle may be, and how the guard keeps it there."""
+
+from typing import Annotated, ClassVar, Self
+
+from pydantic import Field, model_validator
+
+from safety.fence_parts import FencePart
+from safety.guard.events import GuardSettings
+
+_USUAL = GuardSettings()
+
+
+class GeofencePart(FencePart):
+    """A fence for both vehicles; or in `real` and `twin` one for each, which replaces it.
+
+    keep_m: how far inside each keeps. latency_s, braking_m_s2: how late, and then how hard, a
+    vehicle brakes when the guard tells it to: who cannot stop before the fence is taken over.
+    """
+
+    may_be_empty: ClassVar[bool] = True
+
+    real: FencePart | None = None
+    twin: FencePart | None = None
+    keep_m: Annotated[float, Field(ge=0, le=1000)] = _USUAL.keep_m
+    latency_s: Annotated[float, Field(ge=0, le=10)] = _USUAL.latency_s
+    braking_m_s2: Annotated[float, Field(gt=0, le=100)] = _USUAL.braking_m_s2
+
+    @model_validator(mode="after")
+    def _for_somebody(self) -> Self:
+        if not self.is_drawn and self.real is None and self.twin is None:
+            raise ValueError("give a box; or include, exclude or file, and up_m; or real and twin")
+        return self
