@@ -124,10 +124,10 @@ class Region:
         for n_0, e_0, e_1, dn, de, per_length_2 in self._edges:
             pn, pe = north_m - n_0, east_m - e_0
             along = (pn * dn + pe * de) * per_length_2
-            along = 0.0 if along < 0.0 else min(along, 1.0)
+            along = 0.0 if along < 0.0 else (along if along < 1.0 else 1.0)
             rn, re = pn - along * dn, pe - along * de
             square = rn * rn + re * re
-            nearest = min(nearest, square)
+            nearest = square if square < nearest else nearest
             # The easts themselves decide: differences would round a corner to both of its sides.
             if (e_0 > east_m) != (e_1 > east_m) and (pn * de < dn * pe) == (de > 0.0):
                 inside = not inside

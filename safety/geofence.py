@@ -155,9 +155,9 @@ class Fence:
             raise FenceError("excludes_point", message)
 
     def _flat_margin_m(self, north_m: float, east_m: float) -> float:
-        inside_m = math.inf
-        if self._inside:
-            inside_m = max([part.distance_m(north_m, east_m) for part in self._inside])
+        inside_m = -math.inf if self._inside else math.inf
+        for part in self._inside:
+            inside_m = max(inside_m, part.distance_m(north_m, east_m))
         for part in self._outside:
             inside_m = min(inside_m, -part.distance_m(north_m, east_m))
         return inside_m

@@ -7,12 +7,14 @@ is tight at once: for convex parts a plane that separates at one end, for triang
 distance to the hull of the body at both ends.
 """
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from worlds.distance import Body, BodySolid, Gap, PartSolid
-from worlds.frames import Pose, angle_between, norm, subtract
-from worlds.motion import AT_REST, Travel
+from worlds.frames import Pose, angle_between
+from worlds.motion import Travel
 from worlds.parts import BoxShape, SphereShape
 from worlds.scene import NO_EVENTS, Scene, SceneObject
 
@@ -87,11 +89,12 @@ class ClearanceProbe:
         """
         stretch = _Stretch(pose_0, t_0_s, pose_1, t_1_s, events)
         found = []
+        within_m, radius_m = self._within_m, self._body.radius_m
         for target in self._targets:
-            limit_m = self._within_m
+            limit_m = within_m
             if below_m is not None:
                 limit_m = min(limit_m, below_m.get(target.key, limit_m))
-            if limit_m > 0.0 and target.is_near(stretch, self._body.radius_m, limit_m):
+            if limit_m > 0.0 and target.is_near(stretch, radius_m, limit_m):
                 clearance = _Sweep(self._body, target, stretch).least(limit_m)
                 if clearance is not None:
                     found.append(clearance)
@@ -125,15 +128,19 @@ class ClearanceMinima:
         return closer
 
 
-@dataclass(frozen=True, slots=True)
 class _Stretch:
     """The body's way between two samples."""
 
-    pose_0: Pose
-    t_0_s: float
-    pose_1: Pose
-    t_1_s: float
-    events: Mapping[str, float]
+    __slots__ = ("events", "pose_0", "pose_1", "t_0_s", "t_1_s", "turn_rad", "way_m")
+
+    def __init__(
+        self, pose_0: Pose, t_0_s: float, pose_1: Pose, t_1_s: float, events: Mapping[str, float]
+    ) -> None:
+        self.pose_0, self.t_0_s = pose_0, t_0_s
+        self.pose_1, self.t_1_s = pose_1, t_1_s
+        self.events = events
+        self.way_m = math.dist(pose_0.position_ned_m, pose_1.position_ned_m)
+        self.turn_rad = angle_between(pose_0.q_wxyz, pose_1.q_wxyz)
 
     def time_s(self, fraction: float) -> float:
         return self.t_0_s + (self.t_1_s - self.t_0_s) * fraction
@@ -148,16 +155,18 @@ class _Target:
         self.key = (thing.name, is_floor)
         self.parts = [PartSolid(p) for p in thing.shape.parts if p.is_floor is is_floor]
         self.radius_m = thing.shape.radius_m
+        self.place_m = thing.pose.position_ned_m if thing.motion is None else None
         self.at_rest = thing.pose.inverse() if thing.motion is None else None
 
     def is_near(self, stretch: _Stretch, body_radius_m: float, limit_m: float) -> bool:
         """Return whether the thing may come nearer than a limit, by bounding spheres."""
-        thing, reach_m = self.thing, self.radius_m + body_radius_m + limit_m
-        center = thing.pose_at(stretch.t_0_s, stretch.events).position_ned_m
-        first = stretch.pose_0.position_ned_m
-        way_m = norm(subtract(stretch.pose_1.position_ned_m, first))
-        way_m += thing.travel(stretch.t_0_s, stretch.t_1_s, stretch.events).length_m
-        return norm(subtract(first, center)) - way_m < reach_m
+        reach_m = self.radius_m + body_radius_m + limit_m
+        way_m, center = stretch.way_m, self.place_m
+        if center is None:
+            thing = self.thing
+            center = thing.pose_at(stretch.t_0_s, stretch.events).position_ned_m
+            way_m += thing.travel(stretch.t_0_s, stretch.t_1_s, stretch.events).length_m
+        return math.dist(stretch.pose_0.position_ned_m, center) - way_m < reach_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,15 +184,22 @@ class _Sweep:
     def __init__(self, body: BodySolid, target: _Target, stretch: _Stretch) -> None:
         self._body, self._target, self._stretch = body, target, stretch
         self._first = self._seen_at_sample(stretch.pose_0, stretch.t_0_s)
-        self._last = self._seen_at_sample(stretch.pose_1, stretch.t_1_s)
-        self._turn_rad = angle_between(stretch.pose_0.q_wxyz, stretch.pose_1.q_wxyz)
-        self._way_m = norm(subtract(stretch.pose_1.position_ned_m, stretch.pose_0.position_ned_m))
-        self._straight = target.thing.is_even(stretch.t_0_s, stretch.t_1_s, stretch.events)
+
+    # Most stretches are far from every part, and need neither of these.
+
+    @cached_property
+    def _last(self) -> Pose:
+        return self._seen_at_sample(self._stretch.pose_1, self._stretch.t_1_s)
+
+    @cached_property
+    def _straight(self) -> bool:
+        stretch = self._stretch
+        return self._target.thing.is_even(stretch.t_0_s, stretch.t_1_s, stretch.events)
 
     def least(self, limit_m: float) -> Clearance | None:
         """Return the least clearance over all parts, None when it is not below the limit."""
         best: tuple[_Sample, str] | None = None
-        for at_least_m, part in self._nearest_first():
+        for at_least_m, part in self._nearest_first(limit_m):
             if at_least_m >= limit_m:
                 break
             first, last = self._sample(part, 0.0), self._sample(part, 1.0)
@@ -198,13 +214,17 @@ class _Sweep:
         name, is_floor = self._target.key
         return Clearance(name, part_name, sample.gap.distance_m, at_s, is_floor)
 
-    def _nearest_first(self) -> list[tuple[float, PartSolid]]:
-        """Return the parts with a lower bound of their distance on the stretch, least first."""
+    def _nearest_first(self, limit_m: float) -> list[tuple[float, PartSolid]]:
+        """Return the parts that may come nearer than a limit, least lower bound first."""
         motion_m = self._motion_m(0.0, 1.0)
         reach_m = self._body.reach_m(self._first.q_wxyz)
         center = self._first.position_ned_m
-        bounds = [(p.at_least_m(center, reach_m) - motion_m, p) for p in self._target.parts]
-        bounds.sort(key=lambda each: each[0])
+        bounds: list[tuple[float, PartSolid]] = []
+        for part in self._target.parts:
+            at_least_m = part.at_least_m(center, reach_m) - motion_m
+            if at_least_m < limit_m:
+                bounds.append((at_least_m, part))
+        bounds.sort(key=_bound)
         return bounds
 
     def _refined(
@@ -235,7 +255,7 @@ class _Sweep:
         if not self._straight:
             return False
         # A point of the body leaves its chord by at most r (1 - cos(turn / 2)).
-        turn_rad = self._turn_rad * (b.fraction - a.fraction)
+        turn_rad = self._stretch.turn_rad * (b.fraction - a.fraction)
         enough_m += self._body.radius_m * turn_rad * turn_rad / 8.0
         if part.tree is not None:
             return self._body.stays_beyond(part.tree, a.pose, b.pose, enough_m)
@@ -272,14 +292,18 @@ class _Sweep:
 
     def _motion_m(self, from_fraction: float, to_fraction: float) -> float:
         """Return how far any point goes, of the body and of the thing together, at most."""
-        share = to_fraction - from_fraction
-        body_m = share * (self._way_m + self._turn_rad * self._body.radius_m)
+        share, stretch = to_fraction - from_fraction, self._stretch
+        body_m = share * (stretch.way_m + stretch.turn_rad * self._body.radius_m)
+        if self._target.at_rest is not None:
+            return body_m
         travel = self._travel(from_fraction, to_fraction)
         return body_m + travel.length_m + travel.turn_rad * self._target.radius_m
 
     def _travel(self, from_fraction: float, to_fraction: float) -> Travel:
-        if self._target.at_rest is not None:
-            return AT_REST
         stretch = self._stretch
         first_s, last_s = stretch.time_s(from_fraction), stretch.time_s(to_fraction)
         return self._target.thing.travel(first_s, last_s, stretch.events)
+
+
+def _bound(bounded: tuple[float, PartSolid]) -> float:
+    return bounded[0]

@@ -55,9 +55,12 @@ class PartSolid:
         """Return a lower bound of the distance from what reaches so far from a centre."""
         low, high = self._low_m, self._high_m
         x, y, z = center_m
-        dx = max(low[0] - x, x - high[0]) - reach_m[0]
-        dy = max(low[1] - y, y - high[1]) - reach_m[1]
-        dz = max(low[2] - z, z - high[2]) - reach_m[2]
+        before, behind = low[0] - x, x - high[0]
+        dx = (before if before > behind else behind) - reach_m[0]
+        before, behind = low[1] - y, y - high[1]
+        dy = (before if before > behind else behind) - reach_m[1]
+        before, behind = low[2] - z, z - high[2]
+        dz = (before if before > behind else behind) - reach_m[2]
         squares = dx * dx if dx > 0.0 else 0.0
         if dy > 0.0:
             squares += dy * dy
