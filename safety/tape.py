@@ -65,10 +65,10 @@ _NAMES: dict[type[Taped], str] = {
 
 
 class TapePacker:
-    """Turns samples into bytes; remembers each vehicle's last state."""
+    """Turns samples into bytes; remembers what each vehicle said of its state last."""
 
     def __init__(self) -> None:
-        self._states: dict[str, StateSample] = {}
+        self._said: dict[str, tuple[Any, ...]] = {}
         self._pack = msgpack.Packer().pack
 
     def header(self) -> bytes:
@@ -93,12 +93,8 @@ class TapePacker:
                 return (_NAMES[type(sample)], *dataclasses.astuple(sample))
 
     def _state(self, sample: StateSample) -> tuple[Any, ...]:
-        last, self._states[sample.vehicle] = self._states.get(sample.vehicle), sample
         head = ("state", sample.t_s, sample.vehicle)
-        if last is not None and dataclasses.replace(last, t_s=sample.t_s) == sample:
-            return head
-        return (
-            *head,
+        says = (
             sample.armed,
             sample.mode.value,
             sample.mode_name,
@@ -108,6 +104,10 @@ class TapePacker:
             sample.battery_v,
             sample.estimator_fault,
         )
+        if says == self._said.get(sample.vehicle):
+            return head
+        self._said[sample.vehicle] = says
+        return head + says
 
 
 def read_tape(stream: BinaryIO) -> Iterator[Taped]:

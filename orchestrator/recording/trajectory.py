@@ -63,7 +63,7 @@ class TrajectoryWriter:
 
     def write(self, row: TrajectoryRow) -> None:
         """Append one row."""
-        velocity = _numbers(row.velocity_ned_m_s, 3)
+        velocity = _vector(row.velocity_ned_m_s)
         cells = (
             f"{row.t_s:.4f},{row.vehicle},{row.stage},{row.mode},{int(row.armed)}",
             _pose(row.estimate),
@@ -93,16 +93,17 @@ def _text(text: str) -> str:
     return text
 
 
-def _numbers(values: tuple[float, ...] | None, count: int) -> str:
-    if values is None:
-        return "," * (count - 1)
-    return ",".join(f"{value:.6f}" for value in values)
+def _vector(vector: Vec3 | None) -> str:
+    if vector is None:
+        return ",,"
+    x, y, z = vector
+    return f"{x:.6f},{y:.6f},{z:.6f}"
 
 
 def _pose(pose: Pose | None) -> str:
     if pose is None:
-        return _numbers(None, 6)
-    return _numbers((*pose.position_ned_m, *euler_from_quat(pose.q_wxyz)), 6)
+        return ",,,,,"
+    return f"{_vector(pose.position_ned_m)},{_vector(euler_from_quat(pose.q_wxyz))}"
 
 
 def _setpoint(setpoint: Setpoint | None) -> str:
@@ -114,4 +115,4 @@ def _setpoint(setpoint: Setpoint | None) -> str:
         case None:
             return ",,,,"
     yaw = "" if yaw_rad is None else f"{yaw_rad:.6f}"
-    return f"{kind},{_numbers(vector, 3)},{yaw}"
+    return f"{kind},{_vector(vector)},{yaw}"

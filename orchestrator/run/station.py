@@ -69,14 +69,14 @@ class Station:
 
     def height_m(self) -> float | None:
         """Return its height above its start by its own estimate; None while unknown."""
-        estimate = self.driver.state.estimate
+        estimate = self.driver.estimate
         if estimate is None:
             return None
         return self.start.position_ned_m[2] - estimate.pose.position_ned_m[2]
 
     def telemetry(self) -> Telemetry | None:
         """Return what its autonomy may know of it: its own estimate; None while unknown."""
-        estimate = self.driver.state.estimate
+        estimate = self.driver.estimate
         if estimate is None:
             return None
         return Telemetry(estimate.t_s, estimate.pose, estimate.velocity_ned_m_s)
@@ -122,4 +122,4 @@ class Station:
 
     def _has_lifted(self, sample: EstimateSample) -> bool:
         lifted_m = self.start.position_ned_m[2] - sample.pose.position_ned_m[2]
-        return self.driver.state.armed and lifted_m > 0.1
+        return lifted_m > 0.1 and self.driver.state.armed

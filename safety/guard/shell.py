@@ -195,10 +195,12 @@ class GuardShell:
     def _apply(self, outputs: Outputs, t_s: float) -> None:
         if not outputs:
             return
+        events: list[GuardEvent] = []
         for output in outputs:
-            if not isinstance(output, GuardEvent):
+            if isinstance(output, GuardEvent):
+                events.append(output)
+            else:
                 self._write(output)
-        events = [output for output in outputs if isinstance(output, GuardEvent)]
         if self._record is not None:
             events += self._write_down(self._record, outputs, t_s)
         for event in events:

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
 from functools import partial
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -19,7 +18,7 @@ from vehicles.driver.onboard import Onboard
 from vehicles.driver.presence import Presence
 from vehicles.driver.session import Session
 from vehicles.driver.setpointing import SetpointSender
-from vehicles.driver.state import VehicleState
+from vehicles.driver.state import EstimateSample, VehicleState
 from vehicles.driver.status import EventListener, Status
 from vehicles.driver.streams import Streams
 from vehicles.driver.vehicle import IdentifiedVehicle
@@ -119,12 +118,17 @@ class Driver:
     @property
     def state(self) -> VehicleState:
         """Return the vehicle as last heard, as one that does not change."""
-        return replace(
-            VehicleState() if self._status is None else self._status.state,
+        state = VehicleState() if self._status is None else self._status.state
+        return state._replace(
             last_heard_s=self._session.last_heard_s,
             estimate=self._estimates.newest,
             local=self._estimates.local,
         )
+
+    @property
+    def estimate(self) -> EstimateSample | None:
+        """Return the newest estimate; None until the vehicle is anchored in the world."""
+        return self._estimates.newest
 
     @property
     def anchor(self) -> Anchor | None:

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -99,7 +98,7 @@ class Status:
         return tuple(text.text for text in list(self._texts)[-count:])
 
     def _change(self, **fields: Any) -> None:
-        self.state = replace(self.state, **fields)
+        self.state = self.state._replace(**fields)
         self._changes.notify()
 
     def _fed(self, message: Any) -> None:
@@ -112,8 +111,7 @@ class Status:
         mode = self._autopilot.mode_of(message.custom_mode)
         armed = bool(message.base_mode & _ARMED)
         failsafe = message.system_status in _FAILSAFE_STATES
-        now = replace(
-            before,
+        now = before._replace(
             armed=armed,
             mode=mode,
             mode_name=self._autopilot.mode_name(message.custom_mode),
@@ -143,7 +141,7 @@ class Status:
         known = landed_state < len(LANDED_STATES)
         landed: Landed = LANDED_STATES[landed_state] if known else "unknown"
         if landed != self.state.landed:
-            self.state = replace(self.state, landed=landed)
+            self.state = self.state._replace(landed=landed)
             self.tell(VehicleEvent(t_s, "landed_state", landed))
         self._changes.notify()
 
@@ -169,7 +167,7 @@ class Status:
         faults = self.readiness.estimator_faults()
         before = self.state.faults
         if faults != before:
-            self.state = replace(self.state, faults=faults)
+            self.state = self.state._replace(faults=faults)
             if self._was_sound:
                 kind: EventKind = "fault" if faults else "fault_over"
                 self.tell(VehicleEvent(t_s, kind, ", ".join(faults or before)))
