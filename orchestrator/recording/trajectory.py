@@ -1,9 +1,8 @@
 """trajectory.csv: where both vehicles were, thought they were, and were asked to be."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
 from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 from worlds.frames import Pose, Vec3, euler_from_quat
@@ -33,8 +32,7 @@ A value that is not known (no truth of attached hardware, no setpoint yet) is em
 """
 
 
-@dataclass(frozen=True, slots=True)
-class TrajectoryRow:
+class TrajectoryRow(NamedTuple):
     """One moment of one vehicle."""
 
     t_s: float

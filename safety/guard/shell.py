@@ -29,6 +29,7 @@ from vehicles.links.base import Link, Receiver
 from vehicles.links.impaired import ImpairedLink
 
 TICK_HZ = 20.0
+_LOGGED = (ToOrchestrator, ToVehicle)
 
 Record = Callable[[str, float, bytes], None]
 """Takes a vehicle's name, the run clock's time and one whole frame, of either direction."""
@@ -220,7 +221,7 @@ class GuardShell:
     def _write_down(self, record: Record, outputs: Outputs, t_s: float) -> list[GuardEvent]:
         try:
             for output in outputs:
-                if isinstance(output, ToOrchestrator | ToVehicle):
+                if isinstance(output, _LOGGED):
                     for frame in output.frames:
                         record(output.name, t_s, frame)
         except OSError as error:

@@ -65,8 +65,10 @@ class Controller:
             airframe.inertia_zz_kg_m2 * yaw_rate,
         )
         self._levers_m = (4.0 * airframe.motor_offset_m, 4.0 * airframe.torque_per_thrust_m)
-        self._integral: list[float] = [0.0, 0.0, 0.0]
-        self._velocity_setpoint: list[float] = [0.0, 0.0, 0.0]
+        self._eased = gains.acceleration_m_s2[0] < math.inf
+        self._most_turn_rad = gains.max_yaw_rate_rad_s * self._dt_s
+        self._integral: Vec3 = (0.0, 0.0, 0.0)
+        self._velocity_setpoint: Vec3 = (0.0, 0.0, 0.0)
         self._acceleration: Vec3 = (0.0, 0.0, 0.0)
         self._feed_forward: Vec3 = (0.0, 0.0, 0.0)
         self._calls = 0
@@ -75,8 +77,7 @@ class Controller:
     @property
     def velocity_setpoint_ned_m_s(self) -> Vec3:
         """Return the velocity that it now flies, after limits."""
-        north, east, down = self._velocity_setpoint
-        return (north, east, down)
+        return self._velocity_setpoint
 
     @property
     def yaw_setpoint_rad(self) -> float:
@@ -85,8 +86,8 @@ class Controller:
 
     def reset(self, *, yaw_rad: float, velocity_ned_m_s: Vec3 = (0.0, 0.0, 0.0)) -> None:
         """Forget what was integrated; hold this heading, start from this velocity."""
-        self._integral = [0.0, 0.0, 0.0]
-        self._velocity_setpoint = list(velocity_ned_m_s)
+        self._integral = (0.0, 0.0, 0.0)
+        self._velocity_setpoint = velocity_ned_m_s
         self._yaw_rad = yaw_rad
         self._calls = 0
 
@@ -101,67 +102,63 @@ class Controller:
 
     def _shape(self, now: Motion, target: Target) -> None:
         """Set the velocity setpoint: position error and feed-forward, bounded, then slewed."""
+        (pn, pe, pd), (north, east, down), _, _, (speed, up, sink) = target
         gains, here = self._gains, now.position_ned_m
-        north, east, down = target.velocity_ned_m_s
-        pn, pe, pd = target.position_ned_m
-        kp = gains.position[0]
-        limit = gains.acceleration_m_s2
         if pn is not None and pe is not None:
+            limit = min(gains.acceleration_m_s2[0], 3.0)
             dn, de = pn - here[0], pe - here[1]
-            share = _approach(math.hypot(dn, de), kp, min(limit[0], 3.0))
+            share = _approach(math.hypot(dn, de), gains.position[0], limit)
             north += dn * share
             east += de * share
         if pd is not None:
+            limit = min(gains.acceleration_m_s2[1], 2.0)
             dd = pd - here[2]
-            down += dd * _approach(abs(dd), gains.position[1], min(limit[1], 2.0))
-        speed, up, sink = target.speed_m_s
+            down += dd * _approach(abs(dd), gains.position[1], limit)
         horizontal = math.hypot(north, east)
         if horizontal > speed:
             north, east = north * speed / horizontal, east * speed / horizontal
-        down = -up if down < -up else min(down, sink)
+        down = -up if down < -up else (down if down < sink else sink)
         self._slew(north, east, down)
 
     def _slew(self, north: float, east: float, down: float) -> None:
         """Move the velocity setpoint towards this one, and keep how fast as feed-forward."""
-        setpoint, limit, dt = self._velocity_setpoint, self._gains.acceleration_m_s2, self._dt_s
-        dn, de = north - setpoint[0], east - setpoint[1]
-        change = math.hypot(dn, de)
-        if limit[0] < math.inf and change > 0.0:
-            # Eased in at the end: the body cannot tilt back at once.
-            share = min(limit[0] / change, _EASE_PER_S) * dt
-            dn, de = dn * share, de * share
-        dd = _clamp(down - setpoint[2], limit[1] * dt)
-        setpoint[0] += dn
-        setpoint[1] += de
-        setpoint[2] += dd
-        if limit[0] < math.inf:
+        (limit, vertical), dt = self._gains.acceleration_m_s2, self._dt_s
+        old_north, old_east, old_down = self._velocity_setpoint
+        dn, de = north - old_north, east - old_east
+        dd = _clamp(down - old_down, vertical * dt)
+        if self._eased:
+            change = math.hypot(dn, de)
+            if change > 0.0:
+                # Eased in at the end: the body cannot tilt back at once.
+                share = min(limit / change, _EASE_PER_S) * dt
+                dn, de = dn * share, de * share
             self._feed_forward = (dn / dt, de / dt, dd / dt)
+        self._velocity_setpoint = (old_north + dn, old_east + de, old_down + dd)
 
     def _accelerate(self, now: Motion) -> Vec3:
         gains, dt = self._gains, self._dt_s
-        setpoint, integral = self._velocity_setpoint, self._integral
         (kv, kvz), (ki, kiz) = gains.velocity, gains.integral
-        vn, ve, vd = now.velocity_ned_m_s
-        en, ee, ed = setpoint[0] - vn, setpoint[1] - ve, setpoint[2] - vd
-        integral[0] = _clamp(integral[0] + ki * en * dt, 4.0)
-        integral[1] = _clamp(integral[1] + ki * ee * dt, 4.0)
-        integral[2] = _clamp(integral[2] + kiz * ed * dt, 5.0)
+        (vn, ve, vd), (sn, se, sd) = now.velocity_ned_m_s, self._velocity_setpoint
+        en, ee, ed = sn - vn, se - ve, sd - vd
+        pull_n, pull_e, pull_d = self._integral
+        pull_n = _clamp(pull_n + ki * en * dt, 4.0)
+        pull_e = _clamp(pull_e + ki * ee * dt, 4.0)
+        pull_d = _clamp(pull_d + kiz * ed * dt, 5.0)
+        self._integral = (pull_n, pull_e, pull_d)
         north, east, down = self._feed_forward
         return (
-            kv * en + integral[0] + north,
-            kv * ee + integral[1] + east,
-            _clamp(kvz * ed + integral[2] + down, 6.0),
+            kv * en + pull_n + north,
+            kv * ee + pull_e + east,
+            _clamp(kvz * ed + pull_d + down, 6.0),
         )
 
     def _turn(self, target: Target) -> None:
         """Move the heading setpoint, no faster than the vehicle may turn."""
-        step = self._gains.max_yaw_rate_rad_s * self._dt_s
         if target.yaw_rad is None:
-            self._yaw_rad = _wrap(self._yaw_rad + _clamp(target.yaw_rate_rad_s * self._dt_s, step))
+            turn_rad = target.yaw_rate_rad_s * self._dt_s
         else:
-            self._yaw_rad = _wrap(
-                self._yaw_rad + _clamp(_wrap(target.yaw_rad - self._yaw_rad), step)
-            )
+            turn_rad = _wrap(target.yaw_rad - self._yaw_rad)
+        self._yaw_rad = _wrap(self._yaw_rad + _clamp(turn_rad, self._most_turn_rad))
 
     def _attitude(self, now: Motion, acceleration: Vec3) -> Thrusts:
         gains, (gain_x, gain_y, gain_z) = self._gains, self._torque_gains

@@ -39,7 +39,11 @@ class Estimator:
         )
         tilt, heading = noise.tilt_sigma_deg, noise.heading_sigma_deg
         self._angles = GaussMarkov(
-            sigma=tuple(angle * _RADIANS_PER_DEGREE for angle in (tilt, tilt, heading)),
+            sigma=(
+                tilt * _RADIANS_PER_DEGREE,
+                tilt * _RADIANS_PER_DEGREE,
+                heading * _RADIANS_PER_DEGREE,
+            ),
             time_constant_s=noise.heading_time_constant_s,
             dt_s=dt_s,
             rng=rng,

@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 
+from worlds.frames import Vec3
+
 
 class GaussMarkov:
-    """Independent walks of zero mean, one per axis, started from their stationary spread.
+    """Independent walks of zero mean along three axes, from their stationary spread on.
 
     x[k+1] = a x[k] + sigma sqrt(1 - a^2) n, a = exp(-dt / time constant): exact for any step
     (Gelb, "Applied Optimal Estimation", 1974, section 3.8).
@@ -17,29 +19,26 @@ class GaussMarkov:
     def __init__(
         self,
         *,
-        sigma: tuple[float, ...],
+        sigma: Vec3,
         time_constant_s: float,
         dt_s: float,
         rng: np.random.Generator,
     ) -> None:
         self._keep = math.exp(-dt_s / time_constant_s)
-        self._kick = tuple(s * math.sqrt(1.0 - self._keep**2) for s in sigma)
+        self._kick = [s * math.sqrt(1.0 - self._keep**2) for s in sigma]
         self._rng = rng
-        self._normals: list[list[float]] = []
-        start = rng.standard_normal(len(sigma)).tolist()
-        self.value: tuple[float, ...] = tuple(s * n for s, n in zip(sigma, start, strict=True))
+        self._kicks: list[list[float]] = []
+        x, y, z = (rng.standard_normal(3) * sigma).tolist()
+        self.value: Vec3 = (x, y, z)
         """The present values."""
         self._silent = not any(sigma)
 
-    def advance(self) -> tuple[float, ...]:
+    def advance(self) -> Vec3:
         """Step once and return the new values."""
         if self._silent:
             return self.value
-        if not self._normals:
-            self._normals = self._rng.standard_normal((self._BLOCK, len(self._kick))).tolist()
-        keep = self._keep
-        self.value = tuple(
-            keep * x + kick * n
-            for x, kick, n in zip(self.value, self._kick, self._normals.pop(), strict=True)
-        )
-        return self.value
+        if not self._kicks:
+            self._kicks = (self._rng.standard_normal((self._BLOCK, 3)) * self._kick).tolist()
+        keep, (x, y, z), (a, b, c) = self._keep, self.value, self._kicks.pop()
+        self.value = value = (keep * x + a, keep * y + b, keep * z + c)
+        return value

@@ -122,7 +122,7 @@ class EmbeddedVehicle:
     async def __aenter__(self) -> Self:
         """Open the link and begin to live."""
         await self._link.__aenter__()
-        loop = asyncio.get_running_loop()
+        self._loop = loop = asyncio.get_running_loop()
         self._t0_s = loop.time()
         self._alive = True
         self._timer = loop.call_at(self._step_s(_STEPS_PER_TICK), self._tick)
@@ -153,12 +153,12 @@ class EmbeddedVehicle:
                 self._on_fault()
             raise
         if self._alive:
-            loop = asyncio.get_running_loop()
-            self._timer = loop.call_at(self._step_s(self._steps + _STEPS_PER_TICK), self._tick)
+            due_s = self._step_s(self._steps + _STEPS_PER_TICK)
+            self._timer = self._loop.call_at(due_s, self._tick)
 
     def _catch_up(self) -> None:
         """Step until the present, and send what came of it."""
-        now_s = asyncio.get_running_loop().time()
+        now_s = self._loop.time()
         behind = round((now_s - self._t0_s) * PHYSICS_HZ) - self._steps
         if behind > _MOST_STEPS_BEHIND:
             self._t0_s += (behind - _STEPS_PER_TICK) / PHYSICS_HZ
@@ -173,7 +173,7 @@ class EmbeddedVehicle:
 
     def _deliver_mocap(self) -> None:
         """Give the readings that have arrived, each at its own time and not at the next tick."""
-        loop = asyncio.get_running_loop()
+        loop = self._loop
         now_s = loop.time()
         if self._mocap_timer is not None and self._mocap_timer.when() > now_s:
             return

@@ -18,13 +18,14 @@ _START_V2 = b"\xfd"
 class _Layout(NamedTuple):
     """How a message of numbers lies in its payload.
 
-    values: its fields in the order of the wire. lengths: of those that are arrays, by their place
-    there; empty when none is. order: where on the wire each field of the constructor lies.
+    values: its fields in the order of the wire. lengths: of those that are arrays, with their place
+    there, last first; empty when none is. order: where on the wire each field of the constructor
+    lies.
     """
 
     make: Callable[..., Any]
     values: Callable[[Any], tuple[Any, ...]]
-    lengths: dict[int, int]
+    lengths: tuple[tuple[int, int], ...]
     order: tuple[int, ...]
     payload: struct.Struct
     message_id: int
@@ -91,28 +92,25 @@ class Codec:
 
     def _pack_numbers(self, message: Any, layout: _Layout) -> bytes:
         # As pymavlink's own pack, in a third of its time: it is half of what a setpoint costs.
-        values = layout.values(message)
-        if layout.lengths:
-            values = _flat(values, layout.lengths)
-        payload = layout.payload.pack(*values).rstrip(b"\0") or b"\0"
-        mav, number = self._mav, layout.message_id
+        _, fields, lengths, _, form, number, extra = layout
+        values = fields(message)
+        payload = form.pack(*(_flat(values, lengths) if lengths else values))
+        payload = payload.rstrip(b"\0") or b"\0"
+        mav = self._mav
         header = _HEADER.pack(
             len(payload), 0, 0, mav.seq, mav.srcSystem, mav.srcComponent,
             number & 0xFFFF, number >> 16,
         )  # fmt: skip
         body = header + payload
-        return _START_V2 + body + checksum(body, layout.crc_extra).to_bytes(2, "little")
+        return _START_V2 + body + checksum(body, extra).to_bytes(2, "little")
 
 
-def _flat(values: tuple[Any, ...], lengths: dict[int, int]) -> tuple[float, ...]:
+def _flat(values: tuple[Any, ...], lengths: tuple[tuple[int, int], ...]) -> list[float]:
     """Return the values with those of arrays one by one."""
-    flat: list[float] = []
-    for place, value in enumerate(values):
-        if place in lengths:
-            flat += value[: lengths[place]]
-        else:
-            flat.append(value)
-    return tuple(flat)
+    flat = list(values)
+    for place, length in lengths:
+        flat[place : place + 1] = values[place][:length]
+    return flat
 
 
 def _decode_plain(frame: Frame, layout: _Layout) -> Any:
@@ -136,7 +134,9 @@ def _layout(kind: Any) -> _Layout | None:
     return _Layout(
         make=kind,
         values=attrgetter(*names),
-        lengths={place: length for place, length in enumerate(kind.array_lengths) if length},
+        lengths=tuple((place, length) for place, length in enumerate(kind.array_lengths) if length)[
+            ::-1
+        ],
         order=tuple(kind.orders),
         payload=kind.unpacker,
         message_id=kind.id,

@@ -189,8 +189,13 @@ def test_a_wrong_profile_says_what_is_wrong(tmp_path: Path) -> None:
 
 
 def test_gauss_markov_noise_has_its_spread_and_its_time() -> None:
-    walk = GaussMarkov(sigma=(0.5,), time_constant_s=2.0, dt_s=0.04, rng=np.random.default_rng(5))
-    values = np.array([walk.advance()[0] for _ in range(200_000)])
+    walk = GaussMarkov(
+        sigma=(0.5, 0.0, 2.0), time_constant_s=2.0, dt_s=0.04, rng=np.random.default_rng(5)
+    )
+    walked = np.array([walk.advance() for _ in range(200_000)])
+    values = walked[:, 0]
+    assert walked[:, 2].std() == pytest.approx(2.0, rel=0.05)
+    assert not walked[:, 1].any()
     assert values.std() == pytest.approx(0.5, rel=0.05)
     assert values.mean() == pytest.approx(0.0, abs=0.03)
     lag = 50
@@ -200,9 +205,9 @@ def test_gauss_markov_noise_has_its_spread_and_its_time() -> None:
 
 def test_silent_noise_draws_nothing() -> None:
     rng = np.random.default_rng(5)
-    walk = GaussMarkov(sigma=(0.0, 0.0), time_constant_s=2.0, dt_s=0.04, rng=rng)
+    walk = GaussMarkov(sigma=(0.0, 0.0, 0.0), time_constant_s=2.0, dt_s=0.04, rng=rng)
     state = rng.bit_generator.state
-    assert walk.advance() == (0.0, 0.0)
+    assert walk.advance() == (0.0, 0.0, 0.0)
     assert rng.bit_generator.state == state
 
 

@@ -279,7 +279,7 @@ class Px4(Px4Core):
         far_m, high_m = p["GF_MAX_HOR_DIST"], p["GF_MAX_VER_DIST"]
         too_far = 0.0 < far_m < math.hypot(here[0] - north, here[1] - east)
         too_high = 0.0 < high_m < down - here[2]
-        return too_far or too_high or fence.breached(here[0], here[1])
+        return too_far or too_high or (bool(fence.areas) and fence.breached(here[0], here[1]))
 
     def _fence_result(self, fence: Fence) -> int:
         """Refuse a fence that would be breached at once, or that leaves home out."""
