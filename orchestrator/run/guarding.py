@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 
 from campaigns.setup import LinkSetup, VehicleSetup
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
@@ -20,6 +21,11 @@ from vehicles.links.memory import memory_pair
 
 _LINK_LUCK = 3
 """Keeps the luck of links apart from that of other things with the same seed."""
+
+HANGING_S = 1.0
+"""How long an orchestrator on a busy computer may be silent under the wall clock. The end of its
+process is seen at once, and the guard watches the fence meanwhile; from 1 s on PX4 falls into its
+own failsafe for want of setpoints anyway."""
 
 Guard = GuardShell | RemoteGuard
 
@@ -58,7 +64,7 @@ def guard_of(setup: RunSetup, *, record: Record) -> tuple[Guard, Hangar, Mapping
             )
             for one in setup.vehicles
         },
-        settings=settings,
+        settings=replace(settings, orchestrator_silent_s=HANGING_S),
     )
     guard = RemoteGuard(charter=charter, record=record)
     return guard, OwnProcesses(setup, guard), {name: guard.link(name) for name in guarded}
