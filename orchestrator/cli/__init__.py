@@ -30,6 +30,7 @@ _COMMANDS = (
     ("watch", "orchestrator.cli.watch:watch", "Show what flies on this machine until it is over."),
     ("mix", "orchestrator.cli.mix:mix", "Mix pictures, videos or recordings by a recipe."),
     ("replay", "orchestrator.cli.replay:replay_run", "Mix a recorded run anew, fly nothing."),
+    ("calibrate", "orchestrator.cli.calibrate:calibrate", "Measure a real camera by a board."),
     ("list", "orchestrator.cli.listing:list_things", "List campaigns, operators and the like."),
 )
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from orchestrator.offline.errors import OfflineError
+from orchestrator.recording.facts import latencies_in
 from orchestrator.recording.mcap_chunks import RecordingError
 from orchestrator.recording.mcap_reader import Recorded, RecordedReading, Recording
 from vehicles.readings import Reading, Source
@@ -50,3 +51,8 @@ def readings(path: Path, source: Source, sensor: str) -> Iterator[Reading]:
             continue
         if item.reading.source == source and item.sensor == sensor:
             yield item.reading
+
+
+def flown_latency_s(folder: Path, vehicle: str, sensor: str) -> float:
+    """Return what a run took off the stamps of a live camera's pictures. Raises OfflineError."""
+    return latencies_in(facts_of_recording(recording_file(folder))).get(f"{vehicle} {sensor}", 0.0)

@@ -21,6 +21,14 @@ def facts_of(setup: RunSetup) -> dict[str, str]:
         "seed": str(plan.seed),
         "objects": json.dumps(objects),
     }
+    latencies = {
+        f"{vehicle.name} {camera.name}": camera.source.latency_s
+        for vehicle in setup.vehicles
+        for camera in vehicle.cameras
+        if camera.source is not None
+    }
+    if latencies:
+        facts["latency_s"] = json.dumps(latencies)
     recipe = setup.campaign.recipe
     if recipe is not None and plan.mode == "wil":
         # JSON is YAML: the recipe as it was flown, overrides of a case included.
@@ -37,6 +45,12 @@ def recipe_in(facts: Mapping[str, str]) -> Recipe | None:
     file = facts.get("recipe_file", "recipe.yaml")
     name = f"{file} (as recorded)"
     return load_recipe(parse(text.encode(), name=name, path=Path(file)))
+
+
+def latencies_in(facts: Mapping[str, str]) -> dict[str, float]:
+    """Return by vehicle and camera what was taken off the stamps of pictures from outside."""
+    found: dict[str, float] = json.loads(facts.get("latency_s", "{}"))
+    return found
 
 
 def objects_in(facts: Mapping[str, str]) -> dict[str, int]:

@@ -1,0 +1,1 @@
+"""A real camera measured: pictures of a board and poses in, a calibration file out."""

@@ -1,0 +1,22 @@
+"""What the detectors find in pictures of boards, found once: a picture takes a while."""
+
+import pytest
+
+from tests.vehicles.calibration.board_pictures import CHARUCO, CHESSBOARD, pictures
+from vehicles.calibration.boards import Sighting
+
+
+def _found(board: object) -> list[Sighting]:
+    found = [board.find(picture) for picture in pictures(board)]  # type: ignore[attr-defined, arg-type]  # both kinds
+    assert None not in found
+    return [one for one in found if one is not None]
+
+
+@pytest.fixture(scope="session")
+def of_chessboard() -> list[Sighting]:
+    return _found(CHESSBOARD)
+
+
+@pytest.fixture(scope="session")
+def of_charuco() -> list[Sighting]:
+    return _found(CHARUCO)

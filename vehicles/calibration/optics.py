@@ -1,0 +1,162 @@
+"""The optics of a camera from pictures of a board; pure.
+
+Zhang's method as OpenCV has it (calibrateCamera), on pictures that differ as much as they can.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from vehicles.calibration.boards import CalibrationError, Points, Sighting
+from worlds.camera import Intrinsics
+
+FEWEST = 8
+"""Pictures of a board below which focal length and distortion cannot be told apart."""
+MOST = 40
+_GRID = (8, 6)
+_OUTLIER = 3.0
+"""A picture whose error is so many times the median one was moved, or found wrong."""
+_POOR_PX = 1.5
+_LEAST_SLANT = 0.05
+"""How far a view must be from a mere scaling: a board of a fifth of the picture, tilted by 20
+degrees, is."""
+_COEFFICIENTS = {
+    4: cv2.CALIB_FIX_K3,
+    5: 0,
+    8: cv2.CALIB_RATIONAL_MODEL,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class OpticsFit:
+    """A camera model and how good it is.
+
+    pictures: that it is of. rms_px: of their corners. covered: share of the picture's cells in
+    which a corner was seen.
+    """
+
+    intrinsics: Intrinsics
+    pictures: int
+    rms_px: float
+    covered: float
+
+
+def fit_optics(
+    sightings: Sequence[Sighting], size: tuple[int, int], *, coefficients: int = 4
+) -> OpticsFit:
+    """Return the optics of a camera of a size (width, height).
+
+    coefficients: of the distortion, 4 (k1, k2, p1, p2), 5 (with k3) or 8 (rational). Raises
+    CalibrationError when there are too few pictures, all alike, or none that fit.
+    """
+    chosen = most_different(sightings, size, MOST)
+    if len(chosen) < FEWEST:
+        alike = "" if len(sightings) < FEWEST else f", and only {len(chosen)} of them differ"
+        raise CalibrationError(
+            f"the board was found in {len(sightings)} pictures{alike}; {FEWEST} that differ are "
+            "needed: show it near and far, in each corner, and tilted to each side"
+        )
+    if (slant := _slant(chosen)) < _LEAST_SLANT:
+        raise CalibrationError(
+            f"the board faces the camera in all {len(chosen)} pictures (the most slanted is off by "
+            f"{slant:.0%}): focal length and distance cannot be told apart; tilt it by 30 degrees "
+            "and more, to each side"
+        )
+    matrix, distortion, errors = _calibrated(chosen, size, coefficients)
+    kept = [one for one, e in zip(chosen, errors, strict=True) if e <= _OUTLIER * np.median(errors)]
+    if FEWEST <= len(kept) < len(chosen):
+        chosen = kept
+        matrix, distortion, errors = _calibrated(chosen, size, coefficients)
+    rms_px = float(np.sqrt(np.mean(np.square(errors))))
+    if not rms_px < _POOR_PX:
+        raise CalibrationError(
+            f"the pictures do not fit together: {rms_px:.1f} px off; is the board flat, its size "
+            "right, and the camera's focus and zoom fixed?"
+        )
+    return OpticsFit(
+        intrinsics=Intrinsics(
+            width_px=size[0],
+            height_px=size[1],
+            fx_px=float(matrix[0, 0]),
+            fy_px=float(matrix[1, 1]),
+            cx_px=float(matrix[0, 2]),
+            cy_px=float(matrix[1, 2]),
+            distortion=tuple(float(value) for value in distortion.ravel()[:coefficients]),
+        ),
+        pictures=len(chosen),
+        rms_px=rms_px,
+        covered=covered(chosen, size),
+    )
+
+
+def most_different(
+    sightings: Sequence[Sighting], size: tuple[int, int], most: int
+) -> list[Sighting]:
+    """Return at most so many sightings, each as unlike the ones before it as can be.
+
+    Two of the same view are one: what was seen twice from one place tells nothing new.
+    """
+    if not sightings:
+        return []
+    views = np.array([_view(one, size) for one in sightings])
+    chosen = [0]
+    distances = np.linalg.norm(views - views[0], axis=1)
+    while len(chosen) < min(most, len(sightings)):
+        following = int(np.argmax(distances))
+        if distances[following] < 0.02:
+            break
+        chosen.append(following)
+        distances = np.minimum(distances, np.linalg.norm(views - views[following], axis=1))
+    return [sightings[index] for index in sorted(chosen)]
+
+
+def covered(sightings: Sequence[Sighting], size: tuple[int, int]) -> float:
+    """Return the share of the picture's cells (8 x 6) in which a corner was seen."""
+    cells = {
+        (int(u * _GRID[0] / size[0]), int(v * _GRID[1] / size[1]))
+        for one in sightings
+        for u, v in one.pixels
+    }
+    return len(cells) / (_GRID[0] * _GRID[1])
+
+
+def _view(one: Sighting, size: tuple[int, int]) -> Points:
+    """Return a view as numbers: middle, size and slant of the board in the picture."""
+    board, pixels = one.board_m[:, :2], one.pixels / size[0]
+    design = np.column_stack((board, np.ones(len(board))))
+    affine = np.linalg.lstsq(design, pixels, rcond=None)[0]
+    # Where in the board corners are missing does not matter: the middle is that of the board.
+    middle = affine[2] + affine[:2].T @ board.mean(axis=0)
+    scale = float(np.ptp(board))
+    return np.concatenate((middle, (scale * affine[:2]).ravel()))
+
+
+def _slant(sightings: Sequence[Sighting]) -> float:
+    """Return how far the most slanted view is from a likeness of the board (0: it is one)."""
+    worst = 0.0
+    for one in sightings:
+        board = one.board_m[:, :2]
+        design = np.column_stack((board, np.ones(len(board))))
+        affine = np.linalg.lstsq(design, one.pixels, rcond=None)[0][:2]
+        long, short = np.linalg.svd(affine, compute_uv=False)
+        worst = max(worst, 1.0 - float(short / long))
+    return worst
+
+
+def _calibrated(
+    sightings: Sequence[Sighting], size: tuple[int, int], coefficients: int
+) -> tuple[Points, Points, Points]:
+    """Return camera matrix, distortion, and of each picture the error in pixels."""
+    boards = [one.board_m.astype(np.float32) for one in sightings]
+    pixels = [one.pixels.astype(np.float32).reshape(-1, 1, 2) for one in sightings]
+    try:
+        found = cv2.calibrateCameraExtended(
+            boards, pixels, size, None, None, flags=_COEFFICIENTS[coefficients]
+        )
+    except cv2.error as error:
+        raise CalibrationError(
+            f"the pictures cannot be put together ({error.err}); take more, from other sides"
+        ) from error
+    return np.asarray(found[1]), np.asarray(found[2]), np.asarray(found[7]).ravel()
