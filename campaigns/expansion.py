@@ -14,6 +14,7 @@ from campaigns.files import (
     override_from_option,
     overrides_of_case,
 )
+from campaigns.operator_setup import MqttSetup, mqtt_setup
 from campaigns.reading import gathered, read_setup, unique
 from campaigns.schema import DEFAULT_CASE, CampaignPart, Mode
 from campaigns.seeds import run_seed
@@ -62,7 +63,8 @@ class Campaign:
     """A checked campaign with its runs in order: by case, mode and repetition.
 
     document: the campaign file after --repetitions, --seed and --set. paths: every file it was
-    read from. modes, cases: those selected. requirements: of the selected cases and modes.
+    read from. modes, cases: those selected. requirements: of the selected cases and modes. mqtt:
+    None where no broker is asked for.
     """
 
     name: str
@@ -76,6 +78,7 @@ class Campaign:
     setups: Mapping[str, Setup]
     runs: tuple[RunPlan, ...]
     requirements: tuple[Requirement, ...]
+    mqtt: MqttSetup | None = None
 
 
 def load_campaign(path: Path, options: Options | None = None) -> Campaign:
@@ -93,6 +96,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     case_names = _selected("--case", options.cases, tuple(part.cases), problems)
     mode_names = _selected("--mode", options.modes, tuple(part.modes), problems)
     shares = _shares(original, base, part, problems)
+    mqtt = mqtt_setup(base, part.operator, problems)
     if problems:
         raise BadInput(unique(problems))
     modes = tuple(mode for mode in part.modes if mode in mode_names)
@@ -113,6 +117,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
             for case, mode in chosen
             if (case, mode) in shares
         ),
+        mqtt=mqtt,
     )
 
 

@@ -138,7 +138,7 @@ class _Flight:
         for number in heeded:
             loop.add_signal_handler(number, self._desk.signal, _NAMES[number])
         try:
-            async with operating(self._desk):
+            async with operating(self._desk, self._campaign.mqtt):
                 await self._pool.fly(self._orders())
         except* OutputError as errors:
             raise errors.exceptions[0] from None
@@ -157,8 +157,8 @@ class _Flight:
             yield RunOrder(plan=plan, folder=folder, clock=self._settings.clock)
 
     def _told(self, news: News) -> None:
+        self._desk.news(news)
         if isinstance(news, Progress):
-            self._desk.progress(news)
             self._watcher.progress(news)
 
     def _done(self, order: RunOrder, outcome: RunResult | WorkerLost) -> None:

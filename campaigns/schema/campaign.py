@@ -18,7 +18,17 @@ Mode = Literal["sim", "wil", "real"]
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
 MATRIX_KEYS = frozenset(
-    {"schema", "campaign", "description", "cases", "modes", "repetitions", "seed", "accept"}
+    {
+        "schema",
+        "campaign",
+        "description",
+        "cases",
+        "modes",
+        "repetitions",
+        "seed",
+        "accept",
+        "operator",
+    }
 )
 """What makes the matrix of runs, and so cannot differ from case to case."""
 

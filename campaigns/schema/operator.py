@@ -1,11 +1,13 @@
 """`operator`: the ways in which people follow and command a campaign, beside its terminal."""
 
-from typing import Annotated
+import re
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field, model_validator
 
+from campaigns.broker_address import BrokerAddressError, parse_broker
 from vehicles.links.parse import LinkAddressError, parse_link
-from worlds.documents import Part
+from worlds.documents import KeyFaultError, Part
 
 
 def _is_link(link: str) -> str:
@@ -16,6 +18,29 @@ def _is_link(link: str) -> str:
     return link
 
 
+def _is_broker(text: str) -> str:
+    try:
+        parse_broker(text)
+    except BrokerAddressError as error:
+        raise ValueError(str(error)) from error
+    return text
+
+
+def _is_variable(text: str) -> str:
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,127}", text):
+        raise ValueError(f"'{text}' is no name of an environment variable (like WIL_TOKEN)")
+    return text
+
+
+def _is_topic(text: str) -> str:
+    if not re.fullmatch(r"[^/+#$\s][^+#\s]{0,199}(?<!/)", text):
+        raise ValueError(f"'{text}' is no topic to begin with (like wil, or site/hall)")
+    return text
+
+
+Variable = Annotated[str, AfterValidator(_is_variable)]
+"""The name of an environment variable: secrets do not stand in campaign files."""
+Topic = Annotated[str, AfterValidator(_is_topic)]
 GcsLink = Annotated[str, AfterValidator(_is_link)]
 
 
@@ -26,7 +51,40 @@ class GcsPart(Part):
     twin: GcsLink | None = None
 
 
+class MqttPart(Part):
+    """A broker: what happens is published there, and operators command from there.
+
+    token_env: the variable with the token that commands have to bring; without it a token is made
+    for each campaign, and stands in its folder. root: of all topics: <root>/<campaign>/status.
+    """
+
+    broker: Annotated[str, AfterValidator(_is_broker)]
+    user: str | None = None
+    password_env: Variable | None = None
+    token_env: Variable | None = None
+    ca_file: str | None = None
+    cert_file: str | None = None
+    key_file: str | None = None
+    root: Topic = "wil"
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        tls = parse_broker(self.broker).tls
+        for key in ("ca_file", "cert_file", "key_file"):
+            if getattr(self, key) is not None and not tls:
+                raise KeyFaultError(key, "is for TLS: write the broker as mqtts://")
+        if self.key_file is not None and self.cert_file is None:
+            raise KeyFaultError("key_file", "belongs to a cert_file, and there is none")
+        return self
+
+
 class OperatorPart(Part):
-    """Everything for operators."""
+    """Everything for operators.
+
+    on_operator_loss: what is done when the broker was away for lost_after_s.
+    """
 
     gcs: GcsPart = GcsPart()
+    mqtt: MqttPart | None = None
+    on_operator_loss: Literal["continue", "hold", "abort"] = "continue"
+    lost_after_s: Annotated[float, Field(gt=0, le=3600)] = 10.0

@@ -15,7 +15,7 @@ from orchestrator.cli.streams import as_far_as_heard, err, out
 from orchestrator.cli.verdicts import conclusions, verdict_table
 from orchestrator.clock import Clock
 from orchestrator.flying import CampaignOutcome, FlyingSettings, OutputError, fly_campaign
-from orchestrator.operating.opening import OperatingError
+from orchestrator.operating.errors import OperatingError
 from orchestrator.writing import to_json
 
 
@@ -30,6 +30,7 @@ def run(
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
     clock: Clock | None = None,
     jobs: int | None = None,
+    broker: str | None = None,
     gcs: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     junit: Path | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
@@ -59,6 +60,8 @@ def run(
     jobs
         How many runs fly at once, each in a process of its own; by default one per core, under
         the wall clock one per two cores.
+    broker
+        An MQTT broker: mqtt://host, mqtts://host, or embedded, which starts one on this machine.
     gcs
         A ground station's LINK, or NAME=LINK for one vehicle (udpout://127.0.0.1:14550): the guard
         passes MAVLink on to it and back. It needs the wall clock; may be given several times.
@@ -67,7 +70,8 @@ def run(
     json_
         Print summary.json on standard output and nothing else there.
     """
-    sets = (*set_, *_gcs_sets(gcs))
+    broker_sets = () if broker is None else (f"operator.mqtt.broker={broker}",)
+    sets = (*set_, *_gcs_sets(gcs), *broker_sets)
     options = Options(cases=case, modes=mode, repetitions=repetitions, seed=seed, sets=sets)
     campaign = load_campaign(file, options)
     chosen = clock_for(campaign, clock)

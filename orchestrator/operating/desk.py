@@ -1,6 +1,6 @@
 """The desk: where all commands for a campaign come together, whatever way they came."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -8,7 +8,7 @@ from orchestrator.operating.asking import tell
 from orchestrator.operating.log import OperatorLog
 from orchestrator.operating.records import Place
 from orchestrator.operator import OperatorCommand
-from orchestrator.progress import Progress
+from orchestrator.progress import News, Progress
 from orchestrator.results import RunResult, Stop
 from safety.guard.operator_lines import OperatorLine, RefusedLineError
 
@@ -27,6 +27,19 @@ class Fleet(Protocol):
 
     def go_on(self) -> None:
         """Begin runs again."""
+
+
+class Follower(Protocol):
+    """Who is told what happens."""
+
+    def news(self, news: News) -> None:
+        """Take what a run tells."""
+
+    def finished(self, result: RunResult) -> None:
+        """Take a run's verdict."""
+
+    def status(self) -> None:
+        """Take that the campaign stands differently now."""
 
 
 class Desk:
@@ -51,6 +64,7 @@ class Desk:
         self._fleet = fleet
         self.guards: Callable[[], Sequence[Place]] = tuple
         self._say = say
+        self._followers: list[Follower] = []
         self._flying: dict[str, Progress] = {}
         self._verdicts: dict[str, str] = {}
         self.log = OperatorLog(path=folder / "operator.jsonl")
@@ -67,6 +81,27 @@ class Desk:
         """Return the campaign's folder of results."""
         return self._folder
 
+    @property
+    def session(self) -> str:
+        """Return which start of the campaign this is: the name of its folder."""
+        return self._folder.name
+
+    @property
+    def flying(self) -> Collection[str]:
+        """Return the runs in flight."""
+        return self._flying.keys()
+
+    @property
+    def state(self) -> str:
+        """Return in a word how the campaign stands."""
+        if self.stopped is not None:
+            return "landing"
+        return "held" if self.held else "flying"
+
+    def follow(self, follower: Follower) -> None:
+        """Tell somebody from now on what happens."""
+        self._followers.append(follower)
+
     def obey(self, command: OperatorCommand, *, stop: Stop = "command") -> str:
         """Do what an operator asks, and return what was done. Raises RefusedLineError."""
         try:
@@ -76,6 +111,7 @@ class Desk:
             raise
         self.log.write(command, ok=True, text=done)
         self._say(f"{command.kind} by {command.who}: {done}")
+        self._tell_status()
         return done
 
     def obey_line(self, line: OperatorLine) -> str:
@@ -93,9 +129,12 @@ class Desk:
             return
         self.obey(OperatorCommand("abort", name), stop="signal")
 
-    def progress(self, progress: Progress) -> None:
-        """Take where a run stands."""
-        self._flying[progress.run] = progress
+    def news(self, news: News) -> None:
+        """Take what a run tells."""
+        if isinstance(news, Progress):
+            self._flying[news.run] = news
+        for follower in self._followers:
+            follower.news(news)
 
     def finished(self, run: RunResult) -> None:
         """Take a run's verdict; one that an operator or a pilot ended ends the campaign."""
@@ -105,18 +144,30 @@ class Desk:
         if run.verdict == "ABORTED" and self.stopped is None:
             self.stopped = "command"
             self._fleet.abort(OperatorCommand("abort", f"{name} ({run.reason})"))
+        for follower in self._followers:
+            follower.finished(run)
+        self._tell_status()
 
-    def status(self) -> dict[str, Any]:
-        """Return where the campaign stands."""
+    def summary(self, state: str) -> dict[str, Any]:
+        """Return how the campaign stands, without its runs in flight."""
         return {
+            "state": state,
             "campaign": self._campaign,
-            "folder": str(self._folder),
+            "session": self.session,
             "held": self.held,
             "stopped": self.stopped,
             "total": self._total,
             "finished": dict(self._verdicts),
-            "flying": {name: _plain(one) for name, one in self._flying.items()},
         }
+
+    def status(self) -> dict[str, Any]:
+        """Return where the campaign stands."""
+        flying = {name: _plain(one) for name, one in self._flying.items()}
+        return {**self.summary(self.state), "folder": str(self._folder), "flying": flying}
+
+    def _tell_status(self) -> None:
+        for follower in self._followers:
+            follower.status()
 
     def _do(self, command: OperatorCommand, stop: Stop) -> str:
         match command.kind:

@@ -26,6 +26,10 @@ class OperatorLog:
         """Append something that was no command, or nobody's who may give one."""
         self._append(who=who, command="", ok=False, text=text)
 
+    def note(self, text: str) -> None:
+        """Append something that happened to a way for operators."""
+        self._append(who="", command="", ok=True, text=text)
+
     def _append(self, **said: str | bool) -> None:
         stamp = datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")
         line = json.dumps({"utc": stamp, **said}, ensure_ascii=False)

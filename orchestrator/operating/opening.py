@@ -1,22 +1,25 @@
 """Opens the ways in which an operator reaches a campaign, for as long as it flies."""
 
+import os
+import secrets
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
 
+from campaigns.operator_setup import MqttSetup
 from orchestrator.operating.desk import Desk
+from orchestrator.operating.errors import OperatingError
 from orchestrator.operating.records import CampaignRecord, Place, places
 from safety.guard.operator_socket import POINTER, OperatorSocket
 
-
-class OperatingError(Exception):
-    """A way for operators that the campaign asks for cannot be had; says which and why."""
+TOKEN = "operator.token"  # noqa: S105 - a file's name
 
 
 @asynccontextmanager
-async def operating(desk: Desk) -> AsyncIterator[None]:
-    """Have the desk reached by its socket, and say on this machine that the campaign flies.
+async def operating(desk: Desk, mqtt: MqttSetup | None = None) -> AsyncIterator[None]:
+    """Have the desk reached by its socket, and by MQTT where a broker is named.
 
-    Raises OperatingError.
+    Says on this machine that the campaign flies. Raises OperatingError.
     """
     desk.guards = lambda: _guards(desk)
     async with AsyncExitStack() as stack:
@@ -24,7 +27,45 @@ async def operating(desk: Desk) -> AsyncIterator[None]:
             await _listen(stack, desk)
         except OSError as error:
             raise OperatingError(f"no socket for operators can be had: {error}") from error
+        if mqtt is not None:
+            await _connect(stack, desk, mqtt)
         yield
+
+
+async def _connect(stack: AsyncExitStack, desk: Desk, mqtt: MqttSetup) -> None:
+    # Slow to import, and most campaigns have no broker.
+    from orchestrator.operating.embedded_broker import embedded_broker  # noqa: PLC0415
+    from orchestrator.operating.mqtt import MqttSecrets, mqtt_operating  # noqa: PLC0415
+
+    found = MqttSecrets(
+        token=_variable(mqtt.token_env, "token_env") or _made_token(desk.folder),
+        password=_variable(mqtt.password_env, "password_env"),
+    )
+    if mqtt.broker.embedded:
+        await stack.enter_async_context(embedded_broker(mqtt.broker))
+    await stack.enter_async_context(mqtt_operating(mqtt, found, desk))
+
+
+def _variable(name: str, key: str) -> str:
+    """Return what a variable of the environment holds; empty where none is named."""
+    if not name:
+        return ""
+    value = os.environ.get(name, "")
+    if not value:
+        raise OperatingError(f"operator.mqtt.{key}: the variable {name} is not set")
+    return value
+
+
+def _made_token(folder: Path) -> str:
+    """Return a new token, which stands in the campaign's folder for its owner alone."""
+    token = secrets.token_urlsafe(12)
+    path = folder / TOKEN
+    try:
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            file.write(token + "\n")
+    except OSError as error:
+        raise OperatingError(f"the token of operators cannot be written: {error}") from error
+    return token
 
 
 async def _listen(stack: AsyncExitStack, desk: Desk) -> None:

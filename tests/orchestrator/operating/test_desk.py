@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.operating.opening import OperatingError, operating
+from orchestrator.operating.errors import OperatingError
+from orchestrator.operating.opening import operating
 from orchestrator.operating.records import Place, places
 from orchestrator.operator import OperatorCommand
 from orchestrator.progress import Progress
@@ -89,7 +90,7 @@ def test_a_signal_aborts_and_counts_as_a_signal(tmp_path: Path) -> None:
 def test_a_run_that_a_pilot_ended_ends_the_campaign(tmp_path: Path) -> None:
     fleet = FakeFleet()
     desk = make_desk(tmp_path, fleet)
-    desk.progress(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+    desk.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
     assert list(desk.status()["flying"]) == ["large/wil/1"]
     desk.finished(RESULT)
     assert desk.stopped is None

@@ -35,7 +35,7 @@ def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
 async def fleet(tmp_path: Path) -> AsyncIterator[FakeFleet]:
     fleet = FakeFleet()
     desk = make_desk(tmp_path, fleet)
-    desk.progress(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+    desk.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
     async with operating(desk):
         yield fleet
 
@@ -78,7 +78,7 @@ async def test_watch_shows_what_flies_until_it_is_over(
         watching = asyncio.create_task(asyncio.to_thread(main, ["watch"]))
         as_json = asyncio.create_task(asyncio.to_thread(main, ["watch", "--json"]))
         await asyncio.sleep(1.0)
-        desk.progress(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+        desk.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
         await asyncio.sleep(1.5)
     assert await watching == await as_json == 0
     lines = capsys.readouterr().out.splitlines()

@@ -1,0 +1,55 @@
+"""Where an MQTT broker is: mqtt://[user@]host[:port], mqtts:// with TLS, or `embedded[:port]`."""
+
+from dataclasses import dataclass
+from urllib.parse import urlsplit
+
+_PORTS = {"mqtt": 1883, "mqtts": 8883}
+_LIKE = "(like mqtt://127.0.0.1:1883, mqtts://broker.example:8883, or embedded)"
+
+
+class BrokerAddressError(ValueError):
+    """An address that cannot be read; says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerAddress:
+    """A broker; embedded: it is started for the campaign, on loopback."""
+
+    host: str
+    port: int
+    tls: bool = False
+    user: str = ""
+    embedded: bool = False
+
+    def __str__(self) -> str:
+        name = "embedded" if self.embedded else self.host
+        host = f"[{name}]" if ":" in name else name
+        scheme = "" if self.embedded else "mqtts://" if self.tls else "mqtt://"
+        return f"{scheme}{host}:{self.port}"
+
+
+def parse_broker(text: str) -> BrokerAddress:
+    """Return the address in a text. Raises BrokerAddressError."""
+    name, _, port = text.partition(":")
+    if name == "embedded":
+        return BrokerAddress("127.0.0.1", _port(text, port or "1883"), embedded=True)
+    try:
+        parts = urlsplit(text)
+        host, number = parts.hostname, parts.port
+    except ValueError as error:
+        raise BrokerAddressError(f"broker '{text}' cannot be read: {error} {_LIKE}") from error
+    if parts.scheme not in _PORTS or not host or parts.path not in {"", "/"} or parts.query:
+        raise BrokerAddressError(f"broker '{text}' cannot be read {_LIKE}")
+    if parts.password is not None:
+        raise BrokerAddressError(
+            "a password in an address ends up in logs; name the variable that holds it by "
+            "password_env"
+        )
+    tls = parts.scheme == "mqtts"
+    return BrokerAddress(host, number or _PORTS[parts.scheme], tls, parts.username or "")
+
+
+def _port(text: str, port: str) -> int:
+    if not port.isdecimal() or not 0 < int(port) < 65536:
+        raise BrokerAddressError(f"broker '{text}': port {port} is not within 1..65535")
+    return int(port)

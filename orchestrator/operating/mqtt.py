@@ -1,0 +1,270 @@
+"""Operators by MQTT: what happens goes out, commands come in, and a lost broker stops no flight."""
+
+import asyncio
+import random
+import secrets
+import ssl
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+import aiomqtt
+
+from campaigns.operator_setup import MqttSetup
+from orchestrator.operating.desk import Desk
+from orchestrator.operating.errors import OperatingError
+from orchestrator.operating.mqtt_commands import CommandReader, RefusedCommandError
+from orchestrator.operating.mqtt_news import ack_of, publications, status_of, verdict_of
+from orchestrator.operating.outbox import Outbox
+from orchestrator.operator import OperatorCommand
+from orchestrator.progress import News
+from orchestrator.results import RunResult
+from safety.guard.operator_lines import RefusedLineError
+
+_CONNECT_S = 5.0
+_KEEPALIVE_S = 5
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 15.0
+_FLUSH_S = 3.0
+_MOST_REFUSALS_A_SECOND = 10
+_LOSS = "mqtt (the broker is away)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MqttSecrets:
+    """What is secret: the token of commands, and the password at the broker (empty for none)."""
+
+    token: str
+    password: str = ""
+
+
+@asynccontextmanager
+async def mqtt_operating(
+    setup: MqttSetup, secrets_: MqttSecrets, desk: Desk
+) -> AsyncIterator[None]:
+    """Connect a desk to a broker for as long as this lasts.
+
+    Raises OperatingError when the broker cannot be had at the start; afterwards the connection is
+    made again as often as it is lost.
+    """
+    client = MqttOperator(setup=setup, secrets_=secrets_, desk=desk)
+    running = asyncio.create_task(client.run(), name="mqtt")
+    try:
+        await client.first_connection()
+        yield
+        await client.finish()
+    finally:
+        running.cancel()
+        await asyncio.wait([running])
+        client.close()
+
+
+class MqttOperator:
+    """One campaign at one broker. jitter: a random share of each wait for the next attempt."""
+
+    def __init__(
+        self,
+        *,
+        setup: MqttSetup,
+        secrets_: MqttSecrets,
+        desk: Desk,
+        utc: Callable[[], float] = time.time,
+        jitter: Callable[[], float] = random.random,
+    ) -> None:
+        self._setup = setup
+        self._secrets = secrets_
+        self._desk = desk
+        self._utc = utc
+        self._jitter = jitter
+        self._base = f"{setup.root}/{desk.campaign}"
+        self._reader = CommandReader(
+            token=secrets_.token, session=desk.session, flying=lambda: desk.flying
+        )
+        self._outbox = Outbox()
+        self._first: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._away: asyncio.TimerHandle | None = None
+        self._connected = False
+        self._refusals = _Flood(_MOST_REFUSALS_A_SECOND)
+
+    async def first_connection(self) -> None:
+        """Wait for the first connection. Raises OperatingError when it cannot be made."""
+        await self._first
+        self._desk.follow(self)
+
+    async def run(self) -> None:
+        """Be connected until cancelled."""
+        wait_s = _FIRST_WAIT_S
+        while True:
+            why = "the connection ended"
+            try:
+                await self._be_connected()
+            except* Exception as errors:  # noqa: BLE001 - whatever it is, it stops no flight
+                why = _innermost(errors)
+            if not self._first.done():
+                self._first.set_exception(self._unreachable(why))
+                return
+            wait_s = _FIRST_WAIT_S if self._connected else min(2.0 * wait_s, _LONGEST_WAIT_S)
+            self._lost(why)
+            await asyncio.sleep(wait_s * (0.5 + 0.5 * self._jitter()))
+
+    async def finish(self) -> None:
+        """Tell the last status, and wait a moment for what must arrive to be on its way."""
+        self._outbox.put(status_of(self._desk.summary("ended")))
+        deadline_s = asyncio.get_running_loop().time() + _FLUSH_S
+        while self._connected and asyncio.get_running_loop().time() < deadline_s:
+            if self._outbox.empty:
+                break
+            await asyncio.sleep(0.01)
+        # The last one may be on its way still.
+        await asyncio.sleep(0.05)
+
+    def close(self) -> None:
+        """Do nothing more about a broker that is away."""
+        if self._away is not None:
+            self._away.cancel()
+
+    def news(self, news: News) -> None:
+        """Publish what a run tells."""
+        for publication in publications(news):
+            self._outbox.put(publication)
+
+    def finished(self, result: RunResult) -> None:
+        """Publish a verdict."""
+        self._outbox.put(verdict_of(result))
+
+    def status(self) -> None:
+        """Publish where the campaign stands."""
+        self._outbox.put(status_of(self._desk.summary(self._desk.state)))
+
+    async def _be_connected(self) -> None:
+        will = status_of({"state": "lost", "session": self._desk.session})
+        client = aiomqtt.Client(
+            self._setup.broker.host,
+            self._setup.broker.port,
+            username=self._setup.user or None,
+            password=self._secrets.password or None,
+            identifier=f"wil-{secrets.token_hex(6)}",
+            will=aiomqtt.Will(f"{self._base}/status", will.payload, qos=1, retain=True),
+            timeout=_CONNECT_S,
+            keepalive=_KEEPALIVE_S,
+            tls_params=self._tls(),
+        )
+        async with client:
+            await client.subscribe(f"{self._base}/operator/+", qos=1)
+            self._back()
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._publish(client), name="mqtt out")
+                group.create_task(self._listen(client), name="mqtt in")
+
+    def _tls(self) -> aiomqtt.TLSParameters | None:
+        setup = self._setup
+        if not setup.broker.tls:
+            return None
+        return aiomqtt.TLSParameters(
+            ca_certs=None if setup.ca_file is None else str(setup.ca_file),
+            certfile=None if setup.cert_file is None else str(setup.cert_file),
+            keyfile=None if setup.key_file is None else str(setup.key_file),
+            cert_reqs=ssl.CERT_REQUIRED,
+        )
+
+    async def _publish(self, client: aiomqtt.Client) -> None:
+        while True:
+            publication = await self._outbox.take()
+            try:
+                await client.publish(
+                    f"{self._base}/{publication.topic}",
+                    publication.payload,
+                    qos=1 if publication.important else 0,
+                    retain=publication.retain,
+                )
+            except aiomqtt.MqttError:
+                self._outbox.put_back(publication)
+                raise
+
+    async def _listen(self, client: aiomqtt.Client) -> None:
+        async for message in client.messages:
+            kind = str(message.topic).rpartition("/")[2]
+            if kind != "ack":
+                payload = message.payload if isinstance(message.payload, bytes) else b""
+                self._take(kind, payload, retained=bool(message.retain))
+
+    def _take(self, kind: str, payload: bytes, *, retained: bool) -> None:
+        try:
+            asked = self._reader.read(kind, payload, retained=retained, now_s=self._utc())
+        except RefusedCommandError as error:
+            self._refuse(kind, error)
+            return
+        try:
+            text, ok = self._desk.obey(asked.command), True
+        except RefusedLineError as error:
+            text, ok = str(error), False
+        who = asked.command.who
+        self._answer(id=asked.command_id, command=kind, ok=ok, text=text, who=who)
+
+    def _refuse(self, kind: str, error: RefusedCommandError) -> None:
+        if self._refusals.too_much(asyncio.get_running_loop().time()):
+            return  # Who floods gets no answers, and does not fill the disk.
+        self._desk.log.refused(f"mqtt: {kind}: {error}", who=error.who)
+        self._answer(id=error.command_id, command=kind, ok=False, text=str(error), who=error.who)
+
+    def _answer(self, **said: str | bool) -> None:
+        self._outbox.put(ack_of(session=self._desk.session, **said))
+
+    def _back(self) -> None:
+        if self._first.done():
+            self._desk.log.note("the broker is back")
+        else:
+            self._first.set_result(None)
+        if self._away is not None:
+            self._away.cancel()
+            self._away = None
+        self._connected = True
+        self.status()
+
+    def _lost(self, why: str) -> None:
+        if not self._connected:
+            return
+        self._connected = False
+        self._desk.log.note(f"the broker is away: {why}")
+        loop = asyncio.get_running_loop()
+        self._away = loop.call_later(self._setup.lost_after_s, self._lost_for_long)
+
+    def _lost_for_long(self) -> None:
+        kind = self._setup.on_loss
+        if kind == "continue":
+            return
+        command = OperatorCommand(kind, _LOSS)
+        try:
+            self._desk.obey(command)
+        except RefusedLineError:
+            return  # It is held, or lands, already; the log says so.
+
+    def _unreachable(self, why: str) -> OperatingError:
+        broker = self._setup.broker
+        if broker.tls and "timed out" in why:
+            why += "; one that does not trust our certificate, or misses it, says no word"
+        return OperatingError(
+            f"the broker {broker} cannot be had: {why}; start it, mend operator.mqtt of the "
+            "campaign, or fly without --broker"
+        )
+
+
+def _innermost(error: BaseException) -> str:
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return str(error) or type(error).__name__
+
+
+@dataclass(slots=True)
+class _Flood:
+    """Whether more comes than is answered: so many in each second."""
+
+    most: int
+    _second: int = 0
+    _count: int = field(default=0)
+
+    def too_much(self, now_s: float) -> bool:
+        if int(now_s) != self._second:
+            self._second, self._count = int(now_s), 0
+        self._count += 1
+        return self._count > self.most
