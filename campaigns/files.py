@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from campaigns.schema import MATRIX_KEYS
+from recipes.files import load_recipe_document
 from worlds.documents import BadInput, Document, Entry, Problem, closest, load, parse_value
 from worlds.documents import Path as DocumentPath
 
@@ -144,6 +145,8 @@ def _named_file(
         return None
     name = os.path.normpath(Path(campaign.name).parent / text)
     try:
+        if key == "recipe":
+            return load_recipe_document(path, name)
         return load(path, name=name, json=json)
     except BadInput as error:
         problems += error.problems

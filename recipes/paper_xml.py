@@ -137,7 +137,8 @@ class _Reader:
         kind = find(name, stage)
         if kind is None or kind.stage != stage:
             said = f"there is no file '{file}' beside the recipe, and no built-in {stage} '{stem}'"
-            self._note(place, said, resembling(stem, stage))
+            papers = closest(stem, _PAPERS_OWN)
+            self._note(place, said, f"{papers}.py" if papers else resembling(stem, stage))
             return Node(None, place)
         parameters = {key: _entry(value, place) for key, value in defaults.items()} | given
         if not parameters:

@@ -120,3 +120,21 @@ def test_the_step_of_ones_own_on_the_page_works(tmp_path: Path) -> None:
     mixed = mixer.mix(camera(source="real"), camera(plain((0, 90, 180))), now_s=1.0).reading
     assert mixed is not None
     assert (mixed.image_bgr == 90).all()
+
+
+CAPABILITIES = (DOCS / "capabilities.md").read_text(encoding="utf-8")
+NAMED = sorted(set(re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", CAPABILITIES)))
+
+
+def test_every_capability_names_a_test() -> None:
+    rows = [line for line in CAPABILITIES.splitlines() if line.startswith("|")]
+    told = [row for row in rows if not row.startswith(("| the paper", "|---"))]
+    assert len(told) > 35
+    for row in told:
+        assert re.search(r"`tests/[\w/]+\.py::test_\w+` \|$", row), row
+
+
+@pytest.mark.parametrize(("file", "name"), NAMED, ids=[name for _, name in NAMED])
+def test_the_test_that_proves_a_capability_is_there(file: str, name: str) -> None:
+    written = (ROOT / file).read_text(encoding="utf-8")
+    assert re.search(rf"^\s*(async )?def {name}\(", written, re.MULTILINE)

@@ -6,8 +6,9 @@ from campaigns.expansion import Campaign, load_campaign
 from orchestrator.cli.clocks import clock_for, outside_of
 from orchestrator.cli.streams import err, out
 from orchestrator.clock import Clock
+from recipes.files import load_recipe_document
 from recipes.language import load_recipe
-from worlds.documents import BadInput, Problem, load
+from worlds.documents import BadInput, Problem
 from worlds.world import World
 
 
@@ -42,7 +43,7 @@ def validate(*files: Path, clock: Clock | None = None) -> int:
 
 def _checked(file: Path, clock: Clock | None) -> str:
     """Return a line about a good file, whatever kind it says it is. Raises BadInput."""
-    document = load(file)
+    document = load_recipe_document(file)
     schema = document.get(("schema",))
     if schema == "wil/world/1":
         world = World.parse(document)

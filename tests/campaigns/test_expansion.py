@@ -12,6 +12,7 @@ import campaigns
 from campaigns.acceptance import Requirement, Share, parse_share, standings
 from campaigns.expansion import Campaign, RunPlan, load_campaign
 from campaigns.seeds import run_seed
+from worlds.documents import BadInput
 
 SHIPPED = sorted(Path(campaigns.__file__).parent.glob("*.yaml"))
 
@@ -55,6 +56,32 @@ def test_a_case_overrides_campaign_recipe_and_file(files: Any) -> None:
     assert setup.goal.altitude_m == 1.5
     assert setup.recipe.combinations[0].max_skew_s == pytest.approx(0.02)
     assert inner_size_m(run) == pytest.approx(0.7)
+
+
+XML = """\
+<recipe_file>
+  <AS_sensors><Camera id="camera" rate_hz="15"/></AS_sensors>
+  <combine id="camera" max_skew_ms="60">
+    <transform> register.py </transform>
+    <filter> color_isolation.py </filter>
+    <merge> prioritize_overlay.py </merge>
+  </combine>
+</recipe_file>
+"""
+
+
+def test_the_recipe_may_be_the_papers_xml_and_overridden_like_any_other(files: Any) -> None:
+    (files.folder / "recipe.xml").write_text(XML)
+    files.change("recipe: recipe.yaml", "recipe: recipe.xml")
+    files.change("  large: {}", "  large: {recipe.combine.0.max_skew_ms: 20}")
+    runs = {run.case: run.setup().recipe.combinations[0] for run in files.load().runs}
+    assert [step.kind.name for step in runs["small"].steps] == ["register", "isolate_color"]
+    assert runs["large"].max_skew_s == pytest.approx(0.02)
+    assert runs["small"].max_skew_s == pytest.approx(0.06)
+    files.change("color_isolation", "colour_isolation", "recipe.xml")
+    with pytest.raises(BadInput, match=r"recipe\.xml:5:14: there is no file") as caught:
+        files.load()
+    assert "did you mean 'color_isolation.py'?" in str(caught.value)
 
 
 def test_set_is_stronger_than_a_case(files: Any) -> None:

@@ -52,14 +52,21 @@ def gate(tmp_path: Path) -> Path:
     return path
 
 
-def test_validate_tells_what_a_good_file_holds(cli: Cli) -> None:
-    outcome = cli("validate", "campaigns/gate.yaml", "worlds/gate.yaml", "recipes/gate.yaml")
+def test_validate_tells_what_a_good_file_holds(cli: Cli, tmp_path: Path) -> None:
+    xml = tmp_path / "paper.xml"
+    xml.write_text(
+        '<recipe_file><AS_sensors><Camera id="c"/></AS_sensors>'
+        '<combine id="c"><merge> prioritize_overlay.py </merge></combine></recipe_file>'
+    )
+    files = ("campaigns/gate.yaml", "worlds/gate.yaml", "recipes/gate.yaml", str(xml))
+    outcome = cli("validate", *files)
     assert outcome.code == 0
     assert outcome.err == ""
-    campaign, world, recipe = outcome.out.splitlines()
+    campaign, world, recipe, papers = outcome.out.splitlines()
     assert campaign.startswith("campaigns/gate.yaml: campaign 'gate', 20 runs (2 cases x 2 modes")
     assert world == "worlds/gate.yaml: a world of 2 objects"
     assert recipe == "recipes/gate.yaml: a recipe of 1 combination"
+    assert papers == f"{xml}: a recipe of 1 combination"
 
 
 def test_validate_shows_every_problem_with_its_line(cli: Cli, gate: Path) -> None:
