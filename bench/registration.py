@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from orchestrator.clock import run_virtual
-from orchestrator.run.mixing import Frame, MixingLoop
+from orchestrator.run.mixing import Frame, MixingLoop, Registered
 from orchestrator.run.registration import box_corners, registration_error_px
 from orchestrator.run.seeing import WorldPictures
 from recipes.language import load_recipe
@@ -98,15 +98,16 @@ def fly(align: str, seconds: float) -> Seen:
     corners = [gate.pose.to_parent(corner) for corner in box_corners(gate)]
     seen = Seen()
 
-    def registration(twin: Reading, exposed_s: float) -> float | None:
+    def registration(twin: Reading, exposed_s: float) -> Registered:
         if not isinstance(twin, CameraReading) or twin.camera_pose is None:
-            return None
-        return registration_error_px(
+            return Registered()
+        error_px = registration_error_px(
             zip(corners, corners, strict=True),
             intrinsics=CAMERA,
             drawn_from=twin.camera_pose,
             reference=truth(exposed_s),
         )
+        return Registered(error_px)
 
     def tell(frame: Frame) -> None:
         error_px = frame.mixed.provenance.registration_error_px

@@ -145,7 +145,7 @@ def _named_file(
         return None
     name = os.path.normpath(Path(campaign.name).parent / text)
     try:
-        if key == "recipe":
+        if key == ("recipe",):
             return load_recipe_document(path, name)
         return load(path, name=name, json=json)
     except BadInput as error:

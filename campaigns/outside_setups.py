@@ -1,5 +1,6 @@
 """What comes into a run from outside, and what goes out of it: frozen, resolved."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -71,6 +72,20 @@ class MocapSetup:
         """Return it as the campaign says it."""
         scheme = "tcp" if self.kind == "zmq" else self.kind
         return f"{scheme}://{self.host}:{self.port}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseAccuracy:
+    """How exact a pose source is, one standard deviation: metres on each axis, and radians."""
+
+    position_m: float
+    attitude_rad: float
+
+
+CAPTURED = PoseAccuracy(position_m=0.002, attitude_rad=math.radians(0.5))
+"""Optical motion capture (Vicon: millimetres; a millimetre over markers 0.1 m apart: 0.5 deg)."""
+ESTIMATED = PoseAccuracy(position_m=1.0, attitude_rad=math.radians(2.0))
+"""An autopilot's estimate by satellites and magnetometer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

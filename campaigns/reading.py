@@ -14,6 +14,7 @@ from campaigns.files import CaseFiles
 from campaigns.link_setups import LinkSetup, link_setup
 from campaigns.oracle_uses import oracle_uses
 from campaigns.outside_reading import outside_setup, program_problems, sensor_setups
+from campaigns.outside_setups import CAPTURED, ESTIMATED, PoseAccuracy
 from campaigns.references import BadReferenceError
 from campaigns.schema import (
     VEHICLES,
@@ -118,8 +119,15 @@ def _vehicle(
         pose_source=part.pose_source,
         params=dict(part.params),
         mocap=None if part.mocap is None else part.mocap.setup(name),
+        pose_accuracy=_pose_accuracy(part),
         sensors=sensor_setups(campaign, name, part, problems),
     )
+
+
+def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
+    if part.pose_accuracy is not None:
+        return part.pose_accuracy.setup()
+    return CAPTURED if part.pose_source == "mocap" else ESTIMATED
 
 
 def _profile(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from campaigns.link_setups import LinkSetup
-from campaigns.outside_setups import MocapSetup, OutsideSetup
+from campaigns.outside_setups import ESTIMATED, MocapSetup, OutsideSetup, PoseAccuracy
 from campaigns.schema import PictureFormat, VehicleName
 from campaigns.sensor_setups import CameraSetup, SensorSetup
 from campaigns.under_test import UnderTest
@@ -39,7 +39,7 @@ class VehicleSetup:
     """A vehicle. link: "embedded". profile: for `load_profile`: a name, or an absolute path.
 
     params: autopilot parameters by name. start: where it stands, world frame. mocap: None: the
-    surrogate's own motion capture.
+    surrogate's own motion capture. pose_accuracy: of its pose source.
     """
 
     name: VehicleName
@@ -50,6 +50,7 @@ class VehicleSetup:
     anchor: Literal["start"] = "start"
     pose_source: Literal["mavlink", "mocap"] = "mavlink"
     mocap: MocapSetup | None = None
+    pose_accuracy: PoseAccuracy = ESTIMATED
     params: Mapping[str, float] = field(default_factory=dict)
     sensors: tuple[SensorSetup, ...] = ()
 

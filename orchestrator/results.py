@@ -62,6 +62,7 @@ class CombinationResult:
     skew_ms: Percentiles
     latency_ms: Percentiles
     registration_error_px: Percentiles | None = None
+    registration_bound_px: Percentiles | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,8 @@ class MixingResult:
     """What the mixing of one run did.
 
     The figures are those of the recipe's first combination; `combinations` has all of them.
-    registration_error_px: None without an independent reference.
+    registration_error_px: None without an independent reference; registration_bound_px then says
+    what it is within.
     """
 
     frames: int
@@ -78,6 +80,7 @@ class MixingResult:
     skew_ms: Percentiles
     latency_ms: Percentiles
     registration_error_px: Percentiles | None = None
+    registration_bound_px: Percentiles | None = None
     combinations: tuple[CombinationResult, ...] = ()
 
 

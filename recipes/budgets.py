@@ -30,7 +30,8 @@ class Breach:
 class Figures:
     """Figures of a run, as summary.json has them; None where there are none.
 
-    skew_ms, latency_ms, registration_error_px: the 99th percentiles. rate_hz: mean.
+    skew_ms, latency_ms, registration_error_px: the 99th percentiles. rate_hz: mean. Without a
+    reference the bound stands for the registration error.
     """
 
     rate_hz: float | None
@@ -78,7 +79,9 @@ def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
             rate_hz=None,
             skew_ms=provenance.skew_ms,
             latency_ms=provenance.latency_ms,
-            registration_error_px=provenance.registration_error_px,
+            registration_error_px=provenance.registration_bound_px
+            if provenance.registration_error_px is None
+            else provenance.registration_error_px,
         ),
     )
     return found[0] if found else None

@@ -30,7 +30,9 @@ class Provenance:
     says. dropped: why nothing of the twin is in the mixture, or why there is no mixture; None when
     all is in. detail: the same in a sentence. stages: empty without a clock, so that virtual runs
     repeat to the byte. registration_error_px: RMS distance between where what is virtual was drawn
-    and where an independent reference puts it, as the caller measured; None without one. mixed_s:
+    and where an independent reference puts it, as the caller measured; None without one.
+    registration_bound_px: without a reference, what that error is within by all that is known of
+    the pose. mixed_s:
     when it was mixed, run clock. given_*: numbers of the readings that the mixer was handed.
     """
 
@@ -45,6 +47,7 @@ class Provenance:
     detail: str = ""
     stages: tuple[StageTime, ...] = ()
     registration_error_px: float | None = None
+    registration_bound_px: float | None = None
     mixed_s: float | None = None
     given_real_seq: int | None = None
     given_twin_seq: int | None = None

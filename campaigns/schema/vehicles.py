@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, field_validator, model_validator
 
+from campaigns.outside_setups import PoseAccuracy
 from campaigns.schema.sensors import SensorPart
 from campaigns.schema.sources import MocapPart
 from vehicles.autopilots.base import AutopilotName
@@ -33,6 +34,19 @@ class StartPart(Part):
         return Pose.of(self.north_m, self.east_m, self.up_m, yaw_rad=yaw_rad)
 
 
+class PoseAccuracyPart(Part):
+    """How exact a pose source is, one standard deviation."""
+
+    position_m: Annotated[float, Field(ge=0, le=1000)]
+    attitude_deg: Annotated[float, Field(ge=0, le=180)]
+
+    def setup(self) -> PoseAccuracy:
+        """Return it as runs use it."""
+        return PoseAccuracy(
+            position_m=self.position_m, attitude_rad=math.radians(self.attitude_deg)
+        )
+
+
 class VehiclePart(Part):
     """One vehicle of the pair. mocap: where motion capture comes from; None: the surrogate's."""
 
@@ -44,6 +58,7 @@ class VehiclePart(Part):
     anchor: Literal["start"] = "start"
     pose_source: Literal["mavlink", "mocap"] = "mavlink"
     mocap: MocapPart | None = None
+    pose_accuracy: PoseAccuracyPart | None = None
     sensors: dict[str, SensorPart] = Field(default_factory=dict)
 
     @model_validator(mode="after")

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from campaigns.acceptance import Requirement, Standing
 from orchestrator.cli.display import VERDICT_STYLES
-from orchestrator.results import RunResult, Summary, standings_of
+from orchestrator.results import Percentiles, RunResult, Summary, standings_of
 from safety.judge import COLLISION_ALWAYS
 
 _COLUMNS = (
@@ -105,9 +105,17 @@ def _mixing(runs: Sequence[RunResult]) -> tuple[str, str]:
     if not mixed:
         return "-", "-"
     errors = [one.registration_error_px for one in mixed]
-    medians = [error.p50 for error in errors if error is not None and error.p50 is not None]
+    bounds = [one.registration_bound_px for one in mixed]
     rate = f"{min(one.rate_hz for one in mixed):.1f}"
-    return rate, f"{max(medians):.1f}" if medians else "-"
+    if (largest := _largest_median(errors)) is not None:
+        return rate, f"{largest:.1f}"
+    within = _largest_median(bounds)
+    return rate, "-" if within is None else f"<{within:.1f}"
+
+
+def _largest_median(figures: Sequence[Percentiles | None]) -> float | None:
+    medians = [each.p50 for each in figures if each is not None and each.p50 is not None]
+    return max(medians, default=None)
 
 
 def _reasons(summary: Summary) -> list[Text]:

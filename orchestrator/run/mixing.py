@@ -26,8 +26,21 @@ _KEPT_SMALL = 64
 """Readings of the twin among which that of a moment is sought."""
 _EARLY_S = 1e-6
 
-Registration = Callable[[Reading, float], float | None]
-"""The twin's reading and the real exposure that it was laid over, to the error in pixels."""
+
+@dataclass(frozen=True, slots=True)
+class Registered:
+    """How far from its place what is virtual was drawn, RMS in pixels; None: nothing is in sight.
+
+    error_px: against an independent reference; None without one. bound_px: without one, what the
+    error is within by what is known of the pose.
+    """
+
+    error_px: float | None = None
+    bound_px: float | None = None
+
+
+Registration = Callable[[Reading, float], Registered]
+"""The twin's reading, and the exposure of the real one that it was laid over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +61,8 @@ class MixingLoop:
     `register` wants; None where the twin's readings come by themselves (`twin_reading`). poses: of
     the vehicle from whose place it is asked. wait_s: how long a pose for the exposure is waited
     for. period_s: of the real readings; none waits longer for the twin's. rate_hz: at most so
-    many mixtures; None for each real reading. registration: gives the error in pixels of a twin's
-    picture against an independent reference; None without one. tell: takes each mixture, also
+    many mixtures; None for each real reading. registration: tells how far off a twin's picture is;
+    None for sensors without pixels. tell: takes each mixture, also
     one that is none. trouble: told what is wrong with a reading. A real reading that finds too
     many waiting replaces the oldest, which counts as dropped. Ends by StepError when a step fails.
     """
@@ -138,8 +151,13 @@ class MixingLoop:
             told = mixed.provenance
             # A step may have chosen an older picture of the real camera.
             exposed_s = real.t_s if told.real_t_s is None else told.real_t_s
-            error_px = self._registration(twin, exposed_s)
-            mixed = Mixed(mixed.reading, replace(told, registration_error_px=error_px))
+            found = self._registration(twin, exposed_s)
+            told = replace(
+                told,
+                registration_error_px=found.error_px,
+                registration_bound_px=found.bound_px,
+            )
+            mixed = Mixed(mixed.reading, told)
         self._account(mixed, now_s)
         self._tell(Frame(self.name, self.mixer.sensor, real, twin, mixed))
 
@@ -204,6 +222,8 @@ class MixingLoop:
             statistics.latency_ms.add(provenance.latency_ms)
         if provenance.registration_error_px is not None:
             statistics.registration_error_px.add(provenance.registration_error_px)
+        if provenance.registration_bound_px is not None:
+            statistics.registration_bound_px.add(provenance.registration_bound_px)
 
 
 def _is_big(reading: Reading) -> bool:

@@ -86,6 +86,7 @@ def _mixing(mixings: tuple[MixingLoop, ...]) -> MixingResult | None:
         skew_ms=first.skew_ms,
         latency_ms=first.latency_ms,
         registration_error_px=first.registration_error_px,
+        registration_bound_px=first.registration_bound_px,
         combinations=combinations,
     )
 
@@ -93,6 +94,7 @@ def _mixing(mixings: tuple[MixingLoop, ...]) -> MixingResult | None:
 def _combination(mixing: MixingLoop) -> CombinationResult:
     statistics, counts = mixing.statistics, mixing.mixer.counts()
     error = statistics.registration_error_px.percentiles()
+    bound = statistics.registration_bound_px.percentiles()
     replaced = {"replaced": statistics.replaced} if statistics.replaced else {}
     return CombinationResult(
         name=mixing.name,
@@ -105,4 +107,5 @@ def _combination(mixing: MixingLoop) -> CombinationResult:
         skew_ms=statistics.skew_ms.percentiles(),
         latency_ms=statistics.latency_ms.percentiles(),
         registration_error_px=error if error.p50 is not None else None,
+        registration_bound_px=bound if bound.p50 is not None else None,
     )

@@ -4,13 +4,14 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 
+from campaigns.outside_setups import PoseAccuracy
 from campaigns.sensor_setups import CameraSetup, DepthSetup
-from orchestrator.run.mixing import Registration
+from orchestrator.run.mixing import Registered, Registration
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from vehicles.readings import CameraReading, DepthReading, Reading
 from worlds.camera import Intrinsics
-from worlds.frames import Pose, Vec3
+from worlds.frames import Pose, Vec3, norm
 from worlds.scene import SceneObject
 
 
@@ -26,30 +27,39 @@ class Registrar:
             for thing in setup.virtual_scene.objects
             if thing.name not in real
         ]
+        self._setup = setup
         self._stations = stations
         self._events = events
 
     def of(self, camera: CameraSetup | DepthSetup) -> Registration:
-        """Return what gives the error of a twin's picture over one of a real camera.
+        """Return what tells how far off a twin's picture is, over one of a real camera.
 
-        It gives None for a picture of unknown place, and where nothing virtual is in sight.
+        It tells nothing of a picture of unknown place, nor where nothing virtual is in sight.
         """
-        truth = self._stations["real"].truth
+        real, accuracy = self._stations["real"], self._setup.vehicle("real").pose_accuracy
 
-        def error_px(twin: Reading, exposed_s: float) -> float | None:
+        def registered(twin: Reading, exposed_s: float) -> Registered:
             if not isinstance(twin, CameraReading | DepthReading) or twin.camera_pose is None:
-                return None
-            found = truth.at(exposed_s)
-            if found.pose is None:
-                return None
-            return registration_error_px(
-                zip(self._corners(twin.t_s), self._corners(exposed_s), strict=True),
+                return Registered()
+            truth = real.truth.at(exposed_s).pose
+            found = real.poses.at(exposed_s).pose if truth is None else truth
+            if found is None:
+                return Registered()
+            corners, here = self._corners(exposed_s), camera.mount.camera_pose(found)
+            error_px = registration_error_px(
+                zip(self._corners(twin.t_s), corners, strict=True),
                 intrinsics=camera.intrinsics,
                 drawn_from=twin.camera_pose,
-                reference=camera.mount.camera_pose(found.pose),
+                reference=here,
             )
+            if truth is not None or error_px is None:
+                return Registered(error_px)
+            doubt_px = uncertainty_px(
+                corners, intrinsics=camera.intrinsics, camera=here, accuracy=accuracy
+            )
+            return Registered(bound_px=error_px + doubt_px)
 
-        return error_px
+        return registered
 
     def _corners(self, t_s: float) -> list[Vec3]:
         return [
@@ -84,6 +94,31 @@ def registration_error_px(
     if not squares:
         return None
     return math.sqrt(math.fsum(squares) / len(squares))
+
+
+def uncertainty_px(
+    points_ned_m: Iterable[Vec3], *, intrinsics: Intrinsics, camera: Pose, accuracy: PoseAccuracy
+) -> float:
+    """Return how far points may be seen off, by three standard deviations of the camera's pose.
+
+    RMS over the points in its picture, in pixels; 0 for none. To first order a camera that is
+    moved by s across the ray to a point at distance d, depth z, sees it turned by s / d; an angle
+    a moves it by up to f (d / z)^2 a pixels.
+    """
+    focal_px = max(intrinsics.fx_px, intrinsics.fy_px)
+    squares: list[float] = []
+    for point in points_ned_m:
+        local = camera.to_local(point)
+        pixel = intrinsics.project(local)
+        if pixel is None or not _inside(pixel, intrinsics):
+            continue
+        away_m = norm(local)
+        angle_rad = math.hypot(accuracy.position_m / away_m, accuracy.attitude_rad)
+        squares.append((_SIGMAS * focal_px * (away_m / local[0]) ** 2 * angle_rad) ** 2)
+    return math.sqrt(math.fsum(squares) / len(squares)) if squares else 0.0
+
+
+_SIGMAS = 3.0
 
 
 def box_corners(thing: SceneObject) -> tuple[Vec3, ...]:

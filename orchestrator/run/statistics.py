@@ -38,6 +38,7 @@ class MixingStatistics:
         self.skew_ms = Samples()
         self.latency_ms = Samples()
         self.registration_error_px = Samples()
+        self.registration_bound_px = Samples()
         self._first_s: float | None = None
         self._last_s: float | None = None
 

@@ -225,6 +225,19 @@ def test_an_oracle_may_be_used_twice_by_different_names(files: Any) -> None:
     ]
 
 
+def test_a_pose_source_is_as_exact_as_its_kind_or_as_it_is_said_to_be(files: Any) -> None:
+    def accuracies() -> list[float]:
+        setup = files.load().runs[0].setup()
+        return [one.pose_accuracy.position_m for one in setup.vehicles.values()]
+
+    kinds = [one.pose_source for one in files.load().runs[0].setup().vehicles.values()]
+    usual = {"mocap": 0.002, "mavlink": 1.0}
+    assert accuracies() == [usual[kind] for kind in kinds]
+    said = "profile: cage\n    pose_accuracy: {position_m: 0.03, attitude_deg: 1}"
+    files.change("profile: cage", said)
+    assert accuracies() == [0.03, 1.0]
+
+
 def test_a_camera_may_be_given_by_its_focal_length(files: Any) -> None:
     text = files.path.read_text()
     mount = "mount: {forward_m: 0.1, down_m: -0.02, pitch_deg: -10}, stabilized: true"

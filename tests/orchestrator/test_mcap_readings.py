@@ -157,6 +157,7 @@ def test_provenance_and_log_lines_come_back(tmp_path: Path) -> None:
             {"step": "overlay", "duration_s": 0.002},
         ],
         "registration_error_px": None,
+        "registration_bound_px": None,
         "mixed_s": None,
         "given_real_seq": None,
         "given_twin_seq": None,

@@ -11,7 +11,7 @@ import pytest
 from orchestrator.clock import run_virtual
 from orchestrator.run.budgeting import BudgetWatch
 from orchestrator.run.course import Course
-from orchestrator.run.mixing import Frame, MixingLoop, Registration
+from orchestrator.run.mixing import Frame, MixingLoop, Registered, Registration
 from recipes.language import load_recipe
 from recipes.pipeline import compile_recipe
 from recipes.working import StepError
@@ -257,7 +257,10 @@ def test_the_registration_error_stands_in_the_provenance() -> None:
         rig.real(1.0, made=camera(source="real"))
 
     rig = flown(
-        lambda: Rig(REGISTERED, sensor="camera", twin=twin, registration=lambda *_: 1.25), feed
+        lambda: Rig(
+            REGISTERED, sensor="camera", twin=twin, registration=lambda *_: Registered(1.25)
+        ),
+        feed,
     )
     assert rig.told[0].registration_error_px == 1.25
     assert rig.loop.statistics.registration_error_px.percentiles().p50 == 1.25
@@ -267,9 +270,9 @@ def test_the_registration_error_is_that_of_the_real_exposure() -> None:
     """A twin's picture of a later pose is not held against the truth of that later moment."""
     told: list[tuple[float, float]] = []
 
-    def error_px(twin: Reading, exposed_s: float) -> float:
+    def registered(twin: Reading, exposed_s: float) -> Registered:
         told.append((twin.t_s, exposed_s))
-        return 0.0
+        return Registered(bound_px=2.5)
 
     def feed(rig: Rig) -> None:
         for k in range(200):
@@ -277,7 +280,9 @@ def test_the_registration_error_is_that_of_the_real_exposure() -> None:
         rig.real(1.0, late_s=0.09, made=camera(source="real"))
 
     body = REGISTERED.replace("register", "{register: {align: latest}}")
-    flown(lambda: Rig(body, sensor="camera", twin=Slow(0.0), registration=error_px), feed)
+    rig = flown(lambda: Rig(body, sensor="camera", twin=Slow(0.0), registration=registered), feed)
+    assert rig.told[0].registration_error_px is None
+    assert rig.told[0].registration_bound_px == 2.5
     ((drawn_s, exposed_s),) = told
     assert (drawn_s, exposed_s) == (pytest.approx(1.09), 1.0)
 

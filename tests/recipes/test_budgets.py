@@ -52,6 +52,10 @@ def test_one_reading_is_judged_by_its_provenance() -> None:
     told = Provenance(1, 1.0, 2, 1.01, 10.0, 150.0)
     assert breach_of(BUDGET, told) is None
     assert breach_of(BUDGET, replace(told, registration_error_px=1.5)) is None
+    assert breach_of(BUDGET, replace(told, registration_bound_px=1.5)) is None
+    vague = replace(told, registration_bound_px=9.0)
+    assert str(breach_of(BUDGET, vague)).startswith("max_registration_error_px: 9")
+    assert breach_of(BUDGET, replace(vague, registration_error_px=1.5)) is None
     far = replace(told, registration_error_px=3.0)
     assert str(breach_of(BUDGET, far)).startswith("max_registration_error_px: 3")
     assert str(breach_of(BUDGET, replace(told, latency_ms=201.0))).startswith("max_latency_ms")
