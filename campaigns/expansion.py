@@ -63,8 +63,9 @@ class Campaign:
     """A checked campaign with its runs in order: by case, mode and repetition.
 
     document: the campaign file after --repetitions, --seed and --set. paths: every file it was
-    read from. modes, cases: those selected. requirements: of the selected cases and modes. mqtt:
-    None where no broker is asked for.
+    read from. modes, cases: those selected. retries: how often a run that proves nothing is flown
+    again. requirements: of the selected cases and modes. mqtt: how operators reach it by a broker;
+    None for not at all.
     """
 
     name: str
@@ -79,6 +80,7 @@ class Campaign:
     runs: tuple[RunPlan, ...]
     requirements: tuple[Requirement, ...]
     mqtt: MqttSetup | None = None
+    retries: int = 0
 
 
 def load_campaign(path: Path, options: Options | None = None) -> Campaign:
@@ -118,6 +120,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
             if (case, mode) in shares
         ),
         mqtt=mqtt,
+        retries=part.retries,
     )
 
 

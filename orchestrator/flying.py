@@ -1,15 +1,22 @@
 """Flies a campaign: its folder, its runs over worker processes, its summary."""
 
 import asyncio
-import contextlib
 import signal
-import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
 from campaigns.expansion import Campaign, RunPlan
+from orchestrator.attempts import after_attempts, attempt_of, retry_due
+from orchestrator.campaign_folder import (
+    OutputError,
+    TakenError,
+    held,
+    make_folder,
+    set_aside,
+)
 from orchestrator.clock import Clock
 from orchestrator.junit import junit_xml
 from orchestrator.manifest import manifest
@@ -18,7 +25,6 @@ from orchestrator.operating.opening import operating
 from orchestrator.order import fly_order
 from orchestrator.pool import Pool, WorkerLost
 from orchestrator.progress import News, Progress
-from orchestrator.recording.epoch import folder_stamp
 from orchestrator.results import (
     RunResult,
     SensorKind,
@@ -27,16 +33,13 @@ from orchestrator.results import (
     exit_code,
     summarize,
 )
+from orchestrator.resuming import TakenUp, resumed_folder, resumed_manifest, take_up
 from orchestrator.run.setup import FLIES, RunOrder
 from orchestrator.writing import to_json, write_whole
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
 """What lands all and ends the campaign; SIGHUP unless it is ignored, as under nohup."""
 _REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered")
-
-
-class OutputError(Exception):
-    """The results cannot be written; says where and why."""
 
 
 class Watcher(Protocol):
@@ -63,27 +66,57 @@ class CampaignOutcome:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlyingSettings:
-    """How to fly. out: beneath it the campaign's folder is made. junit: a copy of junit.xml."""
+    """How to fly.
+
+    out: beneath it the campaign's folder is made. junit: a copy of junit.xml. resume: take up the
+    campaign that was cut off, in its folder: `out` itself, or the newest beneath it.
+    """
 
     out: Path
     clock: Clock
     jobs: int
     junit: Path | None = None
+    resume: bool = False
 
 
 def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
-    """Fly all runs of a campaign and write its folder. Raises OutputError, OperatingError.
+    """Fly all runs of a campaign and write its folder.
 
     Every finished run is on the disk, and in summary.json, before this goes on. Ctrl-C and
-    SIGTERM land what flies, as ABORTED, and end the campaign.
+    SIGTERM land what flies, as ABORTED, and end the campaign. Raises OutputError, OperatingError,
+    ResumeError.
     """
-    folder = make_folder(settings.out / campaign.name)
-    _write(folder / "campaign.json", to_json(manifest(campaign, settings.clock)))
-    flight = _Flight(campaign, settings, watcher, folder)
-    # From the beginning a document says that nothing has passed yet, also where an old one stood.
-    flight.write_summary()
-    asyncio.run(flight.fly())
-    return flight.outcome()
+    with ExitStack() as stack:
+        folder, before = _begin(campaign, settings, watcher, stack)
+        flight = _Flight(campaign, settings, watcher, folder, before)
+        # From the beginning a document says what has passed so far, also where an old one stood.
+        flight.write_summary()
+        asyncio.run(flight.fly())
+        return flight.outcome()
+
+
+def _begin(
+    campaign: Campaign, settings: FlyingSettings, watcher: Watcher, stack: ExitStack
+) -> tuple[Path, TakenUp]:
+    """Return the campaign's folder, held until the stack ends, and what it has already."""
+    about: Mapping[str, object] = manifest(campaign, settings.clock)
+    if settings.resume:
+        folder = resumed_folder(settings.out, campaign.name)
+        about = resumed_manifest(folder, about)
+    else:
+        folder = make_folder(settings.out / campaign.name)
+    try:
+        stack.enter_context(held(folder))
+        _write(folder / "campaign.json", to_json(about))
+        if not settings.resume:
+            return folder, TakenUp(results={}, attempts={})
+        before = take_up(
+            campaign, folder, retries=campaign.retries, may_repeat=True, say=watcher.say
+        )
+    except (TakenError, OSError) as error:
+        raise OutputError(str(error)) from error
+    watcher.say(f"resumed: {len(before.results)} of {len(campaign.runs)} are finished, in {folder}")
+    return folder, before
 
 
 def _write(path: Path, content: str | bytes) -> None:
@@ -95,39 +128,28 @@ def _write(path: Path, content: str | bytes) -> None:
         raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-def make_folder(parent: Path) -> Path:
-    """Make and return a new folder, named by the time. Raises OutputError."""
-    stamp = folder_stamp(time.time())
-    try:
-        parent.mkdir(parents=True, exist_ok=True)
-        for name in (stamp, *(f"{stamp}-{number}" for number in range(2, 1000))):
-            with contextlib.suppress(FileExistsError):
-                (parent / name).mkdir()
-                return parent / name
-    except OSError as error:
-        reason = error.strerror or error
-        raise OutputError(
-            f"the results cannot be written to {parent}: {reason}; choose another place by --out"
-        ) from error
-    raise OutputError(f"{parent} has a thousand folders of this second already")
-
-
 class _Flight:
     def __init__(
-        self, campaign: Campaign, settings: FlyingSettings, watcher: Watcher, folder: Path
+        self,
+        campaign: Campaign,
+        settings: FlyingSettings,
+        watcher: Watcher,
+        folder: Path,
+        before: TakenUp,
     ) -> None:
         self._campaign = campaign
         self._settings = settings
         self._watcher = watcher
         self._folder = folder
-        self._results: dict[str, RunResult] = {}
+        self._results = dict(before.results)
+        self._attempts = before.attempts
         self._pool = Pool[RunOrder, RunResult](
             jobs=settings.jobs, fly=fly_order, report=self._told, done=self._done
         )
         self._desk = Desk(
             campaign=campaign.name,
             folder=folder,
-            total=len(campaign.runs),
+            total=len(campaign.runs) - len(before.results),
             fleet=self._pool,
             say=watcher.say,
         )
@@ -153,17 +175,22 @@ class _Flight:
 
     def _orders(self) -> Iterable[RunOrder]:
         for plan in self._campaign.runs:
-            folder = self._folder / plan.name
-            yield RunOrder(plan=plan, folder=folder, clock=self._settings.clock)
+            if plan.name not in self._results:
+                yield RunOrder(
+                    plan=plan,
+                    folder=self._folder / plan.name,
+                    clock=self._settings.clock,
+                    attempts=self._attempts.get(plan.name, ()),
+                )
 
     def _told(self, news: News) -> None:
         self._desk.news(news)
         if isinstance(news, Progress):
             self._watcher.progress(news)
 
-    def _done(self, order: RunOrder, outcome: RunResult | WorkerLost) -> None:
+    def _done(self, order: RunOrder, outcome: RunResult | WorkerLost) -> RunOrder | None:
         if isinstance(outcome, WorkerLost):
-            result = lost_result(order.plan, outcome)
+            result = after_attempts(lost_result(order.plan, outcome), order.attempts)
             _write(order.folder / "result.json", to_json(result))
             if outcome.details:
                 _write(order.folder / "error.txt", outcome.details)
@@ -171,8 +198,20 @@ class _Flight:
             result = outcome
         self._results[order.plan.name] = result
         self.write_summary()
+        if self._desk.stopped is None and retry_due(result, retries=self._campaign.retries):
+            return self._again(order, result)
         self._desk.finished(result)
         self._watcher.finished(result)
+        return None
+
+    def _again(self, order: RunOrder, result: RunResult) -> RunOrder:
+        """Set a run's files aside and return the order to fly it once more."""
+        try:
+            place = str(set_aside(self._folder, order.plan.name).relative_to(self._folder))
+        except OSError as error:
+            raise OutputError(f"{order.folder} cannot be set aside: {error}") from error
+        self._watcher.say(f"{order.plan.name}: {result.verdict}, {result.reason}; flown again")
+        return replace(order, attempts=(*order.attempts, attempt_of(result, place)))
 
     def write_summary(self) -> Summary:
         """Write summary.json and junit.xml of what is finished. Raises OutputError."""

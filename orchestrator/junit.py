@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
 from campaigns.acceptance import Requirement, Standing
+from orchestrator.attempts import attempt_text
 from orchestrator.results import RunResult, Summary, standings_of
 from safety.results import OracleResult
 
@@ -38,7 +39,7 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
     case = ET.Element(
         "testcase",
         classname=_clean(f"{campaign}.{run.case}.{run.mode}"),
-        name=str(run.rep),
+        name=_name(run),
         time=_seconds(run.duration_s or 0.0),
     )
     said = f"{run.verdict}: {run.reason}" if run.reason else run.verdict
@@ -52,8 +53,14 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
             ET.SubElement(case, tag, message=_clean(run.reason), type=run.verdict)
     lines = [_line(oracle) for oracle in run.oracles]
     lines += [f"also {late.verdict} at {late.at_s:.3f} s: {late.reason}" for late in run.also]
+    lines += [f"earlier attempt: {attempt_text(one)}, in {one.folder}" for one in run.attempts]
     ET.SubElement(case, "system-out").text = _clean("\n".join([f"seed {run.seed}", *lines]))
     return case
+
+
+def _name(run: RunResult) -> str:
+    """Return a run's name; one that was retried has another, for CI shows nothing but the name."""
+    return f"{run.rep} (attempt {len(run.attempts) + 1})" if run.attempts else str(run.rep)
 
 
 def _missing(campaign: str, standing: Standing) -> ET.Element:

@@ -1,6 +1,7 @@
 """campaign.json: what was flown, with what, and where."""
 
 import hashlib
+import json
 import os
 import platform
 import time
@@ -39,6 +40,7 @@ def manifest(campaign: Campaign, clock: Clock) -> dict[str, object]:
         "host": {"name": platform.node(), "machine": platform.machine(), "cores": os.cpu_count()},
         "versions": {"python": platform.python_version(), **_versions()},
         "files": _digests(campaign),
+        "runs": _runs(campaign),
         "document": campaign.document.data,
     }
 
@@ -59,6 +61,26 @@ def _digests(campaign: Campaign) -> dict[str, str]:
         os.path.relpath(path, home): f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
         for path in sorted(files)
     }
+
+
+def _runs(campaign: Campaign) -> list[dict[str, object]]:
+    """Return what is to be flown; documents: a digest of all that a run reads, as overridden."""
+    digests: dict[str, str] = {}
+    for run in campaign.runs:
+        if run.case not in digests:
+            read = (run.files.campaign, run.files.world, run.files.recipe)
+            plain = [None if one is None else one.data for one in read]
+            text = json.dumps(plain, sort_keys=True, default=str)
+            digests[run.case] = f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
+    return [
+        {
+            "run": run.name,
+            "seed": run.seed,
+            "required": run.required,
+            "documents": digests[run.case],
+        }
+        for run in campaign.runs
+    ]
 
 
 def _named(value: Data, beside: Path) -> Iterator[Path]:

@@ -2,20 +2,28 @@
 
 import cv2
 
+from orchestrator.attempts import after_attempts
+from orchestrator.campaign_folder import held, make_run_folder
 from orchestrator.operator import Inbox
 from orchestrator.progress import Report
 from orchestrator.results import RunResult
 from orchestrator.run.run import fly
 from orchestrator.run.setup import RunOrder, RunSetup
-from orchestrator.writing import to_json, write_whole
+from orchestrator.writing import sync_files, to_json, write_whole
 from worlds.references import forget_loaded
 
 
 def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
-    """Fly a run and write its result.json; returns the result when it is on the disk."""
+    """Fly a run and write its result.json; returns the result when all of it is on the disk.
+
+    The run's folder is held meanwhile: who takes the campaign up waits until this has landed, also
+    when whoever ordered it has died.
+    """
     cv2.setNumThreads(1)  # runs share the cores by processes
     forget_loaded()  # else the runs that a worker flew before this one could tell
-    order.folder.mkdir(parents=True, exist_ok=True)
-    result = fly(RunSetup.of(order), report, inbox)
-    write_whole(order.folder / "result.json", to_json(result))
+    make_run_folder(order.folder, order.plan.name)
+    with held(order.folder):
+        result = after_attempts(fly(RunSetup.of(order), report, inbox), order.attempts)
+        sync_files(order.folder)
+        write_whole(order.folder / "result.json", to_json(result))
     return result

@@ -106,6 +106,8 @@ class _Worker:
 class Pool(Generic[Order, Outcome]):
     """Flies orders on up to `jobs` processes; outcomes come back as they are done.
 
+    done: takes an order's outcome; what it returns is flown next.
+
     stall_s: a worker that has reported and then says nothing for so long is killed: it hangs, or
     was stopped. Its guard brings its vehicles down.
     """
@@ -116,7 +118,7 @@ class Pool(Generic[Order, Outcome]):
         jobs: int,
         fly: "Fly[Order, Outcome]",
         report: Report,
-        done: Callable[[Order, Outcome | WorkerLost], None],
+        done: Callable[[Order, Outcome | WorkerLost], Order | None],
         stall_s: float = 60.0,
     ) -> None:
         self._jobs = jobs
@@ -173,7 +175,9 @@ class Pool(Generic[Order, Outcome]):
                 if not worker.process.is_alive() or isinstance(outcome, WorkerLost):
                     await self._end(worker)
                     worker = None
-                self._done(order, outcome)
+                again = self._done(order, outcome)
+                if again is not None:
+                    waiting.appendleft(again)
         finally:
             if worker is not None:
                 await asyncio.shield(self._end(worker))

@@ -94,12 +94,25 @@ class Also:
 
 
 @dataclass(frozen=True, slots=True)
+class Attempt:
+    """An earlier attempt at a run, which does not count.
+
+    verdict: None where it was cut off and has none. folder: where it is kept, from the campaign's.
+    """
+
+    verdict: Verdict | None
+    reason: str
+    folder: str
+
+
+@dataclass(frozen=True, slots=True)
 class RunResult:
     """One flight. rep counts from 1. duration_s: takeoff command to disarm, None without takeoff.
 
     wall_s: how long it took on this machine. mixing: None where nothing is mixed. collisions: the
     flags of contacts as they happened. outside: what came in and went out; None for a run that
     has nothing outside of its own processes. artifacts: files, relative to the campaign's folder.
+    attempts: those before this one, oldest first; a PASS after any is no clean one.
     """
 
     case: str
@@ -118,11 +131,15 @@ class RunResult:
     collisions: tuple[Flag, ...] = ()
     outside: OutsideResult | None = None
     artifacts: tuple[str, ...] = ()
+    attempts: tuple[Attempt, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Totals:
-    """How many runs were flown, were required, and came to each verdict."""
+    """How many runs were flown, were required, and came to each verdict.
+
+    retried: how many of them were flown more than once, whatever they came to.
+    """
 
     runs: int
     required: int
@@ -131,6 +148,7 @@ class Totals:
     invalid: int
     error: int
     aborted: int
+    retried: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +216,7 @@ def totals_of(runs: Sequence[RunResult]) -> Totals:
         invalid=count["INVALID"],
         error=count["ERROR"],
         aborted=count["ABORTED"],
+        retried=sum(bool(run.attempts) for run in runs),
     )
 
 

@@ -26,6 +26,7 @@ MATRIX_KEYS = frozenset(
         "modes",
         "repetitions",
         "seed",
+        "retries",
         "accept",
         "operator",
     }
@@ -138,7 +139,10 @@ class RecordPart(Part):
 
 
 class CampaignPart(Part):
-    """A campaign file; `cases` and `oracles` are read part by part, where their meaning is."""
+    """A campaign file; `cases` and `oracles` are read part by part, where their meaning is.
+
+    retries: how often a run that came to ERROR or INVALID is flown again; never with hardware.
+    """
 
     schema_: Literal["wil/campaign/1"] = Field(alias="schema")
     campaign: SafeName
@@ -152,6 +156,7 @@ class CampaignPart(Part):
     cases: Annotated[Cases, Field(min_length=1)] = Field(default_factory=_one_case)
     repetitions: Annotated[int, Field(ge=1, le=100_000)] = 1
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    retries: Annotated[int, Field(ge=0, le=10)] = 0
     sync: SyncPart = SyncPart()
     links: LinksPart = LinksPart()
     deliver: list[DeliverPart] = Field(default_factory=list)

@@ -152,11 +152,13 @@ def _flying_cells(progress: Progress) -> Iterable[RenderableType]:
 
 
 def finished_line(result: RunResult) -> Text:
-    """Return one line for a run: what it was, its verdict, and why when it is not PASS."""
+    """Return one line for a run: what it was, its verdict, and why when it is no clean PASS."""
     line = Text(f"{result.case} {result.mode} #{result.rep}  ")
     line.append(f"{result.verdict:<7}", style=VERDICT_STYLES.get(result.verdict, ""))
     if not result.required:
         line.append(" (reported)", style="dim")
-    if result.verdict != "PASS":
+    if result.attempts:
+        line.append(f" (attempt {len(result.attempts) + 1})", style="yellow")
+    if result.reason:
         line.append(f"  {result.reason}")
     return line

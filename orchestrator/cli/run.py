@@ -9,13 +9,15 @@ from rich.console import Console
 
 from campaigns.expansion import Campaign, Options, load_campaign
 from campaigns.schema import VEHICLES
+from orchestrator.campaign_folder import OutputError
 from orchestrator.cli.clocks import clock_for, outside_of
 from orchestrator.cli.display import Display, Lines, Silent, Terminal
 from orchestrator.cli.streams import as_far_as_heard, err, out
 from orchestrator.cli.verdicts import conclusions, verdict_table
 from orchestrator.clock import Clock
-from orchestrator.flying import CampaignOutcome, FlyingSettings, OutputError, fly_campaign
+from orchestrator.flying import CampaignOutcome, FlyingSettings, fly_campaign
 from orchestrator.operating.errors import OperatingError
+from orchestrator.resuming import ResumeError
 from orchestrator.writing import to_json
 
 
@@ -32,6 +34,7 @@ def run(
     jobs: int | None = None,
     broker: str | None = None,
     gcs: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    resume: Annotated[bool, Parameter(negative=())] = False,
     junit: Path | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
@@ -65,6 +68,10 @@ def run(
     gcs
         A ground station's LINK, or NAME=LINK for one vehicle (udpout://127.0.0.1:14550): the guard
         passes MAVLink on to it and back. It needs the wall clock; may be given several times.
+    resume
+        Take up the campaign that was cut off: the newest beneath --out, or --out itself where that
+        is a campaign's folder. What is finished is kept, what is missing is flown; refused when the
+        campaign or one of its files has changed. Give the same options as before.
     junit
         Write junit.xml here as well.
     json_
@@ -79,7 +86,7 @@ def run(
         err(said)
         return 2
     most = 1 if outside_of(campaign) else _default_jobs(chosen)
-    settings = FlyingSettings(out=out_, clock=chosen, jobs=jobs or most, junit=junit)
+    settings = FlyingSettings(out=out_, clock=chosen, jobs=jobs or most, junit=junit, resume=resume)
     return _flown(campaign, settings, json=json_)
 
 
@@ -101,6 +108,9 @@ def _flown(campaign: Campaign, settings: FlyingSettings, *, json: bool) -> int:
     except (OutputError, OperatingError) as error:
         err(error)
         return 3
+    except ResumeError as error:
+        err(error)
+        return 2
     if json:
         out(to_json(outcome.summary).rstrip())
     else:

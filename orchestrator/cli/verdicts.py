@@ -49,7 +49,7 @@ def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Tabl
 
 
 def conclusions(summary: Summary) -> list[Text]:
-    """Return why runs did not pass, and what the campaign came to."""
+    """Return why runs did not pass, or not at once, and what the campaign came to."""
     return [*_reasons(summary), _conclusion(summary)]
 
 
@@ -66,11 +66,16 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
 
 
 def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
-    """Return what a row comes to, with the share that is required where it is not all."""
+    """Return what a row comes to, with the share that is required where it is not all.
+
+    A PASS for which runs were flown again has a star; which they were is told beneath.
+    """
     if standing is None:
         return Text("reported", style="dim")
     share = standing.requirement.share
     wanted = "" if share.passes == share.runs else f" ({share})"
+    if standing.met and any(run.attempts for run in runs):
+        return Text(f"PASS*{wanted}", style="yellow")
     if standing.met:
         return Text(f"PASS{wanted}", style="green")
     worst = next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
@@ -122,7 +127,7 @@ def _reasons(summary: Summary) -> list[Text]:
     return [
         Text(f"{run.case} {run.mode} #{run.rep} {run.verdict}: {run.reason}", style="dim")
         for run in summary.runs
-        if run.verdict != "PASS"
+        if run.verdict != "PASS" or run.attempts
     ]
 
 
@@ -131,5 +136,7 @@ def _conclusion(summary: Summary) -> Text:
     said, style = words.get(summary.accepted or False, ("", ""))
     if summary.accepted is None:
         said, style = "nothing required was flown", "yellow"
+    if summary.totals.retried:
+        said, style = f"{said}; {summary.totals.retried} not at the first attempt", "yellow"
     note = " (the embedded surrogate played the real vehicle)" if summary.surrogate else ""
     return Text(said, style=style).append(note, style="dim")

@@ -9,6 +9,7 @@ from campaigns.expansion import RunPlan
 from campaigns.schema import Mode, VehicleName
 from campaigns.setup import Setup, VehicleSetup
 from orchestrator.clock import Clock
+from orchestrator.results import Attempt
 from vehicles.embedded.profile import Profile, load_profile
 from worlds.scene import Scene
 
@@ -22,11 +23,15 @@ FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOrder:
-    """A run to be flown; picklable. folder: where its files go; it exists and is empty."""
+    """A run to be flown; picklable. folder: where its files go; it exists and is empty.
+
+    attempts: those at this run that do not count.
+    """
 
     plan: RunPlan
     folder: Path
     clock: Clock
+    attempts: tuple[Attempt, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -185,7 +185,7 @@ def test_all_faults_of_all_files_come_at_once(files: Any) -> None:
 
 
 def test_keys_that_nothing_acts_on_are_unknown(files: Any) -> None:
-    for key in ("preflight", "abort", "retries"):
+    for key in ("preflight", "abort", "resume"):
         files.path.write_text(files.path.read_text() + f"{key}: {{}}\n")
     found = files.faults()
     assert len(found) == 3

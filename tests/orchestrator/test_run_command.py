@@ -18,51 +18,15 @@ from campaigns.expansion import load_campaign
 from orchestrator import flying
 from orchestrator.cli import main
 from orchestrator.manifest import manifest
+from tests.orchestrator.hover import STILL, WORLD, write_hover
 
 ROOT = Path(orchestrator.cli.__file__).parents[2]
-
-CAMPAIGN = """\
-schema: wil/campaign/1
-campaign: hover
-vehicles: {twin: {link: embedded, autopilot: px4}}
-world: world.yaml
-autonomy: still.py:Still
-goal: {altitude_m: 1.2}
-modes: [sim]
-repetitions: 2
-oracles: {landed: {}}
-"""
-WORLD = "schema: wil/world/1\norigin: {latitude_deg: 47.4, longitude_deg: 8.5}\n"
-STILL = """\
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
-
-COUNT = []
-
-
-class Still:
-    def __init__(self, *, goal, parameters, seed):
-        self.ticks = parameters.get("ticks", 1)
-
-    def perceive(self, reading):
-        pass
-
-    def act(self, telemetry):
-        COUNT.append(1)
-        self.ticks -= 1
-        note = f"{len(COUNT)} by now"
-        return Command(VelocitySetpoint((0.0, 0.0, 0.0)), done=self.ticks <= 0, note=note)
-"""
 
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
-    """A campaign of two flights that take a second or two each: up, and down."""
-    (tmp_path / "world.yaml").write_text(WORLD)
-    (tmp_path / "still.py").write_text(STILL)
-    path = tmp_path / "hover.yaml"
-    path.write_text(CAMPAIGN)
-    return path
+    """A campaign of two flights that take a second or two each."""
+    return write_hover(tmp_path)
 
 
 def command(campaign: Path, *options: str) -> list[str]:

@@ -1,0 +1,55 @@
+"""docs/oracles.md and docs/geofence.md: every example is a campaign's, every oracle has its row."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import campaigns
+from safety.oracles import registry
+from safety.oracles.described import described
+from safety.oracles.stl_signals import signal_docs
+
+DOCS = Path(campaigns.__file__).parents[1] / "docs"
+
+
+def examples(page: str) -> list[str]:
+    return re.findall(r"```yaml\n(.*?)```", (DOCS / page).read_text("utf-8"), re.DOTALL)
+
+
+@pytest.mark.parametrize(
+    "example", [text for page in ("oracles.md", "geofence.md") for text in examples(page)]
+)
+def test_every_example_is_good(files: Any, example: str) -> None:
+    """In its place of a small campaign, whose goal is a gate and, for formulas, a position."""
+    corners = [[47.39999, 8.49997], [47.40004, 8.49997], [47.40004, 8.50003], [47.39999, 8.50003]]
+    fence = {"polygons": [{"inclusion": True, "polygon": corners}], "circles": []}
+    plan = {"fileType": "Plan", "geoFence": fence, "version": 1}
+    (files.folder / "cage.plan").write_text(json.dumps(plan))
+    text = files.path.read_text()
+    for key in ("geofence", "oracles"):
+        if example.startswith(f"{key}:"):
+            text = re.sub(rf"(?m)^{key}:\n(  .*\n)*", "", text)
+    if "goal_distance_m" in example:
+        text = text.replace("gates: [gate]", "position: {north_m: 1, east_m: 0, up_m: 1}")
+        example += "  reached_position: {tolerance_m: 0.3}\n"
+    elif example.startswith("oracles:") and "reached:" not in example:
+        example += "  reached: {}\n"
+    files.path.write_text(text + example)
+    assert files.load().runs
+
+
+def test_every_oracle_its_keys_and_every_signal_are_told() -> None:
+    page = (DOCS / "oracles.md").read_text("utf-8")
+    rows = {row.split("|")[1].strip(): row for row in page.splitlines() if row.startswith("| `")}
+    for kind, spec in registry.items():
+        doc = described(spec)
+        row = rows[f"`{kind}`"]
+        assert all(f"`{parameter.name}`" in row for parameter in doc.parameters), kind
+        first, _, last = doc.window.removeprefix("from ").partition(" to ")
+        assert (f"{first} to {last}" if last else "the end") in row, kind
+        assert row.rstrip(" |").endswith("yes") is doc.fail_fast, kind
+    for name in signal_docs():
+        assert f"`{name}`" in page, name

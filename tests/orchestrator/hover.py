@@ -1,0 +1,45 @@
+"""A campaign of flights that take a second or two each: up, and down."""
+
+from pathlib import Path
+
+CAMPAIGN = """\
+schema: wil/campaign/1
+campaign: hover
+vehicles: {twin: {link: embedded, autopilot: px4}}
+world: world.yaml
+autonomy: still.py:Still
+goal: {altitude_m: 1.2}
+modes: [sim]
+repetitions: 2
+oracles: {landed: {}}
+"""
+WORLD = "schema: wil/world/1\norigin: {latitude_deg: 47.4, longitude_deg: 8.5}\n"
+STILL = """\
+from vehicles.autonomy import Command
+from vehicles.setpoints import VelocitySetpoint
+
+COUNT = []
+
+
+class Still:
+    def __init__(self, *, goal, parameters, seed):
+        self.ticks = parameters.get("ticks", 1)
+
+    def perceive(self, reading):
+        pass
+
+    def act(self, telemetry):
+        COUNT.append(1)
+        self.ticks -= 1
+        note = f"{len(COUNT)} by now"
+        return Command(VelocitySetpoint((0.0, 0.0, 0.0)), done=self.ticks <= 0, note=note)
+"""
+
+
+def write_hover(folder: Path) -> Path:
+    """Write the campaign's files, and return the campaign's."""
+    (folder / "world.yaml").write_text(WORLD)
+    (folder / "still.py").write_text(STILL)
+    path = folder / "hover.yaml"
+    path.write_text(CAMPAIGN)
+    return path
