@@ -54,7 +54,7 @@ combine:
     publish: [real]
     max_skew_ms: 200
   - sensor: camera
-    filter: [{subtract_background: mog2}]
+    filter: [{subtract_background: {method: mog2}}]
     merge: overlay
     publish: [twin]
   - {sensor: scan, transform: [{resample: interpolate}], merge: {aggregate: min}}
@@ -129,20 +129,20 @@ class Readings:
                 )
 
 
-def ticks(minute: int) -> Iterator[tuple[float, str, int]]:
-    """Yield time, sensor and number of each reading of a minute, in order."""
+def ticks(from_s: int, for_s: int) -> Iterator[tuple[float, str, int]]:
+    """Yield time, sensor and number of each reading of some seconds, in order."""
     due = [
-        ((60.0 * minute) + k / rate, sensor, 60 * rate * minute + k)
+        (k / rate, sensor, k)
         for sensor, rate in RATES_HZ.items()
-        for k in range(60 * rate)
+        for k in range(rate * from_s, rate * (from_s + for_s))
     ]
     yield from sorted(due)
 
 
-def mix_minute(mixers: tuple[Mixer, ...], readings: Readings, minute: int) -> int:
-    """Mix a minute of readings; return how many mixtures came of it."""
+def mix_some(mixers: tuple[Mixer, ...], readings: Readings, from_s: int, for_s: int) -> int:
+    """Mix some seconds of readings; return how many mixtures came of it."""
     made = 0
-    for t_s, sensor, seq in ticks(minute):
+    for t_s, sensor, seq in ticks(from_s, for_s):
         real = readings.of(sensor, t_s, seq, "real")
         twin = readings.of(sensor, t_s, seq, "twin")
         for mixer in mixers:
@@ -151,6 +151,11 @@ def mix_minute(mixers: tuple[Mixer, ...], readings: Readings, minute: int) -> in
                 mixer.offer("twin", twin)
                 made += mixer.mix(real, twin, now_s=t_s + 0.07).reading is not None
     return made
+
+
+def mixers_of_all_kinds() -> tuple[Mixer, ...]:
+    """Return the recipe's mixers, made ready."""
+    return compile_recipe(load_recipe(parse(RECIPE.encode(), name="bench.yaml")), object_ids={})
 
 
 def resident_mb() -> float:
@@ -168,16 +173,17 @@ def main() -> None:
     parser.add_argument("--minutes", type=int, default=10)
     minutes = parser.parse_args().minutes
     cv2.setNumThreads(1)
-    recipe = load_recipe(parse(RECIPE.encode(), name="bench.yaml"))
-    mixers, readings = compile_recipe(recipe, object_ids={}), Readings()
+    mixers, readings = mixers_of_all_kinds(), Readings()
     sizes_mb: list[float] = []
     # The minute before the ten fills what remembers: buffers, histories, compiled code.
     for minute in range(minutes + 1):
         start_s = time.perf_counter()
-        made = mix_minute(mixers, readings, minute)
+        made = mix_some(mixers, readings, 60 * minute, 60)
         sizes_mb.append(resident_mb())
         took_s = time.perf_counter() - start_s
-        print(f"minute {minute}: {sizes_mb[-1]:.1f} MB, {made} mixtures in {took_s:.0f} s")
+        print(
+            f"minute {minute}: {sizes_mb[-1]:.1f} MB, {made} mixtures in {took_s:.0f} s", flush=True
+        )
     grown = (max(sizes_mb[1:]) / sizes_mb[0] - 1.0) * 100.0
     print(f"largest over the size after warming up: {grown:+.2f} %")
     print(f"  ratio to the wanted {WANTED_PERCENT:g} %: {max(grown, 0.0) / WANTED_PERCENT:.2f}")

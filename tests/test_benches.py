@@ -1,0 +1,51 @@
+"""Benches of mixing still run, and what does not hang on the machine holds in a short one too."""
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+BENCH = Path(__file__).parents[1] / "bench"
+
+
+@pytest.fixture
+def bench(request: pytest.FixtureRequest) -> Iterator[Any]:
+    name = f"bench_{request.param}"
+    spec = importlib.util.spec_from_file_location(name, BENCH / f"{request.param}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules[name]
+
+
+@pytest.mark.parametrize("bench", ["registration"], indirect=True)
+def test_what_is_virtual_is_drawn_within_a_pixel_when_poses_are_interpolated(bench: Any) -> None:
+    """1 m/s sideways, 3 m away, 100 ms of camera latency, motion capture of 100 Hz and 1 mm."""
+    interpolated, latest = (bench.fly(align, 1.5) for align in ("interpolate", "latest"))
+    assert interpolated.dropped == latest.dropped == 0
+    assert len(interpolated.errors_px) > 20
+    assert np.median(interpolated.errors_px) < 0.5
+    assert np.median(interpolated.moved_px) < 1.0
+    # A tenth of a second late at 1 m/s, seen at 3 m with a focal length of 466 px.
+    assert 10.0 < np.median(latest.errors_px) < 20.0
+    assert np.median(latest.moved_px) == pytest.approx(np.median(latest.errors_px), abs=1.5)
+
+
+@pytest.mark.parametrize("bench", ["memory"], indirect=True)
+def test_the_mixtures_of_the_memory_bench_come_about(bench: Any) -> None:
+    mixers = bench.mixers_of_all_kinds()
+    made = bench.mix_some(mixers, bench.Readings(), 0, 1)
+    assert made == sum(
+        rate * (2 if name == "camera" else 1) for name, rate in bench.RATES_HZ.items()
+    )
+    late = {mixer.sensor: mixer.counts() for mixer in mixers if mixer.sensor != "camera"}
+    assert late["imu"].mixed == 200
+    assert late["sound"].mixed == 20
+    assert bench.resident_mb() > 10.0
