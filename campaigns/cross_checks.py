@@ -7,6 +7,7 @@ from campaigns.outside_checks import outside_problems
 from campaigns.place_checks import judged_world, place_problems
 from campaigns.schema import Mode, VehicleName
 from campaigns.setup import Setup
+from campaigns.vehicle_checks import vehicle_problems
 from recipes.recipe import Recipe
 from safety.judge import OracleUse, build_oracles
 from safety.oracles import Oracle, OracleContext, OracleError
@@ -220,6 +221,7 @@ class _AnyGate:
 
 
 _CHECKS: tuple[Check, ...] = (
+    vehicle_problems,
     _mixing,
     _gates,
     place_problems,

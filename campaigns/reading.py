@@ -13,28 +13,34 @@ from campaigns.fences import Drawing, fences_of
 from campaigns.files import CaseFiles
 from campaigns.link_setups import LinkSetup, link_setup
 from campaigns.oracle_uses import oracle_uses
-from campaigns.outside_reading import outside_setup, program_problems, sensor_setups
-from campaigns.outside_setups import CAPTURED, ESTIMATED, PoseAccuracy
+from campaigns.outside_reading import outside_setup, program_problems
 from campaigns.references import BadReferenceError
 from campaigns.schema import (
-    VEHICLES,
     CampaignPart,
     GoalPart,
     Mode,
+    PreflightPart,
     RecordPart,
     SyncPart,
     VehicleName,
-    VehiclePart,
 )
 from campaigns.schema.links import LinkPart, LinksPart
 from campaigns.schema.operator import GcsPart
-from campaigns.setup import GoalSetup, GuardingSetup, RecordSetup, Setup, SyncSetup, VehicleSetup
+from campaigns.setup import (
+    GoalSetup,
+    GuardingSetup,
+    OwnFenceSetup,
+    PreflightSetup,
+    RecordSetup,
+    Setup,
+    SyncSetup,
+)
 from campaigns.under_test import UnderTest
+from campaigns.vehicle_setups import vehicle_setups
 from recipes.language import load_recipe
 from safety.geofence import Fence
 from safety.judge import OracleUse
 from safety.oracles.goal import TimeLimitParameters
-from vehicles.embedded.profile import ProfileError, load_profile
 from worlds.documents import BadInput, Document, Problem, check
 from worlds.world import World
 
@@ -56,7 +62,7 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
     if part is None or world is None or (files.recipe is not None and recipe is None):
         raise BadInput(problems)
     setup = Setup(
-        vehicles=_vehicles(files.campaign, part, problems),
+        vehicles=vehicle_setups(files.campaign, part.vehicles, problems),
         world=world,
         recipe=recipe,
         under_test=_under_test(files, part),
@@ -66,6 +72,7 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         guarding=_guarding(part),
         oracles=uses,
         links=_links(part.links),
+        preflight=_preflight(part.preflight),
         record=_record(part.record),
         outside=outside_setup(files.campaign, part, problems),
         limits=None if part.limits is None else part.limits.limits(),
@@ -93,54 +100,6 @@ def _read(
     read: Callable[[Document], T], document: Document | None, problems: list[Problem]
 ) -> T | None:
     return None if document is None else gathered(problems, partial(read, document))
-
-
-def _vehicles(
-    campaign: Document, part: CampaignPart, problems: list[Problem]
-) -> dict[VehicleName, VehicleSetup]:
-    given = {name: getattr(part.vehicles, name) for name in VEHICLES}
-    return {
-        name: _vehicle(campaign, name, one, problems)
-        for name, one in given.items()
-        if one is not None
-    }
-
-
-def _vehicle(
-    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
-) -> VehicleSetup:
-    return VehicleSetup(
-        name=name,
-        link=part.link,
-        autopilot=part.autopilot,
-        profile=_profile(campaign, name, part, problems),
-        start=part.start.pose(),
-        anchor=part.anchor,
-        pose_source=part.pose_source,
-        params=dict(part.params),
-        mocap=None if part.mocap is None else part.mocap.setup(name),
-        pose_accuracy=_pose_accuracy(part),
-        sensors=sensor_setups(campaign, name, part, problems),
-    )
-
-
-def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
-    if part.pose_accuracy is not None:
-        return part.pose_accuracy.setup()
-    return CAPTURED if part.pose_source == "mocap" else ESTIMATED
-
-
-def _profile(
-    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
-) -> str:
-    profile = part.profile
-    if profile.endswith((".yaml", ".yml")):
-        profile = str((campaign.path.parent / profile).resolve())
-    try:
-        load_profile(profile)
-    except ProfileError as error:
-        problems.append(campaign.problem(("vehicles", name, "profile"), str(error)))
-    return profile
 
 
 def _links(part: LinksPart) -> dict[VehicleName, LinkSetup]:
@@ -181,7 +140,12 @@ def _goal(part: GoalPart) -> GoalSetup:
 
 
 def _record(part: RecordPart) -> RecordSetup:
-    return RecordSetup(pictures=part.pictures, quality=part.quality)
+    return RecordSetup(pictures=part.pictures, quality=part.quality, vehicle_logs=part.vehicle_logs)
+
+
+def _preflight(part: PreflightPart) -> PreflightSetup:
+    fence = None if part.fence is None else OwnFenceSetup(margin_m=part.fence.margin_m)
+    return PreflightSetup(fence=fence, min_battery=part.min_battery)
 
 
 def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
@@ -189,6 +153,7 @@ def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
     longest_s = max([_GOAL_S, *(limit.limit_s + _GRACE_S for limit in limits)])
     return SyncSetup(
         goal_timeout_s=part.goal_timeout_s or longest_s,
+        identify_timeout_s=part.identify_timeout_s,
         ready_timeout_s=part.ready_timeout_s,
         takeoff_timeout_s=part.takeoff_timeout_s,
         takeoff_tolerance_m=part.takeoff_tolerance_m,

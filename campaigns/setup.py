@@ -2,21 +2,20 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 from campaigns.link_setups import LinkSetup
-from campaigns.outside_setups import ESTIMATED, MocapSetup, OutsideSetup, PoseAccuracy
+from campaigns.outside_setups import OutsideSetup
 from campaigns.schema import PictureFormat, VehicleName
 from campaigns.sensor_setups import CameraSetup, SensorSetup
 from campaigns.under_test import UnderTest
+from campaigns.vehicle_setups import VehicleSetup
 from recipes.recipe import Recipe
 from safety.geofence import Fence
 from safety.guard.events import GuardSettings
 from safety.guard.limits import SetpointLimits
 from safety.judge import OracleUse
-from vehicles.autopilots.base import AutopilotName
 from worlds.documents import Path
-from worlds.frames import Pose, Vec3
+from worlds.frames import Vec3
 from worlds.world import World
 
 _USUAL = GuardSettings()
@@ -26,6 +25,8 @@ __all__ = [
     "GoalSetup",
     "GuardingSetup",
     "LinkSetup",
+    "OwnFenceSetup",
+    "PreflightSetup",
     "RecordSetup",
     "SensorSetup",
     "Setup",
@@ -35,35 +36,10 @@ __all__ = [
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class VehicleSetup:
-    """A vehicle. link: "embedded". profile: for `load_profile`: a name, or an absolute path.
-
-    params: autopilot parameters by name. start: where it stands, world frame. mocap: None: the
-    surrogate's own motion capture. pose_accuracy: of its pose source.
-    """
-
-    name: VehicleName
-    link: str
-    autopilot: AutopilotName
-    profile: str
-    start: Pose
-    anchor: Literal["start"] = "start"
-    pose_source: Literal["mavlink", "mocap"] = "mavlink"
-    mocap: MocapSetup | None = None
-    pose_accuracy: PoseAccuracy = ESTIMATED
-    params: Mapping[str, float] = field(default_factory=dict)
-    sensors: tuple[SensorSetup, ...] = ()
-
-    @property
-    def cameras(self) -> tuple[CameraSetup, ...]:
-        """Return its cameras."""
-        return tuple(one for one in self.sensors if isinstance(one, CameraSetup))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SyncSetup:
     """How closely the pair keeps together; seconds of the run clock, metres."""
 
+    identify_timeout_s: float
     ready_timeout_s: float
     takeoff_timeout_s: float
     takeoff_tolerance_m: float
@@ -85,10 +61,29 @@ class GoalSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordSetup:
-    """What run.mcap holds of pictures. quality: of JPEG, 1 to 100."""
+    """What run.mcap holds of pictures. quality: of JPEG, 1 to 100.
+
+    vehicle_logs: whether the vehicles' own logs are fetched.
+    """
 
     pictures: PictureFormat = "jpeg"
     quality: int = 85
+    vehicle_logs: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnFenceSetup:
+    """The autopilot's own fence. margin_m: by how much it is wider than the guard's."""
+
+    margin_m: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PreflightSetup:
+    """What is looked at and set before arming. min_battery: of attached vehicles, 0 to 1."""
+
+    fence: OwnFenceSetup | None = OwnFenceSetup()
+    min_battery: float = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,6 +113,7 @@ class Setup:
     fences: Mapping[VehicleName, Fence]
     oracles: tuple[OracleUse, ...]
     links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
+    preflight: PreflightSetup = PreflightSetup()
     record: RecordSetup = RecordSetup()
     guarding: GuardingSetup = GuardingSetup()
     outside: OutsideSetup = field(default_factory=OutsideSetup)

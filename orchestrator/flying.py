@@ -25,15 +25,19 @@ from orchestrator.operating.opening import operating
 from orchestrator.order import fly_order
 from orchestrator.pool import Pool, WorkerLost
 from orchestrator.progress import News, Progress
+from orchestrator.repositioning import Repositioning
 from orchestrator.results import (
     RunResult,
     SensorKind,
     Summary,
     SyncResult,
+    VehicleKind,
     exit_code,
+    rehearsal_code,
     summarize,
 )
 from orchestrator.resuming import TakenUp, resumed_folder, resumed_manifest, take_up
+from orchestrator.run.flight import NOT_ARMED
 from orchestrator.run.setup import FLIES, RunOrder
 from orchestrator.writing import to_json, write_whole
 
@@ -69,7 +73,9 @@ class FlyingSettings:
     """How to fly.
 
     out: beneath it the campaign's folder is made. junit: a copy of junit.xml. resume: take up the
-    campaign that was cut off, in its folder: `out` itself, or the newest beneath it.
+    campaign that was cut off, in its folder: `out` itself, or the newest beneath it. arm: False
+    tries each case and mode once, up to arming. real_kind: what plays the real vehicle. hardware:
+    in words, what a person has to put back between runs; empty for nothing.
     """
 
     out: Path
@@ -77,6 +83,9 @@ class FlyingSettings:
     jobs: int
     junit: Path | None = None
     resume: bool = False
+    arm: bool = True
+    real_kind: VehicleKind = "embedded"
+    hardware: str = ""
 
 
 def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
@@ -111,7 +120,11 @@ def _begin(
         if not settings.resume:
             return folder, TakenUp(results={}, attempts={})
         before = take_up(
-            campaign, folder, retries=campaign.retries, may_repeat=True, say=watcher.say
+            campaign,
+            folder,
+            retries=campaign.retries,
+            may_repeat=not settings.hardware,
+            say=watcher.say,
         )
     except (TakenError, OSError) as error:
         raise OutputError(str(error)) from error
@@ -141,6 +154,7 @@ class _Flight:
         self._settings = settings
         self._watcher = watcher
         self._folder = folder
+        self._plans = campaign.runs if settings.arm else _rehearsal(campaign)
         self._results = dict(before.results)
         self._attempts = before.attempts
         self._pool = Pool[RunOrder, RunResult](
@@ -149,9 +163,12 @@ class _Flight:
         self._desk = Desk(
             campaign=campaign.name,
             folder=folder,
-            total=len(campaign.runs) - len(before.results),
+            total=len(self._plans) - len(before.results),
             fleet=self._pool,
             say=watcher.say,
+        )
+        self._repositioning = Repositioning(
+            vehicles=settings.hardware, desk=self._desk, say=watcher.say
         )
 
     async def fly(self) -> None:
@@ -165,27 +182,32 @@ class _Flight:
         except* OutputError as errors:
             raise errors.exceptions[0] from None
         finally:
+            self._repositioning.gone_on()
             for number in heeded:
                 loop.remove_signal_handler(number)
 
     def outcome(self) -> CampaignOutcome:
         summary = self.write_summary()
         code = exit_code(summary.runs, self._campaign.requirements, stopped=self._desk.stopped)
+        if not self._settings.arm and self._desk.stopped is None:
+            code = rehearsal_code(summary.runs)
         return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
 
     def _orders(self) -> Iterable[RunOrder]:
-        for plan in self._campaign.runs:
+        for plan in self._plans:
             if plan.name not in self._results:
                 yield RunOrder(
                     plan=plan,
                     folder=self._folder / plan.name,
                     clock=self._settings.clock,
                     attempts=self._attempts.get(plan.name, ()),
+                    arm=self._settings.arm,
                 )
 
     def _told(self, news: News) -> None:
         self._desk.news(news)
         if isinstance(news, Progress):
+            self._repositioning.gone_on()
             self._watcher.progress(news)
 
     def _done(self, order: RunOrder, outcome: RunResult | WorkerLost) -> RunOrder | None:
@@ -198,11 +220,19 @@ class _Flight:
             result = outcome
         self._results[order.plan.name] = result
         self.write_summary()
-        if self._desk.stopped is None and retry_due(result, retries=self._campaign.retries):
-            return self._again(order, result)
-        self._desk.finished(result)
-        self._watcher.finished(result)
-        return None
+        # With hardware a person looks first what went wrong.
+        retries = 0 if self._settings.hardware else self._campaign.retries
+        again = self._desk.stopped is None and retry_due(result, retries=retries)
+        flown = result.duration_s is not None or isinstance(outcome, WorkerLost)
+        if again:
+            following = self._again(order, result)
+        else:
+            following = None
+            self._desk.finished(result, may_end=self._settings.arm or result.reason != NOT_ARMED)
+            self._watcher.finished(result)
+        if self._settings.hardware and flown and len(self._results) < len(self._plans):
+            self._repositioning.ask()
+        return following
 
     def _again(self, order: RunOrder, result: RunResult) -> RunOrder:
         """Set a run's files aside and return the order to fly it once more."""
@@ -215,15 +245,16 @@ class _Flight:
 
     def write_summary(self) -> Summary:
         """Write summary.json and junit.xml of what is finished. Raises OutputError."""
-        plans = self._campaign.runs
+        plans = self._plans
         runs = [self._results[plan.name] for plan in plans if plan.name in self._results]
         summary = summarize(
             [_with_paths(run) for run in runs],
             self._campaign.requirements,
             campaign=self._campaign.name,
             clock=self._settings.clock,
-            surrogate=any("real" in FLIES[plan.mode] for plan in plans),
-            real_kind="embedded",
+            surrogate=self._settings.real_kind == "embedded"
+            and any("real" in FLIES[plan.mode] for plan in plans),
+            real_kind=self._settings.real_kind,
             sensors=_sensors(self._campaign),
         )
         _write(self._folder / "summary.json", to_json(summary))
@@ -232,6 +263,11 @@ class _Flight:
         if self._settings.junit is not None:
             _write(self._settings.junit, junit)
         return summary
+
+
+def _rehearsal(campaign: Campaign) -> tuple[RunPlan, ...]:
+    """Return one run of each case and mode, of which none counts."""
+    return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
 
 
 def lost_result(plan: RunPlan, lost: WorkerLost) -> RunResult:

@@ -252,6 +252,11 @@ def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -
     return [standing for standing in standings_of(required, wanted) if not standing.met]
 
 
+def rehearsal_code(runs: Sequence[RunResult]) -> int:
+    """Return the exit code of a campaign that was not to arm: 5 when all works up to there."""
+    return 5 if all(run.verdict == "ABORTED" for run in runs) else 3
+
+
 def exit_code(
     runs: Sequence[RunResult],
     requirements: Sequence[Requirement],

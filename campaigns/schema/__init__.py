@@ -12,6 +12,7 @@ from campaigns.schema.campaign import (
     Mode,
     PictureFormat,
     PositionPart,
+    PreflightPart,
     RecordPart,
     SyncPart,
 )
@@ -32,6 +33,7 @@ __all__ = [
     "MountPart",
     "PictureFormat",
     "PositionPart",
+    "PreflightPart",
     "RecordPart",
     "SensorPart",
     "StartPart",

@@ -115,6 +115,7 @@ class GoalPart(Part):
 class SyncPart(Part):
     """How closely the pair keeps together; a run that exceeds a skew is INVALID."""
 
+    identify_timeout_s: Seconds = 5.0
     ready_timeout_s: Seconds = 90.0
     takeoff_timeout_s: Seconds = 30.0
     takeoff_tolerance_m: Annotated[float, Field(gt=0, le=100)] = 0.3
@@ -131,11 +132,32 @@ PictureFormat = Literal["jpeg", "png", "raw", "none"]
 class RecordPart(Part):
     """What run.mcap holds of pictures: raw and png to the bit, so that a replay is exact.
 
-    quality: of JPEG, 1 to 100.
+    quality: of JPEG, 1 to 100. vehicle_logs: whether the vehicles' own logs (.bin, .ulg) are
+    fetched into the run's folder after landing.
     """
 
     pictures: PictureFormat = "jpeg"
     quality: Annotated[int, Field(ge=1, le=100)] = 85
+    vehicle_logs: bool = False
+
+
+class OwnFencePart(Part):
+    """The autopilot's own fence, uploaded from `geofence` and read back: it lands on a breach.
+
+    margin_m: by how much it is wider, so that it acts where the guard did not.
+    """
+
+    margin_m: Annotated[float, Field(ge=0, le=1000)] = 1.0
+
+
+class PreflightPart(Part):
+    """What is looked at and set before arming. fence: null uploads none.
+
+    min_battery: below this charge (0 to 1) an attached vehicle does not take off.
+    """
+
+    fence: OwnFencePart | None = OwnFencePart()
+    min_battery: Annotated[float, Field(ge=0, le=1)] = 0.3
 
 
 class CampaignPart(Part):
@@ -159,6 +181,7 @@ class CampaignPart(Part):
     retries: Annotated[int, Field(ge=0, le=10)] = 0
     sync: SyncPart = SyncPart()
     links: LinksPart = LinksPart()
+    preflight: PreflightPart = PreflightPart()
     deliver: list[DeliverPart] = Field(default_factory=list)
     inject: InjectPart = InjectPart()
     ground_station: Annotated[str, AfterValidator(ground_station_link)] | None = None

@@ -12,9 +12,11 @@ from worlds.documents import KeyFaultError, Part
 
 def _is_link(link: str) -> str:
     try:
-        parse_link(link)
+        address = parse_link(link)
     except LinkAddressError as error:
         raise ValueError(f"must be a link such as udpout://127.0.0.1:14550: {error}") from error
+    if address.kind == "memory":
+        raise ValueError("memory:// leads to nobody; write udpout://, udpin://, tcpin:// or serial")
     return link
 
 

@@ -3,7 +3,7 @@
 import math
 from typing import Annotated, Literal, Self, get_args
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from campaigns.outside_setups import PoseAccuracy
 from campaigns.schema.sensors import SensorPart
@@ -18,6 +18,12 @@ VEHICLES: tuple[VehicleName, ...] = get_args(VehicleName)
 
 ParameterName = Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,16}$")]
 """MAVLink's param_id has 16 characters."""
+Text = Annotated[str, Field(min_length=1)]
+Speedup = Annotated[float, Field(gt=0, le=100)]
+
+
+_OURS_ALONE = frozenset({"imu", "microphone", "pose"})
+"""Sensors that feel what only a simulation of ours tells."""
 
 
 class StartPart(Part):
@@ -47,12 +53,88 @@ class PoseAccuracyPart(Part):
         )
 
 
-class VehiclePart(Part):
-    """One vehicle of the pair. mocap: where motion capture comes from; None: the surrogate's."""
+def _link(text: str) -> str:
+    """Refuse what is no address of a vehicle outside."""
+    if text == "embedded":
+        return text
+    try:
+        address = parse_link(text)
+    except LinkAddressError as error:
+        raise ValueError(f"must be embedded, a link, or a launch: {error}") from error
+    if address.kind == "memory":
+        raise ValueError("memory:// leads out of this program to nobody; write embedded")
+    return text
 
-    link: str
+
+class ArduPilotLaunchPart(Part):
+    """ArduCopter's own simulation, started by us.
+
+    binary: one built for SITL, beside this file or on PATH. defaults: parameter files, later ones
+    win.
+    """
+
+    launch: Literal["ardupilot"]
+    binary: Text
+    frame: Text = "quad"
+    defaults: list[Text] = Field(default_factory=list)
+    speedup: Speedup = 1.0
+
+
+class Px4LaunchPart(Part):
+    """PX4's own simulation, started by us: from a `build` folder, or a container's `image`."""
+
+    launch: Literal["px4"]
+    build: Text | None = None
+    image: Text | None = None
+    model: Text = "sihsim_quadx"
+    speed: Speedup = 1.0
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.build is None) == (self.image is None):
+            raise ValueError("give the build folder, or the image")
+        return self
+
+
+LaunchPart = Annotated[ArduPilotLaunchPart | Px4LaunchPart, Field(discriminator="launch")]
+
+
+class SigningPart(Part):
+    """Where the MAVLink 2 signing key is: in a `file`, or in the `environment` variable named."""
+
+    file: Text | None = None
+    environment: Text | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.file is None) == (self.environment is None):
+            raise ValueError("give a file, or the name of an environment variable")
+        return self
+
+
+class TelemetryPart(Part):
+    """How often positions are asked of the autopilot, and what its radio carries.
+
+    bandwidth_kbit_s: both ways together; without it, that of the serial port.
+    """
+
+    rate_hz: Annotated[float, Field(ge=10, le=100)] = 50.0
+    bandwidth_kbit_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
+
+
+class VehiclePart(Part):
+    """One vehicle of the pair.
+
+    system_id: 1 for the real vehicle and 2 for the twin without. mocap: where motion capture comes
+    from; None: the surrogate's.
+    """
+
+    link: Annotated[str, AfterValidator(_link)] | LaunchPart
     autopilot: AutopilotName
-    profile: Annotated[str, Field(min_length=1)] = "nominal"
+    system_id: Annotated[int, Field(ge=1, le=250)] | None = None
+    signing: SigningPart | None = None
+    telemetry: TelemetryPart = TelemetryPart()
+    profile: Text = "nominal"
     params: dict[ParameterName, float] = Field(default_factory=dict)
     start: StartPart = StartPart()
     anchor: Literal["start"] = "start"
@@ -62,21 +144,25 @@ class VehiclePart(Part):
     sensors: dict[str, SensorPart] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _mocap_is_used(self) -> Self:
+    def _possible(self) -> Self:
+        if self.link == "embedded" and self.signing is not None:
+            raise KeyFaultError("signing", "the embedded vehicle does not sign")
         if self.mocap is not None and self.pose_source != "mocap":
             raise KeyFaultError("mocap", f"is not used with pose_source: {self.pose_source}")
+        if self.link != "embedded" and self.pose_source == "mocap" and self.mocap is None:
+            said = (
+                "only the embedded vehicle brings motion capture along; say by `mocap` where it "
+                "comes from, or write mavlink"
+            )
+            raise KeyFaultError("pose_source", said)
+        for name, sensor in self.sensors.items():
+            if self.link != "embedded" and sensor.type in _OURS_ALONE:
+                said = "only the embedded vehicle has one of ours; leave it out"
+                raise KeyFaultError(("sensors", name, "type"), said)
+        launched = None if isinstance(self.link, str) else self.link.launch
+        if launched not in {None, self.autopilot}:
+            raise KeyFaultError("autopilot", f"the link launches {launched}")
         return self
-
-    @field_validator("link")
-    @classmethod
-    def _embedded(cls, link: str) -> str:
-        if link == "embedded":
-            return link
-        try:
-            parse_link(link)
-        except LinkAddressError as error:
-            raise ValueError(f"must be embedded, or a link: {error}") from error
-        raise ValueError("a vehicle attached by a link cannot be flown yet; only 'embedded' can")
 
 
 class VehiclesPart(Part):

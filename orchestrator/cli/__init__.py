@@ -31,6 +31,7 @@ _COMMANDS = (
     ("mix", "orchestrator.cli.mix:mix", "Mix pictures, videos or recordings by a recipe."),
     ("replay", "orchestrator.cli.replay:replay_run", "Mix a recorded run anew, fly nothing."),
     ("calibrate", "orchestrator.cli.calibrate:calibrate", "Measure a real camera by a board."),
+    ("doctor", "orchestrator.cli.doctor:doctor", "Say what this machine has and lacks."),
     ("list", "orchestrator.cli.listing:list_things", "List campaigns, operators and the like."),
 )
 

@@ -1,6 +1,5 @@
 """`wil-campaign run`: fly a campaign."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,7 @@ from rich.console import Console
 from campaigns.expansion import Campaign, Options, load_campaign
 from campaigns.schema import VEHICLES
 from orchestrator.campaign_folder import OutputError
-from orchestrator.cli.clocks import clock_for, outside_of
+from orchestrator.cli.arming import RefusedError, clear
 from orchestrator.cli.display import Display, Lines, Silent, Terminal
 from orchestrator.cli.streams import as_far_as_heard, err, out
 from orchestrator.cli.verdicts import conclusions, verdict_table
@@ -33,6 +32,8 @@ def run(
     clock: Clock | None = None,
     jobs: int | None = None,
     broker: str | None = None,
+    no_arm: Annotated[bool, Parameter(name="--no-arm", negative=())] = False,
+    arm_real: Annotated[bool, Parameter(name="--arm-real", negative=())] = False,
     gcs: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     resume: Annotated[bool, Parameter(negative=())] = False,
     junit: Path | None = None,
@@ -59,12 +60,17 @@ def run(
     clock
         virtual: as fast as the machine can, to the byte the same each time. wall: in real time,
         each vehicle a process of its own on UDP. By default virtual, unless the campaign has
-        something outside: a live camera, a simulator, a program, a stream to send.
+        something outside: a vehicle of its own, a live camera, a simulator, a program, a stream
+        to send.
     jobs
         How many runs fly at once, each in a process of its own; by default one per core, under
         the wall clock one per two cores.
     broker
         An MQTT broker: mqtt://host, mqtts://host, or embedded, which starts one on this machine.
+    no_arm
+        Try each case and mode once, up to arming: links, parameters, fence, readiness.
+    arm_real
+        Allow that attached vehicles are armed, which may be hardware.
     gcs
         A ground station's LINK, or NAME=LINK for one vehicle (udpout://127.0.0.1:14550): the guard
         passes MAVLink on to it and back. It needs the wall clock; may be given several times.
@@ -79,24 +85,27 @@ def run(
     """
     broker_sets = () if broker is None else (f"operator.mqtt.broker={broker}",)
     sets = (*set_, *_gcs_sets(gcs), *broker_sets)
+    if no_arm and resume:
+        err("--no-arm tries what a campaign would do, and leaves nothing to --resume")
+        return 2
     options = Options(cases=case, modes=mode, repetitions=repetitions, seed=seed, sets=sets)
     campaign = load_campaign(file, options)
-    chosen = clock_for(campaign, clock)
-    if said := _at_once_refused(campaign, jobs):
-        err(said)
-        return 2
-    most = 1 if outside_of(campaign) else _default_jobs(chosen)
-    settings = FlyingSettings(out=out_, clock=chosen, jobs=jobs or most, junit=junit, resume=resume)
+    try:
+        cleared = clear(campaign, clock=clock, jobs=jobs, arm=not no_arm, arm_real=arm_real)
+    except RefusedError as error:
+        err(error)
+        return error.code
+    settings = FlyingSettings(
+        out=out_,
+        clock=cleared.clock,
+        jobs=cleared.jobs,
+        junit=junit,
+        resume=resume,
+        arm=not no_arm,
+        real_kind=cleared.real_kind,
+        hardware=cleared.hardware,
+    )
     return _flown(campaign, settings, json=json_)
-
-
-def _at_once_refused(campaign: Campaign, jobs: int | None) -> str:
-    """Return why a campaign cannot fly so many at once; empty when it can."""
-    if jobs is not None and jobs < 1:
-        return f"--jobs {jobs}: at least one run has to fly at a time"
-    if jobs is not None and jobs > 1 and (outside := outside_of(campaign)):
-        return f"--jobs {jobs}: runs of this campaign would share {outside[0].name}"
-    return ""
 
 
 def _flown(campaign: Campaign, settings: FlyingSettings, *, json: bool) -> int:
@@ -146,11 +155,6 @@ def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign) -> None:
     for line in conclusions(outcome.summary):
         console.print(line, soft_wrap=True)
     console.print(f"results: {outcome.folder}", highlight=False, soft_wrap=True)
-
-
-def _default_jobs(clock: str) -> int:
-    cores = len(os.sched_getaffinity(0))
-    return cores if clock == "virtual" else max(1, cores // 2)
 
 
 def _display(*, json: bool, total: int) -> Display:

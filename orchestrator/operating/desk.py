@@ -136,12 +136,15 @@ class Desk:
         for follower in self._followers:
             follower.news(news)
 
-    def finished(self, run: RunResult) -> None:
-        """Take a run's verdict; one that an operator or a pilot ended ends the campaign."""
+    def finished(self, run: RunResult, *, may_end: bool = True) -> None:
+        """Take a run's verdict; one that an operator or a pilot ended ends the campaign.
+
+        may_end: False for a run that was to end before arming.
+        """
         name = f"{run.case}/{run.mode}/{run.rep}"
         self._flying.pop(name, None)
         self._verdicts[name] = run.verdict
-        if run.verdict == "ABORTED" and self.stopped is None:
+        if may_end and run.verdict == "ABORTED" and self.stopped is None:
             self.stopped = "command"
             self._fleet.abort(OperatorCommand("abort", f"{name} ({run.reason})"))
         for follower in self._followers:

@@ -17,7 +17,6 @@ from orchestrator.outside.injecting import Injector, Surroundings
 from orchestrator.outside.outlets import Outlet, Outlets, picture_delivery
 from orchestrator.outside.results import OutsideResult, SourceResult
 from orchestrator.run.course import Course
-from orchestrator.run.hangar import SYSTEM_IDS
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from safety.results import Flag
@@ -243,7 +242,7 @@ class Outside:
         outside = self._setup.campaign.outside
         if outside.ground_station is None:
             return None
-        system_id = SYSTEM_IDS[self._setup.subject]
+        system_id = self._setup.vehicle(self._setup.subject).system_id
         streams = [one for one in outside.pictures if one.kind == "rtp"]
         cameras = self._setup.vehicle(self._setup.subject).cameras
         components = tuple(

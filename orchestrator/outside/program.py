@@ -189,7 +189,8 @@ class ProgramPilot:
 
 def _kept(program: tuple[str, ...]) -> tuple[str, ...]:
     """Return the command under a keeper, which ends all of it should we be killed."""
-    return (sys.executable, "-S", keeper.__file__, str(os.getpid()), f"{_GRACE_S:g}", *program)
+    kept = (sys.executable, "-S", keeper.__file__, str(os.getpid()), f"{_GRACE_S:g}", "")
+    return (*kept, *program)
 
 
 def _video(camera: CameraSetup, sdp: Path) -> Delivery:

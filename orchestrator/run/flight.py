@@ -1,6 +1,7 @@
 """The flight of a pair: both ready, both armed, one takeoff, both at height, one goal, landing."""
 
 import asyncio
+import itertools
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 
 from campaigns.setup import SyncSetup
@@ -8,6 +9,7 @@ from orchestrator.run.course import Course, FlightError
 from orchestrator.run.holding import Holding
 from orchestrator.run.station import Station
 from vehicles.autopilots.registry import autopilot_named
+from vehicles.driver.identity import same_vehicle
 from vehicles.errors import VehicleError
 from vehicles.setpoints import PositionSetpoint
 
@@ -15,6 +17,8 @@ _SETTLED_S = 0.5
 """How long a vehicle has to be at height before it counts: not merely passing through."""
 _POLL_S = 0.02
 _CLIMB_HZ = 10.0
+
+NOT_ARMED = "not armed, as --no-arm asks; everything up to that works"
 
 
 async def fly_together(
@@ -27,21 +31,29 @@ async def fly_together(
     before_arming: Callable[[], Awaitable[None]],
     barrier: Callable[[], None],
     goal: Callable[[float], Awaitable[None]],
+    prepare: Callable[[Station], Awaitable[None]],
+    arm: bool = True,
 ) -> None:
     """Take all stations through the stages up to landed; `goal(t0_s)` flies the goal.
 
     heights_m: to which height above its start each takes off, by name. before_arming: what has
     to be proven when all are ready. barrier: called when all are at height, before the goal.
+    prepare: puts aboard a ready vehicle what it needs. arm: False stops there.
 
     Every barrier waits for all, and for an operator who holds. An error at any stage is raised to
     the caller, who brings everything down; so does `course.over` when it is set before the goal is
     given.
     """
     course.enter("identify")
-    await _each(stations, lambda station: station.driver.identify(sync.ready_timeout_s))
+    await _each(stations, lambda station: station.driver.identify(sync.identify_timeout_s))
+    _require_two(stations)
     course.enter("ready")
     await _each(stations, lambda station: station.driver.ready(sync.ready_timeout_s))
     await before_arming()
+    await _each(stations, prepare)
+    if not arm:
+        course.decide("ABORTED", NOT_ARMED, source="no-arm")
+        return
     course.enter("arm")
     await holding.through(lambda: _arm(stations))
     course.enter("takeoff")
@@ -140,6 +152,16 @@ async def _with_holds(stations: Iterable[Station], holding: Holding, goal: Await
         for task in tasks:
             task.cancel()
         await asyncio.wait(tasks)
+
+
+def _require_two(stations: tuple[Station, ...]) -> None:
+    """Refuse one vehicle that answers on both links. Raises FlightError."""
+    for one, other in itertools.combinations(stations, 2):
+        if same_vehicle(one.driver.identity, other.driver.identity):
+            raise FlightError(
+                f"{one.name} and {other.name} are one vehicle: both answer with the uid "
+                f"{one.driver.identity.uid}; look where their links lead"
+            )
 
 
 async def _each(stations: Iterable[Station], do: Callable[[Station], Awaitable[object]]) -> None:

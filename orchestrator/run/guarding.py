@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from campaigns.setup import LinkSetup, VehicleSetup
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
-from orchestrator.run.hangar import SYSTEM_IDS, Hangar, InProcess, OwnProcesses, vehicle_seed
+from orchestrator.run.hangar import Hangar, InProcess, OwnProcesses, vehicle_seed
 from orchestrator.run.setup import RunSetup
 from safety.guard.charter import GuardCharter, Guarded
 from safety.guard.events import GuardedVehicle, GuardSettings
@@ -15,6 +15,7 @@ from safety.guard.remote import RemoteGuard
 from safety.guard.shell import GuardLinks, GuardShell, Record
 from vehicles.autopilots.base import Target
 from vehicles.autopilots.registry import autopilot_named
+from vehicles.launch.prepared import PreparedLaunch
 from vehicles.links.base import Link
 from vehicles.links.conditions import LinkConditions, under_conditions
 from vehicles.links.memory import memory_pair
@@ -30,17 +31,21 @@ own failsafe for want of setpoints anyway."""
 Guard = GuardShell | RemoteGuard
 
 
-def guard_of(setup: RunSetup, *, record: Record) -> tuple[Guard, Hangar, Mapping[str, Link]]:
+def guard_of(
+    setup: RunSetup, *, record: Record, prepared: Mapping[str, PreparedLaunch]
+) -> tuple[Guard, Hangar, Mapping[str, Link]]:
     """Return the guard, the hangar that starts vehicles for it, and the links to it by vehicle.
 
-    record: gets every frame under virtual time; under the wall clock the guard's process writes
-    the logs of frames, and it gets the commands that went out.
+    prepared: the simulators that are going to be launched. record: gets every frame under virtual
+    time; under the wall clock the guard's process writes the logs of frames, and it gets the
+    commands that went out.
     """
     guarded: dict[str, GuardedVehicle] = {
         vehicle.name: GuardedVehicle(
             autopilot=autopilot_named(vehicle.autopilot),
-            target=Target(SYSTEM_IDS[vehicle.name]),
+            target=Target(vehicle.system_id),
             limits=setup.campaign.limits,
+            attached=vehicle.attached is not None,
             gcs=setup.clock != "virtual" and vehicle.name in setup.campaign.gcs,
             fence=setup.campaign.fences.get(vehicle.name),
         )
@@ -59,6 +64,8 @@ def guard_of(setup: RunSetup, *, record: Record) -> tuple[Guard, Hangar, Mapping
         vehicles={
             one.name: Guarded(
                 vehicle=guarded[one.name],
+                link=_address(one, prepared),
+                patient=one.launch is not None,
                 gcs=setup.campaign.gcs.get(one.name, ""),
                 conditions=conditions_of(setup, one),
             )
@@ -67,7 +74,15 @@ def guard_of(setup: RunSetup, *, record: Record) -> tuple[Guard, Hangar, Mapping
         settings=replace(settings, orchestrator_silent_s=HANGING_S),
     )
     guard = RemoteGuard(charter=charter, record=record)
-    return guard, OwnProcesses(setup, guard), {name: guard.link(name) for name in guarded}
+    hangar = OwnProcesses(setup, guard, prepared)
+    return guard, hangar, {name: guard.link(name) for name in guarded}
+
+
+def _address(vehicle: VehicleSetup, prepared: Mapping[str, PreparedLaunch]) -> str:
+    """Return the link string to a vehicle; empty for a port of the guard's choice."""
+    if vehicle.name in prepared:
+        return str(prepared[vehicle.name].plan.link)
+    return "" if vehicle.attached is None else str(vehicle.attached)
 
 
 def conditions_of(setup: RunSetup, vehicle: VehicleSetup) -> LinkConditions:
@@ -78,6 +93,7 @@ def conditions_of(setup: RunSetup, vehicle: VehicleSetup) -> LinkConditions:
         incoming=link.incoming,
         seed=(vehicle_seed(setup.seed, vehicle.name), _LINK_LUCK),
         may_go_dark=bool(link.blackouts),
+        signing=vehicle.signing,
     )
 
 

@@ -3,11 +3,12 @@
 import asyncio
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 from typing import Protocol
 
 from campaigns.setup import VehicleSetup
+from orchestrator.run.launching import start_launched
 from orchestrator.run.setup import RunSetup
 from safety.guard.remote import RemoteGuard
 from vehicles.embedded.airframe import Airframe
@@ -17,12 +18,12 @@ from vehicles.embedded.settings import ProcessSettings, Start, Surround
 from vehicles.embedded.states import TruthSample
 from vehicles.embedded.surroundings import SceneSurroundings, as_argument, body_of
 from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.launch.prepared import PreparedLaunch
 from vehicles.links.base import Link
 from vehicles.links.memory import memory_pair
 from vehicles.readings import PoseReading
 from worlds.parts import BoxShape
 
-SYSTEM_IDS = {"real": 1, "twin": 2}
 BODY: BoxShape = body_of(Airframe())
 """What judging and physical contact take the embedded vehicle for."""
 _LINK_LATENCY_S = 0.003
@@ -75,7 +76,7 @@ class InProcess:
                 autopilot=vehicle.autopilot,
                 profile=setup.profiles[vehicle.name],
                 source=vehicle.name,
-                system_id=SYSTEM_IDS[vehicle.name],
+                system_id=vehicle.system_id,
                 start=vehicle.start,
                 latitude_deg=frame.latitude_deg,
                 longitude_deg=frame.longitude_deg,
@@ -90,15 +91,39 @@ class InProcess:
         return embedded
 
 
-class OwnProcesses:
-    """Each vehicle a process of its own on UDP: a child of the guard's process."""
+class NoFeed:
+    """What a vehicle gives beside MAVLink that we have not made: nothing."""
 
-    def __init__(self, setup: RunSetup, guard: RemoteGuard) -> None:
+    def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
+        """Never call it: nobody knows the truth."""
+
+    def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
+        """Never call it: it brings no motion capture along."""
+
+    def notify(self, event: str, t_s: float) -> None:
+        """Leave it alone: its surroundings are not ours."""
+
+
+class OwnProcesses:
+    """Each vehicle a process of its own, a child of the guard's; or one that is there already."""
+
+    def __init__(
+        self, setup: RunSetup, guard: RemoteGuard, prepared: Mapping[str, PreparedLaunch]
+    ) -> None:
         self._setup = setup
         self._guard = guard
+        self._prepared = prepared
 
     async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
-        """Have the guard start the vehicle's process; its feed comes straight to us."""
+        """Have the guard start the vehicle's process, unless it is attached."""
+        if vehicle.embedded:
+            return await self._start_embedded(stack, vehicle)
+        if vehicle.name in self._prepared:
+            await start_launched(vehicle.name, self._prepared[vehicle.name], self._guard)
+        return NoFeed()
+
+    async def _start_embedded(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
+        """Start an embedded vehicle; its feed comes straight to us."""
         feed = FeedClient(source=vehicle.name)
         await stack.enter_async_context(feed)
         settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
@@ -120,7 +145,7 @@ class OwnProcesses:
             seed=vehicle_seed(setup.seed, vehicle.name),
             profile=vehicle.profile,
             source=vehicle.name,
-            system_id=SYSTEM_IDS[vehicle.name],
+            system_id=vehicle.system_id,
             start=Start(
                 north_m=north_m,
                 east_m=east_m,

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import cast
 
 from campaigns.schema import VehicleName
-from campaigns.setup import LinkSetup
+from campaigns.setup import LinkSetup, VehicleSetup
 from orchestrator.outside.captures import Captures
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.guarding import Guard, guard_of
 from orchestrator.run.hangar import TRUTH_HZ, Feed
+from orchestrator.run.launching import prepare_launches
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from safety.guard.shell import Record
@@ -22,6 +23,8 @@ _OTHERS_TRUTH_HZ = 50.0
 """The truth of a vehicle that nobody judges by it: its camera interpolates, and it is recorded."""
 _CLOCK_DRIFT = 2e-4
 """The worst crystal that a vehicle's clock has, ten times over; only SITL drifts by more."""
+_SIMULATED_CLOCK_DRIFT = 0.02
+"""What is attached may be a simulation, whose clock runs as well as its machine can."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,19 +77,11 @@ async def open_pair(setup: RunSetup, *, record: Record, captures: Captures) -> A
     captures: motion capture from outside, for vehicles that have it. Closing stops the vehicles,
     wherever they are: land before that. Raises LinkError.
     """
-    guard, hangar, guarded = guard_of(setup, record=record)
-    links = {name: TappedLink(link) for name, link in guarded.items()}
-    stations: list[Station] = []
-    for vehicle in setup.vehicles:
-        driver = Driver(
-            name=vehicle.name,
-            link=links[vehicle.name],
-            autopilot=vehicle.autopilot,
-            start=vehicle.start,
-            max_clock_drift=_CLOCK_DRIFT,
-        )
-        stations.append(Station(vehicle.name, driver, vehicle.start, vehicle.pose_source))
     async with AsyncExitStack() as stack:
+        prepared = prepare_launches(setup, stack)
+        guard, hangar, guarded = guard_of(setup, record=record, prepared=prepared)
+        links = {name: TappedLink(link) for name, link in guarded.items()}
+        stations = [_station(vehicle, links[vehicle.name]) for vehicle in setup.vehicles]
         await stack.enter_async_context(guard)
         feeds: dict[str, Feed] = {}
         for vehicle, station in zip(setup.vehicles, stations, strict=True):
@@ -97,6 +92,19 @@ async def open_pair(setup: RunSetup, *, record: Record, captures: Captures) -> A
             if not captures.listen(vehicle.name, station.take_mocap):
                 feed.on_mocap(station.take_mocap)
         yield Pair(tuple(stations), feeds, guard, links)
+
+
+def _station(vehicle: VehicleSetup, link: TappedLink) -> Station:
+    driver = Driver(
+        name=vehicle.name,
+        link=link,
+        autopilot=vehicle.autopilot,
+        system_id=vehicle.system_id,
+        start=vehicle.start,
+        rates=vehicle.rates,
+        max_clock_drift=_CLOCK_DRIFT if vehicle.embedded else _SIMULATED_CLOCK_DRIFT,
+    )
+    return Station(vehicle.name, driver, vehicle.start, vehicle.pose_source)
 
 
 def _wire(station: Station, feed: Feed, guard: Guard, *, truth_hz: float) -> None:

@@ -7,7 +7,6 @@ from orchestrator.outside.program import ProgramPilot
 from orchestrator.run.answers import LONGEST_CONSTRUCTION_S, AutonomyFault, asked
 from orchestrator.run.control import Pilot
 from orchestrator.run.course import Course
-from orchestrator.run.hangar import SYSTEM_IDS
 from orchestrator.run.opening import Pair
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
@@ -59,7 +58,7 @@ def _program(setup: RunSetup, pair: Pair, station: Station, course: Course) -> P
         under_test=setup.campaign.under_test,
         station=station,
         link=pair.links[station.name],
-        target=Target(SYSTEM_IDS[station.name]),
+        target=Target(setup.vehicle(station.name).system_id),
         camera=next(iter(owner.cameras), None),
         course=course,
         folder=setup.order.folder,

@@ -18,6 +18,7 @@ from orchestrator.recording.facts import facts_of
 from orchestrator.recording.mcap_settings import recording_settings
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.results import RunResult
+from orchestrator.run.aboard import Aboard
 from orchestrator.run.answers import AutonomyFault
 from orchestrator.run.arranging import Watchers, build_perception
 from orchestrator.run.course import Course, FlightError, Stage
@@ -82,6 +83,7 @@ class _Run:
     sync: Synchronisation
     holding: Holding
     telling: Telling
+    aboard: Aboard
     inbox: Inbox
 
 
@@ -152,6 +154,9 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                     sync=sync,
                     holding=Holding(course=course),
                     telling=telling,
+                    aboard=Aboard(
+                        setup=setup, stations=pair.stations, course=course, note=recorder.note
+                    ),
                     inbox=inbox,
                 )
                 await _conduct(run)
@@ -247,6 +252,9 @@ async def _finish(run: _Run, flight: "asyncio.Task[None]") -> None:
     await _stop(flight)
     if not run.course.reached("landed"):
         await _bring_down(run)
+    await run.aboard.take_back()
+    if run.course.reached("landed"):
+        await run.aboard.fetch_logs()
 
 
 def _end_of_background(run: _Run, background: list["asyncio.Task[None]"]) -> None:
@@ -312,6 +320,8 @@ async def _flight(run: _Run) -> None:
             before_arming=lambda: run.outside.before_arming(run.pair.stations),
             barrier=run.sync.check_takeoff,
             goal=run.goal.fly,
+            prepare=run.aboard.put,
+            arm=setup.order.arm,
         )
     except (VehicleError, FlightError) as error:
         run.course.decide("ERROR", str(error))

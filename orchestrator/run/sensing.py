@@ -4,6 +4,7 @@ import asyncio
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -25,8 +26,10 @@ from orchestrator.run.hangar import Feed, vehicle_seed
 from orchestrator.run.seeing import WorldPictures, WorldRays
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
+from safety.samples import PoseSample
 from vehicles.camera_effects import CameraQuality
 from vehicles.cameras import AskedCamera, Compute, PictureSource, RenderedCamera, inline
+from vehicles.embedded.states import TruthSample
 from vehicles.sensors.beams import RangeNoise
 from vehicles.sensors.depth import DepthSensor
 from vehicles.sensors.gps import GPS_TIMING, GpsSensor
@@ -61,6 +64,8 @@ FELT_TRUTH_HZ = 250.0
 """Of the truth that sensors feel: as often as the physics goes."""
 POSE_DELAY_S = 0.01
 """How long after an exposure its pose is looked up: by then the samples around it have come."""
+_TELEMETRY_DELAY_S = 0.06
+"""The same for poses that come by telemetry."""
 
 
 async def in_thread(job: Callable[[], T], /) -> T:
@@ -138,10 +143,12 @@ class Senses:
         key = (vehicle.name, camera.name)
         if key in self._outside.cameras:
             return self._outside.cameras[key]
+        station = self._stations[vehicle.name]
         return RenderedCamera(
             source=self._pictures(*key),
             on_missing=lambda reason: self._outside.missing(key, reason),
-            history=self._stations[vehicle.name].truth,
+            # Where nobody knows the truth, it stands where its pose source says.
+            history=station.truth if vehicle.embedded else station.poses,
             intrinsics=camera.intrinsics,
             rate_hz=camera.rate_hz,
             side=vehicle.name,
@@ -149,7 +156,7 @@ class Senses:
             mount=camera.mount,
             quality=CameraQuality.of_profile(self._setup.profiles[vehicle.name].camera),
             compute=self._compute(camera),
-            pose_delay_s=POSE_DELAY_S,
+            pose_delay_s=POSE_DELAY_S if vehicle.embedded else _TELEMETRY_DELAY_S,
         )
 
     def _model(self, vehicle: VehicleSetup, sensor: SensorSetup, *, like: SensorSetup) -> Sensor:
@@ -246,7 +253,10 @@ class Senses:
     def _track(self, name: str) -> TruthTrack:
         if name not in self._tracks:
             self._tracks[name] = TruthTrack()
-            self._feeds[name].on_truth(self._tracks[name].add, FELT_TRUTH_HZ)
+            if self._setup.vehicle(name).embedded:
+                self._feeds[name].on_truth(self._tracks[name].add, FELT_TRUTH_HZ)
+            else:
+                self._stations[name].on_pose(partial(_believe, self._tracks[name]))
         return self._tracks[name]
 
     def _rng(self, vehicle: VehicleSetup, sensor: SensorSetup) -> np.random.Generator:
@@ -257,6 +267,19 @@ class Senses:
         """Return where a reading is made: what takes milliseconds goes to a thread in wall time."""
         heavy = isinstance(sensor, CameraSetup | DepthSetup | LidarPointsSetup)
         return in_thread if heavy and self._setup.clock != "virtual" else inline
+
+
+def _believe(track: TruthTrack, sample: PoseSample) -> None:
+    """Take a pose for the truth: nobody knows better where it is."""
+    track.add(
+        TruthSample(
+            sample.t_s,
+            sample.pose,
+            sample.velocity_ned_m_s,
+            on_ground=False,
+            motors_stopped=False,
+        )
+    )
 
 
 def _reaching(noise: RangeNoise, sensor: RangingSetup) -> RangeNoise:

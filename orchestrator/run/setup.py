@@ -25,13 +25,14 @@ FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
 class RunOrder:
     """A run to be flown; picklable. folder: where its files go; it exists and is empty.
 
-    attempts: those at this run that do not count.
+    attempts: those at this run that do not count. arm: False for everything up to arming.
     """
 
     plan: RunPlan
     folder: Path
     clock: Clock
     attempts: tuple[Attempt, ...] = ()
+    arm: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

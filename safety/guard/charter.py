@@ -25,13 +25,14 @@ class Guarded:
     """A vehicle for a guard's process.
 
     link: its link string; empty for a free UDP port of loopback, at which a vehicle is going to
-    be started. gcs: link string of a ground station port ("udpout://127.0.0.1:14550"); empty for
-    none. conditions: how frames fare between the guard and the vehicle, and where their signing
-    key is.
+    be started. patient: a vehicle is going to be started at the link, too. gcs: link string of a
+    ground station port ("udpout://127.0.0.1:14550"); empty for none. conditions: how frames fare
+    between the guard and the vehicle, and where their signing key is.
     """
 
     vehicle: GuardedVehicle
     link: str = ""
+    patient: bool = False
     gcs: str = ""
     conditions: LinkConditions = field(default_factory=LinkConditions)
 
@@ -95,6 +96,7 @@ def _plain_guarded(guarded: Guarded) -> dict[str, Any]:
     vehicle = guarded.vehicle
     return {
         "link": guarded.link,
+        "patient": guarded.patient,
         "gcs": guarded.gcs,
         "conditions": guarded.conditions.plain(),
         "autopilot": vehicle.autopilot.name,
@@ -111,6 +113,7 @@ def _guarded(plain: Mapping[str, Any]) -> Guarded:
     fence, limits = plain["fence"], plain["limits"]
     return Guarded(
         link=str(plain["link"]),
+        patient=bool(plain["patient"]),
         gcs=str(plain["gcs"]),
         conditions=LinkConditions.from_plain(plain["conditions"]),
         vehicle=GuardedVehicle(

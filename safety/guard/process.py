@@ -373,7 +373,7 @@ def _close(log: TlogWriter) -> None:
 
 def _vehicle_link(guarded: Guarded) -> Link:
     if guarded.link:
-        return open_link(parse_link(guarded.link))
+        return open_link(parse_link(guarded.link), patient=guarded.patient)
     return UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
 
 

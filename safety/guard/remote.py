@@ -70,7 +70,7 @@ class RemoteGuard:
         self._record = record
         self._names = tuple(charter.vehicles)
         self._links = {
-            name: ChannelLink(name=f"{name} guard", index=index)
+            name: ChannelLink(name=f"{name} {charter.vehicles[name].link or 'guard'}", index=index)
             for index, name in enumerate(self._names)
         }
         self.events: list[GuardEvent] = []
@@ -233,6 +233,11 @@ class RemoteGuard:
         said = f"it said nothing for {timeout_s:g} s" if how is None else how.last_words
         code = "" if how is None else f" (exit status {how.exit_code})"
         raise LinkError(f"{name} did not start{code}: {said or 'it said nothing'}")
+
+    async def end_of(self, name: str) -> int | None:
+        """Wait for the end of a vehicle's process; returns its exit code."""
+        await self._endings.setdefault(name, asyncio.Event()).wait()
+        return self._ended[name].exit_code
 
     def ended(self, name: str) -> Ended | None:
         """Return how a vehicle's process ended; None while it lives."""

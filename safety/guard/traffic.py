@@ -18,7 +18,15 @@ from safety.guard.wire import (
 from vehicles.mavlink.framing import Frame
 from vehicles.mavlink.names import command_name, message_name
 
-PARAM_SET = 23
+_PUT_BACK = frozenset(
+    {
+        23,  # PARAM_SET
+        44,  # MISSION_COUNT
+        45,  # MISSION_CLEAR_ALL
+        73,  # MISSION_ITEM_INT
+    }
+)
+"""Messages that put parameters and a fence back as they were before the flight."""
 _HARMLESS = frozenset(
     {
         0,  # HEARTBEAT
@@ -74,9 +82,9 @@ def command_of(frame: Frame) -> Command | None:
 def is_harmless(frame: Frame, *, parameters: bool) -> bool:
     """Return whether a frame may pass while the orchestrator is not in command.
 
-    parameters: whether PARAM_SET may pass too (they are restored after a flight).
+    parameters: whether parameters and fence may be set too (they are restored after a flight).
     """
-    if frame.message_id == PARAM_SET:
+    if frame.message_id in _PUT_BACK:
         return parameters
     command = command_of(frame)
     if command is not None:

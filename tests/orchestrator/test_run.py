@@ -163,10 +163,12 @@ def test_a_thing_that_moves_starts_when_it_was_told_to(
 def test_a_physical_contact_in_mode_real_stops_the_motors(fly_run: Fly) -> None:
     result, folder = fly_run(
         mode="real",
-        sets=("modes=[real]", "accept=null", "world.objects.gate.shape.gate.inner_size_m=0.31"),
+        sets=("modes=[real]", "accept=null", "world.objects.gate.shape.gate.inner_size_m=0.26"),
     )
     assert result.verdict == "FAIL"
-    assert result.reason.startswith("real physically touched gate.")
+    # By its pose it may be seen to touch a moment sooner.
+    said = [result.reason, *(event.reason for event in result.also)]
+    assert [text for text in said if text.startswith("real physically touched gate.")]
     assert all_landed(folder)
 
 
@@ -315,7 +317,7 @@ def test_an_autonomy_that_never_ends_has_a_time_out_whatever_is_judged(fly_run: 
 def test_a_contact_fails_the_run_of_a_campaign_that_does_not_ask(fly_run: Fly) -> None:
     result, _ = fly_run(
         mode="sim",
-        sets=("world.objects.gate.shape.gate.inner_size_m=0.31", "oracles={reached: {}}"),
+        sets=("world.objects.gate.shape.gate.inner_size_m=0.26", "oracles={reached: {}}"),
     )
     assert result.verdict == "FAIL"
     assert result.reason.startswith("twin touched gate.")

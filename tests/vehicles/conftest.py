@@ -149,9 +149,11 @@ class FakePeer:
     def _obey(self, message: Any) -> None:
         self.ack(message)
         if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE and message.param1 == 148:
+            px4 = self.autopilot == mavlink.MAV_AUTOPILOT_PX4
+            version = 0x01120080 if px4 else 0x04070000
             self.say(
                 mavlink.MAVLink_autopilot_version_message(
-                    0, 0x01120080, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 77
+                    0, version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 77
                 )
             )
         elif message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:

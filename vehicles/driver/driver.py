@@ -13,35 +13,28 @@ from vehicles.driver.clocking import Clocking
 from vehicles.driver.commands import Commander
 from vehicles.driver.estimates import EstimateListener, Estimates
 from vehicles.driver.identifying import find_vehicle, request_identity
-from vehicles.driver.identity import Identity
+from vehicles.driver.identity import Identity, Wanted
 from vehicles.driver.onboard import Onboard
 from vehicles.driver.presence import Presence
+from vehicles.driver.refusals import arm_refused, not_ready
 from vehicles.driver.session import Session
 from vehicles.driver.setpointing import SetpointSender
 from vehicles.driver.state import EstimateSample, VehicleState
 from vehicles.driver.status import EventListener, Status
 from vehicles.driver.streams import Streams
 from vehicles.driver.vehicle import IdentifiedVehicle
-from vehicles.errors import (
-    AnchorError,
-    ArmRefusedError,
-    CommandError,
-    NotReadyError,
-    StateTimeoutError,
-    VehicleError,
-)
+from vehicles.errors import AnchorError, CommandError, StateTimeoutError, VehicleError
 from vehicles.links.base import Link
 from vehicles.setpoints import Setpoint
 from vehicles.timesync import VehicleClock
-from worlds.frames import Pose
+from worlds.frames import Pose, Vec3
+from worlds.geodesy import Geodetic
 
 _SEEN_WITHIN_S = 3.0
 """HEARTBEAT comes once a second, and one may be lost."""
 _ASK_AGAIN_S = 2.0
 _ANSWER_WITHIN_S = 1.0
 """What a vehicle that was heard at the last moment still has to say who it is."""
-_TEXT_WITHIN_S = 0.5
-"""By how much the STATUSTEXT with the reason may be behind a refusal."""
 
 
 class Driver:
@@ -50,9 +43,10 @@ class Driver:
     In order: `identify`, `ready`, `arm`, `begin_takeoff`, `enter_guided`, `send`, and `land` or
     `rtl`, `disarmed`. Times and deadlines are on the loop's clock, positions in the world frame.
 
-    start: where in the world the vehicle stands; unless `set_anchor` says otherwise, arming maps
-    the place and heading that its estimator has there. silence_s: after how long without a byte
-    the link counts as lost. max_clock_drift: see ClockMap. Errors are VehicleErrors.
+    system_id: its own; None for the first vehicle that is heard. start: where in the world it
+    stands; unless `set_anchor` says otherwise, arming maps the place and heading that its
+    estimator has there. silence_s: after how long without a byte the link counts as lost.
+    max_clock_drift: see ClockMap. Errors are VehicleErrors.
     """
 
     def __init__(
@@ -61,6 +55,7 @@ class Driver:
         name: str,
         link: Link,
         autopilot: AutopilotName | Literal["auto"] = "auto",
+        system_id: int | None = None,
         start: Pose = Pose((0.0, 0.0, 0.0)),  # noqa: B008 - frozen
         rates: TelemetryRates = TelemetryRates(),  # noqa: B008 - frozen
         own_system_id: int = 245,
@@ -70,7 +65,7 @@ class Driver:
     ) -> None:
         self.name = name
         self._link = link
-        self._wanted: AutopilotName | None = None if autopilot == "auto" else autopilot
+        self._wanted = Wanted(None if autopilot == "auto" else autopilot, system_id)
         self._start = start
         self._rates = rates
         self._anchor_given = False
@@ -129,6 +124,18 @@ class Driver:
     def estimate(self) -> EstimateSample | None:
         """Return the newest estimate; None until the vehicle is anchored in the world."""
         return self._estimates.newest
+
+    @property
+    def place_deg(self) -> tuple[float, float] | None:
+        """Return its latitude and longitude by its own estimate; None while it knows none."""
+        return self._estimates.place_deg
+
+    def place_of(self, world_ned_m: Vec3) -> Geodetic:
+        """Return where on earth a place of the world is, by the vehicle's own estimate.
+
+        Raises AnchorError while it is not anchored, or knows no latitude and longitude.
+        """
+        return self._estimates.place_of(world_ned_m)
 
     @property
     def anchor(self) -> Anchor | None:
@@ -205,7 +212,8 @@ class Driver:
             if await self._changes.until(lambda: not self._reasons(), slice_s):
                 break
             if loop.time() >= deadline_s:
-                raise self._not_ready(timeout_s)
+                what = f"{self.name}: not ready to arm within {timeout_s:g} s"
+                raise not_ready(vehicle, what, self._reasons(), self._circumstances())
             vehicle.streams.ask_missing(loop.time())
             if vehicle.status.readiness.prearm_failed:
                 self._session.send(vehicle.autopilot.ask_checks(vehicle.target))
@@ -226,7 +234,7 @@ class Driver:
         try:
             await self._insist(autopilot.arm, lambda: status.state.armed, "armed")
         except CommandError as error:
-            raise await self._arm_refused(error) from error
+            raise await arm_refused(vehicle, self.name, self._changes, error) from error
 
     async def disarm(self) -> None:
         """Disarm on the ground. Raises CommandError when refused (in the air)."""
@@ -365,31 +373,6 @@ class Driver:
 
     def _reasons(self) -> tuple[str, ...]:
         return self._flying().reasons(self._rates.position_hz)
-
-    def _not_ready(self, timeout_s: float) -> NotReadyError:
-        vehicle, reasons = self._flying(), self._reasons()
-        texts = vehicle.status.last_texts()
-        reasons = (*reasons, *vehicle.autopilot.refusal_reasons(texts))
-        return NotReadyError(
-            f"{self.name}: not ready to arm within {timeout_s:g} s: {'; '.join(reasons)}"
-            + self._circumstances(),
-            reasons=reasons,
-            texts=texts,
-        )
-
-    async def _arm_refused(self, error: CommandError) -> ArmRefusedError:
-        vehicle = self._flying()
-
-        def reasons() -> tuple[str, ...]:
-            return vehicle.autopilot.refusal_reasons(vehicle.status.last_texts())
-
-        await self._changes.until(lambda: bool(reasons()), _TEXT_WITHIN_S)
-        why = f": {'; '.join(reasons())}" if reasons() else ""
-        return ArmRefusedError(
-            f"{self.name}: arming was refused{why} ({error})",
-            result=error.result,
-            reasons=reasons(),
-        )
 
     def _circumstances(self) -> str:
         """Return what people want to know beside an error; empty, or begins with a semicolon."""

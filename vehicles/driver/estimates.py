@@ -11,8 +11,10 @@ from vehicles.anchor import Anchor, PoseAverage
 from vehicles.driver.pairing import EstimatePairing
 from vehicles.driver.session import Session
 from vehicles.driver.state import EstimateSample, LocalEstimate
+from vehicles.errors import AnchorError
 from vehicles.timesync import VehicleClock
-from worlds.frames import quat_from_euler
+from worlds.frames import Vec3, quat_from_euler, subtract
+from worlds.geodesy import Geodetic, LocalFrame
 
 _POSITION: Struct = mavlink.MAVLink_local_position_ned_message.unpacker
 _QUATERNION: Struct = mavlink.MAVLink_attitude_quaternion_message.unpacker
@@ -44,6 +46,7 @@ class Estimates:
         """Called with the time of arrival when the vehicle's clock has started anew."""
         self.local: LocalEstimate | None = None
         self.newest: EstimateSample | None = None
+        self._here: tuple[LocalFrame, Vec3] | None = None
         self.amsl_m: float | None = None
         """The vehicle's height above mean sea level by its own estimate."""
         self.not_numbers = 0
@@ -61,6 +64,14 @@ class Estimates:
         return self._anchor
 
     @property
+    def place_deg(self) -> tuple[float, float] | None:
+        """Return its latitude and longitude by its own estimate; None while it knows none."""
+        if self._here is None:
+            return None
+        frame, _ = self._here
+        return frame.latitude_deg, frame.longitude_deg
+
+    @property
     def average(self) -> PoseAverage:
         """Return the mean of the last second of local poses."""
         return self._average
@@ -71,6 +82,18 @@ class Estimates:
         if self.local is not None:
             t_s = min(self._clock.run_time(self.local.boot_s), self._arrived_s)
             self._map(self.local, t_s, anchor)
+
+    def place_of(self, world_ned_m: Vec3) -> Geodetic:
+        """Return where on earth a place of the world is. Raises AnchorError while unknown."""
+        if self._anchor is None or self._here is None:
+            lacks = "is not anchored" if self._anchor is None else "has sent no GLOBAL_POSITION_INT"
+            raise AnchorError(
+                f"{self._session.link.name}: no latitude and longitude of places can be told: it "
+                f"{lacks}; give it satellites, or set its estimator's origin"
+            )
+        frame, local = self._here
+        wanted = self._anchor.position_to_local(world_ned_m)
+        return frame.to_geodetic(subtract(wanted, local))
 
     def listen(self, listener: EstimateListener) -> None:
         """Tell each estimate to `listener`."""
@@ -137,6 +160,7 @@ class Estimates:
         self._anchor = None
         self.local = None
         self.newest = None
+        self._here = None
 
     def _map(self, estimate: LocalEstimate, t_s: float, anchor: Anchor) -> EstimateSample:
         sample = EstimateSample(
@@ -153,6 +177,9 @@ class Estimates:
         # ArduPilot sends zeros before it has a position.
         if message.lat or message.lon:
             self.amsl_m = message.alt * 1e-3
+            if self.local is not None:
+                here = LocalFrame(message.lat * 1e-7, message.lon * 1e-7, self.amsl_m)
+                self._here = (here, self.local.pose.position_ned_m)
 
     def _home(self, message: Any, _t_s: float) -> None:
         if self.amsl_m is None:

@@ -160,6 +160,12 @@ class Fences:
         """Return the areas that it has. Raises MissionError."""
         return fence_areas(await self._missions.download(ItemList.FENCE))
 
+    async def keep(self, autopilot: AutopilotName, fence: OwnFence) -> None:
+        """Have the autopilot keep a fence for good. Raises MissionError, ParameterError."""
+        await self.upload(fence.areas)
+        for name, value in fence_parameters(autopilot, fence).items():
+            await self._parameters.set(name, value)
+
     @asynccontextmanager
     async def kept(
         self, autopilot: AutopilotName, fence: OwnFence, *, journal: Path | None = None

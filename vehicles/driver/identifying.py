@@ -5,9 +5,16 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.base import Autopilot, AutopilotName, Target
+from vehicles.autopilots.base import Autopilot, Target
 from vehicles.driver.changes import Changes
-from vehicles.driver.identity import Identity, describe_misfits, fitting, identity_of
+from vehicles.driver.identity import (
+    Identity,
+    Wanted,
+    age_fault,
+    describe_misfits,
+    fitting,
+    identity_of,
+)
 from vehicles.driver.session import Session
 from vehicles.errors import IdentifyError
 from vehicles.links.base import TellsTrouble
@@ -16,7 +23,7 @@ _ASK_AGAIN_S = 0.5
 
 
 async def find_vehicle(
-    session: Session, changes: Changes, *, wanted: AutopilotName | None, timeout_s: float
+    session: Session, changes: Changes, *, wanted: Wanted, timeout_s: float
 ) -> tuple[Target, Autopilot]:
     """Return the first vehicle on the link that we can fly, and the strategy for it.
 
@@ -69,12 +76,16 @@ async def request_identity(
             "does not answer what we send; is its link one-way, or does a router drop our system "
             f"id {session.own.system}?"
         )
-    return identity_of(autopilot, target, session.heard[target], answers[0])
+    identity = identity_of(autopilot, target, session.heard[target], answers[0])
+    if fault := age_fault(identity):
+        session.target = None
+        raise IdentifyError(f"{session.link.name}: {fault}")
+    return identity
 
 
-def _what_was_heard(session: Session, wanted: AutopilotName | None, timeout_s: float) -> str:
+def _what_was_heard(session: Session, wanted: Wanted, timeout_s: float) -> str:
     name, codec = session.link.name, session.codec
-    awaited = f"{name}: no {wanted or 'PX4 or ArduPilot'} multicopter within {timeout_s:g} s: "
+    awaited = f"{name}: no {wanted} within {timeout_s:g} s: "
     if session.heard:
         return awaited + describe_misfits(session.heard, wanted)
     if codec.bytes_seen == 0:

@@ -11,6 +11,9 @@ from vehicles.autopilots.registry import MULTICOPTERS, autopilot_of
 from vehicles.driver.session import Heard
 from vehicles.mavlink.names import enum_name
 
+_OLDEST: dict[AutopilotName, tuple[int, int]] = {"ardupilot": (4, 3), "px4": (1, 14)}
+"""PX4 1.14 and ArduCopter 4.3 send and take what the strategies use; flown is with 1.18 and 4.7."""
+_PX4_SITL_UID = 0x4954414C44494E4F
 _RELEASES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 """FIRMWARE_VERSION_TYPE, the lowest byte of flight_sw_version."""
 
@@ -20,7 +23,8 @@ class Identity:
     """An identified vehicle.
 
     version: (major, minor, patch); version_text adds the kind of release ("4.7.0-dev").
-    uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex; simulators share theirs.
+    uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex. simulation: whether it has no
+    board; then its uid is not its own (PX4's is a constant, ArduPilot's that of the machine).
     """
 
     autopilot: AutopilotName
@@ -32,6 +36,7 @@ class Identity:
     git_hash: str
     uid: str
     capabilities: int
+    simulation: bool
 
 
 def identity_of(autopilot: Autopilot, target: Target, heard: Heard, version: Any) -> Identity:
@@ -51,23 +56,52 @@ def identity_of(autopilot: Autopilot, target: Target, heard: Heard, version: Any
         git_hash=_git_hash(bytes(version.flight_custom_version)),
         uid=uid2.hex() if any(uid2) else f"{version.uid:016x}",
         capabilities=version.capabilities,
+        simulation=_is_simulation(autopilot.name, version),
     )
 
 
-def fitting(
-    heard: Mapping[Target, Heard], wanted: AutopilotName | None
-) -> tuple[Target, Autopilot] | None:
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Whom we look for on a link; None for any."""
+
+    autopilot: AutopilotName | None = None
+    system_id: int | None = None
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        which = f"{self.autopilot or 'PX4 or ArduPilot'} multicopter"
+        return which if self.system_id is None else f"{which} with system id {self.system_id}"
+
+
+def fitting(heard: Mapping[Target, Heard], wanted: Wanted) -> tuple[Target, Autopilot] | None:
     """Return the first vehicle heard that we can fly and that is of the wanted kind."""
     for target, each in heard.items():
         strategy = autopilot_of(each.autopilot)
-        if strategy is None or each.vehicle_type not in MULTICOPTERS:
+        if strategy is None or each.vehicle_type not in MULTICOPTERS or each.mavlink_version < 2:
             continue
-        if each.mavlink_version >= 2 and wanted in {None, strategy.name}:
+        if wanted.autopilot in {None, strategy.name} and wanted.system_id in {None, target.system}:
             return target, strategy
     return None
 
 
-def describe_misfits(heard: Mapping[Target, Heard], wanted: AutopilotName | None) -> str:
+def age_fault(identity: Identity) -> str:
+    """Return in words that an autopilot is older than we know how to fly; empty otherwise."""
+    oldest = _OLDEST[identity.autopilot]
+    if identity.version[:2] >= oldest or identity.version == (0, 0, 0):
+        return ""
+    return (
+        f"it runs {identity.autopilot} {identity.version_text}, and {oldest[0]}.{oldest[1]} is the "
+        "oldest that is supported; update its firmware"
+    )
+
+
+def same_vehicle(one: Identity, other: Identity) -> bool:
+    """Return whether two identities are of one vehicle: by an id that only one board has."""
+    shared = one.simulation or other.simulation or not one.uid.strip("0")
+    return one.uid == other.uid and not shared
+
+
+def describe_misfits(heard: Mapping[Target, Heard], wanted: Wanted) -> str:
     """Return in words why none of those heard fits."""
     lines = [_misfit(target, each, wanted) for target, each in heard.items()]
     if all(each.vehicle_type == mavlink.MAV_TYPE_GCS for each in heard.values()):
@@ -76,7 +110,7 @@ def describe_misfits(heard: Mapping[Target, Heard], wanted: AutopilotName | None
     return "; ".join(lines)
 
 
-def _misfit(target: Target, heard: Heard, wanted: AutopilotName | None) -> str:
+def _misfit(target: Target, heard: Heard, wanted: Wanted) -> str:
     who = f"system {target.system} component {target.component}"
     kind = _type_name(heard.vehicle_type)
     strategy = autopilot_of(heard.autopilot)
@@ -89,9 +123,16 @@ def _misfit(target: Target, heard: Heard, wanted: AutopilotName | None) -> str:
         return f"{who} is a {kind} of {strategy.name}, and only multicopters are flown"
     if heard.mavlink_version < 2:
         return f"{who} speaks MAVLink 1 only; set its port to MAVLink 2"
-    if wanted not in {None, strategy.name}:
-        return f"{who} is {strategy.name}, and {wanted} was asked for"
+    if wanted.autopilot not in {None, strategy.name}:
+        return f"{who} is {strategy.name}, and {wanted.autopilot} was asked for"
     return f"{who} is a {kind} of {strategy.name}"
+
+
+def _is_simulation(autopilot: AutopilotName, version: Any) -> bool:
+    # Boards of ArduPilot say which they are; its simulation has none.
+    if autopilot == "ardupilot":
+        return bool(version.board_version == 0 and version.vendor_id == 0)
+    return bool(version.uid == _PX4_SITL_UID)
 
 
 def _type_name(vehicle_type: int) -> str:

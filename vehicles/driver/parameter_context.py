@@ -161,6 +161,11 @@ def _same(one: ParameterValue, other: ParameterValue) -> bool:
     return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-12)
 
 
+def waiting_journals(folder: Path) -> tuple[Path, ...]:
+    """Return the journals in a folder: what has still to be set back."""
+    return tuple(_journals(folder))
+
+
 class _Journal:
     """A journal's file, locked as long as this lives."""
 

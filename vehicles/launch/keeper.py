@@ -1,11 +1,13 @@
 """Runs one program and ends it, with all that it started, when told to or when we are gone.
 
-A program of its own, started as `python -S keeper.py PARENT SECONDS PROGRAM ARGUMENT...`; it
-imports nothing of ours. PARENT is the process id of who starts it, SECONDS how long the program
-may take to end after SIGTERM. Between the orchestrator and the simulator it stays alive when the
-orchestrator is killed: the kernel tells it (PR_SET_PDEATHSIG), and processes that fled into a
-session of their own are its children again (PR_SET_CHILD_SUBREAPER). Both are Linux's; elsewhere
-only what stays in the process group is ended, and only when told.
+A program of its own, started as `python -S keeper.py PARENT SECONDS FOLDER PROGRAM ARGUMENT...`;
+it imports nothing of ours. SECONDS is how long the program may take to end after SIGTERM, FOLDER
+where it works and writes `output.txt`; empty to work where we are and write where we write. PARENT
+is the process id of who starts it, whose death ends all (the kernel tells: PR_SET_PDEATHSIG); or 0,
+and then the end of our stdin does. Between the orchestrator and the simulator the keeper stays
+alive when the orchestrator is killed, and processes that fled into a session of their own are its
+children again (PR_SET_CHILD_SUBREAPER). Both calls are Linux's; elsewhere only what stays in the
+process group is ended, and only when told.
 """
 
 import contextlib
@@ -27,8 +29,9 @@ _SOON_S = 0.05
 class Keeper:
     """The program, its end, and the signals that come meanwhile."""
 
-    def __init__(self, *, argv: list[str], grace_s: float) -> None:
+    def __init__(self, *, argv: list[str], grace_s: float, lifeline: int | None) -> None:
         self._grace_s = grace_s
+        self._lifeline = lifeline
         self._status: int | None = None
         self._wakeups, waker = os.pipe()
         for end in (self._wakeups, waker):
@@ -49,8 +52,12 @@ class Keeper:
         return 128 - code if code < 0 else code
 
     def _wait(self, seconds: float) -> bool:
-        """Wait for any signal; return whether one came that ends us."""
-        select.select([self._wakeups], [], [], seconds)
+        """Wait for any signal; return whether one came, or our stdin's end, that ends us."""
+        watched = [self._wakeups] if self._lifeline is None else [self._wakeups, self._lifeline]
+        ready, _, _ = select.select(watched, [], [], seconds)
+        if self._lifeline in ready and not os.read(self._lifeline, 4096):
+            self._lifeline = None
+            return True
         try:
             came = os.read(self._wakeups, 4096)
         except BlockingIOError:
@@ -131,13 +138,26 @@ def _children() -> list[int]:
 
 def main(arguments: list[str]) -> int:
     """Keep a program as the arguments say; return its exit code."""
-    parent, grace_s, argv = int(arguments[0]), float(arguments[1]), arguments[2:]
-    _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    parent, grace_s, folder = int(arguments[0]), float(arguments[1]), arguments[2]
+    if folder:
+        _write_to(folder)
+    lifeline = None if parent else os.dup(0)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
-    if os.getppid() != parent:
-        # It died before the kernel was asked to tell us.
-        return _NOT_STARTED
-    return Keeper(argv=argv, grace_s=grace_s).run()
+    if parent:
+        _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() != parent:
+            # It died before the kernel was asked to tell us.
+            return _NOT_STARTED
+    return Keeper(argv=arguments[3:], grace_s=grace_s, lifeline=lifeline).run()
+
+
+def _write_to(folder: str) -> None:
+    """Work in a folder, and write what is printed to a file there."""
+    os.chdir(folder)
+    output = os.open("output.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
+    for stream in (1, 2):
+        os.dup2(output, stream)
 
 
 if __name__ == "__main__":

@@ -94,10 +94,10 @@ class Px4Launch:
         docker = self._docker()
         name = f"wil-px4-{os.getpid()}-{instance}"
         variables = [part for item in environment.items() for part in ("-e", "=".join(item))]
-        logs = folder / "log"
         argv = (
             docker, "run", "--rm", "--init", "--pull", "never", "--network", "host", "--name", name,
-            "-v", f"{logs}:/root/.local/share/px4/rootfs/{instance}/log",
+            # Where its parameters and logs go inside: both of them below our folder.
+            "-v", f"{folder}:/wil", "-e", "XDG_DATA_HOME=/wil", "-e", "XDG_STATE_HOME=/wil",
             *variables, self.image or "", "-d", "-i", str(instance),
         )  # fmt: skip
         return LaunchPlan(

@@ -2,20 +2,27 @@
 
 from vehicles.links.base import Link, LinkError
 from vehicles.links.parse import LinkAddress
+from vehicles.links.recovery import BackOff
 from vehicles.links.serial import SerialLink
 from vehicles.links.tcp import TcpInLink, TcpOutLink
 from vehicles.links.udp import UdpLink
 
+_SOON = BackOff(first_s=0.1, longest_s=0.5)
+"""For what is being started: it does not boot before somebody connects (ArduPilot's SITL)."""
 
-def open_link(address: LinkAddress) -> Link:
+
+def open_link(address: LinkAddress, *, patient: bool = False) -> Link:
     """Return the link of an address, not yet entered.
 
+    patient: who listens there is only going to be started.
     Raises LinkError for memory://, whose two ends are made at once.
     """
     match address.kind:
         case "udpin" | "udpout":
             return UdpLink(address=address)
         case "tcpout":
+            if patient:
+                return TcpOutLink(address=address, back_off=_SOON, patient=True)
             return TcpOutLink(address=address)
         case "tcpin":
             return TcpInLink(address=address)

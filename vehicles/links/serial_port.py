@@ -53,7 +53,7 @@ def remedy(error: OSError, device: str, baud: int) -> str:
                 f"these are there: {there}" if there else "no serial device is plugged in"
             )
         case errno.EACCES | errno.EPERM:
-            group = _group(device)
+            group = group_of(device)
             return (
                 f"no permission for {device}; add yourself to its group ('sudo usermod -aG "
                 f"{group} $USER') and log in again"
@@ -93,7 +93,8 @@ def _set_unnamed_speed(port: int, baud: int) -> None:
     fcntl.ioctl(port, _TCSETS2, _TERMIOS2.pack(*fields))
 
 
-def _group(device: str) -> str:
+def group_of(device: str) -> str:
+    """Return the group that may open a device."""
     try:
         found = Path(device).stat()
         if stat.S_ISCHR(found.st_mode):

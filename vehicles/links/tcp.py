@@ -24,10 +24,14 @@ class TcpOutLink:
     """A TCP connection that we make; wall clock only.
 
     When it is lost it is made again, after waits that grow; meanwhile what is written is lost.
+    patient: the other side need not be there yet when it is opened.
     """
 
-    def __init__(self, *, address: LinkAddress, back_off: BackOff | None = None) -> None:
+    def __init__(
+        self, *, address: LinkAddress, back_off: BackOff | None = None, patient: bool = False
+    ) -> None:
         self._address = address
+        self._patient = patient
         self._receiver: Receiver | None = None
         self._peer: StreamPeer | None = None
         self._recovery = Recovery(
@@ -54,8 +58,13 @@ class TcpOutLink:
             self._peer.write(data)
 
     async def __aenter__(self) -> Self:
-        """Connect. Raises LinkError when nobody answers there."""
-        await self._connect()
+        """Connect. Raises LinkError when nobody answers there, unless it is patient."""
+        try:
+            await self._connect()
+        except LinkError as error:
+            if not self._patient:
+                raise
+            self._recovery.lost(str(error).removeprefix(f"{self.name}: "))
         return self
 
     async def __aexit__(

@@ -30,6 +30,7 @@ def vehicle(autopilot: AutopilotName = "ardupilot", mount: Pose = DOWN) -> Vehic
         autopilot=autopilot,
         profile="nominal",
         start=AT_ORIGIN,
+        system_id=1,
         sensors=(below,),
     )
 

@@ -1,0 +1,75 @@
+"""Python, our own packages, and those that spoil ours."""
+
+import os
+import platform
+import re
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import PackageNotFoundError, requires, version
+
+from orchestrator.doctor.findings import Finding
+
+TOPIC = "installed"
+_OLDEST = (3, 11)
+_US = "wil-campaign"
+Version = Callable[[str], str]
+"""Gives the version of an installed package; raises PackageNotFoundError."""
+Requirements = Callable[[str], list[str] | None]
+"""Gives what an installed package says that it needs."""
+
+
+def python() -> Iterator[Finding]:
+    """Yield what Python and machine this is."""
+    text = (
+        f"Python {platform.python_version()} on {platform.system()} {platform.machine()}, "
+        f"{len(os.sched_getaffinity(0))} cores"
+    )
+    if sys.version_info < _OLDEST:
+        yield Finding(TOPIC, "trouble", text, "install Python 3.11 or later")
+    elif not sys.platform.startswith("linux"):
+        said = "processes of a run that crashes are ended for certain on Linux alone"
+        yield Finding(TOPIC, "note", text, said)
+    else:
+        yield Finding(TOPIC, "good", text)
+
+
+def packages(find: Version = version, requirements: Requirements = requires) -> Iterator[Finding]:
+    """Yield which of the packages that we need are missing."""
+    try:
+        own = find(_US)
+    except PackageNotFoundError:
+        said = "install it: pip install -e . in its folder"
+        yield Finding(TOPIC, "note", f"{_US} runs from a folder, not installed", said)
+        return
+    needed = sorted(_needed(requirements(_US) or []))
+    missing = [name for name in needed if not _is_there(name, find)]
+    if missing:
+        text = f"{_US} {own} lacks {', '.join(missing)}"
+        yield Finding(TOPIC, "trouble", text, f"pip install {' '.join(missing)}")
+    else:
+        yield Finding(TOPIC, "good", f"{_US} {own} with the {len(needed)} packages that it needs")
+
+
+def strangers(find: Version = version) -> Iterator[Finding]:
+    """Yield installed packages that stand in the way of ours."""
+    if _is_there("safety", find):
+        yield Finding(
+            TOPIC,
+            "trouble",
+            "the package 'safety' is installed: its module hides ours of that name",
+            "pip uninstall safety, or install wil-campaign into an environment of its own",
+        )
+
+
+def _needed(requirements: list[str]) -> Iterator[str]:
+    for one in requirements:
+        if "extra ==" not in one:
+            yield re.split(r"[^A-Za-z0-9._-]", one, maxsplit=1)[0]
+
+
+def _is_there(name: str, find: Version) -> bool:
+    try:
+        find(name)
+    except PackageNotFoundError:
+        return False
+    return True

@@ -1,0 +1,90 @@
+"""Ports that autopilots, ground stations and brokers usually have, and who holds them now."""
+
+import contextlib
+import errno
+import socket
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from orchestrator.doctor.findings import Finding
+
+TOPIC = "ports"
+Protocol = Literal["udp", "tcp"]
+
+
+@dataclass(frozen=True, slots=True)
+class UsualPort:
+    """A port by convention, and for what it is."""
+
+    number: int
+    protocol: Protocol
+    purpose: str
+
+
+USUAL = (
+    UsualPort(14540, "udp", "PX4's link for companions"),
+    UsualPort(14541, "udp", "the same of a second PX4"),
+    UsualPort(14550, "udp", "ground stations"),
+    UsualPort(5760, "tcp", "ArduPilot's simulation"),
+    UsualPort(5770, "tcp", "the same of a second one"),
+)
+
+
+def usual_ports(ports: Iterable[UsualPort] = USUAL) -> Iterator[Finding]:
+    """Yield which of the usual ports are taken, and by whom."""
+    free: list[str] = []
+    for port in ports:
+        name = f"{port.protocol} {port.number}"
+        if not is_taken(port.number, port.protocol):
+            free.append(name)
+            continue
+        holder = holder_of(port.number, port.protocol)
+        by = "by a process of another user" if holder is None else f"by {holder}"
+        yield Finding(
+            TOPIC,
+            "note",
+            f"{name} ({port.purpose}) is taken {by}",
+            "end it, have it send elsewhere, or give the campaign's link another port",
+        )
+    if free:
+        yield Finding(TOPIC, "good", f"free: {', '.join(free)}")
+
+
+def is_taken(number: int, protocol: Protocol) -> bool:
+    """Return whether a port cannot be bound on all addresses."""
+    kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM
+    with socket.socket(socket.AF_INET, kind) as probe:
+        if protocol == "tcp":
+            # Connections that ended a moment ago are no holders.
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("0.0.0.0", number))  # noqa: S104 - as autopilots and ground stations do
+        except OSError as error:
+            return error.errno == errno.EADDRINUSE
+    return False
+
+
+def holder_of(number: int, protocol: Protocol) -> str | None:
+    """Return the name and id of the process that holds a port; None where that is not shown."""
+    inodes = set(_inodes(number, protocol))
+    if not inodes:
+        return None
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError):
+            target = str(link.readlink())
+            if target.startswith("socket:[") and target[8:-1] in inodes:
+                process = link.parent.parent
+                return f"{(process / 'comm').read_text().strip()} (process {process.name})"
+    return None
+
+
+def _inodes(number: int, protocol: Protocol) -> Iterator[str]:
+    """Yield the sockets bound to a port: proc(5), /proc/net/udp."""
+    for table in (protocol, f"{protocol}6"):
+        with contextlib.suppress(OSError):
+            for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+                fields = line.split()
+                if int(fields[1].rpartition(":")[2], 16) == number:
+                    yield fields[9]

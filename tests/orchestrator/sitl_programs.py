@@ -1,0 +1,79 @@
+"""Stand-ins for the autopilots' own simulations: their command lines, our embedded vehicle.
+
+Run as a program: `python -m tests.orchestrator.sitl_programs ardupilot|px4 ARGUMENT...`.
+"""
+
+import os
+import stat
+import sys
+from pathlib import Path
+
+from vehicles.embedded.process import main as fly
+from vehicles.embedded.settings import ProcessSettings
+
+ROOT = Path(__file__).parents[2]
+_PROGRAM = """#!/bin/sh
+PYTHONPATH={root} exec {python} -m tests.orchestrator.sitl_programs {kind} "$@"
+"""
+
+
+def make_arducopter(folder: Path) -> Path:
+    """Make a program that is started as arducopter is."""
+    return _make(folder / "arducopter", "ardupilot")
+
+
+def make_px4_build(folder: Path) -> Path:
+    """Make a build folder whose bin/px4 is started as PX4 is."""
+    build = folder / "px4_sitl_default"
+    rc = build / "etc" / "init.d-posix" / "rcS"
+    rc.parent.mkdir(parents=True)
+    rc.write_text("")
+    (build / "bin").mkdir()
+    _make(build / "bin" / "px4", "px4")
+    return build
+
+
+def _make(file: Path, kind: str) -> Path:
+    file.write_text(_PROGRAM.format(root=ROOT, python=sys.executable, kind=kind))
+    file.chmod(file.stat().st_mode | stat.S_IXUSR)
+    return file
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+def _ardupilot(arguments: list[str]) -> ProcessSettings:
+    given = dict(zip(arguments[::2], arguments[1::2], strict=True))
+    port = 5760 + 10 * int(given["--instance"])
+    latitude, longitude, altitude, _ = map(float, given["--home"].split(","))
+    _say(f"SERIAL0 on TCP port {port}")
+    return ProcessSettings(
+        autopilot="ardupilot",
+        link=f"tcpin://127.0.0.1:{port}",
+        seed=5,
+        system_id=int(given["--sysid"]),
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        altitude_m=altitude,
+    )
+
+
+def _px4(arguments: list[str]) -> ProcessSettings:
+    instance = int(arguments[arguments.index("-i") + 1])
+    _say("INFO  [px4] Startup script returned successfully")
+    return ProcessSettings(
+        autopilot="px4",
+        link=f"udpout://127.0.0.1:{14540 + instance}",
+        seed=6,
+        system_id=int(os.environ["PX4_PARAM_MAV_SYS_ID"]),
+        latitude_deg=float(os.environ["PX4_HOME_LAT"]),
+        longitude_deg=float(os.environ["PX4_HOME_LON"]),
+        altitude_m=float(os.environ["PX4_HOME_ALT"]),
+    )
+
+
+if __name__ == "__main__":
+    build = {"ardupilot": _ardupilot, "px4": _px4}[sys.argv[1]]
+    sys.exit(fly([build(sys.argv[2:]).model_dump_json()]))

@@ -1,0 +1,34 @@
+"""What a driver says of a vehicle that does not become ready, or does not arm."""
+
+from vehicles.driver.changes import Changes
+from vehicles.driver.vehicle import IdentifiedVehicle
+from vehicles.errors import ArmRefusedError, CommandError, NotReadyError
+
+_TEXT_WITHIN_S = 0.5
+"""By how much the STATUSTEXT with the reason may be behind a refusal."""
+
+
+def not_ready(
+    vehicle: IdentifiedVehicle, what: str, reasons: tuple[str, ...], circumstances: str
+) -> NotReadyError:
+    """Return the error of a vehicle that is not ready; what: whose, and for how long."""
+    texts = vehicle.status.last_texts()
+    reasons = (*reasons, *vehicle.autopilot.refusal_reasons(texts))
+    return NotReadyError(
+        f"{what}: {'; '.join(reasons)}{circumstances}", reasons=reasons, texts=texts
+    )
+
+
+async def arm_refused(
+    vehicle: IdentifiedVehicle, name: str, changes: Changes, error: CommandError
+) -> ArmRefusedError:
+    """Return the error of a vehicle that refused to arm, with the reasons that it gives."""
+
+    def reasons() -> tuple[str, ...]:
+        return vehicle.autopilot.refusal_reasons(vehicle.status.last_texts())
+
+    await changes.until(lambda: bool(reasons()), _TEXT_WITHIN_S)
+    why = f": {'; '.join(reasons())}" if reasons() else ""
+    return ArmRefusedError(
+        f"{name}: arming was refused{why} ({error})", result=error.result, reasons=reasons()
+    )

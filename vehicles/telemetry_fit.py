@@ -1,0 +1,64 @@
+"""How much telemetry a radio carries: the rates that fit its bandwidth; pure."""
+
+from dataclasses import replace
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.base import Autopilot, TelemetryRates
+
+LEAST_HZ = 10.0
+"""Positions that come less often let the guard see a breach too late."""
+SHARE_DOWN = 0.5
+"""Of a radio's bandwidth, what the vehicle's telemetry may take: both ways share the air, setpoints
+and repeated frames need the rest."""
+_FRAME_BYTES = 12
+_SIGNATURE_BYTES = 13
+_UNASKED = (
+    (mavlink.MAVLINK_MSG_ID_HEARTBEAT, 1.0),
+    (mavlink.MAVLINK_MSG_ID_TIMESYNC, 12.0),
+)
+"""What comes without being in the plan; our own questions for the time come in a burst."""
+
+
+class RadioTooSlowError(ValueError):
+    """A radio that does not carry enough telemetry to guard a vehicle; says what it would."""
+
+
+def telemetry_bytes_s(autopilot: Autopilot, rates: TelemetryRates, *, signed: bool) -> float:
+    """Return how many bytes in a second a vehicle's telemetry takes at such rates, at most.
+
+    MAVLink 2 frames have 12 bytes beside their payload, 13 more when they are signed.
+    """
+    plan = [(one.message_id, one.rate_hz) for one in autopilot.telemetry_plan(rates)]
+    return sum(_frame_bytes(number, signed=signed) * hz for number, hz in (*plan, *_UNASKED))
+
+
+def fitted(
+    autopilot: Autopilot, wanted: TelemetryRates, *, radio_bit_s: float, signed: bool = False
+) -> TelemetryRates:
+    """Return the wanted rates, positions and attitudes less often where the radio needs it.
+
+    radio_bit_s: what the radio carries in a second, both ways together. Raises RadioTooSlowError
+    when fewer than 10 positions in a second fit.
+    """
+    room_bytes_s = SHARE_DOWN * radio_bit_s / 8.0
+    still = replace(wanted, position_hz=0.0, attitude_hz=0.0)
+    fixed_bytes_s = telemetry_bytes_s(autopilot, still, signed=signed)
+    one_hz = replace(wanted, position_hz=1.0, attitude_hz=1.0)
+    per_hz = telemetry_bytes_s(autopilot, one_hz, signed=signed) - fixed_bytes_s
+    fits_hz = float(max(0, int((room_bytes_s - fixed_bytes_s) / per_hz)))
+    if fits_hz < min(LEAST_HZ, wanted.position_hz):
+        raise RadioTooSlowError(
+            f"a radio of {radio_bit_s / 1e3:g} kbit/s carries {fits_hz:.0f} positions a second, "
+            f"and {LEAST_HZ:.0f} are needed to guard a vehicle"
+        )
+    return replace(
+        wanted,
+        position_hz=min(wanted.position_hz, fits_hz),
+        attitude_hz=min(wanted.attitude_hz, fits_hz),
+    )
+
+
+def _frame_bytes(message_id: int, *, signed: bool) -> int:
+    payload: int = mavlink.mavlink_map[message_id].unpacker.size
+    return payload + _FRAME_BYTES + (_SIGNATURE_BYTES if signed else 0)
