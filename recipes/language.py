@@ -65,6 +65,13 @@ class CombinePart(Part):
     max_registration_error_px: Annotated[float, Field(gt=0, le=10_000)] | None = None
     publish_raw: bool = False
 
+    @field_validator("merge")
+    @classmethod
+    def _some_step(cls, merge: JsonValue) -> JsonValue:
+        if merge is None:
+            raise ValueError("needs a step, like overlay")
+        return merge
+
     @field_validator("publish")
     @classmethod
     def _once_each(cls, publish: list[Side]) -> list[Side]:

@@ -23,8 +23,8 @@ Ranging = DepthReading | LidarScanReading | LidarPointsReading | RangefinderRead
 class ValueRangeParameters(SidedParameters):
     """min_m, max_m: metres, both ends included; keep: what lies inside of them, or outside."""
 
-    min_m: Annotated[float, Field(ge=0)] = 0.0
-    max_m: Annotated[float, Field(gt=0)] = 1e9
+    min_m: Annotated[float, Field(ge=0, le=1e9)] = 0.0
+    max_m: Annotated[float, Field(gt=0, le=1e9)] = 1e9
     keep: Literal["inside", "outside"] = "inside"
 
     @model_validator(mode="after")

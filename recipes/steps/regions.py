@@ -104,8 +104,8 @@ class IsolateDepthParameters(SidedParameters):
 
     needs = frozenset({"depth"})
 
-    min_m: Annotated[float, Field(ge=0)] = 0.0
-    max_m: Annotated[float, Field(gt=0)] = 1e9
+    min_m: Annotated[float, Field(ge=0, le=1e9)] = 0.0
+    max_m: Annotated[float, Field(gt=0, le=1e9)] = 1e9
 
     @model_validator(mode="after")
     def _in_order(self) -> "IsolateDepthParameters":
@@ -184,12 +184,15 @@ def in_sector(angles_rad: NDArray[np.float64], from_deg: float, to_deg: float) -
 _RAY_RAD = 1e-6
 
 
+Reach = Annotated[float, Field(ge=-1e9, le=1e9)]
+
+
 class IsolateBoxParameters(SidedParameters):
     """forward_m, right_m, down_m: [from, to] in the sensor's frame; outside: keep the rest."""
 
-    forward_m: Annotated[list[float], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
-    right_m: Annotated[list[float], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
-    down_m: Annotated[list[float], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
+    forward_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
+    right_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
+    down_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
     outside: bool = False
 
     @field_validator("forward_m", "right_m", "down_m")

@@ -92,6 +92,8 @@ def test_all_faults_at_once_in_order_of_their_places() -> None:
         ({"merge": "{overlay: {priority: [real, real]}}"}, "names a side twice"),
         ({"merge": "{overlai: [twin, real]}"}, "did you mean 'overlay'?"),
         ({"merge": ""}, "missing key 'merge'"),
+        ({"merge": "null"}, "needs a step, like overlay"),
+        ({"filter": "[{isolate_depth: {max_m: 1.0e+308}}]"}, "must be at most 1e+09"),
         ({"sensor": "camera2"}, "no sensor 'camera2' is declared"),
         ({"publish": "[]"}, "must have at least 1 entries"),
         ({"publish": "[real, real]"}, "names a side twice"),
