@@ -4,8 +4,9 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 
-from campaigns.outside_setups import PoseAccuracy
+from campaigns.outside_setups import PoseAccuracy, ShownAs
 from campaigns.sensor_setups import CameraSetup, DepthSetup
+from campaigns.setup import VehicleSetup
 from orchestrator.run.mixing import Registered, Registration
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
@@ -13,6 +14,8 @@ from vehicles.readings import CameraReading, DepthReading, Reading
 from worlds.camera import Intrinsics
 from worlds.frames import Pose, Vec3, norm
 from worlds.scene import SceneObject
+
+Pictured = CameraSetup | DepthSetup
 
 
 class Registrar:
@@ -31,25 +34,27 @@ class Registrar:
         self._stations = stations
         self._events = events
 
-    def of(self, camera: CameraSetup | DepthSetup) -> Registration:
+    def of(self, camera: Pictured) -> Registration:
         """Return what tells how far off a twin's picture is, over one of a real camera.
 
-        It tells nothing of a picture of unknown place, nor where nothing virtual is in sight.
+        It tells nothing of a picture of unknown place, nor where nothing virtual is in sight. The
+        truth of a vehicle of ours is no reference for pictures that come from outside.
         """
-        real, accuracy = self._stations["real"], self._setup.vehicle("real").pose_accuracy
+        twin_camera = _pictured(self._setup.vehicle("twin"), camera.name)
+        accuracy = self._setup.vehicle("real").pose_accuracy
+        real, shown_as = self._stations["real"], _shown_as(camera)
 
         def registered(twin: Reading, exposed_s: float) -> Registered:
-            if not isinstance(twin, CameraReading | DepthReading) or twin.camera_pose is None:
-                return Registered()
-            truth = real.truth.at(exposed_s).pose
+            drawn_from = self._drawn_from(twin, twin_camera)
+            truth = real.truth.at(exposed_s).pose if shown_as == "rendered" else None
             found = real.poses.at(exposed_s).pose if truth is None else truth
-            if found is None:
+            if drawn_from is None or found is None or shown_as == "file":
                 return Registered()
             corners, here = self._corners(exposed_s), camera.mount.camera_pose(found)
             error_px = registration_error_px(
                 zip(self._corners(twin.t_s), corners, strict=True),
                 intrinsics=camera.intrinsics,
-                drawn_from=twin.camera_pose,
+                drawn_from=drawn_from,
                 reference=here,
             )
             if truth is not None or error_px is None:
@@ -61,6 +66,15 @@ class Registrar:
 
         return registered
 
+    def _drawn_from(self, twin: Reading, camera: Pictured | None) -> Pose | None:
+        """Return where a twin's picture was drawn from; a live one does not say so itself."""
+        if not isinstance(twin, CameraReading | DepthReading):
+            return None
+        if twin.camera_pose is not None or camera is None or _shown_as(camera) != "live":
+            return twin.camera_pose
+        body = self._stations["twin"].poses.at(twin.t_s).pose
+        return None if body is None else camera.mount.camera_pose(body)
+
     def _corners(self, t_s: float) -> list[Vec3]:
         return [
             pose.to_parent(corner)
@@ -68,6 +82,16 @@ class Registrar:
             for pose in (thing.pose_at(t_s, self._events),)
             for corner in corners
         ]
+
+
+def _pictured(vehicle: VehicleSetup, name: str) -> Pictured | None:
+    found = (one for one in vehicle.sensors if one.name == name)
+    return next((one for one in found if isinstance(one, CameraSetup | DepthSetup)), None)
+
+
+def _shown_as(camera: Pictured) -> ShownAs:
+    source = camera.source if isinstance(camera, CameraSetup) else None
+    return "rendered" if source is None else source.shown_as
 
 
 def registration_error_px(
