@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -146,7 +146,9 @@ def _link(
         return "embedded"
     if isinstance(part.link, str):
         return parse_link(part.link)
-    launch = _launch(campaign.path.parent, part.link)
+    launch = replace(
+        _launch(campaign.path.parent, part.link), params=tuple(sorted(part.params.items()))
+    )
     try:
         launch.check()
     except LaunchError as error:

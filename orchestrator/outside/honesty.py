@@ -53,7 +53,7 @@ async def prove(
     vehicles: Mapping[str, VehicleSetup],
     injections: Iterable[InjectionSetup],
     *,
-    unbooted: Mapping[str, frozenset[str]] | None = None,
+    unbooted: Mapping[str, frozenset[str]],
 ) -> tuple[Proof, ...]:
     """Ask each autopilot for the parameters that matter. Raises NotHonouredError with all faults.
 
@@ -75,7 +75,7 @@ async def prove(
                 thing,
                 proof.parameters,
                 flown_mode(vehicle.autopilot, thing),
-                unbooted=(unbooted or {}).get(station.name, frozenset()),
+                unbooted=unbooted.get(station.name, frozenset()),
             )
             proofs.append(proof)
             faults += [proof.said(reasons)] if reasons else []

@@ -104,8 +104,12 @@ class Outside:
                 self._injectors[station.name] = injector
                 station.on_mocap(injector.pose)
 
-    async def before_arming(self, stations: Iterable[Station]) -> None:
+    async def before_arming(
+        self, stations: Iterable[Station], *, unbooted: Mapping[str, frozenset[str]]
+    ) -> None:
         """Prove that motion capture is there, and that what is injected will be acted on.
+
+        unbooted: by vehicle the parameters that were changed while it ran.
 
         Raises SourceError, NotHonouredError.
         """
@@ -114,7 +118,7 @@ class Outside:
         if self._injectors:
             vehicles = {str(one.name): one for one in self._setup.vehicles}
             injections = self._setup.campaign.outside.injections
-            self._proofs = await prove(stations, vehicles, injections)
+            self._proofs = await prove(stations, vehicles, injections, unbooted=unbooted)
 
     async def run(self, course: Course) -> None:
         """Tell autopilots and ground station what is due, and watch, until cancelled."""

@@ -5,7 +5,7 @@ Parameters of the campaign, and a fence of the autopilot's own: the second line 
 
 import asyncio
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AsyncExitStack
 from pathlib import Path
 
@@ -45,6 +45,12 @@ class Aboard:
         self._course = course
         self._note = note
         self._stacks: dict[str, AsyncExitStack] = {}
+        self._unbooted: dict[str, frozenset[str]] = {}
+
+    @property
+    def unbooted(self) -> Mapping[str, frozenset[str]]:
+        """Return by vehicle the parameters that were changed while it ran: some wait for a boot."""
+        return self._unbooted
 
     async def put(self, station: Station) -> None:
         """Set a ready vehicle's parameters and fence, each read back. Raises VehicleError."""
@@ -70,7 +76,7 @@ class Aboard:
     ) -> None:
         parameters = station.driver.parameters
         if vehicle.attached is None:
-            # An embedded one was born with them; either ends with the run.
+            # All were born with them, and end with the run; a simulator has to show that it was.
             for name, value in () if vehicle.embedded else vehicle.params.items():
                 await parameters.set(name, value)
             return
@@ -78,7 +84,10 @@ class Aboard:
         restored = await parameters.restore_leftovers(journal)
         for change in restored.restored:
             self._note("parameter", vehicle=station.name, name=change.name, value=change.before)
-        await stack.enter_async_context(parameters.changed(vehicle.params, journal=journal))
+        changed = parameters.changed(vehicle.params, journal=journal)
+        await stack.enter_async_context(changed)
+        moved = (*restored.restored, *(one for one in changed.changes if one.before != one.wanted))
+        self._unbooted[station.name] = frozenset(one.name for one in moved)
 
     async def _put_fence(
         self, station: Station, vehicle: VehicleSetup, stack: AsyncExitStack

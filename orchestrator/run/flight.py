@@ -36,9 +36,9 @@ async def fly_together(
 ) -> None:
     """Take all stations through the stages up to landed; `goal(t0_s)` flies the goal.
 
-    heights_m: to which height above its start each takes off, by name. before_arming: what has
-    to be proven when all are ready. barrier: called when all are at height, before the goal.
-    prepare: puts aboard a ready vehicle what it needs. arm: False stops there.
+    heights_m: to which height above its start each takes off, by name. prepare: puts aboard a
+    ready vehicle what it needs. before_arming: what has to be proven when all have it. arm: False
+    stops there. barrier: called when all are at height, before the goal.
 
     Every barrier waits for all, and for an operator who holds. An error at any stage is raised to
     the caller, who brings everything down; so does `course.over` when it is set before the goal is
@@ -49,8 +49,8 @@ async def fly_together(
     _require_two(stations)
     course.enter("ready")
     await _each(stations, lambda station: station.driver.ready(sync.ready_timeout_s))
-    await before_arming()
     await _each(stations, prepare)
+    await before_arming()
     if not arm:
         course.decide("ABORTED", NOT_ARMED, source="no-arm")
         return

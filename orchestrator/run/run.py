@@ -317,7 +317,9 @@ async def _flight(run: _Run) -> None:
             holding=run.holding,
             sync=setup.campaign.sync,
             heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
-            before_arming=lambda: run.outside.before_arming(run.pair.stations),
+            before_arming=lambda: run.outside.before_arming(
+                run.pair.stations, unbooted=run.aboard.unbooted
+            ),
             barrier=run.sync.check_takeoff,
             goal=run.goal.fly,
             prepare=run.aboard.put,

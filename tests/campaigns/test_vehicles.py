@@ -82,8 +82,10 @@ def test_a_launched_arducopter(files: Any) -> None:
 def test_a_launched_px4(files: Any) -> None:
     program(files.folder, "build/bin/px4")
     program(files.folder, "build/etc/init.d-posix/rcS")
-    outside(files, "{launch: px4, build: build, model: gz_x500}")
-    assert real(files).launch == Px4Launch(build=files.folder / "build", model="gz_x500")
+    outside(files, "{launch: px4, build: build, model: gz_x500}", "params: {B: 2, A: 0.5}")
+    assert real(files).launch == Px4Launch(
+        build=files.folder / "build", model="gz_x500", params=(("A", 0.5), ("B", 2.0))
+    )
 
 
 def test_simulations_fly_in_real_time(files: Any) -> None:

@@ -49,6 +49,8 @@ def _ardupilot(arguments: list[str]) -> ProcessSettings:
     port = 5760 + 10 * int(given["--instance"])
     latitude, longitude, altitude, _ = map(float, given["--home"].split(","))
     _say(f"SERIAL0 on TCP port {port}")
+    files = [Path(file) for file in given.get("--defaults", "").split(",") if file]
+    rows = [row.split() for file in files for row in file.read_text().splitlines()]
     return ProcessSettings(
         autopilot="ardupilot",
         link=f"tcpin://127.0.0.1:{port}",
@@ -57,6 +59,7 @@ def _ardupilot(arguments: list[str]) -> ProcessSettings:
         latitude_deg=latitude,
         longitude_deg=longitude,
         altitude_m=altitude,
+        parameters={name: float(value) for name, value in rows},
     )
 
 
@@ -71,6 +74,11 @@ def _px4(arguments: list[str]) -> ProcessSettings:
         latitude_deg=float(os.environ["PX4_HOME_LAT"]),
         longitude_deg=float(os.environ["PX4_HOME_LON"]),
         altitude_m=float(os.environ["PX4_HOME_ALT"]),
+        parameters={
+            name.removeprefix("PX4_PARAM_"): float(value)
+            for name, value in os.environ.items()
+            if name.startswith("PX4_PARAM_") and name != "PX4_PARAM_MAV_SYS_ID"
+        },
     )
 
 

@@ -76,6 +76,11 @@ class ParameterContext:
         self._journal: _Journal | None = None
         self._changes: tuple[ParameterChange, ...] = ()
 
+    @property
+    def changes(self) -> tuple[ParameterChange, ...]:
+        """Return what was changed."""
+        return self._changes
+
     async def __aenter__(self) -> Self:
         """Read what they are, write the journal, set and verify them."""
         before = [(name, await self._access.get(name)) for name in self._wanted]

@@ -8,11 +8,12 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from vehicles.launch.plan import Home, LaunchError, LaunchPlan, Port
+from vehicles.launch.plan import BornWith, Home, LaunchError, LaunchPlan, Port, parameter_text
 from vehicles.links.parse import LinkAddress
 
 _BASE_PORT = 5760
 _PER_INSTANCE = 10
+_OURS = "campaign.parm"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +21,8 @@ class ArduPilotLaunch:
     """An arducopter binary that was built for SITL.
 
     frame: its --model ("quad", "hexa"). defaults: parameter files, later ones win. speedup: how
-    many times real time its clock runs, if the machine can.
+    many times real time its clock runs, if the machine can. params: that it boots with, on top of
+    the defaults.
     """
 
     binary: Path
@@ -28,6 +30,7 @@ class ArduPilotLaunch:
     defaults: tuple[Path, ...] = ()
     speedup: float = 1.0
     home: Home | None = None
+    params: BornWith = ()
 
     @property
     def label(self) -> str:
@@ -55,7 +58,6 @@ class ArduPilotLaunch:
 
     def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
         """Return what to start; eeprom and logs are written to its working folder."""
-        del folder
         argv = [
             executable(self.binary, "ArduPilot SITL", "build it with './waf copter'"),
             "--model", self.frame,
@@ -63,8 +65,14 @@ class ArduPilotLaunch:
             "--instance", str(instance),
             "--sysid", str(system_id),
         ]  # fmt: skip
-        if self.defaults:
-            argv += ["--defaults", ",".join(str(file.resolve()) for file in self.defaults)]
+        defaults = [file.resolve() for file in self.defaults]
+        files: dict[str, str] = {}
+        if self.params:
+            rows = (f"{name} {parameter_text(value)}\n" for name, value in self.params)
+            files[_OURS] = "".join(rows)
+            defaults.append(folder.resolve() / _OURS)
+        if defaults:
+            argv += ["--defaults", ",".join(map(str, defaults))]
         if self.home is not None:
             argv += ["--home", _home_argument(self.home)]
         port = _BASE_PORT + _PER_INSTANCE * instance
@@ -75,6 +83,7 @@ class ArduPilotLaunch:
             # It boots when a client connects, and the first one is the only one it hears: to
             # probe the port would take the link's place.
             ready=("Waiting for connection", f"SERIAL0 on TCP port {port}"),
+            files=files,
             fatal=("bind failed on port", "Vehicle model (", "PANIC", "Failed to load defaults"),
         )
 

@@ -38,6 +38,7 @@ class LaunchPlan:
     ready: a line that holds one of these says that it runs. fatal: one that holds one of these
     says that it will not. complaints: lines with these are told when it does not become ready.
     cleanup: a command that removes what remains when the program was killed; empty for none.
+    files: by name, what has to stand in its folder before.
     """
 
     label: str
@@ -48,6 +49,16 @@ class LaunchPlan:
     complaints: tuple[str, ...] = ("ERROR", "Error", "error:")
     environment: Mapping[str, str] = field(default_factory=dict)
     cleanup: tuple[str, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
+
+
+BornWith = tuple[tuple[str, float], ...]
+"""Parameters that an autopilot boots with: names and values."""
+
+
+def parameter_text(value: float) -> str:
+    """Return a parameter's value as autopilots read it, whole numbers without a point."""
+    return str(int(value)) if float(value).is_integer() else f"{value:.9g}"
 
 
 class Launch(Protocol):

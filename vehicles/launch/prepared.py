@@ -41,6 +41,8 @@ class PreparedLaunch:
             self.plan: LaunchPlan = launch.plan(
                 instance=self._instance.number, system_id=system_id, folder=folder
             )
+            for name, content in self.plan.files.items():
+                (folder / name).write_text(content, encoding="utf-8")
         except BaseException:
             self._instance.close()
             raise

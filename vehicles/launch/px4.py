@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vehicles.launch.ardupilot import executable
-from vehicles.launch.plan import Home, LaunchError, LaunchPlan, Port
+from vehicles.launch.plan import BornWith, Home, LaunchError, LaunchPlan, Port, parameter_text
 from vehicles.links.parse import LinkAddress
 
 _API_PORT = 14540
@@ -32,7 +32,7 @@ class Px4Launch:
     """PX4 from `build` (the folder build/px4_sitl_default) or from the container `image`.
 
     model: its PX4_SIM_MODEL. speed: its PX4_SIM_SPEED_FACTOR; PX4 multiplies its own time-outs by
-    it. Instances beyond ten would share one port.
+    it. Instances beyond ten would share one port. params: that it boots with.
     """
 
     build: Path | None = None
@@ -40,6 +40,7 @@ class Px4Launch:
     model: str = "sihsim_quadx"
     speed: float = 1.0
     home: Home | None = None
+    params: BornWith = ()
 
     def __post_init__(self) -> None:
         if (self.build is None) == (self.image is None):
@@ -121,6 +122,8 @@ class Px4Launch:
             "PX4_SIM_SPEED_FACTOR": f"{self.speed:g}",
             "PX4_PARAM_MAV_SYS_ID": str(system_id),
         }
+        # rcS of PX4 sets every PX4_PARAM_* before its modules start.
+        variables |= {f"PX4_PARAM_{name}": parameter_text(value) for name, value in self.params}
         if self.home is not None:
             variables |= {
                 "PX4_HOME_LAT": f"{self.home.latitude_deg:.7f}",

@@ -40,7 +40,7 @@ def proven(
 ) -> FakeParameters:
     station = FakeStation(driver=FakeDriver(parameters=FakeParameters(parameters)))
     vehicles = {"real": setup or vehicle()}
-    run_virtual(prove([cast("Station", station)], vehicles, [injection]))
+    run_virtual(prove([cast("Station", station)], vehicles, [injection], unbooted={}))
     return station.driver.parameters
 
 

@@ -15,6 +15,7 @@ import pytest
 from vehicles.launch.ardupilot import ArduPilotLaunch
 from vehicles.launch.instances import is_free, take_instance
 from vehicles.launch.plan import Home, LaunchError, Port
+from vehicles.launch.prepared import PreparedLaunch
 from vehicles.launch.process import LaunchedVehicle
 from vehicles.launch.px4 import Px4Launch
 from vehicles.launch.records import (
@@ -58,6 +59,24 @@ async def test_ardupilot_runs_and_ends(sims: Any) -> None:
     assert is_free(Port(port, "tcp"))
     assert not sims.files(RECORD)
     del reader
+
+
+def test_parameters_of_the_campaign_are_there_when_it_boots(sims: Any, tmp_path: Path) -> None:
+    binary = sims.program(sims.ardupilot)
+    (tmp_path / "own.parm").write_text("")
+    params = (("AVOID_MARGIN", 1.25), ("PRX1_TYPE", 2.0))
+    launch = ArduPilotLaunch(binary=binary, defaults=(tmp_path / "own.parm",), params=params)
+    folder = tmp_path / "twin"
+    with PreparedLaunch(launch=launch, folder=folder, system_id=3, locks=sims.locks) as prepared:
+        argv = prepared.plan.argv
+        given = argv[argv.index("--defaults") + 1].split(",")
+        # Later files win: the campaign's is the last.
+        assert given == [str(tmp_path / "own.parm"), str(folder / "campaign.parm")]
+        assert (folder / "campaign.parm").read_text() == "AVOID_MARGIN 1.25\nPRX1_TYPE 2\n"
+    px4 = Px4Launch(image="x", params=(("EKF2_EV_CTRL", 15.0), ("MPC_XY_VEL_MAX", 0.1)))
+    environment = px4._environment(2)
+    assert environment["PX4_PARAM_EKF2_EV_CTRL"] == "15"
+    assert environment["PX4_PARAM_MPC_XY_VEL_MAX"] == "0.1"
 
 
 async def test_two_share_nothing(sims: Any) -> None:

@@ -1,0 +1,186 @@
+"""Parameters of a campaign in a vehicle that runs: set, proven, set back, after a kill as well."""
+
+import asyncio
+import signal
+import subprocess
+import sys
+from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from campaigns.outside_setups import InjectionSetup
+from campaigns.setup import PreflightSetup, VehicleSetup
+from orchestrator.clock import run_virtual
+from orchestrator.outside.honesty import NotHonouredError, prove
+from orchestrator.run.aboard import Aboard, journal_folder
+from orchestrator.run.station import Station
+from vehicles.autopilots.base import AutopilotName
+from vehicles.driver import Driver
+from vehicles.embedded.config import EmbeddedConfig
+from vehicles.embedded.profile import load_profile
+from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.links.memory import memory_pair
+from vehicles.links.parse import parse_link
+from worlds.frames import AT_ORIGIN
+
+OBSTACLES = InjectionSetup(thing="obstacle_distance", to=("real",), sensor="lidar")
+Script = Callable[["Rig"], Awaitable[Any]]
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+class Rig:
+    """A vehicle that was there before us, and what a run puts aboard."""
+
+    def __init__(self, vehicle: EmbeddedVehicle, driver: Driver, params: dict[str, float]) -> None:
+        self.vehicle = vehicle
+        self.station = Station("real", driver, AT_ORIGIN, "mavlink")
+        self.setup = VehicleSetup(
+            name="real",
+            link=parse_link("udpin://127.0.0.1:14540"),
+            autopilot=driver.identity.autopilot,
+            profile="nominal",
+            start=AT_ORIGIN,
+            system_id=1,
+            params=params,
+        )
+        self.noted: list[tuple[str, Mapping[str, Any]]] = []
+        self.decided: list[tuple[str, ...]] = []
+
+    def aboard(self) -> Aboard:
+        campaign = SimpleNamespace(preflight=PreflightSetup(fence=None), fences={})
+        setup = SimpleNamespace(vehicle=lambda _: self.setup, campaign=campaign)
+        course = SimpleNamespace(decide=lambda *said: self.decided.append(said))
+        return Aboard(
+            setup=cast("Any", setup),
+            stations=(self.station,),
+            course=cast("Any", course),
+            note=lambda event, **more: self.noted.append((event, more)),
+        )
+
+    async def prove(self, aboard: Aboard) -> None:
+        vehicles = {"real": self.setup}
+        await prove([self.station], vehicles, [OBSTACLES], unbooted=aboard.unbooted)
+
+    def has(self, name: str) -> float:
+        return self.vehicle.autopilot.parameters[name]
+
+
+def with_vehicle(
+    autopilot: AutopilotName,
+    script: Script,
+    *,
+    params: dict[str, float],
+    born_with: Mapping[str, float] | None = None,
+) -> None:
+    async def run() -> None:
+        far, near = memory_pair(latency_s=0.003)
+        config = EmbeddedConfig(
+            autopilot=autopilot,
+            profile=load_profile("nominal"),
+            source="real",
+            parameters=born_with or {},
+        )
+        async with (
+            EmbeddedVehicle(config=config, link=far, seed=1) as vehicle,
+            Driver(name="real", link=near, autopilot=autopilot) as driver,
+        ):
+            await driver.identify(10.0)
+            await script(Rig(vehicle, driver, params))
+
+    run_virtual(run())
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name", "before"),
+    [("ardupilot", "GUID_TIMEOUT", 3.0), ("px4", "COM_OF_LOSS_T", 1.0)],
+)
+def test_what_the_campaign_sets_is_set_back(
+    autopilot: AutopilotName, name: str, before: float
+) -> None:
+    async def script(rig: Rig) -> None:
+        aboard = rig.aboard()
+        await aboard.put(rig.station)
+        assert rig.has(name) == 5.0
+        assert len(list(journal_folder().iterdir())) == 1
+        assert aboard.unbooted == {"real": frozenset({name})}
+        await aboard.take_back()
+        assert rig.has(name) == before
+        assert list(journal_folder().iterdir()) == []
+        assert rig.decided == []
+
+    with_vehicle(autopilot, script, params={name: 5.0})
+
+
+def test_what_counts_at_boot_alone_is_refused_and_set_back() -> None:
+    async def script(rig: Rig) -> None:
+        aboard = rig.aboard()
+        await aboard.put(rig.station)
+        assert rig.has("PRX1_TYPE") == 2.0
+        with pytest.raises(NotHonouredError, match=r"PRX1_TYPE was set to 2 since .* reboot it"):
+            await rig.prove(aboard)
+        await aboard.take_back()
+        assert (rig.has("PRX1_TYPE"), rig.has("AVOID_ENABLE")) == (0.0, 3.0)
+
+    with_vehicle("ardupilot", script, params={"PRX1_TYPE": 2, "AVOID_ENABLE": 2})
+
+
+def test_a_vehicle_that_booted_with_it_is_told_the_rest_by_the_campaign() -> None:
+    async def script(rig: Rig) -> None:
+        bare = rig.aboard()
+        with pytest.raises(NotHonouredError, match="set AVOID_ENABLE to 2"):
+            await rig.prove(bare)
+        aboard = rig.aboard()
+        await aboard.put(rig.station)
+        await rig.prove(aboard)
+        await aboard.take_back()
+        assert rig.has("AVOID_ENABLE") == 0.0
+
+    with_vehicle(
+        "ardupilot",
+        script,
+        params={"PRX1_TYPE": 2, "AVOID_ENABLE": 2},
+        born_with={"PRX1_TYPE": 2, "AVOID_ENABLE": 0},
+    )
+
+
+_KILLED = """
+import asyncio, os, signal, sys
+from pathlib import Path
+from tests.vehicles.test_parameter_context import Access
+from vehicles.driver.parameter_context import ParameterContext
+async def main():
+    access = Access(AVOID_MARGIN=2.0)
+    async with ParameterContext(
+        access=access, vehicle=sys.argv[2], changes={"AVOID_MARGIN": 9.0}, journal=Path(sys.argv[1])
+    ):
+        os.kill(os.getpid(), signal.SIGKILL)
+asyncio.run(main())
+"""
+
+
+def test_what_a_run_left_that_was_killed_is_set_back_by_the_next() -> None:
+    async def script(rig: Rig) -> None:
+        identity = rig.station.driver.identity
+        vehicle = f"ardupilot {identity.system_id} {identity.uid}"
+        argv = [sys.executable, "-c", _KILLED, str(journal_folder()), vehicle]
+        killed = await asyncio.to_thread(subprocess.run, argv, check=False, timeout=60)
+        assert killed.returncode == -signal.SIGKILL
+        assert rig.has("AVOID_MARGIN") == 9.0  # as that run left it
+        aboard = rig.aboard()
+        await aboard.put(rig.station)
+        assert rig.has("AVOID_MARGIN") == 2.0
+        assert rig.noted[0][0] == "parameter"
+        assert rig.noted[0][1]["name"] == "AVOID_MARGIN"
+        assert rig.has("GUID_TIMEOUT") == 4.0
+        await aboard.take_back()
+        assert (rig.has("AVOID_MARGIN"), rig.has("GUID_TIMEOUT")) == (2.0, 3.0)
+        assert list(journal_folder().iterdir()) == []
+
+    with_vehicle("ardupilot", script, params={"GUID_TIMEOUT": 4.0}, born_with={"AVOID_MARGIN": 9.0})
