@@ -10,6 +10,7 @@ from rich.text import Text
 
 from campaigns.acceptance import Requirement, Standing
 from orchestrator.cli.display import VERDICT_STYLES
+from orchestrator.cli.outside_lines import outside_lines
 from orchestrator.results import Percentiles, RunResult, Summary, standings_of
 from safety.judge import COLLISION_ALWAYS
 
@@ -49,8 +50,9 @@ def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Tabl
 
 
 def conclusions(summary: Summary) -> list[Text]:
-    """Return why runs did not pass, or not at once, and what the campaign came to."""
-    return [*_reasons(summary), _conclusion(summary)]
+    """Return why runs did not pass, or not at once, what came and went, and what it came to."""
+    outside = [Text(line, style="dim") for line in outside_lines(summary.runs)]
+    return [*_reasons(summary), *outside, _conclusion(summary)]
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:

@@ -1,7 +1,9 @@
 """Whole flights whose real camera is a recording: on the virtual clock, like any other."""
 
+import asyncio
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, Literal, Self
 
 import cv2
 import numpy as np
@@ -9,6 +11,8 @@ import pytest
 
 from orchestrator.results import RunResult
 from tests.orchestrator.flights import all_landed
+from vehicles.readings import CameraReading
+from vehicles.sources.base import SourceCounts, SourceError, SourceStalledError
 
 Fly = Callable[..., tuple[RunResult, Path]]
 
@@ -27,7 +31,7 @@ def film(path: Path, seconds: float) -> Path:
     return path
 
 
-def source(path: Path) -> tuple[str, ...]:
+def source(path: Path | str) -> tuple[str, ...]:
     return (f"vehicles.real.sensors.camera.source={path}",)
 
 
@@ -59,3 +63,63 @@ def test_a_recording_that_fails_in_flight_is_an_error_and_lands(
     assert result.verdict == "ERROR"
     assert said in result.reason
     assert all_landed(folder)
+
+
+class FakeLive:
+    """A live camera that takes grey pictures, until it does something else."""
+
+    kind: Literal["live"] = "live"
+
+    def __init__(self, intrinsics: Any, error: SourceError, after_s: float) -> None:
+        self.name = "rtp://127.0.0.1:5600"
+        self.intrinsics = intrinsics
+        self.counts = SourceCounts()
+        self._error: SourceError | None = error
+        self._after_s = after_s
+        self._seq = 0
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        pass
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> CameraReading:
+        await asyncio.sleep(1.0 / HZ)
+        now_s = asyncio.get_running_loop().time()
+        if self._error is not None and now_s > self._after_s:
+            error, self._error = self._error, None
+            if isinstance(error, SourceStalledError):
+                await asyncio.sleep(2.0)
+            raise error
+        self._seq += 1
+        grey = np.full((self.intrinsics.height_px, self.intrinsics.width_px, 3), 110, np.uint8)
+        return CameraReading(now_s - 0.05, now_s, self._seq, "real", grey, self.intrinsics)
+
+
+@pytest.mark.parametrize(
+    ("error", "verdict"),
+    [
+        (SourceStalledError("no picture for 2 s after 300 pictures"), "INVALID"),
+        (SourceError("the camera is gone"), "ERROR"),
+    ],
+)
+def test_a_live_camera_that_stalls_or_dies_in_flight(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, error: SourceError, verdict: str
+) -> None:
+    def opened(address: str, *, intrinsics: Any, **_: Any) -> FakeLive:
+        assert address == "rtp://127.0.0.1:5600"
+        return FakeLive(intrinsics, error, after_s=18.0)
+
+    monkeypatch.setattr("orchestrator.outside.cameras.live_camera", opened)
+    result, folder = fly_run(sets=source("rtp://127.0.0.1:5600"))
+    assert result.verdict == verdict
+    assert all_landed(folder)
+    assert result.outside is not None
+    assert result.outside.sources[0].source == "live"
+    assert str(error) in result.outside.sources[0].trouble
+    if verdict == "ERROR":
+        assert str(error) in result.reason
