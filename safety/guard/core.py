@@ -314,7 +314,10 @@ class GuardCore:
 
     def _passes(self, ward: Ward, frame: Frame, t_s: float) -> bool:
         if self.latched is not None or self.paused:
-            return is_harmless(frame, parameters=not ward.seen.taken_over)
+            seen = ward.seen
+            parameters = not seen.taken_over
+            plans = parameters and not seen.may_be_armed(t_s)
+            return is_harmless(frame, parameters=parameters, plans=plans)
         if frame.message_id not in _COMMANDS:
             return True
         command = command_of(frame)

@@ -18,15 +18,15 @@ from safety.guard.wire import (
 from vehicles.mavlink.framing import Frame
 from vehicles.mavlink.names import command_name, message_name
 
-_PUT_BACK = frozenset(
+PARAM_SET = 23
+_PLANS = frozenset(
     {
-        23,  # PARAM_SET
         44,  # MISSION_COUNT
         45,  # MISSION_CLEAR_ALL
         73,  # MISSION_ITEM_INT
     }
 )
-"""Messages that put parameters and a fence back as they were before the flight."""
+"""Messages that put a fence or mission back as it was before the flight."""
 _HARMLESS = frozenset(
     {
         0,  # HEARTBEAT
@@ -79,13 +79,16 @@ def command_of(frame: Frame) -> Command | None:
     return read_command(frame) if frame.message_id in {COMMAND_LONG, COMMAND_INT} else None
 
 
-def is_harmless(frame: Frame, *, parameters: bool) -> bool:
+def is_harmless(frame: Frame, *, parameters: bool, plans: bool) -> bool:
     """Return whether a frame may pass while the orchestrator is not in command.
 
-    parameters: whether parameters and fence may be set too (they are restored after a flight).
+    parameters, plans: whether parameters, and fence and mission, may be set too: they are restored
+    after a flight.
     """
-    if frame.message_id in _PUT_BACK:
+    if frame.message_id == PARAM_SET:
         return parameters
+    if frame.message_id in _PLANS:
+        return plans
     command = command_of(frame)
     if command is not None:
         return command.number in _HARMLESS_COMMANDS

@@ -161,6 +161,15 @@ def test_what_only_asks_or_keeps_alive_passes(pair: Any, frame: bytes) -> None:
     assert to_orchestrator(pair, "real", frame) == (frame,)
 
 
+def test_a_fence_is_put_back_once_all_are_down(pair: Any) -> None:
+    frame = DRIVER.pack(mavlink.MAVLink_mission_count_message(1, 1, 3, 1))
+    abort(pair)
+    assert to_orchestrator(pair, "real", frame) == ()
+    pair.fly(20.0)
+    assert pair.core.all_down
+    assert to_orchestrator(pair, "real", frame) == (frame,)
+
+
 def test_a_setpoint_between_harmless_frames_is_taken_out(pair: Any) -> None:
     abort(pair)
     sync = DRIVER.pack(mavlink.MAVLink_timesync_message(0, 1))
