@@ -2,7 +2,7 @@
 
     python bench/memory.py [--minutes M]
 
-Readings of a camera (640x480, 30 Hz), a lidar, points, a microphone, an IMU and poses of both
+Readings of a camera (320x240, 30 Hz), a lidar, points, a microphone, an IMU and poses of both
 worlds go through a recipe with steps that remember (delay, resampling, background, photometry,
 sound), one minute of readings after the other, as fast as they are mixed. The size is read after
 each minute; the first is for warming up.
@@ -35,7 +35,7 @@ from worlds.documents import parse
 from worlds.frames import Pose
 
 WANTED_PERCENT = 2.0
-CAMERA = Intrinsics.from_fov(640, 480, np.radians(69.0))
+CAMERA = Intrinsics.from_fov(320, 240, np.radians(69.0))
 PICTURES = 8
 RECIPE = """\
 schema: wil/recipe/1
@@ -74,9 +74,9 @@ class Readings:
         self._images = [self._image() for _ in range(PICTURES)]
 
     def _image(self) -> np.ndarray:
-        image = self._rng.integers(90, 160, (480, 640, 3), dtype=np.uint8)
-        left, top = self._rng.integers(50, 350, 2)
-        cv2.rectangle(image, (left, top), (left + 90, top + 90), (0, 105, 220), 12)
+        image = self._rng.integers(90, 160, (240, 320, 3), dtype=np.uint8)
+        left, top = self._rng.integers(20, 120, 2)
+        cv2.rectangle(image, (left, top), (left + 60, top + 60), (0, 105, 220), 8)
         return image
 
     def of(self, sensor: str, t_s: float, seq: int, source: Source) -> Reading:
