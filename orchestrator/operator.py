@@ -5,16 +5,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-OperatorKind = Literal["abort", "hold", "resume"]
+OperatorKind = Literal["abort", "hold", "resume", "geofence"]
 
 
 @dataclass(frozen=True, slots=True)
 class OperatorCommand:
-    """A wish of a person: what, who, and for the record why."""
+    """A wish of a person: what, who, and for the record why.
+
+    document: for geofence, what the new fences are: the text of YAML, a plan or GeoJSON.
+    command_id: by which it is answered, where the answer takes time.
+    """
 
     kind: OperatorKind
     who: str
     reason: str = ""
+    document: str = ""
+    command_id: str = ""
 
 
 class Inbox(Protocol):

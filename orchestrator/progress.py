@@ -6,7 +6,7 @@ from typing import Literal
 
 from worlds.frames import Vec3
 
-HappeningKind = Literal["stage", "collision", "decisive", "guard"]
+HappeningKind = Literal["stage", "collision", "decisive", "guard", "answer"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,8 @@ class Happening:
     """Something that happened in a run, told at once.
 
     kind: a stage was reached; a vehicle touched something; the verdict is settled (word: which);
-    the guard did something (word: what). vehicle: empty when it concerns all.
+    the guard did something (word: what); an operator's command was obeyed or refused (word: ok or
+    refused), and its id. vehicle: empty when it concerns all.
     """
 
     run: str
@@ -58,6 +59,8 @@ class Happening:
     word: str
     vehicle: str
     text: str
+    command_id: str = ""
+    who: str = ""
 
 
 News = Progress | Happening

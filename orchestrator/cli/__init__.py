@@ -27,6 +27,7 @@ _COMMANDS = (
     ("abort", "orchestrator.cli.operate:abort", "Land what flies on this machine, at once."),
     ("hold", "orchestrator.cli.operate:hold", "Have what flies stop and stay in the air."),
     ("resume", "orchestrator.cli.operate:resume", "Let what is held fly on."),
+    ("fence", "orchestrator.cli.fence:fence", "Give what flies on this machine new fences."),
     ("watch", "orchestrator.cli.watch:watch", "Show what flies on this machine until it is over."),
     ("mix", "orchestrator.cli.mix:mix", "Mix pictures, videos or recordings by a recipe."),
     ("replay", "orchestrator.cli.replay:replay_run", "Mix a recorded run anew, fly nothing."),

@@ -74,7 +74,7 @@ def _command(kind: OperatorKind, folder: Path | None, who: str | None) -> int:
     flying = found(folder)
     if flying is None:
         return NOBODY
-    name = f"cli:{who or _account()}"
+    name = f"cli:{who or account()}"
     if kind == "abort":
         answers = [_asked(one, kind, name) for one in (*flying.guards, *flying.campaigns)]
     else:
@@ -111,7 +111,8 @@ def _told(place: Place, answer: dict[str, Any]) -> bool:
     return obeyed
 
 
-def _account() -> str:
+def account() -> str:
+    """Return the name of whoever is logged in."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):

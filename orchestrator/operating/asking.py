@@ -15,13 +15,13 @@ class NoAnswerError(Exception):
     """A socket that is not there, or does not answer."""
 
 
-def ask(path: Path, command: str, *, who: str) -> dict[str, Any]:
+def ask(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
     """Return what a socket answers to a command. Raises NoAnswerError."""
     try:
         with socket.socket(socket.AF_UNIX) as end:
             end.settimeout(_ANSWER_S)
             end.connect(str(path))
-            end.sendall(_line(command, who))
+            end.sendall(_line(command, who, **more))
             with end.makefile("rb") as stream:
                 answer = json.loads(stream.readline(_LONGEST_ANSWER_BYTES))
     except (OSError, ValueError) as error:
@@ -39,5 +39,5 @@ def tell(path: Path, command: str, *, who: str) -> None:
         end.sendall(_line(command, who))
 
 
-def _line(command: str, who: str) -> bytes:
-    return json.dumps({"command": command, "who": who}).encode() + b"\n"
+def _line(command: str, who: str, **more: str) -> bytes:
+    return json.dumps({"command": command, "who": who, **more}).encode() + b"\n"

@@ -1,5 +1,6 @@
 """The desk: where all commands for a campaign come together, whatever way they came."""
 
+from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -8,9 +9,11 @@ from orchestrator.operating.asking import tell
 from orchestrator.operating.log import OperatorLog
 from orchestrator.operating.records import Place
 from orchestrator.operator import OperatorCommand
-from orchestrator.progress import News, Progress
+from orchestrator.progress import Happening, News, Progress
 from orchestrator.results import RunResult, Stop
 from safety.guard.operator_lines import OperatorLine, RefusedLineError
+
+_MOST_ANSWERS = 20
 
 
 class Fleet(Protocol):
@@ -67,6 +70,7 @@ class Desk:
         self._followers: list[Follower] = []
         self._flying: dict[str, Progress] = {}
         self._verdicts: dict[str, str] = {}
+        self._answers: deque[Happening] = deque(maxlen=_MOST_ANSWERS)
         self.log = OperatorLog(path=folder / "operator.jsonl")
         self.held = False
         self.stopped: Stop | None = None
@@ -119,6 +123,11 @@ class Desk:
         match line.command:
             case "abort" | "hold" | "resume" as kind:
                 return self.obey(OperatorCommand(kind, line.who))
+            case "geofence":
+                asked = OperatorCommand(
+                    "geofence", line.who, document=line.document, command_id=line.command_id
+                )
+                return self.obey(asked)
             case "status" | "watch":
                 return "as asked"
 
@@ -133,8 +142,17 @@ class Desk:
         """Take what a run tells."""
         if isinstance(news, Progress):
             self._flying[news.run] = news
+        elif news.kind == "answer":
+            self._take_answer(news)
         for follower in self._followers:
             follower.news(news)
+
+    def _take_answer(self, news: Happening) -> None:
+        """Take what a run answers to a command that took it time."""
+        command = OperatorCommand("geofence", news.who)
+        self.log.write(command, ok=news.word == "ok", text=f"{news.run}: {news.text}")
+        self._say(f"{news.run}: {news.text}")
+        self._answers.append(news)
 
     def finished(self, run: RunResult, *, may_end: bool = True) -> None:
         """Take a run's verdict; one that an operator or a pilot ended ends the campaign.
@@ -166,7 +184,16 @@ class Desk:
     def status(self) -> dict[str, Any]:
         """Return where the campaign stands."""
         flying = {name: _plain(one) for name, one in self._flying.items()}
-        return {**self.summary(self.state), "folder": str(self._folder), "flying": flying}
+        answers = [
+            {"id": one.command_id, "run": one.run, "ok": one.word == "ok", "text": one.text}
+            for one in self._answers
+        ]
+        return {
+            **self.summary(self.state),
+            "folder": str(self._folder),
+            "flying": flying,
+            "answers": answers,
+        }
 
     def _tell_status(self) -> None:
         for follower in self._followers:
@@ -180,6 +207,8 @@ class Desk:
                 return self._hold(command)
             case "resume":
                 return self._resume(command)
+            case "geofence":
+                return self._change_fences(command)
 
     def _abort(self, command: OperatorCommand, stop: Stop) -> str:
         for guard in self.guards():
@@ -205,6 +234,13 @@ class Desk:
         self.held = False
         self._fleet.go_on()
         return f"resumed: {_runs(self._fleet.pass_on(command))} in flight"
+
+    def _change_fences(self, command: OperatorCommand) -> str:
+        self._refuse_when_stopped(command)
+        if not self._flying:
+            raise RefusedLineError("geofence: nothing flies whose fence could be changed")
+        count = self._fleet.pass_on(command)
+        return f"passed on to {_runs(count)}, which will answer"
 
     def _refuse_when_stopped(self, command: OperatorCommand) -> None:
         if self.stopped is not None:

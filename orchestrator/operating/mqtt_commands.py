@@ -1,11 +1,13 @@
 """Commands by MQTT: what is obeyed, and what is refused and why; pure.
 
-A command is a JSON object on <root>/<campaign>/operator/{abort,hold,resume}:
+A command is a JSON object on <root>/<campaign>/operator/{abort,hold,resume,geofence}:
 
     {"token": "...", "session": "20261121T153936Z", "id": "a1", "at": 1763739601.2, "who": "anna"}
 
 session: which start of the campaign is meant, as `status` says it. id: anything that is not used
-twice. at: seconds since 1970. run: "case/mode/repetition", when only that run is meant.
+twice. at: seconds since 1970. run: "case/mode/repetition", when only that run is meant; it has to
+fly. geofence, for the command of that name alone: an object as of a campaign, a QGroundControl
+plan, GeoJSON, or the text of a file with one of them.
 """
 
 import json
@@ -16,11 +18,11 @@ from typing import Any, cast, get_args
 from orchestrator.operator import OperatorCommand, OperatorKind
 from safety.guard.operator_lines import RefusedLineError, checked_who, same_token
 
-LONGEST_COMMAND_BYTES = 4096
+LONGEST_COMMAND_BYTES = 1 << 16
 OLDEST_S = 5.0
 _LONGEST_ID = 64
 _LONGEST_REASON = 200
-_KEYS = frozenset({"token", "session", "id", "at", "who", "run", "reason"})
+_KEYS = frozenset({"token", "session", "id", "at", "who", "run", "reason", "geofence"})
 _KINDS: frozenset[str] = frozenset(get_args(OperatorKind))
 
 
@@ -75,7 +77,9 @@ class CommandReader:
             )
         why = said.get("reason", "")
         text = why if isinstance(why, str) and _is_fit(why, _LONGEST_REASON) else ""
-        command = OperatorCommand(cast("OperatorKind", kind), f"mqtt:{who}", text)
+        command = OperatorCommand(
+            cast("OperatorKind", kind), f"mqtt:{who}", text, _document(said), command_id
+        )
         return Asked(command, command_id)
 
     def _refusal(self, kind: str, said: dict[str, Any], *, retained: bool, now_s: float) -> str:
@@ -93,6 +97,10 @@ class CommandReader:
             (
                 said.get("session") != self._session,
                 f"for another start of the campaign; this one's session is {self._session}",
+            ),
+            (
+                ("geofence" in said) != (kind == "geofence"),
+                "geofence is for the command geofence, and needed there",
             ),
             (
                 "run" in said and said["run"] not in list(self._flying()),
@@ -136,6 +144,11 @@ def _id(said: dict[str, Any]) -> str:
     """Return the id of a command; empty when it has none that is fit for a record."""
     value = said.get("id")
     return value if isinstance(value, str) and _is_fit(value, _LONGEST_ID) else ""
+
+
+def _document(said: dict[str, Any]) -> str:
+    given = said.get("geofence", "")
+    return given if isinstance(given, str) else json.dumps(given)
 
 
 def _is_fit(text: str, longest: int) -> bool:

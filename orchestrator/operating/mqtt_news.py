@@ -39,6 +39,15 @@ def publications(news: News) -> Iterator[Publication]:
             yield _of("verdict", {**said, **verdict}, important=True)
         case "guard":
             yield _guard(said, news)
+        case "answer":
+            yield ack_of(
+                id=news.command_id,
+                command="geofence",
+                ok=news.word == "ok",
+                text=news.text,
+                who=news.who,
+                run=news.run,
+            )
 
 
 def verdict_of(result: RunResult) -> Publication:

@@ -206,11 +206,14 @@ class RunRecorder:
         if self._snapshot is None and shown.perceived.t_s >= due_s:
             self._snapshot = shown
 
-    async def follow(self, stations: tuple[Station, ...], course: Course) -> None:
+    async def follow(
+        self, stations: tuple[Station, ...], course: Course, alive: Callable[[], None]
+    ) -> None:
         """Record where all are at 20 Hz until cancelled, and once more then."""
         t0_s, tick = self._time(), 0
         try:
             while True:
+                alive()
                 self._where_all_are(stations, course)
                 tick = max(tick + 1, int((self._time() - t0_s) * TRAJECTORY_HZ))
                 await sleep_until(t0_s + tick / TRAJECTORY_HZ)

@@ -73,10 +73,14 @@ class BudgetWatch:
         if self._course.stage == "goal" and self._doubt is None:
             self._doubt = (asyncio.get_running_loop().time(), reason)
 
-    async def run(self) -> None:
-        """Watch for what does not happen, and settle what is in doubt; until cancelled."""
+    async def run(self, alive: Callable[[], None]) -> None:
+        """Watch for what does not happen, and settle what is in doubt; until cancelled.
+
+        alive: called four times a second.
+        """
         loop = asyncio.get_running_loop()
         while True:
+            alive()
             await asyncio.sleep(STALLED_S / 4)
             if self._course.stage == "goal":
                 for watched in self._watched.values():

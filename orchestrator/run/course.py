@@ -93,6 +93,11 @@ class Course:
         elif ends_flight:
             self.over.set()
 
+    @property
+    def held(self) -> bool:
+        """Return whether the operator holds."""
+        return self._held
+
     def hold(self) -> None:
         """Have nothing end the flight until `release`."""
         self._held = True

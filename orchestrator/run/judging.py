@@ -61,13 +61,14 @@ class Bench:
         station.driver.on_event(lambda event: self._event(station, event))
         station.on_contact(lambda truth: self._contact(station, truth))
 
-    async def run(self) -> None:
-        """Have time pass for the oracles until cancelled."""
+    async def run(self, alive: Callable[[], None]) -> None:
+        """Have time pass for the oracles until cancelled. alive: called at each tick."""
         loop = asyncio.get_running_loop()
         t0_s, count = loop.time(), 0
         while True:
             count += 1
             await sleep_until(t0_s + count / TICK_HZ)
+            alive()
             for station in self._stations:
                 self._state(station, loop.time())
             tick = Tick(loop.time())

@@ -68,8 +68,11 @@ class Perception:
         for listener in self.listeners:
             listener(frame)
 
-    async def run(self) -> None:
-        """From the takeoff on, sense, mix and deliver until cancelled."""
+    async def run(self, alive: Callable[[], None]) -> None:
+        """From the takeoff on, sense, mix and deliver until cancelled.
+
+        alive: called several times a second while budgets are watched.
+        """
         await self.course.reaching("takeoff")
         async with asyncio.TaskGroup() as group:
             group.create_task(self.course.reaching("end"), name="perception without sensors")
@@ -80,7 +83,7 @@ class Perception:
             for mixing in self.mixings:
                 group.create_task(self._mix(mixing), name=f"mixing {mixing.name}")
             if self.mixings or self.from_outside:
-                group.create_task(self.budgets.run(), name="mixing budgets")
+                group.create_task(self.budgets.run(alive), name="mixing budgets")
 
     async def _sense(self, source: SensorSource) -> None:
         try:

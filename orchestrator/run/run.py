@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from orchestrator.clock import run_on
-from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.operator import Inbox
 from orchestrator.outside.outside import Outside
 from orchestrator.progress import Report
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
@@ -21,12 +21,13 @@ from orchestrator.results import RunResult
 from orchestrator.run.aboard import Aboard
 from orchestrator.run.answers import AutonomyFault
 from orchestrator.run.arranging import Watchers, build_perception
+from orchestrator.run.commanding import Commanding, commanding_of
 from orchestrator.run.course import Course, FlightError, Stage
 from orchestrator.run.flight import fly_together
 from orchestrator.run.goal import GoalFlight
-from orchestrator.run.guarding import Guard
 from orchestrator.run.holding import Holding
 from orchestrator.run.judging import Bench
+from orchestrator.run.last_words import last_words
 from orchestrator.run.opening import Pair, open_pair
 from orchestrator.run.oracles import build_judge
 from orchestrator.run.outcome import outside_result, result_of
@@ -37,6 +38,7 @@ from orchestrator.run.station import Station
 from orchestrator.run.synchronisation import Synchronisation
 from orchestrator.run.telling import Telling
 from orchestrator.run.warming import warm_up
+from orchestrator.run.watchdog import Watchdog, stage_patience_s
 from recipes.working import StepError
 from safety.guard.events import GuardEvent, decisive
 from safety.judge import COLLISION_ALWAYS
@@ -47,8 +49,6 @@ from vehicles.links.base import LinkError
 from vehicles.readings import Reading
 from worlds.motion import MOMENTS
 
-_OPERATOR_POLL_S = 0.05
-_LAST_TEXTS = 4
 _ALL_DOWN_S = 60.0
 """How long the guard is given to bring all down; its own retries and escalation fit in."""
 
@@ -84,7 +84,8 @@ class _Run:
     holding: Holding
     telling: Telling
     aboard: Aboard
-    inbox: Inbox
+    watchdog: Watchdog
+    commanding: Commanding
 
 
 async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb | None) -> RunResult:
@@ -157,7 +158,12 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
                     aboard=Aboard(
                         setup=setup, stations=pair.stations, course=course, note=recorder.note
                     ),
-                    inbox=inbox,
+                    watchdog=Watchdog(
+                        course=course, patience_s=stage_patience_s(setup.campaign.sync)
+                    ),
+                    commanding=commanding_of(
+                        setup, pair, bench=bench, telling=telling, recorder=recorder, inbox=inbox
+                    ),
                 )
                 await _conduct(run)
                 bench.last_state(loop.time())
@@ -228,12 +234,14 @@ async def _conduct(run: _Run) -> None:
     background = [
         asyncio.create_task(coroutine, name=name)
         for name, coroutine in (
-            ("judging", run.bench.run()),
-            ("operator", _listen(run)),
+            ("judging", run.bench.run(run.watchdog.watch("judging"))),
+            ("operator", run.commanding.run(run.watchdog.watch("operator"))),
+            ("fences", run.commanding.fencing.run()),
             ("progress", _follow(run)),
-            ("trajectory", run.recorder.follow(run.pair.stations, run.course)),
-            ("perception", run.perception.run()),
+            ("trajectory", _record(run)),
+            ("perception", run.perception.run(run.watchdog.watch("mixing budgets"))),
             ("outside", run.outside.run(run.course)),
+            ("watchdog", run.watchdog.run()),
         )
     ]
     flight = asyncio.create_task(_flight(run), name="flight")
@@ -252,6 +260,8 @@ async def _finish(run: _Run, flight: "asyncio.Task[None]") -> None:
     await _stop(flight)
     if not run.course.reached("landed"):
         await _bring_down(run)
+    if not run.course.decisive:
+        await run.watchdog.last_signs()
     await run.aboard.take_back()
     if run.course.reached("landed"):
         await run.aboard.fetch_logs()
@@ -350,42 +360,22 @@ def _guard_event(run: _Run, event: GuardEvent) -> None:
     run.telling.guard(event)
     settled = decisive(event)
     if settled is not None:
-        text = settled.text + _last_words(run.pair, event)
+        text = settled.text + last_words(run.pair, event)
         run.course.decide(settled.kind, text, t_s=settled.t_s, source=settled.source)
 
 
-def _last_words(pair: Pair, event: GuardEvent) -> str:
-    """Return what a vehicle that was lost, or went into a failsafe, last said."""
-    station = next((one for one in pair.stations if one.name == event.vehicle), None)
-    if station is None or event.kind not in {"lost", "failsafe"}:
-        return ""
-    texts = [said.text.strip() for said in station.driver.state.texts[-_LAST_TEXTS:]]
-    return f"; it last said: {' | '.join(texts)}" if texts else ""
-
-
-async def _listen(run: _Run) -> None:
-    """Take the operator's commands until cancelled; the guard acts on them and says so."""
-    while True:
-        while (command := run.inbox.poll()) is not None:
-            run.recorder.operator(command)
-            _pass_on(run.pair.guard, command)
-        await asyncio.sleep(_OPERATOR_POLL_S)
-
-
-def _pass_on(guard: Guard, command: OperatorCommand) -> None:
-    match command.kind:
-        case "abort":
-            guard.abort(command.who)
-        case "hold":
-            guard.hold(command.who)
-        case "resume":
-            guard.resume(command.who)
+async def _record(run: _Run) -> None:
+    """Record where all are until cancelled."""
+    alive = run.watchdog.watch("trajectory")
+    await run.recorder.follow(run.pair.stations, run.course, alive)
 
 
 async def _follow(run: _Run) -> None:
     """Report progress until cancelled."""
     await run.telling.follow(
-        run.pair.stations, lambda: run.perception.statistics, run.bench.clearance_m
+        run.pair.stations,
+        lambda: run.perception.statistics,
+        run.bench.clearance_m,
     )
 
 

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping
 
 from campaigns.expansion import RunPlan
+from orchestrator.operator import OperatorCommand
 from orchestrator.progress import Happening, HappeningKind, Progress, Report, VehicleProgress
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.station import Station
@@ -41,6 +42,21 @@ class Telling:
     def guard(self, event: GuardEvent) -> None:
         """Tell what the guard does."""
         self._tell("guard", event.kind, event.vehicle, event.text, event.t_s)
+
+    def answer(self, command: OperatorCommand, ok: bool, text: str) -> None:
+        """Tell what came of an operator's command."""
+        self._report(
+            Happening(
+                run=self._plan.name,
+                t_s=asyncio.get_running_loop().time(),
+                kind="answer",
+                word="ok" if ok else "refused",
+                vehicle="",
+                text=text,
+                command_id=command.command_id,
+                who=command.who,
+            )
+        )
 
     async def follow(
         self,

@@ -5,16 +5,8 @@ import socket
 from collections import deque
 from collections.abc import Callable
 
-from safety.guard.protocol import (
-    LONGEST_MESSAGE_BYTES,
-    Bytes,
-    Message,
-    OnWire,
-    Position,
-    ProtocolError,
-    decode,
-    encode,
-)
+from safety.guard.messages import Bytes, Message, OnWire, Position
+from safety.guard.protocol import LONGEST_MESSAGE_BYTES, ProtocolError, decode, encode
 
 _PACKETS_A_TURN = 64
 _BUFFER_BYTES = 1 << 20

@@ -5,7 +5,7 @@ from types import TracebackType
 from typing import Self
 
 from safety.guard.channel import Channel
-from safety.guard.protocol import Bytes
+from safety.guard.messages import Bytes
 from vehicles.links.base import Receiver
 
 

@@ -1,6 +1,7 @@
 """What an operator's socket hears and answers: one JSON object a line; pure.
 
 Asked: {"command": "abort" | "hold" | "resume" | "status" | "watch", "who": "anna", "token": "..."}
+or {"command": "geofence", "geofence": "the text of a file", "id": "a1", "who": "anna"}
 Answered: {"ok": true, "command": "abort", "text": "...", ...}
 """
 
@@ -9,11 +10,11 @@ import json
 from dataclasses import dataclass
 from typing import Any, Literal, cast, get_args
 
-LONGEST_LINE_BYTES = 4096
+LONGEST_LINE_BYTES = 1 << 16
 _LONGEST_WHO = 64
-OperatorWord = Literal["abort", "hold", "resume", "status", "watch"]
+OperatorWord = Literal["abort", "hold", "resume", "geofence", "status", "watch"]
 _WORDS: frozenset[str] = frozenset(get_args(OperatorWord))
-_KEYS = frozenset({"command", "who", "token"})
+_KEYS = frozenset({"command", "who", "token", "geofence", "id"})
 
 
 class RefusedLineError(ValueError):
@@ -22,10 +23,12 @@ class RefusedLineError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class OperatorLine:
-    """A command and who gave it."""
+    """A command and who gave it. document, command_id: of a geofence, else empty."""
 
     command: OperatorWord
     who: str
+    document: str = ""
+    command_id: str = ""
 
 
 def parse_line(line: bytes, *, token: str = "") -> OperatorLine:
@@ -51,7 +54,13 @@ def parse_line(line: bytes, *, token: str = "") -> OperatorLine:
     command = asked.get("command")
     if not isinstance(command, str) or command not in _WORDS:
         raise RefusedLineError(f"command is one of {', '.join(get_args(OperatorWord))}")
-    return OperatorLine(cast("OperatorWord", command), checked_who(asked.get("who", "operator")))
+    who = checked_who(asked.get("who", "operator"))
+    if command != "geofence":
+        return OperatorLine(cast("OperatorWord", command), who)
+    document, command_id = asked.get("geofence"), asked.get("id")
+    if not isinstance(document, str) or not isinstance(command_id, str):
+        raise RefusedLineError("geofence is the text of a file, and id anything not used before")
+    return OperatorLine("geofence", who, document, command_id)
 
 
 def checked_who(who: Any) -> str:

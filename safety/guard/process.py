@@ -20,7 +20,7 @@ from typing import Any
 
 from safety.guard.channel import Channel
 from safety.guard.channel_link import ChannelLink
-from safety.guard.charter import CharterError, GuardCharter, Guarded
+from safety.guard.charter import CharterError, GuardCharter
 from safety.guard.events import GuardEvent
 from safety.guard.journal import Journal
 from safety.guard.leftovers import (
@@ -31,9 +31,7 @@ from safety.guard.leftovers import (
     runtime_folder,
     write_record,
 )
-from safety.guard.operator_lines import OperatorLine, RefusedLineError
-from safety.guard.operator_socket import POINTER, OperatorSocket
-from safety.guard.protocol import (
+from safety.guard.messages import (
     Alive,
     AnchorAt,
     Bytes,
@@ -43,6 +41,7 @@ from safety.guard.protocol import (
     Failed,
     GoDark,
     Message,
+    NewFences,
     OnWire,
     Opened,
     Order,
@@ -52,6 +51,9 @@ from safety.guard.protocol import (
     Status,
     Told,
 )
+from safety.guard.operator_lines import OperatorLine, RefusedLineError
+from safety.guard.operator_socket import POINTER, OperatorSocket
+from safety.guard.process_parts import close_quietly, how_it_ended, vehicle_link
 from safety.guard.shell import GuardLinks, GuardShell
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
@@ -60,7 +62,7 @@ from vehicles.errors import VehicleError
 from vehicles.links.base import Link
 from vehicles.links.conditions import under_conditions
 from vehicles.links.opening import open_link
-from vehicles.links.parse import LinkAddress, parse_link
+from vehicles.links.parse import parse_link
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.tlog import TlogWriter
 from worlds.frames import Pose
@@ -117,7 +119,7 @@ class GuardProcess:
                 for name in self._names:
                     log = TlogWriter(path=folder / f"{name}.tlog", epoch_s=charter.epoch_s)
                     self._tlogs[name] = log.__enter__()
-                    logs.callback(_close, log)
+                    logs.callback(close_quietly, log)
                 async with AsyncExitStack() as stack:
                     await self._open(stack, charter)
                     await self._over.wait()
@@ -130,7 +132,7 @@ class GuardProcess:
         runtime = runtime_folder()
         for text in await asyncio.to_thread(reap_leftovers, runtime):
             self._note("leftover", text=text)
-        raw = {name: _vehicle_link(one) for name, one in charter.vehicles.items()}
+        raw = {name: vehicle_link(one) for name, one in charter.vehicles.items()}
         links: dict[str, GuardLinks] = {}
         for index, (name, one) in enumerate(charter.vehicles.items()):
             inner = ChannelLink(name=f"{name} orchestrator", index=index, channel=self._channel)
@@ -198,7 +200,6 @@ class GuardProcess:
         loop.call_later(STATUS_S, self._tell_status)
 
     def _take(self, message: Message) -> None:
-        """Take a message of the orchestrator; the frequent ones first."""
         match message:
             case Bytes(index, _, data) if index < len(self._links):
                 self._links[index].arrive(data, asyncio.get_running_loop().time())
@@ -207,10 +208,17 @@ class GuardProcess:
                 self._shell.position(PoseSample(t_s, self._names[index], pose, velocity))
             case Alive() if self._links:
                 self._shell.alive()
+            case _:
+                self._take_rare(message)
+
+    def _take_rare(self, message: Message) -> None:
+        match message:
             case CharterMessage() if not self._chartered.done():
                 self._chartered.set_result(message)
             case Order() if self._links:
                 self._order(message)
+            case NewFences(who, fences) if self._links and set(fences) <= set(self._names):
+                self._shell.change_fences(fences, who)
             case AnchorAt(name, origin, turn) if name in self._names:
                 self._shell.anchor(name, Anchor(origin, turn))
             case GoDark(name, duration_s) if name in self._names and self._links:
@@ -248,6 +256,8 @@ class GuardProcess:
         if line.command == "abort":
             self._shell.abort(who)
             return "all are brought down"
+        if line.command == "geofence":
+            raise RefusedLineError("geofence: send it to the campaign, not to the guard")
         if core.latched is not None:
             raise RefusedLineError(f"{line.command}: all are landing already ({core.latched})")
         if line.command == "hold":
@@ -295,7 +305,7 @@ class GuardProcess:
 
     def _child_ended(self, name: str, child: ChildProcess) -> None:
         code = child.exit_code
-        how = _how_it_ended(code)
+        how = how_it_ended(code)
         self._note("ended", vehicle=name, text=how)
         if not self._ending:
             self._shell.vehicle_ended(name, how)
@@ -363,24 +373,6 @@ class GuardProcess:
 
     def _note(self, event: str, **details: str | float | bool | None) -> None:
         self._journal.write(asyncio.get_running_loop().time(), event, **details)
-
-
-def _close(log: TlogWriter) -> None:
-    # A full disk is told by the guard when it writes; at the close nobody hears.
-    with contextlib.suppress(OSError):
-        log.__exit__(None, None, None)
-
-
-def _vehicle_link(guarded: Guarded) -> Link:
-    if guarded.link:
-        return open_link(parse_link(guarded.link), patient=guarded.patient)
-    return UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
-
-
-def _how_it_ended(code: int | None) -> str:
-    if code is not None and code < 0:
-        return f"its process was ended by {signal.Signals(-code).name}"
-    return f"its process ended with exit status {code}"
 
 
 def main(arguments: list[str]) -> int:

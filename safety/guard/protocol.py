@@ -13,6 +13,7 @@ body, little-endian. Frequent kinds have a fixed layout, the others msgpack:
     7     orchestrator   AnchorAt: [vehicle, [north, east, down], turn]
     8     orchestrator   End: empty
     9     orchestrator   GoDark: [vehicle, seconds]
+    10    orchestrator   NewFences: [who, {vehicle: fence}]
     16    guard          Opened: [pid, [port, ...]]
     17    guard          Started: [vehicle, pid]
     18    guard          Ended: [vehicle, exit code or nil, last words]
@@ -27,17 +28,37 @@ Vehicles go by their place in the charter. Times are CLOCK_MONOTONIC, which all 
 import math
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import Any, Literal, cast, get_args
+from dataclasses import fields
+from typing import Any, cast, get_args
 
 import msgpack  # type: ignore[import-untyped]  # ships no types
 
+from safety.fence_plain import fence_of_plain, plain_fence
 from safety.guard.contingency import Phase
 from safety.guard.events import Cause, EventKind, GuardEvent
-from worlds.frames import Quat, Vec3
+from safety.guard.messages import (
+    Alive,
+    AnchorAt,
+    Bytes,
+    CharterMessage,
+    End,
+    Ended,
+    Failed,
+    GoDark,
+    Message,
+    NewFences,
+    OnWire,
+    Opened,
+    Order,
+    OrderKind,
+    Position,
+    Start,
+    Started,
+    Status,
+    Told,
+)
 
 LONGEST_MESSAGE_BYTES = 1 << 17
-OrderKind = Literal["abort", "hold", "resume", "bring_down"]
 _ORDERS: frozenset[str] = frozenset(get_args(OrderKind))
 _EVENTS: frozenset[str] = frozenset(get_args(EventKind))
 _CAUSES: frozenset[str] = frozenset(get_args(Cause))
@@ -47,154 +68,6 @@ _position = struct.Struct("<BBd10d")
 
 class ProtocolError(ValueError):
     """A packet that is none of the protocol's; says why."""
-
-
-@dataclass(frozen=True, slots=True)
-class CharterMessage:
-    """What the guard is to guard, as plain values."""
-
-    plain: dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Start a vehicle's process as a child of the guard."""
-
-    vehicle: str
-    argv: tuple[str, ...]
-    environment: dict[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class Bytes:
-    """MAVLink frames of the vehicle at `index`, or for it; t_s: when the guard had them."""
-
-    index: int
-    t_s: float
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Position:
-    """Where the vehicle at `index` is, world frame."""
-
-    index: int
-    t_s: float
-    position_ned_m: Vec3
-    q_wxyz: Quat
-    velocity_ned_m_s: Vec3
-
-
-@dataclass(frozen=True, slots=True)
-class Alive:
-    """A sign of life of the orchestrator's event loop."""
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """A command; text: who gave it, or for bring_down the reason."""
-
-    kind: OrderKind
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class AnchorAt:
-    """Where a vehicle's local frame is in the world."""
-
-    vehicle: str
-    origin_ned_m: Vec3
-    turn_rad: float
-
-
-@dataclass(frozen=True, slots=True)
-class GoDark:
-    """Let nothing through between the guard and a vehicle for a while."""
-
-    vehicle: str
-    duration_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class End:
-    """Nothing more is to be flown: reap and end."""
-
-
-@dataclass(frozen=True, slots=True)
-class Opened:
-    """The links are open; ports: the local UDP port of each, 0 for a link without one."""
-
-    pid: int
-    ports: tuple[int, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Started:
-    """A vehicle's process runs."""
-
-    vehicle: str
-    pid: int
-
-
-@dataclass(frozen=True, slots=True)
-class Ended:
-    """A vehicle's process ended, or could not be started (exit_code None)."""
-
-    vehicle: str
-    exit_code: int | None
-    last_words: str
-
-
-@dataclass(frozen=True, slots=True)
-class OnWire:
-    """A command that just went to a vehicle."""
-
-    index: int
-    t_s: float
-    frame: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """An event of the guard."""
-
-    event: GuardEvent
-
-
-@dataclass(frozen=True, slots=True)
-class Status:
-    """Where the guard stands; sent several times a second, as its sign of life."""
-
-    latched: Cause | None
-    all_down: bool
-    phases: tuple[Phase, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Failed:
-    """The guard could not begin; says why."""
-
-    text: str
-
-
-Message = (
-    CharterMessage
-    | Start
-    | Bytes
-    | Position
-    | Alive
-    | Order
-    | AnchorAt
-    | GoDark
-    | End
-    | Opened
-    | Started
-    | Ended
-    | OnWire
-    | Told
-    | Status
-    | Failed
-)
 
 
 def encode(message: Message) -> bytes:
@@ -226,6 +99,8 @@ def _plain(message: Message) -> tuple[int, Any]:
     match message:
         case CharterMessage(plain):
             return kind, plain
+        case NewFences(who, fences):
+            return kind, [who, {name: plain_fence(fence) for name, fence in fences.items()}]
         case Told(event):
             return kind, [event.t_s, event.kind, event.vehicle, event.text]
         case Status(latched, all_down, phases):
@@ -288,6 +163,12 @@ def _read_order(packet: bytes) -> Message:
     if kind not in _ORDERS:
         raise ProtocolError(f"order {kind!r} is not known")
     return Order(cast("OrderKind", kind), text)
+
+
+def _read_fences(packet: bytes) -> Message:
+    who, fences = _body(packet)
+    _texts(who, *fences)
+    return NewFences(who, {name: fence_of_plain(plain) for name, plain in fences.items()})
 
 
 def _read_anchor(packet: bytes) -> Message:
@@ -368,6 +249,7 @@ _KINDS: dict[type[Any], int] = {
     Order: 6,
     AnchorAt: 7,
     GoDark: 9,
+    NewFences: 10,
     Opened: 16,
     Started: 17,
     Ended: 18,
@@ -385,6 +267,7 @@ _READERS: dict[int, Callable[[bytes], Message]] = {
     7: _read_anchor,
     8: lambda _: End(),
     9: _read_go_dark,
+    10: _read_fences,
     16: _read_opened,
     17: _read_started,
     18: _read_ended,

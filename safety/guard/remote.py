@@ -1,23 +1,23 @@
 """The orchestrator's side of a guard in another process: what `GuardShell` is in this one."""
 
 import asyncio
-import contextlib
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from types import TracebackType
-from typing import IO, Self
+from typing import Self
 
+from safety.geofence import Fence
 from safety.guard.channel import Channel, channel_pair
 from safety.guard.channel_link import ChannelLink
 from safety.guard.charter import GuardCharter, Guarded
 from safety.guard.contingency import Phase
 from safety.guard.events import GuardEvent
+from safety.guard.last_words import last_words, open_stderr, remove_if_empty
 from safety.guard.leftovers import ProcessId, end_process
 from safety.guard.lost_links import LostLinks
-from safety.guard.protocol import (
+from safety.guard.messages import (
     Alive,
     AnchorAt,
     Bytes,
@@ -27,6 +27,7 @@ from safety.guard.protocol import (
     Failed,
     GoDark,
     Message,
+    NewFences,
     OnWire,
     Opened,
     Order,
@@ -53,7 +54,6 @@ _CHECK_S = 0.2
 _CHECKS_WITHOUT_A_WORD = 10
 """Of our own turns, not of time: a machine that was asleep must not make us kill our guard."""
 _POLL_S = 0.1
-_STDERR = "guard.stderr"
 
 
 class RemoteGuard:
@@ -125,7 +125,7 @@ class RemoteGuard:
             self._ending = True
             await self._end_process()
             said = answer.text if isinstance(answer, Failed) else ""
-            raise LinkError(said or self._last_words())
+            raise LinkError(said or last_words(self._charter.folder))
         self._ports = dict(zip(self._names, answer.ports, strict=True))
         self._beat()
         self._check()
@@ -183,6 +183,10 @@ class RemoteGuard:
     def resume(self, who: str) -> None:
         """Give the vehicles back to the orchestrator after a hold."""
         self._order("resume", who)
+
+    def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
+        """Give vehicles new fences, all or none; an event says which."""
+        self._channel.send(NewFences(who, dict(fences)))
 
     def bring_down(self, reason: str) -> None:
         """Bring all down for a reason of the orchestrator's own."""
@@ -251,7 +255,7 @@ class RemoteGuard:
         for link in self._links.values():
             link.channel = self._channel
         try:
-            self._stderr: IO[bytes] = (Path(self._charter.folder) / _STDERR).open("w+b")
+            self._stderr = open_stderr(self._charter.folder)
             descriptors = (theirs.fileno(), lifeline, hold)
             # Not asyncio's: its transport kills a process that outlives it, and a guard may.
             self._process = await asyncio.to_thread(
@@ -382,10 +386,7 @@ class RemoteGuard:
         self._channel.close()
         os.close(self._hold)
         self._stderr.close()
-        path = Path(self._charter.folder) / _STDERR
-        with contextlib.suppress(OSError):
-            if path.stat().st_size == 0:
-                path.unlink()
+        remove_if_empty(self._charter.folder)
 
     async def _reap(self) -> None:
         """End what a dead guard left over."""
@@ -394,9 +395,3 @@ class RemoteGuard:
         left = [child for child in self._children.values() if child.lives]
         for child in left:
             await asyncio.to_thread(end_process, child)
-
-    def _last_words(self) -> str:
-        words = ""
-        with contextlib.suppress(OSError):
-            words = (Path(self._charter.folder) / _STDERR).read_text(encoding="utf-8")
-        return f"the guard's process ended: {words[-2000:].strip() or 'it said nothing'}"

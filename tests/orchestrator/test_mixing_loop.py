@@ -332,7 +332,7 @@ class Flight:
 def judged(body: str, feed: Callable[[Flight], Awaitable[None]]) -> Flight:
     async def run() -> Flight:
         flight = Flight(body)
-        task = asyncio.ensure_future(flight.watch.run())
+        task = asyncio.ensure_future(flight.watch.run(lambda: None))
         await feed(flight)
         task.cancel()
         await asyncio.wait([task])

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
+from safety.geofence import Fence
 from safety.guard.contingency import Phase
 from safety.guard.leftovers import ProcessId, reap_leftovers, records, runtime_folder
 from safety.guard.operator_socket import POINTER
@@ -88,6 +89,27 @@ async def test_a_position_outside_of_the_fence_brings_both_down(folder: Path) ->
         assert await flight.guard.all_down(10.0)
         assert flight.kinds() == ["fence"]
     assert [word for _, word in words(folder, "twin")][-1] == "END armed=False up_m=0.00"
+
+
+async def test_fences_are_changed_in_flight_all_or_none(folder: Path) -> None:
+    wide = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-1, 6))
+    away = Fence.box(north_m=(20, 30), east_m=(-9, 9), up_m=(-1, 6))
+    async with RemoteFlight(folder) as flight:
+        for fences, kind in (
+            ({"real": wide, "twin": away}, "refused"),
+            ({"real": wide}, "geofence"),
+        ):
+            for name in ("real", "twin"):
+                flight.place(name, 0.0)
+            flight.guard.change_fences(fences, "anna")
+            await until(lambda kind=kind: flight.kinds()[-1:] == [kind])
+        flight.place("real", 4.0)
+        flight.place("real", 8.0)
+        flight.place("twin", 5.5)
+        assert await flight.guard.all_down(10.0)
+        assert flight.kinds() == ["refused", "geofence", "fence"]
+        (breach,) = [event for event in flight.guard.events if event.kind == "fence"]
+        assert breach.vehicle == "twin"
 
 
 async def test_killed_orchestrator(folder: Path, runtime: Path) -> None:

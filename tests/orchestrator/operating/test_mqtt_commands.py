@@ -32,7 +32,12 @@ def read(payload: bytes, kind: str = "abort", *, retained: bool = False) -> Any:
 def test_a_good_command_is_obeyed(kind: str) -> None:
     asked = read(said(reason="a bird", run="large/wil/1"), kind)
     assert (asked.command.kind, asked.command_id) == (kind, "a1")
-    assert asked.command == OperatorCommand(kind, "mqtt:anna", "a bird")  # type: ignore[arg-type]
+    assert asked.command == OperatorCommand(
+        kind,  # type: ignore[arg-type]
+        "mqtt:anna",
+        "a bird",
+        command_id="a1",
+    )
     assert read(said(who=...)).command.who == "mqtt:operator"
 
 
@@ -43,7 +48,7 @@ def test_a_good_command_is_obeyed(kind: str) -> None:
         (b"\xff\xfe", "not UTF-8"),
         (b"[" * 4000, "not JSON"),
         (b"[1]", "not a JSON object"),
-        (b"{" + b" " * 5000 + b"}", "longer than 4096 bytes"),
+        (b"{" + b" " * 66000 + b"}", "longer than 65536 bytes"),
         (b"{}", "a token is needed"),
         (said(token="guess"), "wrong token"),  # noqa: S106
         (said(token=None), "wrong token"),
@@ -73,6 +78,17 @@ def test_what_is_wrong_is_refused_with_the_reason(payload: bytes, why: str) -> N
     with pytest.raises(RefusedCommandError) as refused:
         read(payload)
     assert str(refused.value).startswith(why)
+
+
+@pytest.mark.parametrize("given", ["box: {}", {"box": {"up_m": [0, 2]}}])
+def test_a_geofence_comes_as_text_or_as_an_object(given: Any) -> None:
+    command = read(said(geofence=given), "geofence").command
+    assert (command.kind, command.command_id) == ("geofence", "a1")
+    assert given in (command.document, json.loads(command.document) if given != "box: {}" else "")
+    with pytest.raises(RefusedCommandError, match="geofence is for"):
+        read(said(geofence=given), "hold")
+    with pytest.raises(RefusedCommandError, match="geofence is for"):
+        read(said(), "geofence")
 
 
 def test_a_reason_that_is_fit_for_no_record_is_left_out() -> None:

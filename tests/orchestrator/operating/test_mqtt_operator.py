@@ -161,7 +161,7 @@ async def test_what_is_hostile_is_refused_and_changes_nothing(scene: Scene, tmp_
         "not UTF-8",
         "not a JSON object",
         "not JSON",
-        "longer than 4096 bytes",
+        "longer than 65536 bytes",
         "wrong token",
     ]
     stale = await person.command("abort", at=time.time() - 30.0)

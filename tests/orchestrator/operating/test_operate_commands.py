@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from orchestrator.cli import main
+from orchestrator.operating.desk import Desk
 from orchestrator.operating.opening import operating
-from orchestrator.progress import Progress
+from orchestrator.progress import Happening, Progress
 from tests.orchestrator.operating.desks import FakeFleet, make_desk
 
 Said = tuple[int, str, str]
@@ -32,12 +33,16 @@ def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
 
 
 @pytest.fixture
-async def fleet(tmp_path: Path) -> AsyncIterator[FakeFleet]:
-    fleet = FakeFleet()
+def fleet() -> FakeFleet:
+    return FakeFleet()
+
+
+@pytest.fixture
+async def desk(tmp_path: Path, fleet: FakeFleet) -> AsyncIterator[Desk]:
     desk = make_desk(tmp_path, fleet)
     desk.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
     async with operating(desk):
-        yield fleet
+        yield desk
 
 
 @pytest.mark.parametrize("command", ["abort", "hold", "resume", "watch"])
@@ -46,6 +51,7 @@ async def test_where_nothing_flies_this_is_said(cli: Cli, command: str, tmp_path
     assert await cli(command, str(tmp_path)) == (3, "", f"nothing flies in {tmp_path}\n")
 
 
+@pytest.mark.usefixtures("desk")
 async def test_commands_reach_the_campaign_with_a_name(cli: Cli, fleet: FakeFleet) -> None:
     assert await cli("hold", "--who", "anna") == (
         0,
@@ -64,6 +70,42 @@ async def test_commands_reach_the_campaign_with_a_name(cli: Cli, fleet: FakeFlee
     assert [one.who for one in fleet.aborted] == ["cli:anna"]
 
 
+async def test_a_fence_is_answered_by_the_runs(
+    cli: Cli, desk: Desk, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    path = tmp_path / "fence.yaml"
+    path.write_text("box: {}")
+    for ok, code in ((True, 0), (False, 3)):
+        calling = asyncio.create_task(cli("fence", str(path), "--who", "anna"))
+        before = len(fleet.told)
+        while len(fleet.told) == before:  # noqa: ASYNC110 - another thread sets no event
+            await asyncio.sleep(0.01)
+        asked = fleet.told[-1]
+        assert (asked.kind, asked.who, asked.document) == ("geofence", "cli:anna", "box: {}")
+        word = "ok" if ok else "refused"
+        news = Happening("large/wil/1", 9.0, "answer", word, "", "said", asked.command_id)
+        desk.news(news)
+        assert await calling == (
+            code,
+            "large/wil/1: said\n" if ok else "",
+            "" if ok else "large/wil/1: said\n",
+        )
+    lines = (tmp_path / "operator.jsonl").read_text("utf-8").splitlines()
+    assert [json.loads(line)["ok"] for line in lines] == [True, True, True, False]
+
+
+async def test_a_fence_that_cannot_be_read_or_sent_is_said(cli: Cli, tmp_path: Path) -> None:
+    code, _, said = await cli("fence", str(tmp_path / "none.yaml"))
+    assert (code, "cannot be read" in said) == (2, True)
+    path = tmp_path / "long.yaml"
+    path.write_text("#" * 40_000)
+    code, _, said = await cli("fence", str(path))
+    assert (code, "more than" in said) == (2, True)
+    path.write_text("box: {}")
+    assert (await cli("fence", str(path))) == (3, "", "nothing flies here\n")
+
+
+@pytest.mark.usefixtures("desk")
 async def test_a_folder_chooses_what_is_meant(cli: Cli, fleet: FakeFleet, tmp_path: Path) -> None:
     assert (await cli("abort", str(tmp_path.parent / "another")))[0] == 3
     assert fleet.aborted == []

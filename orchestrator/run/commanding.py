@@ -1,0 +1,68 @@
+"""Takes an operator's commands in flight; the guard acts on them and says so."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.recording.run_recorder import RunRecorder
+from orchestrator.run.fencing import Fencing
+from orchestrator.run.guarding import Guard
+from orchestrator.run.judging import Bench
+from orchestrator.run.opening import Pair
+from orchestrator.run.setup import RunSetup
+from orchestrator.run.telling import Telling
+
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Commanding:
+    """Passes on what comes in. record: told of each command."""
+
+    inbox: Inbox
+    guard: Guard
+    fencing: Fencing
+    record: Callable[[OperatorCommand], None]
+
+    async def run(self, alive: Callable[[], None]) -> None:
+        """Listen until cancelled. alive: called twenty times a second."""
+        while True:
+            alive()
+            while (command := self.inbox.poll()) is not None:
+                self.record(command)
+                self._pass_on(command)
+            await asyncio.sleep(_POLL_S)
+
+    def _pass_on(self, command: OperatorCommand) -> None:
+        match command.kind:
+            case "abort":
+                self.guard.abort(command.who)
+            case "hold":
+                self.guard.hold(command.who)
+            case "resume":
+                self.guard.resume(command.who)
+            case "geofence":
+                self.fencing.ask(command)
+
+
+def commanding_of(
+    setup: RunSetup,
+    pair: Pair,
+    *,
+    bench: Bench,
+    telling: Telling,
+    recorder: RunRecorder,
+    inbox: Inbox,
+) -> Commanding:
+    """Return what takes the commands of a run's operators."""
+    fencing = Fencing(
+        guard=pair.guard,
+        frame=setup.campaign.world.frame,
+        present=dict(setup.campaign.fences.items()),
+        flying=tuple(one.name for one in setup.vehicles),
+        changed=bench.fence,
+        answer=telling.answer,
+    )
+    pair.guard.on_event(fencing.take)
+    return Commanding(inbox=inbox, guard=pair.guard, fencing=fencing, record=recorder.operator)

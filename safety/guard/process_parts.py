@@ -1,0 +1,31 @@
+"""Small parts of the guard's process: the links it opens, how its children ended, its logs' end."""
+
+import contextlib
+import signal
+
+from safety.guard.charter import Guarded
+from vehicles.links.base import Link
+from vehicles.links.opening import open_link
+from vehicles.links.parse import LinkAddress, parse_link
+from vehicles.links.udp import UdpLink
+from vehicles.mavlink.tlog import TlogWriter
+
+
+def vehicle_link(guarded: Guarded) -> Link:
+    """Return the link to a vehicle; a free UDP port of loopback for one that will be started."""
+    if guarded.link:
+        return open_link(parse_link(guarded.link), patient=guarded.patient)
+    return UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
+
+
+def how_it_ended(code: int | None) -> str:
+    """Return in words how a child process ended."""
+    if code is not None and code < 0:
+        return f"its process was ended by {signal.Signals(-code).name}"
+    return f"its process ended with exit status {code}"
+
+
+def close_quietly(log: TlogWriter) -> None:
+    """Close a log of frames; that the disk is full was told when it was written to."""
+    with contextlib.suppress(OSError):
+        log.__exit__(None, None, None)
