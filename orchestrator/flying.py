@@ -2,7 +2,7 @@
 
 import asyncio
 import signal
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -194,7 +194,11 @@ class _Flight:
         return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
 
     def _orders(self) -> Iterable[RunOrder]:
-        for plan in self._plans:
+        plans: Sequence[RunPlan] = self._plans
+        if self._settings.jobs > 1:
+            # The pairs take longest: begun last, one of them would keep a single core busy.
+            plans = sorted(plans, key=lambda plan: plan.mode != "wil")
+        for plan in plans:
             if plan.name not in self._results:
                 yield RunOrder(
                     plan=plan,
