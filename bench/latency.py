@@ -2,6 +2,8 @@
 
     taskset -c 0,1 python bench/latency.py [--seconds N] [--size WxH] [--hz N] [--rtp]
 
+On a machine with other work to do, `chrt -f 20` before it keeps that work out of the figures.
+
 A thread stands for a live camera: at the end of each exposure it hands over a picture of a pool.
 Another stands for motion capture at 200 Hz. In between lies what a flight has: the wait for a pose
 of the moment, the twin's picture drawn from it in a thread, the gate recipe, delivery in the

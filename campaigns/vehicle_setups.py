@@ -56,7 +56,7 @@ class VehicleSetup:
     profile: str
     start: Pose
     system_id: int
-    anchor: Literal["start"] = "start"
+    anchor: Literal["start", "mocap"] = "start"
     pose_source: Literal["mavlink", "mocap"] = "mavlink"
     mocap: MocapSetup | None = None
     pose_accuracy: PoseAccuracy = ESTIMATED

@@ -125,8 +125,8 @@ class TelemetryPart(Part):
 class VehiclePart(Part):
     """One vehicle of the pair.
 
-    system_id: 1 for the real vehicle and 2 for the twin without. mocap: where motion capture comes
-    from; None: the surrogate's.
+    system_id: 1 for the real vehicle and 2 for the twin without. anchor: what says where it stands
+    before arming: `start`, or motion capture. mocap: where that comes from; None: the surrogate's.
     """
 
     link: Annotated[str, AfterValidator(_link)] | LaunchPart
@@ -137,7 +137,7 @@ class VehiclePart(Part):
     profile: Text = "nominal"
     params: dict[ParameterName, float] = Field(default_factory=dict)
     start: StartPart = StartPart()
-    anchor: Literal["start"] = "start"
+    anchor: Literal["start", "mocap"] = "start"
     pose_source: Literal["mavlink", "mocap"] = "mavlink"
     mocap: MocapPart | None = None
     pose_accuracy: PoseAccuracyPart | None = None
@@ -156,9 +156,12 @@ class VehiclePart(Part):
             )
             raise KeyFaultError("pose_source", said)
         for name, sensor in self.sensors.items():
-            if self.link != "embedded" and sensor.type in _OURS_ALONE:
+            captured = sensor.type == "pose" and self.pose_source == "mocap"
+            if self.link != "embedded" and sensor.type in _OURS_ALONE and not captured:
                 said = "only the embedded vehicle has one of ours; leave it out"
                 raise KeyFaultError(("sensors", name, "type"), said)
+        if self.anchor == "mocap" and self.pose_source != "mocap":
+            raise KeyFaultError("anchor", "is by motion capture: it needs pose_source: mocap")
         launched = None if isinstance(self.link, str) else self.link.launch
         if launched not in {None, self.autopilot}:
             raise KeyFaultError("autopilot", f"the link launches {launched}")

@@ -19,6 +19,7 @@ from orchestrator.recording.mcap_settings import recording_settings
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.results import RunResult
 from orchestrator.run.aboard import Aboard
+from orchestrator.run.anchoring import prove_and_anchor
 from orchestrator.run.answers import AutonomyFault
 from orchestrator.run.arranging import Watchers, build_perception
 from orchestrator.run.commanding import Commanding, commanding_of
@@ -327,8 +328,8 @@ async def _flight(run: _Run) -> None:
             holding=run.holding,
             sync=setup.campaign.sync,
             heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
-            before_arming=lambda: run.outside.before_arming(
-                run.pair.stations, unbooted=run.aboard.unbooted
+            before_arming=partial(
+                prove_and_anchor, setup, run.pair.stations, run.outside, run.aboard
             ),
             barrier=run.sync.check_takeoff,
             goal=run.goal.fly,

@@ -46,6 +46,9 @@ class FakeDriver:
     def hand_over(self) -> None:
         self.calls.append("hand_over")
 
+    def set_anchor(self, anchor: Anchor) -> None:
+        self.anchor = anchor
+
     def stands_at(self, local: Pose, world: Pose) -> None:
         self.anchor = Anchor.of_poses(local=local, world=world)
         self.state.local = LocalEstimate(0.0, local, (0.0, 0.0, 0.0))
