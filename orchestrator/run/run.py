@@ -13,9 +13,6 @@ from orchestrator.clock import run_on
 from orchestrator.operator import Inbox
 from orchestrator.outside.outside import Outside
 from orchestrator.progress import Report
-from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
-from orchestrator.recording.facts import facts_of
-from orchestrator.recording.mcap_settings import recording_settings
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.results import RunResult
 from orchestrator.run.aboard import Aboard
@@ -33,7 +30,8 @@ from orchestrator.run.opening import Pair, open_pair
 from orchestrator.run.oracles import build_judge
 from orchestrator.run.outcome import outside_result, result_of
 from orchestrator.run.perceiving import Perception
-from orchestrator.run.pilots import open_pilots
+from orchestrator.run.pilots import AnyPilot, open_pilots
+from orchestrator.run.recorder import recorder_of
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from orchestrator.run.synchronisation import Synchronisation
@@ -89,6 +87,21 @@ class _Run:
     commanding: Commanding
 
 
+@dataclass(slots=True, kw_only=True)
+class _Ground:
+    """What stands before the vehicles do, and when they are gone. perception: once there is one."""
+
+    setup: RunSetup
+    course: Course
+    events: dict[str, float]
+    bench: Bench
+    outside: Outside
+    recorder: RunRecorder
+    sync: Synchronisation
+    telling: Telling
+    perception: Perception | None = None
+
+
 async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb | None) -> RunResult:
     began_s = time.monotonic()
     loop = asyncio.get_running_loop()
@@ -96,15 +109,13 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
     loop.set_exception_handler(lambda _, context: _unhandled(course, context))
     events: dict[str, float] = {}
     judge = build_judge(setup, events)
-    sync = Synchronisation(setup=setup.campaign.sync, course=course)
-    perception: Perception | None = None
-    outside = Outside(setup=setup, events=events)
     with ExitStack() as streams:
         kinds = {use.name: use.kind for use in (*setup.campaign.oracles, COLLISION_ALWAYS)}
-        recorder = streams.enter_context(_recorder(setup, loop, course, kinds))
+        recorder = streams.enter_context(recorder_of(setup, course, kinds))
         course.on_stage(recorder.stage)
         course.on_decisive(recorder.decisive)
         telling = Telling(plan=setup.order.plan, report=report, course=course, kinds=kinds)
+        outside = Outside(setup=setup, events=events)
         bench = Bench(
             judge=judge,
             course=course,
@@ -112,62 +123,18 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
             watch=(recorder.flag, telling.flag, partial(_contact, outside, kinds)),
             tape=recorder.judged,
         )
+        ground = _Ground(
+            setup=setup,
+            course=course,
+            events=events,
+            bench=bench,
+            outside=outside,
+            recorder=recorder,
+            sync=Synchronisation(setup=setup.campaign.sync, course=course),
+            telling=telling,
+        )
         try:
-            async with (
-                outside,
-                open_pair(
-                    setup, record=sync.recording(recorder.frame), captures=outside.captures
-                ) as pair,
-                open_pilots(setup, pair, course) as pilots,
-            ):
-                outside.attach(pair.stations)
-                perception = build_perception(
-                    setup,
-                    pair=pair,
-                    pilots=pilots,
-                    outside=outside,
-                    course=course,
-                    events=events,
-                    watchers=_watchers(recorder, outside),
-                )
-                goal = GoalFlight(
-                    pilots=perception.pilots,
-                    subject=setup.subject,
-                    course=course,
-                    events=events,
-                    started=sync.goal_given,
-                    within_s=setup.campaign.sync.goal_timeout_s,
-                    notify=partial(_world_event, recorder, pair),
-                )
-                course.on_stage(partial(_moment, events, goal.notify))
-                sync.attach(pair.stations)
-                pair.go_dark(setup.campaign.links, course)
-                if disturb is not None:
-                    disturb(pair, course)
-                run = _Run(
-                    setup=setup,
-                    course=course,
-                    pair=pair,
-                    bench=bench,
-                    outside=outside,
-                    perception=perception,
-                    recorder=recorder,
-                    goal=goal,
-                    sync=sync,
-                    holding=Holding(course=course),
-                    telling=telling,
-                    aboard=Aboard(
-                        setup=setup, stations=pair.stations, course=course, note=recorder.note
-                    ),
-                    watchdog=Watchdog(
-                        course=course, patience_s=stage_patience_s(setup.campaign.sync)
-                    ),
-                    commanding=commanding_of(
-                        setup, pair, bench=bench, telling=telling, recorder=recorder, inbox=inbox
-                    ),
-                )
-                await _conduct(run)
-                bench.last_state(loop.time())
+            await _fly_pair(ground, inbox, disturb)
         except AutonomyFault as fault:
             course.decide("FAIL", str(fault), source="autonomy")
         except (VehicleError, LinkError, StepError) as error:
@@ -177,13 +144,79 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
         setup=setup,
         course=course,
         judge=judge,
-        sync=sync.result(),
-        mixings=() if perception is None else perception.mixings,
+        sync=ground.sync.result(),
+        mixings=() if ground.perception is None else ground.perception.mixings,
         collisions=tuple(recorder.collisions),
-        outside=outside_result(outside, perception),
+        outside=outside_result(outside, ground.perception),
         artifacts=recorder.artifacts,
         end_s=end_s,
         wall_s=time.monotonic() - began_s,
+    )
+
+
+async def _fly_pair(ground: _Ground, inbox: Inbox, disturb: Disturb | None) -> None:
+    """Start the vehicles, fly them, and have them down and gone before this returns."""
+    setup, outside, course = ground.setup, ground.outside, ground.course
+    record = ground.sync.recording(ground.recorder.frame)
+    async with (
+        outside,
+        open_pair(setup, record=record, captures=outside.captures) as pair,
+        open_pilots(setup, pair, course) as pilots,
+    ):
+        run = _run_of(ground, pair, pilots, inbox)
+        if disturb is not None:
+            disturb(pair, course)
+        await _conduct(run)
+        ground.bench.last_state(asyncio.get_running_loop().time())
+
+
+def _run_of(ground: _Ground, pair: Pair, pilots: Mapping[str, AnyPilot], inbox: Inbox) -> _Run:
+    """Return the run with all its parts tied to the vehicles."""
+    setup, course, recorder, sync = ground.setup, ground.course, ground.recorder, ground.sync
+    ground.outside.attach(pair.stations)
+    ground.perception = perception = build_perception(
+        setup,
+        pair=pair,
+        pilots=pilots,
+        outside=ground.outside,
+        course=course,
+        events=ground.events,
+        watchers=_watchers(recorder, ground.outside),
+    )
+    goal = GoalFlight(
+        pilots=perception.pilots,
+        subject=setup.subject,
+        course=course,
+        events=ground.events,
+        started=sync.goal_given,
+        within_s=setup.campaign.sync.goal_timeout_s,
+        notify=partial(_world_event, recorder, pair),
+    )
+    course.on_stage(partial(_moment, ground.events, goal.notify))
+    sync.attach(pair.stations)
+    pair.go_dark(setup.campaign.links, course)
+    return _Run(
+        setup=setup,
+        course=course,
+        pair=pair,
+        bench=ground.bench,
+        outside=ground.outside,
+        perception=perception,
+        recorder=recorder,
+        goal=goal,
+        sync=sync,
+        holding=Holding(course=course),
+        telling=ground.telling,
+        aboard=Aboard(setup=setup, stations=pair.stations, course=course, note=recorder.note),
+        watchdog=Watchdog(course=course, patience_s=stage_patience_s(setup.campaign.sync)),
+        commanding=commanding_of(
+            setup,
+            pair,
+            bench=ground.bench,
+            telling=ground.telling,
+            recorder=recorder,
+            inbox=inbox,
+        ),
     )
 
 
@@ -199,29 +232,6 @@ def _moment(
     if stage in MOMENTS and stage != "goal":
         events[stage] = t_s
         notify(stage, t_s)
-
-
-def _recorder(
-    setup: RunSetup,
-    loop: asyncio.AbstractEventLoop,
-    course: Course,
-    kinds: Mapping[str, str],
-) -> RunRecorder:
-    epoch_s = VIRTUAL_EPOCH_S if setup.clock == "virtual" else time.time() - loop.time()
-    rates = [camera.rate_hz for one in setup.vehicles for camera in one.cameras]
-    return RunRecorder(
-        folder=setup.order.folder,
-        time=loop.time,
-        epoch_s=epoch_s,
-        # Under the wall clock the guard's process logs the frames, so that they outlive this one.
-        vehicles=tuple(one.name for one in setup.vehicles if setup.clock == "virtual"),
-        video_rate_hz=max(rates, default=None),
-        collision_oracles=frozenset(name for name, kind in kinds.items() if kind == "collision"),
-        clock=setup.clock,
-        settings=recording_settings(setup.campaign.record),
-        broken=lambda why: course.decide("ERROR", why, source="recording"),
-        facts=facts_of(setup),
-    )
 
 
 async def _conduct(run: _Run) -> None:
