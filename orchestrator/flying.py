@@ -154,7 +154,7 @@ class _Flight:
         self._settings = settings
         self._watcher = watcher
         self._folder = folder
-        self._plans = campaign.runs if settings.arm else _rehearsal(campaign)
+        self._plans = planned(campaign, settings)
         self._results = dict(before.results)
         self._attempts = before.attempts
         self._pool = Pool[RunOrder, RunResult](
@@ -269,8 +269,10 @@ class _Flight:
         return summary
 
 
-def _rehearsal(campaign: Campaign) -> tuple[RunPlan, ...]:
-    """Return one run of each case and mode, of which none counts."""
+def planned(campaign: Campaign, settings: FlyingSettings) -> tuple[RunPlan, ...]:
+    """Return the runs to fly: without arming one of each case and mode, of which none counts."""
+    if settings.arm:
+        return campaign.runs
     return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
 
 

@@ -14,7 +14,7 @@ from orchestrator.cli.display import Display, Lines, Silent, Terminal
 from orchestrator.cli.streams import as_far_as_heard, err, out
 from orchestrator.cli.verdicts import conclusions, verdict_table
 from orchestrator.clock import Clock
-from orchestrator.flying import CampaignOutcome, FlyingSettings, fly_campaign
+from orchestrator.flying import CampaignOutcome, FlyingSettings, fly_campaign, planned
 from orchestrator.operating.errors import OperatingError
 from orchestrator.resuming import ResumeError
 from orchestrator.writing import to_json
@@ -109,7 +109,7 @@ def run(
 
 
 def _flown(campaign: Campaign, settings: FlyingSettings, *, json: bool) -> int:
-    display = _display(json=json, total=len(campaign.runs))
+    display = _display(json=json, total=len(planned(campaign, settings)))
     try:
         with display:
             display.say(_announcement(campaign, settings))
@@ -140,10 +140,9 @@ def _gcs_sets(links: tuple[str, ...]) -> list[str]:
 
 
 def _announcement(campaign: Campaign, settings: FlyingSettings) -> str:
-    at_once = min(settings.jobs, len(campaign.runs))
-    return (
-        f"{campaign.name}: {len(campaign.runs)} to fly, {at_once} at a time, {settings.clock} clock"
-    )
+    runs = len(planned(campaign, settings))
+    at_once = min(settings.jobs, runs)
+    return f"{campaign.name}: {runs} to fly, {at_once} at a time, {settings.clock} clock"
 
 
 def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign) -> None:

@@ -30,6 +30,7 @@ from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.links.base import LinkError
 from vehicles.links.opening import open_link
 from vehicles.links.parse import parse_link
+from vehicles.pace import PacedLoop
 from vehicles.readings import PoseReading
 
 _PR_SET_PDEATHSIG = 1
@@ -128,7 +129,8 @@ def main(arguments: list[str]) -> int:
     if settings.end_with_parent:
         _die_with_parent()
     try:
-        asyncio.run(_until_told(settings))
+        with asyncio.Runner(loop_factory=lambda: PacedLoop(settings.speed)) as runner:
+            runner.run(_until_told(settings))
     except (LinkError, ProfileError, ValueError) as error:
         sys.stderr.write(f"{error}\n")
         return FAILED

@@ -34,9 +34,10 @@ class ProcessSettings(_Part):
     """A vehicle on a link of its own, with its feed.
 
     link: a link string, seen from the vehicle (udpout://127.0.0.1:14540). feed_host, feed_port:
-    where truth and motion capture are sent; 0 for no feed. end_with_stdin: end when the pipe on
-    stdin closes. end_with_parent: end when the process that started it ends; not where others hold
-    the pipe as well, so that its failsafes can act.
+    where truth and motion capture are sent; 0 for no feed. speed: how many times real time its
+    clock runs, if the machine can. end_with_stdin: end when the pipe on stdin closes.
+    end_with_parent: end when the process that started it ends; not where others hold the pipe as
+    well, so that its failsafes can act.
     """
 
     autopilot: AutopilotKind
@@ -56,6 +57,7 @@ class ProcessSettings(_Part):
     feed_port: int = Field(default=0, ge=0, le=65535)
     truth_hz: float = Field(default=50.0, gt=0.0, le=250.0)
     surroundings: Surround | None = None
+    speed: float = Field(default=1.0, gt=0.0, le=100.0)
     end_with_stdin: bool = False
     end_with_parent: bool = True
     never_ready: bool = False
