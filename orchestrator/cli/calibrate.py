@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -31,6 +32,53 @@ _WELL_COVERED = 0.6
 _COEFFICIENTS = {"4": 4, "5": 5, "8": 8}
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Whereabouts:
+    """Where the camera's body was, and which camera it is.
+
+    Parameters
+    ----------
+    poses
+        Where the body was meanwhile: a CSV file, or motion capture's address (udp://HOST:PORT).
+        A run's folder has its own.
+    poses_latency_ms
+        How late motion capture is itself, by its data sheet.
+    body
+        The body's name in motion capture.
+    vehicle
+        Whose pictures and poses, of a run's folder.
+    sensor
+        Which camera, of a run's folder.
+    """
+
+    poses: str | None = None
+    poses_latency_ms: float = 0.0
+    body: str = "real"
+    vehicle: Literal["real", "twin"] = "real"
+    sensor: str = "camera"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Live:
+    """How a live camera is looked through.
+
+    Parameters
+    ----------
+    size
+        WIDTHxHEIGHT of a live camera's pictures.
+    seconds
+        How long a live camera is looked through.
+    """
+
+    size: str | None = None
+    seconds: float = 60.0
+
+
+_RECORDED, _A_MINUTE = Whereabouts(), Live()
+
+
 def calibrate(
     pictures: str = "",
     *,
@@ -38,13 +86,8 @@ def calibrate(
     out_: Annotated[Path | None, Parameter(name="--out")] = None,
     coefficients: Literal["4", "5", "8"] = "4",
     optics: Path | None = None,
-    poses: str | None = None,
-    poses_latency_ms: float = 0.0,
-    body: str = "real",
-    vehicle: Literal["real", "twin"] = "real",
-    sensor: str = "camera",
-    size: str | None = None,
-    seconds: float = 60.0,
+    whereabouts: Whereabouts = _RECORDED,
+    live: Live = _A_MINUTE,
     draw: Path | None = None,
 ) -> int:
     """Measure a camera by a board: its optics; with poses also how it sits, and how late it is.
@@ -62,21 +105,6 @@ def calibrate(
         How many numbers the distortion gets.
     optics
         A calibration file whose optics are kept: only mounting and latency are measured.
-    poses
-        Where the body was meanwhile: a CSV file, or motion capture's address (udp://HOST:PORT).
-        A run's folder has its own.
-    poses_latency_ms
-        How late motion capture is itself, by its data sheet.
-    body
-        The body's name in motion capture.
-    vehicle
-        Whose pictures and poses, of a run's folder.
-    sensor
-        Which camera, of a run's folder.
-    size
-        WIDTHxHEIGHT of a live camera's pictures.
-    seconds
-        How long a live camera is looked through.
     draw
         Write the ChArUco board as an image to be printed, and do nothing else.
     """
@@ -86,24 +114,14 @@ def calibrate(
             return _draw(target, draw)
         file = _named(pictures, out_)
         kept = None if optics is None else read_optics(optics)
-        if pictures.startswith(_LIVE) or pictures.endswith(".sdp"):
-            mocap = None if poses is None else _mocap(poses, body, poses_latency_ms)
-            order = _live(pictures, size, seconds, mocap)
-            err(f"looking through {pictures} for {seconds:g} s: move the board, or the body")
-            seen, path = asyncio.run(look_live(order, target))
-            flown_s = 0.0
-        else:
-            seen, path, flown_s = _recorded(Path(pictures), target, poses, vehicle, sensor)
-        found = measured(
-            seen,
-            path,
-            Measuring(
-                board=target,
-                coefficients=_COEFFICIENTS[coefficients],
-                optics=kept,
-                flown_latency_s=flown_s,
-            ),
+        seen, path, flown_s = _looked(pictures, target, whereabouts, live)
+        how = Measuring(
+            board=target,
+            coefficients=_COEFFICIENTS[coefficients],
+            optics=kept,
+            flown_latency_s=flown_s,
         )
+        found = measured(seen, path, how)
         write_whole(file, as_yaml(found, made_of=pictures))
     except (OfflineError, BadInput) as error:
         err(error)
@@ -116,6 +134,20 @@ def calibrate(
         return 3
     out(_as_text(found, seen, file))
     return 0
+
+
+def _looked(
+    pictures: str, board: Board, where: Whereabouts, live: Live
+) -> tuple[Seen, BodyPath | None, float]:
+    """Return what shows, with where the body was, and the latency as it was flown."""
+    if not pictures.startswith(_LIVE) and not pictures.endswith(".sdp"):
+        return _recorded(Path(pictures), board, where.poses, where.vehicle, where.sensor)
+    poses = where.poses
+    mocap = None if poses is None else _mocap(poses, where.body, where.poses_latency_ms)
+    order = _live(pictures, live.size, live.seconds, mocap)
+    err(f"looking through {pictures} for {live.seconds:g} s: move the board, or the body")
+    seen, path = asyncio.run(look_live(order, board))
+    return seen, path, 0.0
 
 
 def _named(pictures: str, file: Path | None) -> Path:

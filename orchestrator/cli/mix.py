@@ -2,6 +2,8 @@
 
 import json
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +17,35 @@ from recipes.working import StepError
 from worlds.frames import AT_ORIGIN, Pose
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Untold:
+    """What files do not tell of their pictures.
+
+    Parameters
+    ----------
+    real_fov_deg
+        How much the real camera sees from left to right, where the file does not tell.
+    twin_fov_deg
+        The same of the twin's.
+    real_depth
+        Distances of the real picture: .npy in metres, or a 16-bit image in millimetres.
+    twin_depth
+        The same of the twin's.
+    place
+        NORTH,EAST,UP[,YAW[,PITCH]] of the camera in a world file, in metres and degrees.
+    """
+
+    real_fov_deg: float = 69.0
+    twin_fov_deg: float = 69.0
+    real_depth: Path | None = None
+    twin_depth: Path | None = None
+    place: str | None = None
+
+
+_USUAL = Untold()
+
+
 def mix(
     recipe: Path,
     *,
@@ -24,11 +55,7 @@ def mix(
     stages: Path | None = None,
     frame: int = 0,
     sensor: str | None = None,
-    real_fov_deg: float = 69.0,
-    twin_fov_deg: float = 69.0,
-    real_depth: Path | None = None,
-    twin_depth: Path | None = None,
-    place: str | None = None,
+    untold: Untold = _USUAL,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Mix pictures, videos or recordings by a recipe, without a flight.
@@ -51,27 +78,17 @@ def mix(
         Which mixture the contact sheet shows, counted from 0.
     sensor
         Which sensor of the recipe; by default its first camera, or all of a recording.
-    real_fov_deg
-        How much the real camera sees from left to right, where the file does not tell.
-    twin_fov_deg
-        The same of the twin's.
-    real_depth
-        Distances of the real picture: .npy in metres, or a 16-bit image in millimetres.
-    twin_depth
-        The same of the twin's.
-    place
-        NORTH,EAST,UP[,YAW[,PITCH]] of the camera in a world file, in metres and degrees.
     json_
         Print one JSON document.
     """
     try:
         order = MixOrder(
             recipe=load_recipe_file(recipe),
-            real=_side("--real-fov-deg", real, real_fov_deg, real_depth),
-            twin=_side("--twin-fov-deg", twin, twin_fov_deg, twin_depth),
+            real=_side("--real-fov-deg", real, untold.real_fov_deg, untold.real_depth),
+            twin=_side("--twin-fov-deg", twin, untold.twin_fov_deg, untold.twin_depth),
             out=out_,
             sensor=sensor,
-            place=_place(place),
+            place=_place(untold.place),
             stages=stages,
             frame=frame,
         )
@@ -82,11 +99,15 @@ def mix(
     except (StepError, OSError) as error:
         err(error)
         return 3
-    if json_:
+    return _told(reports, json=json_)
+
+
+def _told(reports: Sequence[CombinationReport], *, json: bool) -> int:
+    if json:
         out(_as_json(reports))
     for report in reports:
-        tell = out if report.complete and not json_ else err
-        if not (json_ and report.complete):
+        tell = out if report.complete and not json else err
+        if not (json and report.complete):
             tell(_as_text(report))
     return 0 if all(report.complete for report in reports) else 3
 
@@ -124,7 +145,7 @@ def _as_text(report: CombinationReport) -> str:
     return "\n  ".join([said, *report.said])
 
 
-def _as_json(reports: tuple[CombinationReport, ...]) -> str:
+def _as_json(reports: Sequence[CombinationReport]) -> str:
     document = [
         {
             "name": report.name,

@@ -6,7 +6,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from campaigns.expansion import Campaign, Options, load_campaign
+from campaigns.expansion import Campaign, load_campaign
+from orchestrator.cli.choosing import ALL, Choice
 from orchestrator.cli.streams import out
 from orchestrator.cli.text import table
 
@@ -14,11 +15,7 @@ from orchestrator.cli.text import table
 def plan(
     file: Path,
     *,
-    case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    mode: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    repetitions: int | None = None,
-    seed: int | None = None,
-    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
+    choice: Choice = ALL,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Show the runs of a campaign, fly nothing.
@@ -27,21 +24,10 @@ def plan(
     ----------
     file
         The campaign file.
-    case
-        Only cases that match this GLOB; may be given several times.
-    mode
-        Only this mode: sim, wil or real; may be given several times.
-    repetitions
-        How often each case is flown in each mode.
-    seed
-        The seed from which those of the runs derive.
-    set_
-        KEY=VALUE: a dotted key of the campaign, or of world.* or recipe.*, and its value.
     json_
         Print one JSON document.
     """
-    options = Options(cases=case, modes=mode, repetitions=repetitions, seed=seed, sets=set_)
-    campaign = load_campaign(file, options)
+    campaign = load_campaign(file, choice.options())
     out(_as_json(campaign) if json_ else _as_table(campaign))
     return 0
 

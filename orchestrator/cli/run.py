@@ -1,15 +1,17 @@
 """`wil-campaign run`: fly a campaign."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
-from campaigns.expansion import Campaign, Options, load_campaign
+from campaigns.expansion import Campaign, load_campaign
 from campaigns.schema import VEHICLES
 from orchestrator.campaign_folder import OutputError
-from orchestrator.cli.arming import RefusedError, clear
+from orchestrator.cli.arming import Cleared, RefusedError, clear
+from orchestrator.cli.choosing import ALL, Choice
 from orchestrator.cli.display import Display, Lines, Silent, Terminal
 from orchestrator.cli.streams import as_far_as_heard, err, out
 from orchestrator.cli.verdicts import conclusions, verdict_table
@@ -20,21 +22,49 @@ from orchestrator.resuming import ResumeError
 from orchestrator.writing import to_json
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flights:
+    """How they are flown.
+
+    Parameters
+    ----------
+    clock
+        virtual: as fast as the machine can, to the byte the same each time. wall: in real time,
+        each vehicle a process of its own on UDP. By default virtual, unless the campaign has
+        something outside: a vehicle of its own, a live camera, a simulator, a program, a stream
+        to send.
+    jobs
+        How many runs fly at once, each in a process of its own; by default one per core, under
+        the wall clock one per two cores.
+    broker
+        An MQTT broker: mqtt://host, mqtts://host, or embedded, which starts one on this machine.
+    gcs
+        A ground station's LINK, or NAME=LINK for one vehicle (udpout://127.0.0.1:14550): the guard
+        passes MAVLink on to it and back. It needs the wall clock; may be given several times.
+    no_arm
+        Try each case and mode once, up to arming: links, parameters, fence, readiness.
+    arm_real
+        Allow that attached vehicles are armed, which may be hardware.
+    """
+
+    clock: Clock | None = None
+    jobs: int | None = None
+    broker: str | None = None
+    gcs: Annotated[tuple[str, ...], Parameter(negative=())] = ()
+    no_arm: Annotated[bool, Parameter(name="--no-arm", negative=())] = False
+    arm_real: Annotated[bool, Parameter(name="--arm-real", negative=())] = False
+
+
+_USUAL = Flights()
+
+
 def run(
     file: Path,
     *,
     out_: Annotated[Path, Parameter(name="--out")] = Path("results"),
-    case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    mode: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    repetitions: int | None = None,
-    seed: int | None = None,
-    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
-    clock: Clock | None = None,
-    jobs: int | None = None,
-    broker: str | None = None,
-    no_arm: Annotated[bool, Parameter(name="--no-arm", negative=())] = False,
-    arm_real: Annotated[bool, Parameter(name="--arm-real", negative=())] = False,
-    gcs: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    choice: Choice = ALL,
+    flights: Flights = _USUAL,
     resume: Annotated[bool, Parameter(negative=())] = False,
     junit: Path | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
@@ -47,33 +77,6 @@ def run(
         The campaign file.
     out_
         The folder beneath which the results go: DIR/<campaign>/<UTC start>/.
-    case
-        Only cases that match this GLOB; may be given several times.
-    mode
-        Only this mode: sim, wil or real; may be given several times.
-    repetitions
-        How often each case is flown in each mode.
-    seed
-        The seed from which those of the runs derive.
-    set_
-        KEY=VALUE: a dotted key of the campaign, or of world.* or recipe.*, and its value.
-    clock
-        virtual: as fast as the machine can, to the byte the same each time. wall: in real time,
-        each vehicle a process of its own on UDP. By default virtual, unless the campaign has
-        something outside: a vehicle of its own, a live camera, a simulator, a program, a stream
-        to send.
-    jobs
-        How many runs fly at once, each in a process of its own; by default one per core, under
-        the wall clock one per two cores.
-    broker
-        An MQTT broker: mqtt://host, mqtts://host, or embedded, which starts one on this machine.
-    no_arm
-        Try each case and mode once, up to arming: links, parameters, fence, readiness.
-    arm_real
-        Allow that attached vehicles are armed, which may be hardware.
-    gcs
-        A ground station's LINK, or NAME=LINK for one vehicle (udpout://127.0.0.1:14550): the guard
-        passes MAVLink on to it and back. It needs the wall clock; may be given several times.
     resume
         Take up the campaign that was cut off: the newest beneath --out, or --out itself where that
         is a campaign's folder. What is finished is kept, what is missing is flown; refused when the
@@ -83,15 +86,12 @@ def run(
     json_
         Print summary.json on standard output and nothing else there.
     """
-    broker_sets = () if broker is None else (f"operator.mqtt.broker={broker}",)
-    sets = (*set_, *_gcs_sets(gcs), *broker_sets)
-    if no_arm and resume:
+    if flights.no_arm and resume:
         err("--no-arm tries what a campaign would do, and leaves nothing to --resume")
         return 2
-    options = Options(cases=case, modes=mode, repetitions=repetitions, seed=seed, sets=sets)
-    campaign = load_campaign(file, options)
+    campaign = load_campaign(file, choice.options(*_sets(flights)))
     try:
-        cleared = clear(campaign, clock=clock, jobs=jobs, arm=not no_arm, arm_real=arm_real)
+        cleared = _cleared(campaign, flights)
     except RefusedError as error:
         err(error)
         return error.code
@@ -101,11 +101,26 @@ def run(
         jobs=cleared.jobs,
         junit=junit,
         resume=resume,
-        arm=not no_arm,
+        arm=not flights.no_arm,
         real_kind=cleared.real_kind,
         hardware=cleared.hardware,
     )
     return _flown(campaign, settings, json=json_)
+
+
+def _cleared(campaign: Campaign, flights: Flights) -> Cleared:
+    return clear(
+        campaign,
+        clock=flights.clock,
+        jobs=flights.jobs,
+        arm=not flights.no_arm,
+        arm_real=flights.arm_real,
+    )
+
+
+def _sets(flights: Flights) -> list[str]:
+    broker = [] if flights.broker is None else [f"operator.mqtt.broker={flights.broker}"]
+    return _gcs_sets(flights.gcs) + broker
 
 
 def _flown(campaign: Campaign, settings: FlyingSettings, *, json: bool) -> int:
