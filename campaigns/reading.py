@@ -145,7 +145,16 @@ def _record(part: RecordPart) -> RecordSetup:
 
 def _preflight(part: PreflightPart) -> PreflightSetup:
     fence = None if part.fence is None else OwnFenceSetup(margin_m=part.fence.margin_m)
-    return PreflightSetup(fence=fence, min_battery=part.min_battery)
+    return PreflightSetup(
+        fence=fence,
+        failsafe=part.failsafe,
+        min_battery=part.min_battery,
+        min_disk_mb=part.min_disk_mb,
+        start_tolerance_m=part.start_tolerance_m,
+        pair_tolerance_m=part.pair_tolerance_m,
+        max_clock_error_s=part.max_clock_error_s,
+        override=dict(part.override),
+    )
 
 
 def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from campaigns.link_setups import LinkSetup
 from campaigns.outside_setups import OutsideSetup
@@ -14,6 +15,7 @@ from safety.geofence import Fence
 from safety.guard.events import GuardSettings
 from safety.guard.limits import SetpointLimits
 from safety.judge import OracleUse
+from safety.preflight import Check
 from worlds.documents import Path
 from worlds.frames import Vec3
 from worlds.world import World
@@ -80,10 +82,16 @@ class OwnFenceSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreflightSetup:
-    """What is looked at and set before arming. min_battery: of attached vehicles, 0 to 1."""
+    """What is looked at and set before arming, see `PreflightPart`."""
 
     fence: OwnFenceSetup | None = OwnFenceSetup()
+    failsafe: Literal["set", "check"] | None = None
     min_battery: float = 0.3
+    min_disk_mb: float = 200.0
+    start_tolerance_m: float = 0.5
+    pair_tolerance_m: float = 0.5
+    max_clock_error_s: float = 0.25
+    override: Mapping[Check, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +121,7 @@ class Setup:
     fences: Mapping[VehicleName, Fence]
     oracles: tuple[OracleUse, ...]
     links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
-    preflight: PreflightSetup = PreflightSetup()
+    preflight: PreflightSetup = field(default_factory=PreflightSetup)
     record: RecordSetup = RecordSetup()
     guarding: GuardingSetup = GuardingSetup()
     outside: OutsideSetup = field(default_factory=OutsideSetup)

@@ -38,6 +38,7 @@ from orchestrator.results import (
 )
 from orchestrator.resuming import TakenUp, resumed_folder, resumed_manifest, take_up
 from orchestrator.run.flight import NOT_ARMED
+from orchestrator.run.preflight import disk_item
 from orchestrator.run.setup import FLIES, RunOrder
 from orchestrator.writing import to_json, write_whole
 
@@ -116,6 +117,7 @@ def _begin(
         folder = make_folder(settings.out / campaign.name)
     try:
         stack.enter_context(held(folder))
+        _require_room(campaign, folder)
         _write(folder / "campaign.json", to_json(about))
         if not settings.resume:
             return folder, TakenUp(results={}, attempts={})
@@ -130,6 +132,14 @@ def _begin(
         raise OutputError(str(error)) from error
     watcher.say(f"resumed: {len(before.results)} of {len(campaign.runs)} are finished, in {folder}")
     return folder, before
+
+
+def _require_room(campaign: Campaign, folder: Path) -> None:
+    """Raise OutputError when the disk has less room than the campaign's preflight wants."""
+    wanted = [setup.preflight for setup in campaign.setups.values()]
+    least_mb = max([one.min_disk_mb for one in wanted if "disk" not in one.override], default=0.0)
+    if said := disk_item(folder, least_mb).text:
+        raise OutputError(f"{said}; make room, or lower preflight.min_disk_mb")
 
 
 def _write(path: Path, content: str | bytes) -> None:

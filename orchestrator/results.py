@@ -10,6 +10,7 @@ from typing import Literal
 
 from campaigns.acceptance import Requirement, Share, Standing, standings
 from orchestrator.outside.results import OutsideResult
+from safety.preflight import Item
 from safety.results import Flag, OracleResult, Verdict
 
 Clock = Literal["virtual", "wall", "scaled"]
@@ -112,7 +113,8 @@ class RunResult:
     wall_s: how long it took on this machine. mixing: None where nothing is mixed. collisions: the
     flags of contacts as they happened. outside: what came in and went out; None for a run that
     has nothing outside of its own processes. artifacts: files, relative to the campaign's folder.
-    attempts: those before this one, oldest first; a PASS after any is no clean one.
+    attempts: those before this one, oldest first; a PASS after any is no clean one. preflight: what
+    was checked before arming, and who overrode what.
     """
 
     case: str
@@ -132,6 +134,7 @@ class RunResult:
     outside: OutsideResult | None = None
     artifacts: tuple[str, ...] = ()
     attempts: tuple[Attempt, ...] = ()
+    preflight: tuple[Item, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

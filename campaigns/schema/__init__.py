@@ -12,11 +12,11 @@ from campaigns.schema.campaign import (
     Mode,
     PictureFormat,
     PositionPart,
-    PreflightPart,
     RecordPart,
     SyncPart,
 )
 from campaigns.schema.fence import GeofencePart
+from campaigns.schema.preflight import PreflightPart
 from campaigns.schema.sensors import CameraPart, MountPart, SensorPart
 from campaigns.schema.vehicles import VEHICLES, StartPart, VehicleName, VehiclePart, VehiclesPart
 

@@ -11,6 +11,7 @@ from campaigns.schema.fence import GeofencePart
 from campaigns.schema.limits import LimitsPart
 from campaigns.schema.links import LinksPart
 from campaigns.schema.operator import OperatorPart
+from campaigns.schema.preflight import PreflightPart
 from campaigns.schema.vehicles import VehiclesPart
 from worlds.documents import KeyFaultError, Part
 
@@ -139,25 +140,6 @@ class RecordPart(Part):
     pictures: PictureFormat = "jpeg"
     quality: Annotated[int, Field(ge=1, le=100)] = 85
     vehicle_logs: bool = False
-
-
-class OwnFencePart(Part):
-    """The autopilot's own fence, uploaded from `geofence` and read back: it lands on a breach.
-
-    margin_m: by how much it is wider, so that it acts where the guard did not.
-    """
-
-    margin_m: Annotated[float, Field(ge=0, le=1000)] = 1.0
-
-
-class PreflightPart(Part):
-    """What is looked at and set before arming. fence: null uploads none.
-
-    min_battery: below this charge (0 to 1) an attached vehicle does not take off.
-    """
-
-    fence: OwnFencePart | None = OwnFencePart()
-    min_battery: Annotated[float, Field(ge=0, le=1)] = 0.3
 
 
 class CampaignPart(Part):

@@ -11,13 +11,15 @@ from pathlib import Path
 
 import shapely
 
-from campaigns.setup import PreflightSetup, VehicleSetup
+from campaigns.setup import VehicleSetup
 from orchestrator.run.course import Course
+from orchestrator.run.preflight import ceiling_above_home_m, wanted_failsafes
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from safety.areas import Area, Circle, Point2
 from safety.geofence import Fence
 from vehicles.driver.fence import FenceArea, FenceCircle, FencePolygon, OwnFence, Place
+from vehicles.driver.parameter_context import ParameterValue
 from vehicles.errors import VehicleError
 
 Note = Callable[..., None]
@@ -55,8 +57,6 @@ class Aboard:
     async def put(self, station: Station) -> None:
         """Set a ready vehicle's parameters and fence, each read back. Raises VehicleError."""
         vehicle = self._setup.vehicle(station.name)
-        preflight = self._setup.campaign.preflight
-        _require_charged(station, vehicle, preflight)
         stack = self._stacks[station.name] = AsyncExitStack()
         await self._put_parameters(station, vehicle, stack)
         await self._put_fence(station, vehicle, stack)
@@ -76,18 +76,37 @@ class Aboard:
     ) -> None:
         parameters = station.driver.parameters
         if vehicle.attached is None:
-            # All were born with them, and end with the run; a simulator has to show that it was.
-            for name, value in () if vehicle.embedded else vehicle.params.items():
+            # All were born with the campaign's, and end with the run; a simulator has to show that
+            # it was.
+            given = {} if vehicle.embedded else vehicle.params
+            for name, value in {**await self._failsafes(station, vehicle), **given}.items():
                 await parameters.set(name, value)
             return
         journal = journal_folder()
         restored = await parameters.restore_leftovers(journal)
         for change in restored.restored:
             self._note("parameter", vehicle=station.name, name=change.name, value=change.before)
-        changed = parameters.changed(vehicle.params, journal=journal)
+        changes = {**await self._failsafes(station, vehicle), **vehicle.params}
+        changed = parameters.changed(changes, journal=journal)
         await stack.enter_async_context(changed)
         moved = (*restored.restored, *(one for one in changed.changes if one.before != one.wanted))
         self._unbooted[station.name] = frozenset(one.name for one in moved)
+
+    async def _failsafes(
+        self, station: Station, vehicle: VehicleSetup
+    ) -> Mapping[str, ParameterValue]:
+        """Return what the autopilot's own failsafes are set to; the campaign's `params` are left.
+
+        By default what is attached is not touched; its failsafes are looked at by the preflight.
+        """
+        how = self._setup.campaign.preflight.failsafe
+        if how == "check" or (how is None and vehicle.attached is not None):
+            return {}
+        ceiling_m = ceiling_above_home_m(self._setup, vehicle)
+        wanted = await wanted_failsafes(
+            station.driver.identity.autopilot, station.driver.parameters, ceiling_m=ceiling_m
+        )
+        return {name: value for name, value in wanted.items() if name not in vehicle.params}
 
     async def _put_fence(
         self, station: Station, vehicle: VehicleSetup, stack: AsyncExitStack
@@ -195,14 +214,3 @@ def _disc(circle: Circle, margin_m: float, *, inside: bool, station: Station) ->
 def _place(point_m: Point2, station: Station) -> Place:
     place = station.driver.place_of((*point_m, 0.0))
     return Place(place.latitude_deg, place.longitude_deg)
-
-
-def _require_charged(station: Station, vehicle: VehicleSetup, preflight: PreflightSetup) -> None:
-    battery = station.driver.state.battery
-    if vehicle.attached is None or battery is None or battery.remaining is None:
-        return
-    if battery.remaining < preflight.min_battery:
-        raise VehicleError(
-            f"{station.name}: its battery is at {battery.remaining:.0%}, and the campaign wants "
-            f"{preflight.min_battery:.0%}; change it, or lower preflight.min_battery"
-        )

@@ -32,13 +32,15 @@ async def fly_together(
     barrier: Callable[[], None],
     goal: Callable[[float], Awaitable[None]],
     prepare: Callable[[Station], Awaitable[None]],
+    preflight: Callable[[tuple[Station, ...]], Awaitable[None]],
     arm: bool = True,
 ) -> None:
     """Take all stations through the stages up to landed; `goal(t0_s)` flies the goal.
 
     heights_m: to which height above its start each takes off, by name. prepare: puts aboard a
-    ready vehicle what it needs. before_arming: what has to be proven when all have it. arm: False
-    stops there. barrier: called when all are at height, before the goal.
+    ready vehicle what it needs. before_arming: what has to be proven when all have it. preflight:
+    raises what speaks against arming. arm: False stops there. barrier: called when all are at
+    height, before the goal.
 
     Every barrier waits for all, and for an operator who holds. An error at any stage is raised to
     the caller, who brings everything down; so does `course.over` when it is set before the goal is
@@ -51,6 +53,7 @@ async def fly_together(
     await _each(stations, lambda station: station.driver.ready(sync.ready_timeout_s))
     await _each(stations, prepare)
     await before_arming()
+    await preflight(stations)
     if not arm:
         course.decide("ABORTED", NOT_ARMED, source="no-arm")
         return

@@ -17,6 +17,7 @@ from orchestrator.run.mixing import MixingLoop
 from orchestrator.run.perceiving import Perception
 from orchestrator.run.setup import RunSetup
 from safety.judge import Judge
+from safety.preflight import Item
 from safety.results import Flag
 from safety.verdict import Decision, decide
 
@@ -31,6 +32,7 @@ def result_of(
     collisions: tuple[Flag, ...],
     outside: OutsideResult | None,
     artifacts: tuple[str, ...],
+    preflight: tuple[Item, ...],
     end_s: float,
     wall_s: float,
 ) -> RunResult:
@@ -58,6 +60,7 @@ def result_of(
         collisions=collisions,
         outside=outside,
         artifacts=artifacts,
+        preflight=preflight,
     )
 
 

@@ -31,6 +31,7 @@ from orchestrator.run.oracles import build_judge
 from orchestrator.run.outcome import outside_result, result_of
 from orchestrator.run.perceiving import Perception
 from orchestrator.run.pilots import AnyPilot, open_pilots
+from orchestrator.run.preflight import Preflight
 from orchestrator.run.recorder import recorder_of
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
@@ -85,6 +86,7 @@ class _Run:
     aboard: Aboard
     watchdog: Watchdog
     commanding: Commanding
+    preflight: Preflight
 
 
 @dataclass(slots=True, kw_only=True)
@@ -99,6 +101,7 @@ class _Ground:
     recorder: RunRecorder
     sync: Synchronisation
     telling: Telling
+    preflight: Preflight
     perception: Perception | None = None
 
 
@@ -132,6 +135,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
             recorder=recorder,
             sync=Synchronisation(setup=setup.campaign.sync, course=course),
             telling=telling,
+            preflight=Preflight(setup=setup),
         )
         try:
             await _fly_pair(ground, inbox, disturb)
@@ -149,6 +153,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
         collisions=tuple(recorder.collisions),
         outside=outside_result(outside, ground.perception),
         artifacts=recorder.artifacts,
+        preflight=ground.preflight.items,
         end_s=end_s,
         wall_s=time.monotonic() - began_s,
     )
@@ -173,6 +178,7 @@ async def _fly_pair(ground: _Ground, inbox: Inbox, disturb: Disturb | None) -> N
 def _run_of(ground: _Ground, pair: Pair, pilots: Mapping[str, AnyPilot], inbox: Inbox) -> _Run:
     """Return the run with all its parts tied to the vehicles."""
     setup, course, recorder, sync = ground.setup, ground.course, ground.recorder, ground.sync
+    telling = ground.telling
     ground.outside.attach(pair.stations)
     ground.perception = perception = build_perception(
         setup,
@@ -206,17 +212,13 @@ def _run_of(ground: _Ground, pair: Pair, pilots: Mapping[str, AnyPilot], inbox: 
         goal=goal,
         sync=sync,
         holding=Holding(course=course),
-        telling=ground.telling,
+        telling=telling,
         aboard=Aboard(setup=setup, stations=pair.stations, course=course, note=recorder.note),
         watchdog=Watchdog(course=course, patience_s=stage_patience_s(setup.campaign.sync)),
         commanding=commanding_of(
-            setup,
-            pair,
-            bench=ground.bench,
-            telling=ground.telling,
-            recorder=recorder,
-            inbox=inbox,
+            setup, pair, bench=ground.bench, telling=telling, recorder=recorder, inbox=inbox
         ),
+        preflight=ground.preflight,
     )
 
 
@@ -344,6 +346,7 @@ async def _flight(run: _Run) -> None:
             barrier=run.sync.check_takeoff,
             goal=run.goal.fly,
             prepare=run.aboard.put,
+            preflight=partial(run.preflight.check, note=run.recorder.note),
             arm=setup.order.arm,
         )
     except (VehicleError, FlightError) as error:

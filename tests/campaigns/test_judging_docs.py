@@ -1,4 +1,4 @@
-"""docs/oracles.md and docs/geofence.md: every example is a campaign's, every oracle has its row."""
+"""docs/oracles.md, geofence.md and preflight.md: every example loads, every oracle has its row."""
 
 import json
 import re
@@ -11,6 +11,8 @@ import campaigns
 from safety.oracles import registry
 from safety.oracles.described import described
 from safety.oracles.stl_signals import signal_docs
+from safety.preflight import CHECKS
+from vehicles.autopilots.failsafes import FAILSAFES
 
 DOCS = Path(campaigns.__file__).parents[1] / "docs"
 
@@ -20,7 +22,8 @@ def examples(page: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "example", [text for page in ("oracles.md", "geofence.md") for text in examples(page)]
+    "example",
+    [text for page in ("oracles.md", "geofence.md", "preflight.md") for text in examples(page)],
 )
 def test_every_example_is_good(files: Any, example: str) -> None:
     """In its place of a small campaign, whose goal is a gate and, for formulas, a position."""
@@ -39,6 +42,13 @@ def test_every_example_is_good(files: Any, example: str) -> None:
         example += "  reached: {}\n"
     files.path.write_text(text + example)
     assert files.load().runs
+
+
+def test_every_check_of_the_preflight_is_told() -> None:
+    page = (DOCS / "preflight.md").read_text("utf-8")
+    assert all(f"| `{check}` |" in page for check in CHECKS)
+    for rules in FAILSAFES.values():
+        assert all(f"`{name}`" in page for rule in rules for name in rule.names)
 
 
 def test_every_oracle_its_keys_and_every_signal_are_told() -> None:

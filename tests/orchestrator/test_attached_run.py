@@ -66,6 +66,7 @@ async def test_an_attached_px4_and_a_launched_arducopter_fly_the_gate(tmp_path: 
         vehicles__twin__params="{GUID_TIMEOUT: 4.0}",
         record__vehicle_logs="true",
         sync__takeoff_tolerance_m="0.3",
+        preflight__failsafe="set",
     )
     arguments = ("--mode", "wil", "--json", "--arm-real", *sets)
     async with outside(f"udpout://127.0.0.1:{port}", "px4"):
@@ -101,6 +102,8 @@ async def _is_as_before(port: int) -> None:
         await driver.identify(10.0)
         assert await driver.parameters.get("COM_OF_LOSS_T") == 1.0
         assert await driver.parameters.get("GF_ACTION") == 2
+        assert await driver.parameters.get("NAV_DLL_ACT") == 0
+        assert await driver.parameters.get("RTL_RETURN_ALT") == 60.0
         assert await driver.onboard.fences.read() == ()
 
 
@@ -111,6 +114,7 @@ async def test_no_arm_tries_everything_and_arms_nothing(tmp_path: Path) -> None:
         vehicles__real__link=f"tcpout://127.0.0.1:{port}",
         vehicles__real__pose_source="mavlink",
         vehicles__twin__link=f"{{launch: px4, build: {build}}}",
+        preflight__failsafe="set",
     )
     async with outside(f"tcpin://127.0.0.1:{port}", "px4"):
         await asyncio.sleep(3.0)

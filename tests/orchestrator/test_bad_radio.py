@@ -47,8 +47,14 @@ def test_luck_on_the_radio_is_seeded(fly_run: Fly) -> None:
 
 
 def test_px4_returns_by_itself_in_a_blackout_and_that_ends_at_the_ceiling(fly_run: Fly) -> None:
-    # COM_OF_LOSS_T is 1 s; without a remote control it returns home, and climbs for that.
-    result, folder = fly_run(sets=(DARK % 3.0,))
+    # COM_OF_LOSS_T is 1 s; without a remote control it returns home, and climbs for that: had the
+    # preflight not been overridden, it would be told to land, and to return beneath the ceiling.
+    by_default = (
+        "preflight.failsafe=check",
+        "preflight.override={failsafe: a test, return_altitude: a test}",
+    )
+    result, folder = fly_run(sets=(DARK % 3.0, *by_default))
+    assert {item.by for item in result.preflight if item.outcome == "overridden"} == {"a test"}
     assert result.verdict == "FAIL"
     assert "ceiling" in result.reason
     assert "fence" in guard_events(folder)

@@ -1,0 +1,195 @@
+"""Preflight of a run: gathers what the checks of `safety.preflight` look at, and keeps the list."""
+
+import asyncio
+import shutil
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from pathlib import Path
+
+from campaigns.setup import VehicleSetup
+from orchestrator.run.course import FlightError
+from orchestrator.run.setup import RunSetup
+from orchestrator.run.station import Station
+from safety.preflight import (
+    Item,
+    at_least,
+    at_most,
+    home_item,
+    pair_item,
+    refused,
+    settled,
+    without_faults,
+)
+from vehicles.autopilots.base import AutopilotName
+from vehicles.autopilots.failsafes import (
+    FAILSAFES,
+    RETURN_ALTITUDES,
+    return_altitude_m,
+    unsound,
+)
+from vehicles.driver.parameter_context import ParameterValue
+from vehicles.driver.parameters import Parameters
+from vehicles.errors import ParameterError
+from worlds.frames import Vec3, norm, subtract
+
+Note = Callable[..., None]
+
+_FRESH_S = 0.5
+"""How old the newest pose may be: twenty times what the slowest telemetry asked for takes."""
+_MEGABYTE = 1e6
+_OF_CEILING = 0.75
+"""How high a return is set beneath a low ceiling: a quarter of it is left for overshooting."""
+
+
+class Preflight:
+    """Looks at everything before arming; `items` is the list."""
+
+    def __init__(self, *, setup: RunSetup) -> None:
+        self._setup = setup
+        self.items: tuple[Item, ...] = ()
+
+    async def check(self, stations: tuple[Station, ...], *, note: Note) -> None:
+        """Check all vehicles. Raises FlightError with everything that speaks against arming.
+
+        note: takes each item for the run's log.
+        """
+        wanted = self._setup.campaign.preflight
+        items = [disk_item(self._setup.order.folder, wanted.min_disk_mb)]
+        for station in stations:
+            items += await self._vehicle(station)
+        items += self._pair(stations)
+        self.items = settled(items, wanted.override)
+        for item in self.items:
+            note("preflight", **asdict(item))
+        if why := refused(self.items):
+            raise FlightError(f"preflight: {why}{_advice(self.items)}")
+
+    async def _vehicle(self, station: Station) -> Iterable[Item]:
+        setup, name = self._setup, station.name
+        wanted, vehicle = setup.campaign.preflight, setup.vehicle(name)
+        state, fence = station.driver.state, setup.campaign.fences.get(vehicle.name)
+        battery = None if state.battery is None else state.battery.remaining
+        place = _place(station)
+        uncertainty_s = station.driver.clock.uncertainty_s
+        items = [
+            *await self._failsafes(station, vehicle),
+            at_least("battery", name, battery, wanted.min_battery, unit="", what="its charge"),
+            without_faults("estimator", name, state.faults),
+            _position_item(station, place, wanted.start_tolerance_m),
+            at_most(
+                "clock",
+                name,
+                uncertainty_s,
+                wanted.max_clock_error_s,
+                unit="s",
+                what="how far its clock may be from where we take it to be",
+            ),
+        ]
+        if fence is not None:
+            items.append(home_item(name, fence, place, setup.campaign.guarding.keep_m))
+        return items
+
+    async def _failsafes(self, station: Station, vehicle: VehicleSetup) -> Iterable[Item]:
+        autopilot = station.driver.identity.autopilot
+        parameters = station.driver.parameters
+        values: dict[str, float] = {}
+        for rule in FAILSAFES[autopilot]:
+            values |= await first_known(parameters, rule.names)
+        names = tuple(one.name for one in RETURN_ALTITUDES[autopilot])
+        ceiling_m = ceiling_above_home_m(self._setup, vehicle)
+        yielded = [without_faults("failsafe", station.name, unsound(autopilot, values))]
+        if ceiling_m is not None:
+            altitude_m = return_altitude_m(autopilot, await first_known(parameters, names))
+            what = "the height it returns at"
+            yielded.append(
+                at_most("return_altitude", station.name, altitude_m, ceiling_m, unit="m", what=what)
+            )
+        return yielded
+
+    def _pair(self, stations: tuple[Station, ...]) -> Iterable[Item]:
+        if len(stations) < 2:
+            return ()
+        real, twin = [_from_start(station, _place(station)) for station in stations]
+        return (pair_item(real, twin, self._setup.campaign.preflight.pair_tolerance_m),)
+
+
+async def first_known(parameters: Parameters, names: Iterable[str]) -> dict[str, float]:
+    """Return the first parameter of several names that the firmware knows; empty for none."""
+    for name in names:
+        try:
+            return {name: await parameters.get(name)}
+        except ParameterError:
+            continue
+    return {}
+
+
+async def wanted_failsafes(
+    autopilot: AutopilotName, parameters: Parameters, *, ceiling_m: float | None
+) -> dict[str, ParameterValue]:
+    """Return what an autopilot's failsafes are set to, by the names that its firmware has.
+
+    ceiling_m: of the fence, above home; where it returns above that, it is to return beneath.
+    """
+    wanted: dict[str, ParameterValue] = {}
+    for rule in FAILSAFES[autopilot]:
+        if rule.wanted is not None:
+            for name, value in (await first_known(parameters, rule.names)).items():
+                if value != rule.wanted:
+                    wanted[name] = rule.wanted
+    if ceiling_m is None:
+        return wanted
+    for one in RETURN_ALTITUDES[autopilot]:
+        for name, value in (await first_known(parameters, [one.name])).items():
+            if value * one.metres > ceiling_m:
+                beneath = ceiling_m * _OF_CEILING / one.metres
+                wanted[name] = int(beneath) if isinstance(value, int) else beneath
+                return wanted
+    return wanted
+
+
+def ceiling_above_home_m(setup: RunSetup, vehicle: VehicleSetup) -> float | None:
+    """Return how far above where it starts a vehicle's ceiling is; None without one."""
+    fence = setup.campaign.fences.get(vehicle.name)
+    if fence is None or fence.ceiling_up_m is None:
+        return None
+    return fence.ceiling_up_m + vehicle.start.position_ned_m[2]
+
+
+def disk_item(folder: Path, least_mb: float) -> Item:
+    """Return whether there is room for recordings; how much there is differs from run to run."""
+    free_mb = shutil.disk_usage(folder).free / _MEGABYTE
+    item = at_least("disk", "", free_mb, least_mb, unit="MB", what=f"what is free in {folder}")
+    return item if item.outcome == "refused" else Item("disk", "", "ok", None, least_mb, "MB")
+
+
+def _advice(items: Iterable[Item]) -> str:
+    """Return what to do about parameters that were only checked; empty for other reasons."""
+    wrong = {item.check for item in items if item.outcome == "refused"}
+    if wrong.isdisjoint({"failsafe", "return_altitude"}):
+        return ""
+    return "; set them in the vehicle, by its params, or with preflight.failsafe: set"
+
+
+def _position_item(station: Station, place: Vec3 | None, tolerance_m: float) -> Item:
+    away = _from_start(station, place)
+    what = f"how far from its start it stands by {station.pose_source}"
+    return at_most(
+        "position",
+        station.name,
+        None if away is None else norm(away),
+        tolerance_m,
+        unit="m",
+        what=what,
+    )
+
+
+def _place(station: Station) -> Vec3 | None:
+    """Return where a vehicle is by its pose source; None when that is silent."""
+    latest = station.poses.at(asyncio.get_running_loop().time())
+    if latest.pose is None or latest.gap_s > _FRESH_S:
+        return None
+    return latest.pose.position_ned_m
+
+
+def _from_start(station: Station, place: Vec3 | None) -> Vec3 | None:
+    return None if place is None else subtract(place, station.start.position_ned_m)

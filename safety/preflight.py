@@ -1,0 +1,134 @@
+"""Preflight: what has to hold before a vehicle arms; pure.
+
+Each check gives an item for the record: ok, refused, or overridden by somebody who is named.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from safety.geofence import Fence
+from worlds.frames import Vec3, norm, subtract
+
+Check = Literal[
+    "failsafe",
+    "return_altitude",
+    "fence",
+    "home",
+    "battery",
+    "estimator",
+    "position",
+    "clock",
+    "pair",
+    "disk",
+]
+CHECKS: Mapping[Check, str] = {
+    "failsafe": "what the autopilot does by itself when nobody is heard any more",
+    "return_altitude": "its return stays beneath the fence's ceiling",
+    "fence": "the autopilot holds the fence that it was given, as read back",
+    "home": "it stands inside of the fence, as far from it as keep_m",
+    "battery": "its charge is at least min_battery",
+    "estimator": "its estimator has attitude, velocity, position and height",
+    "position": "its poses come, from GPS or motion capture, and it stands where the world says",
+    "clock": "how far its clock is from ours is known well enough",
+    "pair": "real and twin stand alike, each from its start",
+    "disk": "there is room for the recordings",
+}
+"""In words for people."""
+Outcome = Literal["ok", "refused", "overridden"]
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One check of one vehicle; vehicle: empty when it concerns all.
+
+    actual, limit: what was found and what is wanted, in unit; None where it is no number. text: in
+    words; empty when all is well. by: who takes the responsibility for what is overridden.
+    """
+
+    check: Check
+    vehicle: str
+    outcome: Outcome
+    actual: float | None = None
+    limit: float | None = None
+    unit: str = ""
+    text: str = ""
+    by: str = ""
+
+    def __str__(self) -> str:
+        who = f"{self.vehicle} " if self.vehicle else ""
+        by = f" (overridden by {self.by})" if self.by else ""
+        return f"{who}{self.check}: {self.text or self.outcome}{by}"
+
+
+def settled(items: Iterable[Item], overrides: Mapping[Check, str]) -> tuple[Item, ...]:
+    """Return items of which those that somebody overrides are marked so."""
+    return tuple(
+        replace(item, outcome="overridden", by=overrides[item.check])
+        if item.outcome == "refused" and item.check in overrides
+        else item
+        for item in items
+    )
+
+
+def refused(items: Iterable[Item]) -> str:
+    """Return in words what speaks against arming; empty when nothing does."""
+    return "; ".join(str(item) for item in items if item.outcome == "refused")
+
+
+def at_least(
+    check: Check, vehicle: str, actual: float | None, limit: float, *, unit: str, what: str
+) -> Item:
+    """Return the item of something of which there has to be enough; None is not known."""
+    if actual is None or not math.isfinite(actual):
+        return Item(check, vehicle, "refused", None, limit, unit, f"{what} is not known")
+    if actual < limit:
+        text = f"{what} is {_amount(actual, unit)}, and at least {_amount(limit, unit)} is wanted"
+        return Item(check, vehicle, "refused", actual, limit, unit, text)
+    return Item(check, vehicle, "ok", actual, limit, unit)
+
+
+def at_most(
+    check: Check, vehicle: str, actual: float | None, limit: float, *, unit: str, what: str
+) -> Item:
+    """Return the item of something of which there must not be too much; None is not known."""
+    if actual is None or not math.isfinite(actual):
+        return Item(check, vehicle, "refused", None, limit, unit, f"{what} is not known")
+    if actual > limit:
+        text = f"{what} is {_amount(actual, unit)}, and at most {_amount(limit, unit)} is allowed"
+        return Item(check, vehicle, "refused", actual, limit, unit, text)
+    return Item(check, vehicle, "ok", actual, limit, unit)
+
+
+def without_faults(check: Check, vehicle: str, faults: Iterable[str]) -> Item:
+    """Return the item of what is told in words."""
+    text = "; ".join(faults)
+    return Item(check, vehicle, "refused" if text else "ok", text=text)
+
+
+def home_item(vehicle: str, fence: Fence, position_ned_m: Vec3 | None, keep_m: float) -> Item:
+    """Return whether a vehicle stands inside of its fence."""
+    if position_ned_m is None:
+        return Item("home", vehicle, "refused", None, keep_m, "m", "where it stands is not known")
+    margin_m = fence.margin_m(position_ned_m)
+    if margin_m >= keep_m:
+        return Item("home", vehicle, "ok", margin_m, keep_m, "m")
+    side = fence.boundary(position_ned_m)
+    where = (
+        f"it stands {-margin_m:.2f} m outside of the fence's {side}"
+        if margin_m < 0.0
+        else f"it stands {margin_m:.2f} m from the fence's {side}, nearer than {keep_m:g} m"
+    )
+    return Item("home", vehicle, "refused", margin_m, keep_m, "m", where)
+
+
+def pair_item(real_m: Vec3 | None, twin_m: Vec3 | None, tolerance_m: float) -> Item:
+    """Return whether the vehicles of a pair stand alike; where each is, from its own start."""
+    apart_m = None if real_m is None or twin_m is None else norm(subtract(real_m, twin_m))
+    what = "how far apart real and twin stand, each from its start,"
+    return at_most("pair", "", apart_m, tolerance_m, unit="m", what=what)
+
+
+def _amount(value: float, unit: str) -> str:
+    return f"{value:.3g} {unit}".rstrip()

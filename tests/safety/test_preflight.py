@@ -1,0 +1,148 @@
+"""Preflight's checks by values alone: what is let through, what is refused, in which words."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from safety.geofence import Fence
+from safety.preflight import (
+    CHECKS,
+    Item,
+    at_least,
+    at_most,
+    home_item,
+    pair_item,
+    refused,
+    settled,
+    without_faults,
+)
+from vehicles.autopilots.failsafes import FAILSAFES, return_altitude_m, unsound
+
+FENCE = Fence.box(north_m=(-1, 4), east_m=(-2, 2), up_m=(-0.5, 2.5))
+SOUND: dict[str, dict[str, float]] = {
+    "ardupilot": {"FS_GCS_ENABLE": 5, "FS_GCS_TIMEOUT": 5.0, "MAV_GCS_SYSID": 245},
+    "px4": {"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 10, "COM_OBL_RC_ACT": 4, "COM_OF_LOSS_T": 1.0},
+}
+
+
+@pytest.mark.parametrize(
+    ("item", "outcome", "text"),
+    [
+        (at_least("battery", "real", 0.8, 0.3, unit="", what="its charge"), "ok", ""),
+        (
+            at_least("battery", "real", 0.2, 0.3, unit="", what="its charge"),
+            "refused",
+            "its charge is 0.2, and at least 0.3 is wanted",
+        ),
+        (
+            at_least("battery", "real", None, 0.3, unit="", what="its charge"),
+            "refused",
+            "its charge is not known",
+        ),
+        (
+            at_most("clock", "real", math.inf, 0.25, unit="s", what="its error"),
+            "refused",
+            "its error is not known",
+        ),
+        (
+            at_most("clock", "real", 0.3, 0.25, unit="s", what="its error"),
+            "refused",
+            "its error is 0.3 s, and at most 0.25 s is allowed",
+        ),
+        (without_faults("estimator", "twin", ()), "ok", ""),
+        (
+            without_faults("estimator", "twin", ("no gps", "no height")),
+            "refused",
+            "no gps; no heig",
+        ),
+        (home_item("real", FENCE, (0, 0, 0), 0.3), "ok", ""),
+        (
+            home_item("real", FENCE, (0, 0, 0), 0.6),
+            "refused",
+            "it stands 0.50 m from the fence's floor, nearer than 0.6 m",
+        ),
+        (
+            home_item("real", FENCE, (-1.5, 0, -1), 0.0),
+            "refused",
+            "it stands 0.50 m outside of the fence's side",
+        ),
+        (home_item("real", FENCE, None, 0.0), "refused", "where it stands is not known"),
+        (pair_item((0, 0, 0), (0.3, 0.4, 0), 0.5), "ok", ""),
+        (pair_item((0, 0, 0), (0.3, 0.41, 0), 0.5), "refused", "and at most 0.5 m is allowed"),
+        (pair_item((0, 0, 0), None, 0.5), "refused", "is not known"),
+    ],
+)
+def test_checks(item: Item, outcome: str, text: str) -> None:
+    assert item.outcome == outcome
+    assert text in item.text
+    assert bool(refused([item])) is (outcome == "refused")
+
+
+def test_an_override_names_who_takes_it_on_and_covers_nothing_else() -> None:
+    items = (
+        without_faults("failsafe", "real", ["off"]),
+        without_faults("estimator", "real", ["no height"]),
+        without_faults("failsafe", "twin", ()),
+    )
+    settled_items = settled(items, {"failsafe": "J. Doe"})
+    assert [(one.outcome, one.by) for one in settled_items] == [
+        ("overridden", "J. Doe"),
+        ("refused", ""),
+        ("ok", ""),
+    ]
+    assert refused(settled_items) == "real estimator: no height"
+    assert str(settled_items[0]) == "real failsafe: off (overridden by J. Doe)"
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_what_is_set_is_sound(autopilot: str) -> None:
+    rules = FAILSAFES[autopilot]  # type: ignore[index]  # a Literal by parametrize
+    assert all(rule.wanted is None or rule.holds(rule.wanted) for rule in rules)
+    assert list(unsound(autopilot, SOUND[autopilot])) == []  # type: ignore[arg-type]  # as above
+    for name in SOUND[autopilot]:
+        less = {key: value for key, value in SOUND[autopilot].items() if key != name}
+        (said,) = unsound(autopilot, less)  # type: ignore[arg-type]  # as above
+        assert said == f"{name} is not known"
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name", "value", "said"),
+    [
+        ("ardupilot", "FS_GCS_ENABLE", 0, "FS_GCS_ENABLE is 0: it would hover until"),
+        ("ardupilot", "FS_GCS_TIMEOUT", 60, "FS_GCS_TIMEOUT is 60: it would take too long"),
+        ("ardupilot", "MAV_GCS_SYSID", 255, "MAV_GCS_SYSID is 255: it heeds another ground"),
+        ("px4", "NAV_DLL_ACT", 0, "NAV_DLL_ACT is 0: it would not come down"),
+        ("px4", "NAV_DLL_ACT", 5, "NAV_DLL_ACT is 5: it would not come down"),
+        ("px4", "COM_OBL_RC_ACT", 7, "COM_OBL_RC_ACT is 7: it would fall"),
+        ("px4", "COM_OF_LOSS_T", 20, "COM_OF_LOSS_T is 20: it would fly on for too long"),
+    ],
+)
+def test_what_is_unsound_is_named(autopilot: str, name: str, value: float, said: str) -> None:
+    values = {**SOUND[autopilot], name: value}
+    (found,) = unsound(autopilot, values)  # type: ignore[arg-type]  # a Literal by parametrize
+    assert found.startswith(said)
+
+
+def test_older_firmware_has_older_names_and_units() -> None:
+    older = {"FS_GCS_ENABLE": 5, "FS_GCS_TIMEOUT": 5.0, "SYSID_MYGCS": 245}
+    assert list(unsound("ardupilot", older)) == []
+    assert return_altitude_m("ardupilot", {"RTL_ALT": 1500}) == 15.0
+    assert return_altitude_m("ardupilot", {"RTL_ALT_M": 15}) == 15.0
+    assert return_altitude_m("px4", {"RTL_RETURN_ALT": 60}) == 60.0
+    assert return_altitude_m("px4", {}) is None
+
+
+@given(st.floats(), st.floats(0, 1e3))
+def test_no_number_of_an_item_is_not_finite(actual: float, limit: float) -> None:
+    for item in (
+        at_least("battery", "real", actual, limit, unit="", what="it"),
+        at_most("clock", "real", actual, limit, unit="s", what="it"),
+    ):
+        assert item.actual is None or math.isfinite(item.actual)
+        assert (item.outcome == "ok") is (item.text == "")
+
+
+def test_every_check_has_its_words() -> None:
+    assert all(words and not words.endswith(".") for words in CHECKS.values())

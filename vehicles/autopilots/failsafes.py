@@ -1,0 +1,113 @@
+"""What an autopilot has to do by itself when nobody tells it anything any more.
+
+The guard is the first line; this is the one behind it: both the guard and who started it may die.
+Parameters: ArduCopter/Parameters.cpp and events.cpp; PX4's commander_params.c and rtl_params.c.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from vehicles.autopilots.base import AutopilotName
+
+OWN_SYSTEM_ID = 245
+"""Our system id as a ground station, whose heartbeats keep a vehicle from its failsafe."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FailsafeRule:
+    """What a parameter has to be.
+
+    names: the newest first; firmware knows one of them. wanted: what it is set to where we may;
+    None is left as it is. sound: the values that will do; or longest_s, the longest time that
+    will. wrong: what is the matter with any other.
+    """
+
+    names: tuple[str, ...]
+    wanted: int | None = None
+    sound: frozenset[int] = frozenset()
+    longest_s: float | None = None
+    wrong: str
+
+    def holds(self, value: float) -> bool:
+        """Return whether a value will do."""
+        if self.longest_s is not None:
+            return 0.0 < value <= self.longest_s
+        return value in self.sound
+
+
+@dataclass(frozen=True, slots=True)
+class AltitudeParameter:
+    """The height above home that a return climbs to: a parameter, and the metres of its unit."""
+
+    name: str
+    metres: float
+
+
+FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
+    "ardupilot": (
+        FailsafeRule(
+            names=("FS_GCS_ENABLE",),
+            wanted=5,
+            sound=frozenset({1, 2, 3, 4, 5, 6, 7}),
+            wrong="it would hover until its battery is empty when nobody is heard",
+        ),
+        FailsafeRule(
+            names=("FS_GCS_TIMEOUT",),
+            longest_s=30.0,
+            wrong="it would take too long to notice that nobody is heard",
+        ),
+        FailsafeRule(
+            names=("MAV_GCS_SYSID", "SYSID_MYGCS"),
+            wanted=OWN_SYSTEM_ID,
+            sound=frozenset({OWN_SYSTEM_ID}),
+            wrong=f"it heeds another ground station's heartbeats, not ours ({OWN_SYSTEM_ID})",
+        ),
+    ),
+    "px4": (
+        FailsafeRule(
+            names=("NAV_DLL_ACT",),
+            wanted=3,
+            sound=frozenset({1, 2, 3}),
+            wrong="it would not come down when nobody is heard, or fall",
+        ),
+        FailsafeRule(
+            names=("COM_DL_LOSS_T",),
+            longest_s=30.0,
+            wrong="it would take too long to notice that nobody is heard",
+        ),
+        FailsafeRule(
+            names=("COM_OBL_RC_ACT",),
+            wanted=4,
+            sound=frozenset({0, 1, 2, 3, 4, 5}),
+            wrong="it would fall when setpoints stop",
+        ),
+        FailsafeRule(
+            names=("COM_OF_LOSS_T",),
+            longest_s=5.0,
+            wrong="it would fly on for too long when setpoints stop",
+        ),
+    ),
+}
+RETURN_ALTITUDES: Mapping[AutopilotName, tuple[AltitudeParameter, ...]] = {
+    "ardupilot": (AltitudeParameter("RTL_ALT_M", 1.0), AltitudeParameter("RTL_ALT", 0.01)),
+    "px4": (AltitudeParameter("RTL_RETURN_ALT", 1.0),),
+}
+"""By the names that firmware knows it by, the newest first."""
+
+
+def unsound(autopilot: AutopilotName, values: Mapping[str, float]) -> Iterator[str]:
+    """Yield in words what is the matter with the parameters that an autopilot has."""
+    for rule in FAILSAFES[autopilot]:
+        known = [name for name in rule.names if name in values]
+        if not known:
+            yield f"{rule.names[0]} is not known"
+        elif not rule.holds(values[known[0]]):
+            yield f"{known[0]} is {values[known[0]]:g}: {rule.wrong}"
+
+
+def return_altitude_m(autopilot: AutopilotName, values: Mapping[str, float]) -> float | None:
+    """Return the height above home that it returns at; None when that is not known."""
+    for one in RETURN_ALTITUDES[autopilot]:
+        if one.name in values:
+            return values[one.name] * one.metres
+    return None
