@@ -1,6 +1,6 @@
 """A campaign file into runs: cases x modes x repetitions, each with its seed and its files."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
@@ -64,8 +64,9 @@ class Campaign:
 
     document: the campaign file after --repetitions, --seed and --set. paths: every file it was
     read from. modes, cases: those selected. retries: how often a run that proves nothing is flown
-    again. requirements: of the selected cases and modes. mqtt: how operators reach it by a broker;
-    None for not at all.
+    again. requirements: of the selected cases and modes. left_out: what the file requires and the
+    options do not have flown, in words. mqtt: how operators reach it by a broker; None for not at
+    all.
     """
 
     name: str
@@ -79,6 +80,7 @@ class Campaign:
     setups: Mapping[str, Setup]
     runs: tuple[RunPlan, ...]
     requirements: tuple[Requirement, ...]
+    left_out: tuple[str, ...] = ()
     mqtt: MqttSetup | None = None
     retries: int = 0
 
@@ -119,9 +121,24 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
             for case, mode in chosen
             if (case, mode) in shares
         ),
+        left_out=_left_out(original, part, chosen, shares),
         mqtt=mqtt,
         retries=part.retries,
     )
+
+
+def _left_out(
+    original: Document,
+    part: CampaignPart,
+    chosen: Collection[tuple[str, Mode]],
+    shares: Iterable[tuple[str, str]],
+) -> tuple[str, ...]:
+    """Return what is required and not flown, for a green result must not be taken for all of it."""
+    left = [f"{case}/{mode}" for case, mode in shares if (case, mode) not in chosen]
+    written = original.get(("repetitions",), 1)
+    if isinstance(written, int) and part.repetitions < written:
+        left.append(f"{written - part.repetitions} of {written} repetitions")
+    return tuple(left)
 
 
 def _option_overrides(options: Options) -> tuple[Override, ...]:

@@ -270,6 +270,7 @@ class _Flight:
             and any("real" in FLIES[plan.mode] for plan in plans),
             real_kind=self._settings.real_kind,
             sensors=_sensors(self._campaign),
+            left_out=self._campaign.left_out,
         )
         _write(self._folder / "summary.json", to_json(summary))
         junit = junit_xml(summary, self._campaign.requirements)

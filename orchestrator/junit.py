@@ -26,6 +26,10 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
     ]
     root = ET.Element("testsuites")
     suite = ET.SubElement(root, "testsuite", name=_clean(summary.campaign))
+    if summary.left_out:
+        properties = ET.SubElement(suite, "properties")
+        left_out = _clean(", ".join(summary.left_out))
+        ET.SubElement(properties, "property", name="left_out", value=left_out)
     suite.extend(cases)
     for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
         suite.set(name, str(sum(case.find(tag) is not None for case in cases)))

@@ -42,6 +42,9 @@ class _Done(Generic[Outcome]):
     outcome: Outcome | WorkerLost
 
 
+_ITSELF = "the run itself: the program that ordered it died"
+
+
 class PipeInbox:
     """Operator commands that the parent process sends; the parent's death is an abort."""
 
@@ -59,7 +62,7 @@ class PipeInbox:
             command = self._connection.recv()
         except (EOFError, OSError):
             self._orphaned = True
-            return OperatorCommand("abort", "wil-campaign", "the parent process died")
+            return OperatorCommand("abort", _ITSELF)
         return command if isinstance(command, OperatorCommand) else None
 
 

@@ -159,7 +159,7 @@ class Summary:
     """A campaign. surrogate: the embedded vehicle played `real` in a run of mode wil or real.
 
     sensors: for each sensor where its readings came from. accepted: None when no required run was
-    flown.
+    flown. left_out: what the campaign requires and the command line left out, in words.
     """
 
     campaign: str
@@ -170,6 +170,7 @@ class Summary:
     runs: tuple[RunResult, ...]
     totals: Totals
     accepted: bool | None
+    left_out: tuple[str, ...] = ()
 
 
 def percentiles(values: Sequence[float]) -> Percentiles:
@@ -193,6 +194,7 @@ def summarize(
     surrogate: bool,
     real_kind: VehicleKind,
     sensors: dict[str, SensorKind],
+    left_out: tuple[str, ...] = (),
 ) -> Summary:
     """Return the summary of the runs that were flown, in the order given."""
     flown = tuple(runs)
@@ -205,6 +207,7 @@ def summarize(
         runs=flown,
         totals=totals_of(flown),
         accepted=accepted(flown, requirements),
+        left_out=left_out,
     )
 
 

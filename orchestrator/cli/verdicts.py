@@ -140,5 +140,8 @@ def _conclusion(summary: Summary) -> Text:
         said, style = "nothing required was flown", "yellow"
     if summary.totals.retried:
         said, style = f"{said}; {summary.totals.retried} not at the first attempt", "yellow"
+    if summary.left_out:
+        style = "yellow" if summary.accepted else style
+        said = f"{said} of what was flown; required, and left out: {', '.join(summary.left_out)}"
     note = " (the embedded surrogate played the real vehicle)" if summary.surrogate else ""
     return Text(said, style=style).append(note, style="dim")

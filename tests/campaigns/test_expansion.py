@@ -130,6 +130,17 @@ def test_options_select(files: Any) -> None:
     ]
 
 
+def test_what_is_required_and_left_out_is_told(files: Any) -> None:
+    assert files.load().left_out == ()
+    assert files.load(cases=("large",), repetitions=6).left_out == ()
+    assert files.load(modes=("sim",)).left_out == ("large/wil",)
+    assert files.load(cases=("small",), repetitions=1).left_out == (
+        "large/sim",
+        "large/wil",
+        "2 of 3 repetitions",
+    )
+
+
 def test_a_selection_does_not_change_the_seeds(files: Any) -> None:
     seeds = {run.name: run.seed for run in files.load().runs}
     for run in files.load(cases=("small",), repetitions=2).runs:

@@ -30,7 +30,11 @@ def run(verdict: Verdict, rep: int, *, required: bool = True, reason: str = "why
     )
 
 
-def suite(*runs: RunResult, requirements: tuple[Requirement, ...] = REQUIRED) -> ET.Element:
+def suite(
+    *runs: RunResult,
+    requirements: tuple[Requirement, ...] = REQUIRED,
+    left_out: tuple[str, ...] = (),
+) -> ET.Element:
     summary = summarize(
         runs,
         requirements,
@@ -39,11 +43,18 @@ def suite(*runs: RunResult, requirements: tuple[Requirement, ...] = REQUIRED) ->
         surrogate=True,
         real_kind="embedded",
         sensors={},
+        left_out=left_out,
     )
     root = ET.fromstring(junit_xml(summary, requirements))  # noqa: S314 - our own document
     found = root.find("testsuite")
     assert found is not None
     return found
+
+
+def test_what_was_left_out_is_a_property() -> None:
+    (one,) = suite(left_out=("large/wil", "4 of 5 repetitions")).iter("property")
+    assert dict(one.attrib) == {"name": "left_out", "value": "large/wil, 4 of 5 repetitions"}
+    assert not list(suite().iter("property"))
 
 
 def outcome(case: ET.Element) -> str:

@@ -125,6 +125,13 @@ def test_what_an_obj_names_must_be_there(tmp_path: Path) -> None:
         load_mesh_shape(path)
 
 
+def test_an_obj_of_another_encoding_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "s.obj"
+    text = "# Größe von Björn\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    path.write_bytes(text.encode("latin-1"))
+    assert len(load_mesh_shape(path).mesh.faces) == 1
+
+
 def test_a_mesh_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("worlds.mesh_files.MAX_FACES", 11)
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "b.stl")
