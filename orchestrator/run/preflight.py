@@ -36,6 +36,9 @@ Note = Callable[..., None]
 
 _FRESH_S = 0.5
 """How old the newest pose may be: twenty times what the slowest telemetry asked for takes."""
+_FIRST_POSE_S = 5.0
+"""How long the poses of a ready vehicle are waited for; a computer that stumbles is no fault."""
+_POLL_S = 0.02
 _MEGABYTE = 1e6
 _OF_CEILING = 0.75
 """How high a return is set beneath a low ceiling: a quarter of it is left for overshooting."""
@@ -55,6 +58,7 @@ class Preflight:
         """
         wanted = self._setup.campaign.preflight
         items = [disk_item(self._setup.order.folder, wanted.min_disk_mb)]
+        await _until_placed(stations)
         for station in stations:
             items += await self._vehicle(station)
         items += self._pair(stations)
@@ -181,6 +185,14 @@ def _position_item(station: Station, place: Vec3 | None, tolerance_m: float) -> 
         unit="m",
         what=what,
     )
+
+
+async def _until_placed(stations: Iterable[Station]) -> None:
+    """Wait for the first poses: until its frame is anchored in the world, a vehicle has none."""
+    loop = asyncio.get_running_loop()
+    deadline_s = loop.time() + _FIRST_POSE_S
+    while any(_place(one) is None for one in stations) and loop.time() < deadline_s:  # noqa: ASYNC110 - a history tells nobody
+        await asyncio.sleep(_POLL_S)
 
 
 def _place(station: Station) -> Vec3 | None:
