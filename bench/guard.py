@@ -1,6 +1,6 @@
 """How fast the guard acts, and what it costs: figures beside their marks.
 
-`python -m bench.safety [--trials 100] [--idle]`; p99 of the trials. Unless --idle, two more
+`python -m bench.guard [--trials 100] [--idle]`; p99 of the trials. Unless --idle, two more
 processes mix pictures as fast as they can meanwhile, as many as this needs cores for.
 """
 
