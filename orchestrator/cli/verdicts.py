@@ -142,6 +142,7 @@ def _conclusion(summary: Summary) -> Text:
         said, style = f"{said}; {summary.totals.retried} not at the first attempt", "yellow"
     if summary.left_out:
         style = "yellow" if summary.accepted else style
-        said = f"{said} of what was flown; required, and left out: {', '.join(summary.left_out)}"
+        said += "" if summary.accepted is None else " of what was flown"
+        said += f"; required, and left out: {', '.join(summary.left_out)}"
     note = " (the embedded surrogate played the real vehicle)" if summary.surrogate else ""
     return Text(said, style=style).append(note, style="dim")

@@ -8,10 +8,10 @@ from contextlib import AsyncExitStack
 from typing import Protocol
 
 from campaigns.setup import VehicleSetup
-from orchestrator.run.failsafes import FAILSAFES
 from orchestrator.run.launching import start_launched
 from orchestrator.run.setup import RunSetup
 from safety.guard.remote import RemoteGuard
+from vehicles.autopilots.failsafes import SILENCE_PARAMETERS
 from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.config import EmbeddedConfig
 from vehicles.embedded.launch import FeedClient
@@ -82,7 +82,7 @@ class InProcess:
                 latitude_deg=frame.latitude_deg,
                 longitude_deg=frame.longitude_deg,
                 altitude_m=frame.altitude_m,
-                parameters={**FAILSAFES[vehicle.autopilot], **vehicle.params},
+                parameters={**SILENCE_PARAMETERS[vehicle.autopilot], **vehicle.params},
             ),
             link=self._far[vehicle.name],
             seed=vehicle_seed(setup.seed, vehicle.name),
@@ -156,7 +156,7 @@ class OwnProcesses:
             latitude_deg=frame.latitude_deg,
             longitude_deg=frame.longitude_deg,
             altitude_m=frame.altitude_m,
-            parameters={**FAILSAFES[vehicle.autopilot], **vehicle.params},
+            parameters={**SILENCE_PARAMETERS[vehicle.autopilot], **vehicle.params},
             truth_hz=TRUTH_HZ,
             end_with_stdin=True,
             end_with_parent=False,

@@ -11,6 +11,16 @@ from vehicles.autopilots.base import AutopilotName
 
 OWN_SYSTEM_ID = 245
 """Our system id as a ground station, whose heartbeats keep a vehicle from its failsafe."""
+_ARDUPILOT_LAND, _PX4_LAND = 5, 3
+_SILENT_S = 5.0
+"""Longer than the guard takes to call a vehicle lost, so that it acts first."""
+
+SILENCE_PARAMETERS: Mapping[AutopilotName, Mapping[str, float]] = {
+    "ardupilot": {"FS_GCS_ENABLE": float(_ARDUPILOT_LAND), "FS_GCS_TIMEOUT": _SILENT_S},
+    "px4": {"NAV_DLL_ACT": float(_PX4_LAND), "COM_DL_LOSS_T": _SILENT_S},
+}
+"""What embedded autopilots start with, so that they land when nobody speaks to them any more: as
+they ship, ArduCopter hovers on and PX4 stays in Hold. A campaign's own `params` win."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +57,7 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
     "ardupilot": (
         FailsafeRule(
             names=("FS_GCS_ENABLE",),
-            wanted=5,
+            wanted=_ARDUPILOT_LAND,
             sound=frozenset({1, 2, 3, 4, 5, 6, 7}),
             wrong="it would hover until its battery is empty when nobody is heard",
         ),
@@ -66,7 +76,7 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
     "px4": (
         FailsafeRule(
             names=("NAV_DLL_ACT",),
-            wanted=3,
+            wanted=_PX4_LAND,
             sound=frozenset({1, 2, 3}),
             wrong="it would not come down when nobody is heard, or fall",
         ),
