@@ -1,6 +1,7 @@
 """The pool: real processes, real deaths."""
 
 import asyncio
+import multiprocessing
 import os
 import signal
 import time
@@ -8,7 +9,7 @@ import time
 import pytest
 
 from orchestrator.operator import Inbox, OperatorCommand
-from orchestrator.pool import Pool, WorkerLost
+from orchestrator.pool import PipeInbox, Pool, WorkerLost
 from orchestrator.progress import News, Progress, Report
 
 Outcomes = dict[str, "str | WorkerLost"]
@@ -121,3 +122,15 @@ def test_a_worker_that_says_nothing_any_more_is_killed() -> None:
     assert isinstance(lost, WorkerLost)
     assert lost.reason == "its process said nothing for 0.5 s; it was killed"
     assert outcomes["next"] == "flown next"
+
+
+def test_the_death_of_the_parent_is_an_abort_that_says_so() -> None:
+    parent, child = multiprocessing.Pipe()
+    inbox = PipeInbox(child)
+    assert inbox.poll() is None
+    parent.close()
+    command = inbox.poll()
+    assert command is not None
+    assert command.kind == "abort"
+    assert "the program that ordered it died" in command.who
+    assert inbox.poll() is None

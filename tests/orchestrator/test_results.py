@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from campaigns.acceptance import Requirement, Share
+from orchestrator.cli.verdicts import conclusions
 from orchestrator.results import (
     VERDICTS,
     MixingResult,
@@ -142,6 +144,21 @@ def summary(runs: list[RunResult]) -> Summary:
         real_kind="embedded",
         sensors={"rear": "file", "camera": "rendered"},
     )
+
+
+@pytest.mark.parametrize(
+    ("verdict", "said"),
+    [
+        ("PASS", "accepted of what was flown; required, and left out: large/wil"),
+        ("FAIL", "not accepted of what was flown; required, and left out: large/wil"),
+    ],
+)
+def test_the_last_line_says_what_was_left_out(verdict: str, said: str) -> None:
+    flown = summary([result(verdict) for _ in range(3)])
+    assert conclusions(flown)[-1].plain.startswith("accepted" if verdict == "PASS" else "not ")
+    assert "left out" not in conclusions(flown)[-1].plain
+    last = conclusions(replace(flown, left_out=("large/wil",)))[-1].plain
+    assert last.startswith(said)
 
 
 def full_run() -> RunResult:
