@@ -14,6 +14,7 @@ def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pro
     """Yield what cannot fly: a simulation at another pace, a pair that is one vehicle."""
     for vehicle in setup.vehicles.values():
         yield from _pace_problems(files, vehicle)
+        yield from _spare_problems(files, vehicle)
     if mode == "wil":
         yield from _pair_problems(files, setup)
 
@@ -37,6 +38,15 @@ def _pair_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
         said = f"both vehicles have system id {real.system_id}; give them different ones"
         path = ("vehicles", "twin", "system_id")
         yield files.campaign.problem(path, said)
-    if real.attached is not None and real.attached == twin.attached:
-        said = f"both vehicles are on {real.attached}; each needs a link of its own"
-        yield files.campaign.problem(("vehicles", "twin", "link"), said)
+    shared = next((one for one in twin.addresses if one in real.addresses), None)
+    if shared is not None:
+        said = f"both vehicles are on {shared}; each needs a link of its own"
+        key = "link" if shared == twin.attached else "spare_links"
+        yield files.campaign.problem(("vehicles", "twin", key), said)
+
+
+def _spare_problems(files: CaseFiles, vehicle: VehicleSetup) -> Iterator[Problem]:
+    for at, spare in enumerate(vehicle.spares):
+        if spare == vehicle.attached or spare in vehicle.spares[:at]:
+            path = ("vehicles", vehicle.name, "spare_links", at)
+            yield files.campaign.problem(path, f"{spare} is named twice")

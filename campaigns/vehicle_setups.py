@@ -47,7 +47,7 @@ class VehicleSetup:
     link: "embedded", the address of one that is attached, or what launches one. params: autopilot
     parameters by name. start: where it stands, world frame. mocap: None: the surrogate's own
     motion capture. pose_accuracy: of its pose source. signing: where its key is. rates:
-    of telemetry, as its radio carries them.
+    of telemetry, as its slowest radio carries them. spares: of an attached one, more links to it.
     """
 
     name: VehicleName
@@ -64,6 +64,7 @@ class VehicleSetup:
     sensors: tuple[SensorSetup, ...] = ()
     signing: KeySource | None = None
     rates: TelemetryRates = field(default_factory=TelemetryRates)
+    spares: tuple[LinkAddress, ...] = ()
 
     @property
     def embedded(self) -> bool:
@@ -74,6 +75,11 @@ class VehicleSetup:
     def attached(self) -> LinkAddress | None:
         """Return the address of one that we neither embed nor launch: it may be hardware."""
         return self.link if isinstance(self.link, LinkAddress) else None
+
+    @property
+    def addresses(self) -> tuple[LinkAddress, ...]:
+        """Return all addresses of one that is attached; none of another."""
+        return () if self.attached is None else (self.attached, *self.spares)
 
     @property
     def launch(self) -> SitlLaunch | None:
@@ -119,6 +125,7 @@ def _vehicle(
         sensors=sensor_setups(campaign, name, part, problems),
         signing=None if part.signing is None else _key_source(folder, part.signing),
         rates=_rates(campaign, name, part, problems),
+        spares=tuple(parse_link(one) for one in part.spare_links),
     )
 
 
@@ -178,11 +185,11 @@ def _rates(
 
 
 def _baud(part: VehiclePart) -> int | None:
-    """Return the speed of a vehicle's serial port; None without one."""
+    """Return the speed of a vehicle's slowest serial port; None without one."""
     if not isinstance(part.link, str) or part.link == "embedded":
         return None
-    address = parse_link(part.link)
-    return address.baud if address.kind == "serial" else None
+    addresses = [parse_link(one) for one in (part.link, *part.spare_links)]
+    return min((one.baud for one in addresses if one.kind == "serial"), default=None)
 
 
 def _launch(folder: Path, part: ArduPilotLaunchPart | Px4LaunchPart) -> SitlLaunch:

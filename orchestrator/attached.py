@@ -104,7 +104,12 @@ async def _find(vehicle: VehicleSetup, timeout_s: float) -> Found:
     if vehicle.attached is None:
         raise ValueError(f"{vehicle.name} is not attached")
     conditions = LinkConditions(signing=vehicle.signing)
-    link = under_conditions(open_link(vehicle.attached), conditions, utc_s=time.time()).link
+    link = under_conditions(
+        open_link(vehicle.attached),
+        conditions,
+        utc_s=time.time(),
+        spares=[open_link(spare) for spare in vehicle.spares],
+    ).link
     driver = Driver(
         name=vehicle.name,
         link=link,
@@ -121,7 +126,7 @@ async def _find(vehicle: VehicleSetup, timeout_s: float) -> Found:
         state = driver.state
         return Found(
             name=vehicle.name,
-            address=str(vehicle.attached),
+            address=link.name,
             identity=identity,
             place_deg=driver.place_deg,
             battery=None if state.battery is None else state.battery.remaining,

@@ -149,12 +149,13 @@ class Mixer:
         The real reading sets the time: without one there is no mixture, for a vehicle whose
         sensor is silent must not be told that it senses. Without a usable one of the twin (none,
         too far in time, too late, wrong size) the real one passes through; both are counted and
-        said. alignment: how the pose of the twin's reading was found, for the record. Raises
-        StepError when a step fails by a fault of its own.
+        said. alignment: how the pose of the twin's reading was found, for the record, or what there
+        is none of ("no pose for the exposure"). Raises StepError when a step fails by a fault of
+        its own.
         """
         run = _Frame(self._stages, self._merging, self._stopwatch, self._frames, self._observer)
         self._frames += 1
-        reading, fault = self._run(run, real, twin, now_s)
+        reading, fault = self._run(run, real, twin, now_s, alignment)
         if fault is None:
             self._mixed += 1
         else:
@@ -177,7 +178,12 @@ class Mixer:
         return Mixed(cast("R | None", mixed), told)
 
     def _run(
-        self, run: "_Frame", real: Reading | None, twin: Reading | None, now_s: float
+        self,
+        run: "_Frame",
+        real: Reading | None,
+        twin: Reading | None,
+        now_s: float,
+        alignment: str,
     ) -> tuple[Reading | None, CannotMixError | None]:
         """Return what is to be seen, if anything, and what is missing of the mixture, if so."""
         if real is None:
@@ -187,7 +193,8 @@ class Mixer:
         run.sides["real"] = Masked(real)
         fault: CannotMixError | None = None
         if twin is None:
-            fault = CannotMixError("no_twin", f"no {self._twin.kind} reading of the twin")
+            why = f": {alignment}" if alignment.startswith("no ") else ""
+            fault = CannotMixError("no_twin", f"no {self._twin.kind} reading of the twin{why}")
         elif (bad := self._twin.fault_of(twin)) is not None:
             fault = CannotMixError("bad_twin", bad)
         else:

@@ -66,6 +66,13 @@ def _link(text: str) -> str:
     return text
 
 
+def _spare(text: str) -> str:
+    """Refuse what is no address of another link to a vehicle outside."""
+    if text == "embedded":
+        raise ValueError("must be a link; the embedded vehicle has one of its own")
+    return _link(text)
+
+
 class ArduPilotLaunchPart(Part):
     """ArduCopter's own simulation, started by us.
 
@@ -127,9 +134,11 @@ class VehiclePart(Part):
 
     system_id: 1 for the real vehicle and 2 for the twin without. anchor: what says where it stands
     before arming: `start`, or motion capture. mocap: where that comes from; None: the surrogate's.
+    spare_links: more links to the same vehicle, flown by when those before them fall silent.
     """
 
     link: Annotated[str, AfterValidator(_link)] | LaunchPart
+    spare_links: list[Annotated[str, AfterValidator(_spare)]] = Field(default_factory=list)
     autopilot: AutopilotName
     system_id: Annotated[int, Field(ge=1, le=250)] | None = None
     signing: SigningPart | None = None
@@ -162,6 +171,8 @@ class VehiclePart(Part):
                 raise KeyFaultError(("sensors", name, "type"), said)
         if self.anchor == "mocap" and self.pose_source != "mocap":
             raise KeyFaultError("anchor", "is by motion capture: it needs pose_source: mocap")
+        if self.spare_links and (not isinstance(self.link, str) or self.link == "embedded"):
+            raise KeyFaultError("spare_links", "only a vehicle at a link of its own has more")
         launched = None if isinstance(self.link, str) else self.link.launch
         if launched not in {None, self.autopilot}:
             raise KeyFaultError("autopilot", f"the link launches {launched}")

@@ -31,8 +31,8 @@ def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
             text = f"{file}: its vehicles are {' and '.join(sorted(kinds))}"
             yield Finding(TOPIC, "good", text)
         for vehicle in attached:
-            if vehicle.attached is not None:
-                yield asyncio.run(_opened(f"{file}: {vehicle.name}", vehicle.attached))
+            for address in vehicle.addresses:
+                yield asyncio.run(_opened(f"{file}: {vehicle.name}", address))
 
 
 async def _opened(who: str, address: LinkAddress) -> Finding:

@@ -67,6 +67,7 @@ def guard_of(
                 link=_address(one, prepared),
                 patient=one.launch is not None,
                 gcs=setup.campaign.gcs.get(one.name, ""),
+                spares=tuple(map(str, one.spares)),
                 conditions=conditions_of(setup, one),
             )
             for one in setup.vehicles

@@ -192,7 +192,7 @@ class MixingLoop:
         now_s = asyncio.get_running_loop().time()
         found = align_pose(request, self._poses, exposure_s=real.t_s, now_s=now_s)
         if found is None:
-            return None, "no pose"
+            return None, "no pose for the exposure"
         try:
             reading = await twin.ask(
                 found.pose,
@@ -202,7 +202,7 @@ class MixingLoop:
             )
         except NoPictureError as error:
             self._trouble(str(error))
-            return None, "no picture"
+            return None, "no picture of its world"
         return replace(reading, sensor=self.mixer.sensor), found.how
 
     async def _pose_has_come(self, t_s: float) -> None:

@@ -27,13 +27,15 @@ class Guarded:
     link: its link string; empty for a free UDP port of loopback, at which a vehicle is going to
     be started. patient: a vehicle is going to be started at the link, too. gcs: link string of a
     ground station port ("udpout://127.0.0.1:14550"); empty for none. conditions: how frames fare
-    between the guard and the vehicle, and where their signing key is.
+    between the guard and the vehicle, and where their signing key is. spares: link strings of more
+    links to the vehicle, flown by when those before them fall silent.
     """
 
     vehicle: GuardedVehicle
     link: str = ""
     patient: bool = False
     gcs: str = ""
+    spares: tuple[str, ...] = ()
     conditions: LinkConditions = field(default_factory=LinkConditions)
 
 
@@ -98,6 +100,7 @@ def _plain_guarded(guarded: Guarded) -> dict[str, Any]:
         "link": guarded.link,
         "patient": guarded.patient,
         "gcs": guarded.gcs,
+        "spares": list(guarded.spares),
         "conditions": guarded.conditions.plain(),
         "autopilot": vehicle.autopilot.name,
         "target": [vehicle.target.system, vehicle.target.component],
@@ -115,6 +118,7 @@ def _guarded(plain: Mapping[str, Any]) -> Guarded:
         link=str(plain["link"]),
         patient=bool(plain["patient"]),
         gcs=str(plain["gcs"]),
+        spares=tuple(str(one) for one in plain["spares"]),
         conditions=LinkConditions.from_plain(plain["conditions"]),
         vehicle=GuardedVehicle(
             autopilot=_autopilot(plain["autopilot"]),

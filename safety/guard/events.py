@@ -27,6 +27,7 @@ EventKind = Literal[
     "dropped",
     "limited",
     "heard",
+    "link",
     "pose",
     "record",
     "guard",
@@ -34,7 +35,8 @@ EventKind = Literal[
 """A cause; hold, resume: the operator's; geofence: fences were changed in flight; refused: a
 command that cannot be followed now; action: a step of a contingency; dropped: frames of the
 orchestrator that were not passed; limited: setpoints were more than the campaign's limits, told at
-the first and after the last of them; heard: a lost vehicle or orchestrator is back; pose: a
+the first and after the last of them; heard: a lost vehicle or orchestrator is back; link: a
+vehicle is flown by another of its links now; pose: a
 position that is not finite was let go; record: the log of frames cannot be written any more;
 guard: the guard's own process ended, or erred."""
 

@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Mapping
 from contextlib import AsyncExitStack, ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,7 @@ from safety.guard.messages import (
 )
 from safety.guard.operator_lines import OperatorLine, RefusedLineError
 from safety.guard.operator_socket import POINTER, OperatorSocket
-from safety.guard.process_parts import close_quietly, how_it_ended, vehicle_link
+from safety.guard.process_parts import close_quietly, how_it_ended, spare_links, vehicle_link
 from safety.guard.shell import GuardLinks, GuardShell
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
@@ -138,7 +139,13 @@ class GuardProcess:
             inner = ChannelLink(name=f"{name} orchestrator", index=index, channel=self._channel)
             self._links.append(inner)
             gcs = open_link(parse_link(one.gcs)) if one.gcs else None
-            outer = under_conditions(raw[name], one.conditions, utc_s=time.time())
+            outer = under_conditions(
+                raw[name],
+                one.conditions,
+                utc_s=time.time(),
+                spares=spare_links(one),
+                told=partial(self._link_changed, name),
+            )
             links[name] = GuardLinks(
                 vehicle=outer.link, orchestrator=inner, gcs=gcs, impaired=outer.impaired
             )
@@ -370,6 +377,9 @@ class GuardProcess:
         self._channel.send(Told(event))
         details = {"kind": event.kind, "vehicle": event.vehicle, "text": event.text}
         self._journal.write(event.t_s, "guard", **details)
+
+    def _link_changed(self, name: str, text: str) -> None:
+        self._event(GuardEvent(asyncio.get_running_loop().time(), "link", name, text))
 
     def _note(self, event: str, **details: str | float | bool | None) -> None:
         self._journal.write(asyncio.get_running_loop().time(), event, **details)

@@ -18,6 +18,11 @@ def vehicle_link(guarded: Guarded) -> Link:
     return UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
 
 
+def spare_links(guarded: Guarded) -> list[Link]:
+    """Return the links to a vehicle that stand by."""
+    return [open_link(parse_link(one)) for one in guarded.spares]
+
+
 def how_it_ended(code: int | None) -> str:
     """Return in words how a child process ended."""
     if code is not None and code < 0:

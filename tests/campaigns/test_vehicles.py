@@ -170,6 +170,44 @@ def test_one_link_for_two(files: Any) -> None:
     assert "each needs a link of its own" in fault
 
 
+def test_more_links_to_one_vehicle(files: Any) -> None:
+    outside(files, "udpin://0.0.0.0:14540")
+    text = files.path.read_text()
+    at = text.index("    link: udpin://0.0.0.0:14540\n")
+    spares = "    spare_links: [serial:///dev/ttyUSB0:57600, udpin://0.0.0.0:14550]\n"
+    files.path.write_text(text[:at] + spares + text[at:])
+    real = next(iter(files.load().setups.values())).vehicles["real"]
+    assert list(map(str, real.addresses)) == [
+        "udpin://0.0.0.0:14540",
+        "serial:///dev/ttyUSB0:57600",
+        "udpin://0.0.0.0:14550",
+    ]
+    assert real.rates.position_hz < 50.0  # as the slowest radio carries them
+
+
+@pytest.mark.parametrize(
+    ("spares", "said"),
+    [
+        ("[udpin://0.0.0.0:14540]", "udpin://0.0.0.0:14540 is named twice"),
+        ("[embedded]", "must be a link; the embedded vehicle has one of its own"),
+        ("[udp:14550]", "cannot be read"),
+    ],
+)
+def test_more_links_that_are_none(files: Any, spares: str, said: str) -> None:
+    outside(files, "udpin://0.0.0.0:14540")
+    text = files.path.read_text()
+    at = text.index("    link: udpin://0.0.0.0:14540\n")
+    files.path.write_text(text[:at] + f"    spare_links: {spares}\n" + text[at:])
+    (fault,) = files.faults()
+    assert said in fault
+
+
+def test_the_embedded_vehicle_has_one_link(files: Any) -> None:
+    files.change("    profile: cage\n", "    profile: cage\n    spare_links: [udpin://0.0.0.0:9]\n")
+    (fault,) = files.faults()
+    assert "only a vehicle at a link of its own has more" in fault
+
+
 def test_the_fence_aboard(files: Any) -> None:
     preflight = next(iter(files.load().setups.values())).preflight
     assert preflight.fence is not None

@@ -230,11 +230,11 @@ def test_the_program_says_it_in_one_line(
 def test_the_driver_may_be_told_whose_link_it_is() -> None:
     """Two vehicles on one link: the one that was asked for is found."""
     from orchestrator.clock import run_virtual
+    from tests.vehicles.links.test_redundant import TwoRadios
     from vehicles.driver import Driver
     from vehicles.embedded.config import EmbeddedConfig
     from vehicles.embedded.vehicle import EmbeddedVehicle
     from vehicles.links.memory import memory_pair
-    from vehicles.links.shared import SharedLink
 
     async def scenario() -> int:
         one, far_one = memory_pair()
@@ -245,7 +245,7 @@ def test_the_driver_may_be_told_whose_link_it_is() -> None:
             )
             for number, far in ((1, far_one), (2, far_two))
         ]
-        driver = Driver(name="real", link=SharedLink(links=[one, two]), system_id=2)
+        driver = Driver(name="real", link=TwoRadios([one, two]), system_id=2)
         async with vehicles[0], vehicles[1], driver:
             await asyncio.sleep(2.0)
             return (await driver.identify(5.0)).system_id

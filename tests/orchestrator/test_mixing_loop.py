@@ -217,7 +217,8 @@ def test_without_a_pose_there_is_no_overlay() -> None:
 
     rig = flown(lambda: Rig(REGISTERED, sensor="camera", twin=twin), feed)
     (told,) = rig.told
-    assert (told.dropped, told.alignment) == ("no_twin", "no pose")
+    assert (told.dropped, told.alignment) == ("no_twin", "no pose for the exposure")
+    assert told.detail == "no camera reading of the twin: no pose for the exposure"
     assert twin.asked == []
 
 

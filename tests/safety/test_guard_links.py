@@ -6,6 +6,7 @@ import socket
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -140,6 +141,14 @@ _conditions = st.builds(
 def test_a_charter_carries_the_conditions_of_its_links(conditions: LinkConditions) -> None:
     sent = charter(Path("/run"), conditions=conditions)
     assert GuardCharter.from_plain(sent.plain()).vehicles["real"].conditions == conditions
+
+
+def test_a_charter_carries_the_spare_links() -> None:
+    sent = charter(Path("/run"))
+    spares = ("udpin://0.0.0.0:14550", "serial:///dev/ttyUSB0:57600")
+    real = replace(sent.vehicles["real"], link="udpin://0.0.0.0:14540", spares=spares)
+    there = GuardCharter.from_plain(replace(sent, vehicles={"real": real}).plain())
+    assert there.vehicles["real"].spares == spares
 
 
 def test_impossible_conditions_are_no_charter() -> None:

@@ -1,6 +1,6 @@
 """What is put round the link to a vehicle: the signature, and a bad radio made on purpose."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -10,6 +10,7 @@ import numpy as np
 from vehicles.links.base import Link
 from vehicles.links.impaired import ImpairedLink
 from vehicles.links.impairment import Blackout, Bursts, Impairment
+from vehicles.links.redundant import RedundantLink
 from vehicles.links.signing import SigningLink
 from vehicles.mavlink.signing_key import SigningKey, key_from_environment, key_from_file
 
@@ -75,10 +76,18 @@ class ConditionedLink:
     impaired: ImpairedLink | None = None
 
 
-def under_conditions(link: Link, conditions: LinkConditions, *, utc_s: float) -> ConditionedLink:
+def under_conditions(
+    link: Link,
+    conditions: LinkConditions,
+    *,
+    utc_s: float,
+    spares: Sequence[Link] = (),
+    told: Callable[[str], None] | None = None,
+) -> ConditionedLink:
     """Return a link under conditions: what is signed is impaired afterwards, as on the air.
 
-    utc_s: what time it is (UTC, seconds since 1970). Raises SigningKeyError.
+    utc_s: what time it is (UTC, seconds since 1970). spares: links to the same vehicle that stand
+    by, unimpaired; told: gets in words that another of them is flown by. Raises SigningKeyError.
     """
     impaired: ImpairedLink | None = None
     if conditions.impaired:
@@ -88,9 +97,15 @@ def under_conditions(link: Link, conditions: LinkConditions, *, utc_s: float) ->
             incoming=conditions.incoming,
             rng=np.random.default_rng(list(conditions.seed)),
         )
+    links = [link, *spares]
     if conditions.signing is not None:
-        link = SigningLink(link=link, key=conditions.signing.key(), utc_s=utc_s)
-    return ConditionedLink(link, impaired)
+        key = conditions.signing.key()
+        links = [
+            SigningLink(link=one, key=key, utc_s=utc_s, link_id=number)
+            for number, one in enumerate(links)
+        ]
+    together = RedundantLink(links=links, told=told) if spares else links[0]
+    return ConditionedLink(together, impaired)
 
 
 def _impairment(plain: Mapping[str, Any]) -> Impairment:

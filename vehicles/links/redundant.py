@@ -1,0 +1,168 @@
+"""Two or more links to one vehicle: one is flown by, the others stand by until it falls silent."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
+from functools import partial
+from types import TracebackType
+from typing import Self
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.links.base import Link, Receiver, TellsTrouble
+from vehicles.mavlink.framing import Frame, FrameSplitter
+
+SILENT_S = 0.3
+"""From when on another link is flown by: long before anybody above counts the vehicle's link as
+lost (1.5 s), and three periods of the slowest telemetry. To change for nothing costs little."""
+STEADY_S = 5.0
+"""How long a link listed earlier must have been heard without a gap before it is flown by again."""
+
+_AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
+_EVERYWHERE = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+        mavlink.MAVLINK_MSG_ID_SET_MODE,
+        mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
+        mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+        mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
+    }
+)
+_COMMANDS = frozenset({mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT})
+_COMMAND_AT = 28
+"""Where both have the command's number, behind seven values of four bytes."""
+_RATE_OF_BYTES = 4
+"""SET_MESSAGE_INTERVAL: param1 is the message whose rate is asked for."""
+_COMMANDS_EVERYWHERE = frozenset(
+    {
+        mavlink.MAV_CMD_DO_SET_MODE,
+        mavlink.MAV_CMD_NAV_LAND,
+        mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        mavlink.MAV_CMD_DO_FLIGHTTERMINATION,
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+    }
+)
+
+
+class RedundantLink:
+    """Hands on what comes by one of its links, the first that is not silent.
+
+    Autopilots number and time what they send by each link apart, so that two streams do not mix.
+    What does the same when it comes twice (heartbeats, setpoints, modes, landing, disarming,
+    telemetry rates) is written to all links, so that an abort needs no link to be found out
+    first; transactions (parameters, missions, takeoff) go by the one that is heard.
+
+    Telemetry rates that were asked for are asked for again when another link is flown by: it may
+    have come after they were.
+
+    links: the preferred one first; all must be there at the start. told: gets in words that
+    another link is flown by now.
+    """
+
+    def __init__(self, *, links: Sequence[Link], told: Callable[[str], None] | None = None) -> None:
+        if len(links) < 2:
+            raise ValueError("a redundant link needs two links at least")
+        self._links = tuple(links)
+        self._told = told
+        self._receiver: Receiver | None = None
+        self._heard_s = [0.0] * len(links)
+        self._steady_since_s = [0.0] * len(links)
+        self._inward = [FrameSplitter() for _ in links]
+        self._outward = FrameSplitter()
+        self._rates_asked: dict[bytes, bytes] = {}
+        self._stack = AsyncExitStack()
+        self.active = 0
+        """Which of the links is flown by."""
+        for number, link in enumerate(self._links):
+            link.receive(partial(self._received, number))
+
+    @property
+    def name(self) -> str:
+        """Return the names of the links, the preferred one first."""
+        return " + ".join(link.name for link in self._links)
+
+    @property
+    def trouble(self) -> str:
+        """Return the troubles of the links; empty when none has any."""
+        troubles = [
+            f"{link.name}: {link.trouble}"
+            for link in self._links
+            if isinstance(link, TellsTrouble) and link.trouble
+        ]
+        return "; ".join(troubles)
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set who is handed what arrives."""
+        self._receiver = receiver
+
+    def write(self, data: bytes) -> None:
+        """Send frames: by all links what may come twice, by the active one the rest."""
+        frames = self._outward.feed(data)
+        for frame in frames:
+            if _command_of(frame) == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+                self._rates_asked[frame.payload[:_RATE_OF_BYTES]] = frame.raw
+        for number, link in enumerate(self._links):
+            active = number == self.active
+            if mine := b"".join([one.raw for one in frames if active or _may_come_twice(one)]):
+                link.write(mine)
+
+    async def __aenter__(self) -> Self:
+        """Open all links. Raises LinkError when one cannot be had; the others are closed again."""
+        now_s = asyncio.get_running_loop().time()
+        self._heard_s = [now_s] + [-SILENT_S] * (len(self._links) - 1)
+        self._steady_since_s = [now_s] * len(self._links)
+        async with AsyncExitStack() as stack:
+            for link in self._links:
+                await stack.enter_async_context(link)
+            self._stack = stack.pop_all()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close all links."""
+        await self._stack.__aexit__(kind, error, trace)
+
+    def _received(self, number: int, data: bytes, t_s: float) -> None:
+        spoke = any(frame.component == _AUTOPILOT for frame in self._inward[number].feed(data))
+        if spoke:
+            self._take_sign_of_life(number, t_s)
+        # What is no MAVLink goes on as well: the driver says what it heard instead of a vehicle.
+        if number == self.active and self._receiver is not None:
+            self._receiver(data, t_s)
+
+    def _take_sign_of_life(self, number: int, t_s: float) -> None:
+        if t_s - self._heard_s[number] > SILENT_S:
+            self._steady_since_s[number] = t_s
+        self._heard_s[number] = t_s
+        active = self.active
+        if number == active:
+            return
+        silent_s = t_s - self._heard_s[active]
+        if silent_s > SILENT_S:
+            self._fly_by(number, f"{self._links[active].name} is silent for {silent_s:.1f} s")
+        elif number < active and t_s - self._steady_since_s[number] >= STEADY_S:
+            self._fly_by(number, f"{self._links[number].name} is heard again without a gap")
+
+    def _fly_by(self, number: int, why: str) -> None:
+        self.active = number
+        for raw in self._rates_asked.values():
+            self._links[number].write(raw)
+        if self._told is not None:
+            self._told(f"{why}; flown by {self._links[number].name} now")
+
+
+def _may_come_twice(frame: Frame) -> bool:
+    return frame.message_id in _EVERYWHERE or _command_of(frame) in _COMMANDS_EVERYWHERE
+
+
+def _command_of(frame: Frame) -> int | None:
+    """Return the number of a command (MAV_CMD); None of another message."""
+    if frame.message_id not in _COMMANDS:
+        return None
+    payload = frame.payload[: _COMMAND_AT + 2].ljust(_COMMAND_AT + 2, b"\0")
+    return int.from_bytes(payload[_COMMAND_AT:], "little")
