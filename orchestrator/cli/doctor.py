@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from orchestrator.cli.streams import out
 from orchestrator.doctor import installed, links, machine, ports, programs
 from orchestrator.doctor.findings import Finding, as_text
-from orchestrator.run.aboard import journal_folder
+from orchestrator.run.journals import journal_folder
 from safety.guard.leftovers import RuntimeFolderError, records, runtime_folder
 from vehicles.launch.records import find_leftovers
 from vehicles.links.serial_port import ports as serial_ports

@@ -10,7 +10,8 @@ from orchestrator.operating.asking import NoAnswerError, ask
 from orchestrator.operating.records import Place
 from safety.guard.operator_lines import LONGEST_LINE_BYTES
 
-_ANSWERS_S = 10.0
+_ANSWERS_S = 60.0
+"""An upload over a bad radio takes half of it, putting the old fence back the rest."""
 _POLL_S = 0.1
 _LONGEST_FILE_BYTES = LONGEST_LINE_BYTES // 2
 """Written as JSON it grows, and its line has to fit."""
@@ -19,7 +20,8 @@ _LONGEST_FILE_BYTES = LONGEST_LINE_BYTES // 2
 def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> int:
     """Give what flies on this machine new fences, for the rest of its runs in flight.
 
-    Every vehicle has to be inside of its new fence, and able to stop there; else nothing changes.
+    Every vehicle has to be inside of its new fence, and able to stop there, and every autopilot has
+    to take it; else nothing changes.
 
     Parameters
     ----------

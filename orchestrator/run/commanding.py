@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from orchestrator.operator import Inbox, OperatorCommand
 from orchestrator.recording.run_recorder import RunRecorder
+from orchestrator.run.aboard import Aboard
 from orchestrator.run.fencing import Fencing
 from orchestrator.run.guarding import Guard
 from orchestrator.run.judging import Bench
@@ -49,20 +50,27 @@ class Commanding:
 def commanding_of(
     setup: RunSetup,
     pair: Pair,
-    *,
     bench: Bench,
+    *,
     telling: Telling,
     recorder: RunRecorder,
     inbox: Inbox,
+    aboard: Aboard,
 ) -> Commanding:
     """Return what takes the commands of a run's operators."""
+
+    def answer(command: OperatorCommand, ok: bool, text: str) -> None:
+        recorder.note("answer", kind=command.kind, who=command.who, ok=ok, text=text)
+        telling.answer(command, ok, text)
+
     fencing = Fencing(
         guard=pair.guard,
+        aboard=aboard.fences,
         frame=setup.campaign.world.frame,
         present=dict(setup.campaign.fences.items()),
         flying=tuple(one.name for one in setup.vehicles),
         changed=bench.fence,
-        answer=telling.answer,
+        answer=answer,
     )
     pair.guard.on_event(fencing.take)
     return Commanding(inbox=inbox, guard=pair.guard, fencing=fencing, record=recorder.operator)

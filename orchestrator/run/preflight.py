@@ -10,6 +10,7 @@ from campaigns.setup import VehicleSetup
 from orchestrator.run.course import FlightError
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
+from safety.geofence import Fence
 from safety.preflight import (
     Item,
     at_least,
@@ -140,20 +141,41 @@ async def wanted_failsafes(
             for name, value in (await first_known(parameters, rule.names)).items():
                 if value != rule.wanted:
                     wanted[name] = rule.wanted
-    if ceiling_m is None:
-        return wanted
-    for one in RETURN_ALTITUDES[autopilot]:
-        for name, value in (await first_known(parameters, [one.name])).items():
-            if value * one.metres > ceiling_m:
-                beneath = ceiling_m * _OF_CEILING / one.metres
-                wanted[name] = int(beneath) if isinstance(value, int) else beneath
-                return wanted
+    if ceiling_m is not None:
+        wanted |= await lower_return(autopilot, parameters, ceiling_m=ceiling_m)
     return wanted
 
 
-def ceiling_above_home_m(setup: RunSetup, vehicle: VehicleSetup) -> float | None:
-    """Return how far above where it starts a vehicle's ceiling is; None without one."""
-    fence = setup.campaign.fences.get(vehicle.name)
+async def lower_return(
+    autopilot: AutopilotName, parameters: Parameters, *, ceiling_m: float
+) -> dict[str, ParameterValue]:
+    """Return what makes an autopilot return beneath a ceiling; empty where it does already."""
+    for one in RETURN_ALTITUDES[autopilot]:
+        for name, value in (await first_known(parameters, [one.name])).items():
+            if value * one.metres <= ceiling_m:
+                return {}
+            beneath = ceiling_m * _OF_CEILING / one.metres
+            return {name: int(beneath) if isinstance(value, int) else beneath}
+    return {}
+
+
+def sets_failsafes(setup: RunSetup, vehicle: VehicleSetup) -> bool:
+    """Return whether a vehicle's own failsafes are set; by default what is attached is not touched.
+
+    Those that are not set are looked at.
+    """
+    how = setup.campaign.preflight.failsafe
+    return how == "set" or (how is None and vehicle.attached is None)
+
+
+def ceiling_above_home_m(
+    setup: RunSetup, vehicle: VehicleSetup, changed: Fence | None = None
+) -> float | None:
+    """Return how far above where it starts a vehicle's ceiling is; None without one.
+
+    changed: the fence in place of the campaign's.
+    """
+    fence = changed or setup.campaign.fences.get(vehicle.name)
     if fence is None or fence.ceiling_up_m is None:
         return None
     return fence.ceiling_up_m + vehicle.start.position_ned_m[2]

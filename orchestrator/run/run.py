@@ -52,7 +52,6 @@ from worlds.motion import MOMENTS
 _ALL_DOWN_S = 60.0
 """How long the guard is given to bring all down; its own retries and escalation fit in."""
 
-
 Disturb = Callable[[Pair, Course], None]
 """Is handed the pair once it is there, to make trouble at times of its own: kill, mute, break."""
 
@@ -178,7 +177,7 @@ async def _fly_pair(ground: _Ground, inbox: Inbox, disturb: Disturb | None) -> N
 def _run_of(ground: _Ground, pair: Pair, pilots: Mapping[str, AnyPilot], inbox: Inbox) -> _Run:
     """Return the run with all its parts tied to the vehicles."""
     setup, course, recorder, sync = ground.setup, ground.course, ground.recorder, ground.sync
-    telling = ground.telling
+    telling, bench = ground.telling, ground.bench
     ground.outside.attach(pair.stations)
     ground.perception = perception = build_perception(
         setup,
@@ -201,11 +200,12 @@ def _run_of(ground: _Ground, pair: Pair, pilots: Mapping[str, AnyPilot], inbox: 
     course.on_stage(partial(_moment, ground.events, goal.notify))
     sync.attach(pair.stations)
     pair.go_dark(setup.campaign.links, course)
+    aboard = Aboard(setup=setup, stations=pair.stations, course=course, note=recorder.note)
     return _Run(
         setup=setup,
         course=course,
         pair=pair,
-        bench=ground.bench,
+        bench=bench,
         outside=ground.outside,
         perception=perception,
         recorder=recorder,
@@ -213,10 +213,10 @@ def _run_of(ground: _Ground, pair: Pair, pilots: Mapping[str, AnyPilot], inbox: 
         sync=sync,
         holding=Holding(course=course),
         telling=telling,
-        aboard=Aboard(setup=setup, stations=pair.stations, course=course, note=recorder.note),
+        aboard=aboard,
         watchdog=Watchdog(course=course, patience_s=stage_patience_s(setup.campaign.sync)),
         commanding=commanding_of(
-            setup, pair, bench=ground.bench, telling=telling, recorder=recorder, inbox=inbox
+            setup, pair, bench, telling=telling, recorder=recorder, inbox=inbox, aboard=aboard
         ),
         preflight=ground.preflight,
     )
@@ -275,6 +275,7 @@ async def _finish(run: _Run, flight: "asyncio.Task[None]") -> None:
         await _bring_down(run)
     if not run.course.decisive:
         await run.watchdog.last_signs()
+    await run.commanding.fencing.end()
     await run.aboard.take_back()
     if run.course.reached("landed"):
         await run.aboard.fetch_logs()
@@ -380,8 +381,7 @@ def _guard_event(run: _Run, event: GuardEvent) -> None:
 
 async def _record(run: _Run) -> None:
     """Record where all are until cancelled."""
-    alive = run.watchdog.watch("trajectory")
-    await run.recorder.follow(run.pair.stations, run.course, alive)
+    await run.recorder.follow(run.pair.stations, run.course, run.watchdog.watch("trajectory"))
 
 
 async def _follow(run: _Run) -> None:

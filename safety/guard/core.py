@@ -10,7 +10,6 @@ frames pass; once it latches, they do not, and its own contingency brings every 
 import math
 from collections.abc import Mapping
 
-from safety.fence_change import refusal_of_change
 from safety.geofence import Fence
 from safety.guard.contingency import Action, ContingencyPlan, Phase
 from safety.guard.events import (
@@ -26,6 +25,7 @@ from safety.guard.events import (
     ToOrchestrator,
     ToVehicle,
 )
+from safety.guard.refencing import refusal_of_changes
 from safety.guard.setpoint_frames import SETPOINTS
 from safety.guard.traffic import command_of, frame_name, is_harmless, is_steering
 from safety.guard.ward import Ward
@@ -186,36 +186,33 @@ class GuardCore:
             ward.contingency.resume(t_s)
         return (self._event(t_s, "resume", "", f"resumed by {who}"), *self._notes(t_s))
 
-    def fence_refusal(self, fences: Mapping[str, Fence], t_s: float) -> str:
-        """Return why vehicles cannot be given these fences now; empty when they can.
+    def propose_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
+        """Say in an event whether vehicles could be given these fences now, or why not.
 
         To be asked before the fences are uploaded to the autopilots: those that hold go on
         holding until `change_fences`.
         """
-        if self.latched is not None:
-            return "all are landing"
-        settings = self.settings
-        for name, fence in fences.items():
-            motion = self._wards[name].seen.motion(t_s)
-            why = refusal_of_change(
-                fence,
-                None if motion is None else (motion.position_ned_m, motion.velocity_ned_m_s),
-                latency_s=settings.latency_s,
-                braking_m_s2=settings.braking_m_s2,
-                keep_m=settings.keep_m,
-            )
-            if why:
-                return f"{name}: {why}"
-        return ""
+        names = " and ".join(fences)
+        why = self._refusal_of(fences, t_s)
+        if why:
+            return (self._event(t_s, "refused", "", f"{who}: geofence: {why}"),)
+        text = f"{who} wants another fence for {names}; the old one holds until it is aboard"
+        return (self._event(t_s, "proposed", "", text),)
 
     def change_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
         """Give vehicles new fences, all of them or none; an event says which it was, and why."""
-        if why := self.fence_refusal(fences, t_s):
+        if why := self._refusal_of(fences, t_s):
             return (self._event(t_s, "refused", "", f"{who}: geofence: {why}"),)
         for name, fence in fences.items():
             self._wards[name].change_fence(fence)
         names = " and ".join(fences)
         return (self._event(t_s, "geofence", "", f"{who} changed the fence of {names}"),)
+
+    def _refusal_of(self, fences: Mapping[str, Fence], t_s: float) -> str:
+        if self.latched is not None:
+            return "all are landing"
+        motions = {name: self._wards[name].seen.motion(t_s) for name in fences}
+        return refusal_of_changes(fences, motions, self.settings)
 
     def bring_down(self, reason: str, t_s: float) -> Outputs:
         """Bring all down because the orchestrator asks: it has its own reason for the verdict."""
@@ -316,7 +313,8 @@ class GuardCore:
         if self.latched is not None or self.paused:
             seen = ward.seen
             parameters = not seen.taken_over
-            plans = parameters and not seen.may_be_armed(t_s)
+            # Held vehicles may be given another fence; it moves none of them.
+            plans = parameters and (self.latched is None or not seen.may_be_armed(t_s))
             return is_harmless(frame, parameters=parameters, plans=plans)
         if frame.message_id not in _COMMANDS:
             return True

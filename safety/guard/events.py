@@ -21,6 +21,7 @@ EventKind = Literal[
     "bring_down",
     "hold",
     "resume",
+    "proposed",
     "geofence",
     "refused",
     "action",
@@ -32,12 +33,12 @@ EventKind = Literal[
     "record",
     "guard",
 ]
-"""A cause; hold, resume: the operator's; geofence: fences were changed in flight; refused: a
-command that cannot be followed now; action: a step of a contingency; dropped: frames of the
-orchestrator that were not passed; limited: setpoints were more than the campaign's limits, told at
-the first and after the last of them; heard: a lost vehicle or orchestrator is back; link: a
-vehicle is flown by another of its links now; pose: a
-position that is not finite was let go; record: the log of frames cannot be written any more;
+"""A cause; hold, resume: the operator's; proposed: fences could be changed, and are to be uploaded
+first; geofence: they were changed in flight; refused: a command that cannot be followed now;
+action: a step of a contingency; dropped: frames of the orchestrator that were not passed; limited:
+setpoints were more than the campaign's limits, told at the first and after the last of them; heard:
+a lost vehicle or orchestrator is back; link: a vehicle is flown by another of its links now; pose:
+a position that is not finite was let go; record: the log of frames cannot be written any more;
 guard: the guard's own process ended, or erred."""
 
 

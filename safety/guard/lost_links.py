@@ -9,9 +9,13 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Self
 
+from safety.guard.charter import Guarded
 from safety.guard.wire import HEARTBEAT, read_heartbeat
 from vehicles.autopilots.base import Target
 from vehicles.links.base import Link, LinkError
+from vehicles.links.opening import open_link
+from vehicles.links.parse import LinkAddress, parse_link
+from vehicles.links.udp import UdpLink
 from vehicles.mavlink.framing import FrameSplitter
 
 Hear = Callable[[str, bytes, float], None]
@@ -77,3 +81,11 @@ class LostLinks:
             if ours and frame.message_id == HEARTBEAT:
                 self.armed[name] = read_heartbeat(frame).armed
         self._hear(name, data, t_s)
+
+
+def link_maker(guarded: Guarded, port: int) -> Callable[[], Link]:
+    """Return what opens a vehicle's link anew. port: of a vehicle whose link is no string."""
+    if guarded.link:
+        return lambda: open_link(parse_link(guarded.link))
+    address = LinkAddress(kind="udpin", host="127.0.0.1", port=port)
+    return lambda: UdpLink(address=address)

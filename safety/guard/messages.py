@@ -62,10 +62,14 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class NewFences:
-    """Give vehicles new fences, all or none; who: gave the command."""
+    """Give vehicles new fences, all or none; who: gave the command.
+
+    proposed: only say whether they could be given.
+    """
 
     who: str
     fences: dict[str, Fence]
+    proposed: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -224,8 +224,8 @@ class GuardProcess:
                 self._chartered.set_result(message)
             case Order() if self._links:
                 self._order(message)
-            case NewFences(who, fences) if self._links and set(fences) <= set(self._names):
-                self._shell.change_fences(fences, who)
+            case NewFences(who, fences, proposed) if self._links and set(fences) <= {*self._names}:
+                (self._shell.propose_fences if proposed else self._shell.change_fences)(fences, who)
             case AnchorAt(name, origin, turn) if name in self._names:
                 self._shell.anchor(name, Anchor(origin, turn))
             case GoDark(name, duration_s) if name in self._names and self._links:

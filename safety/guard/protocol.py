@@ -13,7 +13,7 @@ body, little-endian. Frequent kinds have a fixed layout, the others msgpack:
     7     orchestrator   AnchorAt: [vehicle, [north, east, down], turn]
     8     orchestrator   End: empty
     9     orchestrator   GoDark: [vehicle, seconds]
-    10    orchestrator   NewFences: [who, {vehicle: fence}]
+    10    orchestrator   NewFences: [who, {vehicle: fence}, only proposed]
     16    guard          Opened: [pid, [port, ...]]
     17    guard          Started: [vehicle, pid]
     18    guard          Ended: [vehicle, exit code or nil, last words]
@@ -99,8 +99,9 @@ def _plain(message: Message) -> tuple[int, Any]:
     match message:
         case CharterMessage(plain):
             return kind, plain
-        case NewFences(who, fences):
-            return kind, [who, {name: plain_fence(fence) for name, fence in fences.items()}]
+        case NewFences(who, fences, proposed):
+            plain = {name: plain_fence(fence) for name, fence in fences.items()}
+            return kind, [who, plain, proposed]
         case Told(event):
             return kind, [event.t_s, event.kind, event.vehicle, event.text]
         case Status(latched, all_down, phases):
@@ -166,9 +167,10 @@ def _read_order(packet: bytes) -> Message:
 
 
 def _read_fences(packet: bytes) -> Message:
-    who, fences = _body(packet)
+    who, fences, proposed = _body(packet)
     _texts(who, *fences)
-    return NewFences(who, {name: fence_of_plain(plain) for name, plain in fences.items()})
+    read = {name: fence_of_plain(plain) for name, plain in fences.items()}
+    return NewFences(who, read, bool(proposed))
 
 
 def _read_anchor(packet: bytes) -> Message:

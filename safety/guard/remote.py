@@ -11,12 +11,12 @@ from typing import Self
 from safety.geofence import Fence
 from safety.guard.channel import Channel, channel_pair
 from safety.guard.channel_link import ChannelLink
-from safety.guard.charter import GuardCharter, Guarded
+from safety.guard.charter import GuardCharter
 from safety.guard.contingency import Phase
 from safety.guard.events import GuardEvent
 from safety.guard.last_words import last_words, open_stderr, remove_if_empty
 from safety.guard.leftovers import ProcessId, end_process
-from safety.guard.lost_links import LostLinks
+from safety.guard.lost_links import LostLinks, link_maker
 from safety.guard.messages import (
     Alive,
     AnchorAt,
@@ -42,9 +42,6 @@ from safety.guard.shell import Record
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
 from vehicles.links.base import Link, LinkError
-from vehicles.links.opening import open_link
-from vehicles.links.parse import LinkAddress, parse_link
-from vehicles.links.udp import UdpLink
 
 ALIVE_S = 0.1
 _OPEN_S = 20.0
@@ -183,6 +180,10 @@ class RemoteGuard:
     def resume(self, who: str) -> None:
         """Give the vehicles back to the orchestrator after a hold."""
         self._order("resume", who)
+
+    def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
+        """Ask whether vehicles could be given new fences; an event says so, or why not."""
+        self._channel.send(NewFences(who, dict(fences), proposed=True))
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Give vehicles new fences, all or none; an event says which."""
@@ -350,7 +351,7 @@ class RemoteGuard:
         """Hear the vehicles without a word of ours until all say that they are disarmed."""
         vehicles = self._charter.vehicles
         watched = {
-            name: self._link_maker(name, one)
+            name: link_maker(one, self._ports[name])
             for name, one in vehicles.items()
             if name in self._heard and name not in self._ended
         }
@@ -368,12 +369,6 @@ class RemoteGuard:
 
     def _hear(self, name: str, data: bytes, t_s: float) -> None:
         self._links[name].arrive(data, t_s)
-
-    def _link_maker(self, name: str, guarded: Guarded) -> Callable[[], Link]:
-        if guarded.link:
-            return lambda: open_link(parse_link(guarded.link))
-        address = LinkAddress(kind="udpin", host="127.0.0.1", port=self._ports[name])
-        return lambda: UdpLink(address=address)
 
     async def _end_process(self) -> None:
         """Wait for the guard; one that still has a vehicle in the air is left to it."""

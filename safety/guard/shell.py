@@ -145,6 +145,11 @@ class GuardShell:
         now_s = self._now_s()
         self._apply(self.core.command(OperatorCommand("resume", who, now_s)), now_s)
 
+    def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
+        """Ask whether vehicles could be given new fences; an event says so, or why not."""
+        now_s = self._now_s()
+        self._apply(self.core.propose_fences(fences, who, now_s), now_s)
+
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Give vehicles new fences, all or none; an event says which."""
         now_s = self._now_s()

@@ -7,6 +7,7 @@ import pytest
 
 from campaigns.expansion import Options, load_campaign
 from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.progress import Report
 from orchestrator.results import RunResult
 from orchestrator.run.run import Disturb, fly
 from orchestrator.run.setup import RunOrder, RunSetup
@@ -45,6 +46,7 @@ def fly_run(tmp_path: Path) -> Fly:
         seed: int | None = None,
         inbox: Inbox | None = None,
         disturb: Disturb | None = None,
+        report: Report = lambda _: None,
         has_cameras: bool = True,
     ) -> Flown:
         nonlocal flown
@@ -56,6 +58,6 @@ def fly_run(tmp_path: Path) -> Fly:
         folder.mkdir()
         order = RunOrder(plan=plan, folder=folder, clock="virtual")
         setup = RunSetup.of(order)
-        return fly(setup, lambda _: None, inbox or NoCommands(), disturb=disturb), folder
+        return fly(setup, report, inbox or NoCommands(), disturb=disturb), folder
 
     return fly_one

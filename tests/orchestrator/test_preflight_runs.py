@@ -105,7 +105,7 @@ def test_a_fence_that_the_autopilot_refuses_is_an_error_before_arming(
 ) -> None:
     far = tuple(Place(48.0 + lat, 9.0 + lon) for lat, lon in ((0, 0), (0.1, 0), (0.1, 0.1)))
     excluding = OwnFence(areas=(FencePolygon(far),), ceiling_m=5.0)
-    monkeypatch.setattr(aboard, "own_fence", lambda *_, **__: excluding)
+    monkeypatch.setattr(fences_aboard, "own_fence", lambda *_, **__: excluding)
     flight = hover(FENCE)
     assert flight.result.verdict == "ERROR"
     assert "fence: it was refused with" in flight.result.reason

@@ -40,11 +40,14 @@ def test_whether_a_fence_may_be_changed(said: str, refusal: str) -> None:
 
 def test_a_vehicle_that_is_not_seen_keeps_its_fence() -> None:
     core = core_of_two()
-    unseen = "real: where it is was not seen within the last second"
-    assert core.fence_refusal({"real": NEW}, 1.0) == unseen
+    text = "anna: geofence: real: where it is was not seen within the last second"
+    assert told(core.propose_fences({"real": NEW}, "anna", 1.0)) == [("refused", text)]
     core.position(place("real", 0.0, 1.0))
-    assert core.fence_refusal({"real": NEW}, 1.5) == ""
-    assert core.fence_refusal({"real": NEW}, 2.5) == unseen
+    (proposed,) = told(core.propose_fences({"real": NEW}, "anna", 1.5))
+    wanted = "anna wants another fence for real; the old one holds until it is aboard"
+    assert proposed == ("proposed", wanted)
+    assert fence_of(core, "real") is OLD
+    assert told(core.propose_fences({"real": NEW}, "anna", 2.5)) == [("refused", text)]
 
 
 def place(name: str, north_m: float, t_s: float) -> PoseSample:
@@ -77,7 +80,7 @@ def test_the_guard_changes_all_fences_or_none() -> None:
     ]
     assert fence_of(core, "real") is fence_of(core, "twin") is OLD
     core.position(place("twin", 1.0, 1.3))
-    assert core.fence_refusal(both, 1.4) == ""
+    assert [kind for kind, _ in told(core.propose_fences(both, "anna", 1.4))] == ["proposed"]
     assert fence_of(core, "real") is OLD
     assert told(core.change_fences(both, "anna", 1.4)) == [
         ("geofence", "anna changed the fence of real and twin")

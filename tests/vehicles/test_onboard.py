@@ -4,7 +4,8 @@ and over UDP."""
 import asyncio
 import math
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from orchestrator.clock import run_virtual
 from vehicles.autopilots.base import AutopilotName
 from vehicles.driver import Driver
 from vehicles.driver.fence import FenceCircle, FencePolygon, OwnFence, Place
+from vehicles.driver.kept_fence import KeptFence
 from vehicles.driver.logs import LogError
 from vehicles.driver.mission import ItemList, MissionError, MissionItem
 from vehicles.embedded.config import EmbeddedConfig
@@ -78,6 +80,18 @@ def _on_board(
     return run_virtual(fly())
 
 
+@asynccontextmanager
+async def kept_by(driver: Driver, fence: OwnFence) -> AsyncIterator[KeptFence]:
+    kept = KeptFence(
+        fences=driver.onboard.fences,
+        parameters=driver.parameters,
+        autopilot=driver.identity.autopilot,
+    )
+    async with kept:
+        await kept.keep(fence)
+        yield kept
+
+
 def _near(areas: tuple[Any, ...], wanted: tuple[Any, ...]) -> bool:
     """Whether areas are the wanted ones, to the 1e-7 degrees of the wire."""
 
@@ -98,7 +112,7 @@ async def _fence(driver: Driver, vehicle: EmbeddedVehicle) -> None:
     action = "GF_ACTION" if name == "px4" else "FENCE_ACTION"
     before = vehicle.autopilot.parameters[action]
     fence = OwnFence(areas=(AROUND, TREE), ceiling_m=12.0, action="land")
-    async with driver.onboard.fences.kept(name, fence):
+    async with kept_by(driver, fence):
         assert _near(await driver.onboard.fences.read(), (AROUND, TREE))
         assert vehicle.autopilot.parameters[action] == (5 if name == "px4" else 2)
         top = "GF_MAX_VER_DIST" if name == "px4" else "FENCE_ALT_MAX"
@@ -187,7 +201,7 @@ def test_a_fence_that_leaves_home_out_is_refused_or_keeps_it_on_the_ground(
                 await fences.upload((ELSEWHERE,))
             assert await fences.read() == ()
             return
-        async with fences.kept(autopilot, OwnFence(areas=(ELSEWHERE,))):
+        async with kept_by(driver, OwnFence(areas=(ELSEWHERE,))):
             assert _near(await fences.read(), (ELSEWHERE,))
             assert vehicle.autopilot.fence.breached(0.0, 0.0)
         assert await fences.read() == ()
@@ -200,7 +214,7 @@ def test_the_fence_that_was_there_is_there_again(autopilot: AutopilotName) -> No
     async def script(driver: Driver, vehicle: EmbeddedVehicle) -> None:
         fences = driver.onboard.fences
         await fences.upload((AROUND,))
-        async with fences.kept(autopilot, OwnFence(areas=(AROUND, TREE))):
+        async with kept_by(driver, OwnFence(areas=(AROUND, TREE))):
             assert _near(await fences.read(), (AROUND, TREE))
         assert _near(await fences.read(), (AROUND,))
 
@@ -213,7 +227,7 @@ def test_a_fence_is_set_back_when_its_parameters_are_refused() -> None:
         vehicle.autopilot.parameters._entries.pop("FENCE_ALT_MAX")
         fence = OwnFence(areas=(AROUND,), ceiling_m=10.0)
         with pytest.raises(ParameterError, match="FENCE_ALT_MAX"):
-            async with driver.onboard.fences.kept("ardupilot", fence):
+            async with kept_by(driver, fence):
                 raise AssertionError("entered with half a fence")
         assert await driver.onboard.fences.read() == ()
         assert vehicle.autopilot.parameters["FENCE_ENABLE"] == 0

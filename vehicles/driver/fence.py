@@ -1,14 +1,12 @@
-"""The autopilot's own fence: its areas, its parameters, and both kept for the time of a flight.
+"""The autopilot's own fence: its areas and its parameters, uploaded and read back.
 
 Items 5000 to 5004: https://mavlink.io/en/services/mission.html#fence. Parameters: AC_Fence of
 ArduPilot (FENCE_*), geofence_params.c of PX4 (GF_*).
 """
 
 import math
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -16,7 +14,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.autopilots.base import AutopilotName
 from vehicles.driver.mission import ItemList, MissionError, MissionItem, Missions
 from vehicles.driver.parameter_context import ParameterValue
-from vehicles.driver.parameters import Parameters
 
 FenceAction = Literal["report", "hold", "land", "rtl"]
 
@@ -123,7 +120,8 @@ def fence_areas(items: Sequence[MissionItem]) -> tuple[FenceArea, ...]:
 def fence_parameters(autopilot: AutopilotName, fence: OwnFence) -> dict[str, ParameterValue]:
     """Return the parameters that make an autopilot keep a fence, in the order to set them in.
 
-    Set back in reverse, the fence is off before its bounds change.
+    Bounds come before what makes them count, so that nothing is breached meanwhile in flight; set
+    back in reverse, the fence is off before its bounds change.
     """
     if autopilot == "px4":
         # GF_MAX_*_DIST are distances from home; 0 is off.
@@ -133,18 +131,21 @@ def fence_parameters(autopilot: AutopilotName, fence: OwnFence) -> dict[str, Par
             "GF_ACTION": _PX4_ACTIONS[fence.action],
         }
     kinds = (_AREAS_BIT if fence.areas else 0) | (_ALTITUDE_BIT if fence.ceiling_m else 0)
-    parameters: dict[str, ParameterValue] = {"FENCE_TYPE": kinds}
+    parameters: dict[str, ParameterValue] = {}
     if fence.ceiling_m is not None:
         parameters["FENCE_ALT_MAX"] = fence.ceiling_m
-    return parameters | {"FENCE_ACTION": _ARDUPILOT_ACTIONS[fence.action], "FENCE_ENABLE": 1}
+    return parameters | {
+        "FENCE_TYPE": kinds,
+        "FENCE_ACTION": _ARDUPILOT_ACTIONS[fence.action],
+        "FENCE_ENABLE": 1,
+    }
 
 
 class Fences:
-    """Uploads, reads back and removes the autopilot's own fence."""
+    """Uploads, reads back and removes the areas of the autopilot's own fence."""
 
-    def __init__(self, *, missions: Missions, parameters: Parameters) -> None:
+    def __init__(self, *, missions: Missions) -> None:
         self._missions = missions
-        self._parameters = parameters
 
     async def upload(self, areas: Sequence[FenceArea]) -> None:
         """Send areas in place of those it has, and read them back.
@@ -160,32 +161,16 @@ class Fences:
         """Return the areas that it has. Raises MissionError."""
         return fence_areas(await self._missions.download(ItemList.FENCE))
 
-    async def keep(self, autopilot: AutopilotName, fence: OwnFence) -> None:
-        """Have the autopilot keep a fence for good. Raises MissionError, ParameterError."""
-        await self.upload(fence.areas)
-        for name, value in fence_parameters(autopilot, fence).items():
-            await self._parameters.set(name, value)
+    async def items(self) -> tuple[MissionItem, ...]:
+        """Return what it has as it travels, to be put back by `restore`. Raises MissionError."""
+        return await self._missions.download(ItemList.FENCE)
 
-    @asynccontextmanager
-    async def kept(
-        self, autopilot: AutopilotName, fence: OwnFence, *, journal: Path | None = None
-    ) -> AsyncIterator[None]:
-        """Have the autopilot keep a fence meanwhile; afterwards it has its own again.
-
-        journal: folder for the parameters' journal (see `Parameters.changed`). Raises
-        MissionError, ParameterError.
-        """
-        before = await self._missions.download(ItemList.FENCE)
-        await self.upload(fence.areas)
-        try:
-            changes = fence_parameters(autopilot, fence)
-            async with self._parameters.changed(changes, journal=journal):
-                yield
-        finally:
-            if before:
-                await self._missions.upload(ItemList.FENCE, before)
-            else:
-                await self._missions.clear(ItemList.FENCE)
+    async def restore(self, items: Sequence[MissionItem]) -> None:
+        """Put back what `items` gave, and read it back. Raises MissionError."""
+        if items:
+            await self._missions.upload(ItemList.FENCE, items)
+        else:
+            await self._missions.clear(ItemList.FENCE)
 
 
 def _item(command: int, first: float, place: Place) -> MissionItem:

@@ -16,6 +16,8 @@ from vehicles.errors import VehicleError
 from vehicles.mavlink.names import enum_name
 
 _ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
+_WORDS_S = 0.3
+"""How long is waited for the words of a refusal: STATUSTEXT comes after it."""
 _PARAM_TOLERANCE = 1e-4
 _PLACE_TOLERANCE = 1
 """PX4 keeps degrees as doubles: what comes back may be one unit (1e-7 degrees) off."""
@@ -135,7 +137,7 @@ class Missions:
 
             self._inbox = asyncio.Queue()
             try:
-                self._check(which, await self._ask(which, message, taken))
+                await self._check(which, await self._ask(which, message, taken))
             finally:
                 self._inbox = None
 
@@ -153,7 +155,7 @@ class Missions:
                         # An acknowledgement of something earlier may still be under way.
                         if answer.type == _ACCEPTED and reached < len(items):
                             continue
-                        self._check(which, answer)
+                        await self._check(which, answer)
                         return
                 except MissionError as error:
                     if reached < len(items):
@@ -201,13 +203,14 @@ class Missions:
                         if answer.mission_type == which and fits(answer):
                             return answer
                         if answer.get_type() == "MISSION_ACK":
-                            self._check(which, answer)
+                            await self._check(which, answer)
             except TimeoutError:
                 continue
         raise self._error(which, f"no answer to {message.get_type()}, sent {self._tries} times")
 
-    def _check(self, which: ItemList, ack: Any) -> None:
+    async def _check(self, which: ItemList, ack: Any) -> None:
         if ack.mission_type == which and ack.type != _ACCEPTED:
+            await asyncio.sleep(_WORDS_S)
             name = enum_name("MAV_MISSION_RESULT", ack.type)
             raise self._error(which, f"it was refused with {name}")
 

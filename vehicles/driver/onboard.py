@@ -19,7 +19,7 @@ class Onboard:
     def __init__(self, *, session: Session, circumstances: Callable[[], str]) -> None:
         self.parameters = Parameters(session=session)
         self.missions = Missions(session=session, circumstances=circumstances)
-        self.fences = Fences(missions=self.missions, parameters=self.parameters)
+        self.fences = Fences(missions=self.missions)
         self.logs = Logs(session=session)
 
     def identified(self, autopilot: Autopilot, identity: Identity) -> None:

@@ -15,7 +15,8 @@ from campaigns.outside_setups import InjectionSetup
 from campaigns.setup import PreflightSetup, VehicleSetup
 from orchestrator.clock import run_virtual
 from orchestrator.outside.honesty import NotHonouredError, prove
-from orchestrator.run.aboard import Aboard, journal_folder
+from orchestrator.run.aboard import Aboard
+from orchestrator.run.journals import journal_folder
 from orchestrator.run.station import Station
 from vehicles.autopilots.base import AutopilotName
 from vehicles.driver import Driver

@@ -1,0 +1,172 @@
+"""The fences that the autopilots keep by themselves, behind the guard's: put aboard, exchanged."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import AsyncExitStack
+
+from orchestrator.run.journals import journal_folder
+from orchestrator.run.own_fences import own_fence
+from orchestrator.run.preflight import ceiling_above_home_m, lower_return, sets_failsafes
+from orchestrator.run.setup import RunSetup
+from orchestrator.run.station import Station
+from safety.areas import Point2
+from safety.geofence import Fence
+from vehicles.driver.fence import OwnFence, Place
+from vehicles.driver.kept_fence import KeptFence
+from vehicles.driver.parameter_context import ParameterValue
+from vehicles.errors import VehicleError
+
+Note = Callable[..., None]
+
+_PLACE_S, _LOOK_S = 3.0, 0.05
+"""How long is waited for its place on earth: that comes twice a second, on a radio that loses."""
+
+
+class FencesAboard:
+    """Uploads fences to all autopilots of a run, and reads them back; wider than the guard's.
+
+    note: takes what is worth recording. Where the campaign uploads none (`preflight.fence: null`),
+    there is nothing to do.
+    """
+
+    def __init__(self, *, setup: RunSetup, stations: tuple[Station, ...], note: Note) -> None:
+        self._setup = setup
+        self._stations = {station.name: station for station in stations}
+        self._note = note
+        self._kept: dict[str, KeptFence] = {}
+        self._ceilings_m: dict[str, float | None] = {}
+
+    @property
+    def unsettled(self) -> tuple[str, ...]:
+        """Return the vehicles that were offered a fence which was neither confirmed nor undone."""
+        return tuple(name for name, kept in self._kept.items() if kept.unsettled)
+
+    async def put(self, station: Station, stack: AsyncExitStack) -> None:
+        """Give a vehicle on the ground the campaign's fence. Raises VehicleError.
+
+        stack: what gives an attached vehicle its own back when it is closed.
+        """
+        if self._setup.campaign.preflight.fence is None:
+            return
+        vehicle = self._setup.vehicle(station.name)
+        attached = vehicle.attached is not None
+        kept = KeptFence(
+            fences=station.driver.onboard.fences,
+            parameters=station.driver.parameters,
+            autopilot=station.driver.identity.autopilot,
+            journal=journal_folder() if attached else None,
+        )
+        if attached:
+            await stack.enter_async_context(kept)
+        fence = self._setup.campaign.fences.get(vehicle.name)
+        self._ceilings_m[station.name] = ceiling_above_home_m(self._setup, vehicle)
+        if fence is not None:
+            await _until_located(station)
+            start_m = station.start.position_ned_m
+            own = self._own(station, fence, (start_m[0], start_m[1]))
+            await kept.keep(own)
+            self._told(station.name, own)
+        self._kept[station.name] = kept
+
+    async def offer(self, fences: Mapping[str, Fence]) -> None:
+        """Have vehicles in flight keep other fences, each read back.
+
+        Raises VehicleError of the first that does not; then, and when cancelled, `put_back` is to
+        be called, otherwise `confirm`.
+        """
+        if self._setup.campaign.preflight.fence is None:
+            return
+        for name in fences:
+            if name not in self._kept:
+                raise VehicleError(f"{name}: it is not ready yet; its first fence is uploaded then")
+        try:
+            async with asyncio.TaskGroup() as group:
+                for name, fence in fences.items():
+                    group.create_task(self._offer(name, fence), name=f"{name} fence")
+        except* VehicleError as errors:
+            raise errors.exceptions[0] from None
+
+    async def confirm(self) -> None:
+        """Let what was offered count."""
+        for name in self.unsettled:
+            kept = self._kept[name]
+            await kept.confirm()
+            if kept.fence is not None:
+                self._told(name, kept.fence)
+
+    async def put_back(self) -> None:
+        """Have all keep what they kept before the offer. Raises VehicleError, after all others.
+
+        To be called again then.
+        """
+        names = self.unsettled
+        results = await asyncio.gather(
+            *(self._kept[name].put_back() for name in names), return_exceptions=True
+        )
+        for name, result in zip(names, results, strict=True):
+            if result is None:
+                self._note("fence_put_back", vehicle=name)
+        for result in results:
+            if result is not None:
+                raise result
+
+    async def _offer(self, name: str, fence: Fence) -> None:
+        station = self._stations[name]
+        here = station.poses.latest().pose
+        place_m = (station.start if here is None else here).position_ned_m
+        own = self._own(station, fence, (place_m[0], place_m[1]))
+        also = await self._return_beneath(station, fence)
+        await self._kept[name].offer(own, also)
+
+    async def _return_beneath(self, station: Station, fence: Fence) -> Mapping[str, ParameterValue]:
+        """Return what keeps a vehicle's return beneath a ceiling that is lower than the last.
+
+        Raises VehicleError where that may not be set.
+        """
+        vehicle = self._setup.vehicle(station.name)
+        before_m = self._ceilings_m.get(station.name)
+        ceiling_m = ceiling_above_home_m(self._setup, vehicle, fence)
+        if ceiling_m is None or (before_m is not None and ceiling_m >= before_m):
+            return {}
+        if "return_altitude" in self._setup.campaign.preflight.override:
+            return {}
+        driver = station.driver
+        lower = await lower_return(
+            driver.identity.autopilot, driver.parameters, ceiling_m=ceiling_m
+        )
+        if sets_failsafes(self._setup, vehicle) and not lower.keys() & vehicle.params.keys():
+            return lower
+        for name in lower:
+            raise VehicleError(
+                f"{station.name}: it returns above the new ceiling; set {name} in the vehicle"
+            )
+        return {}
+
+    def _own(self, station: Station, fence: Fence, here_m: Point2) -> OwnFence:
+        """Return what an autopilot can keep of a fence. Raises VehicleError."""
+        wider = self._setup.campaign.preflight.fence
+
+        def locate(point_m: Point2) -> Place:
+            place = station.driver.place_of((*point_m, 0.0))
+            return Place(place.latitude_deg, place.longitude_deg)
+
+        try:
+            return own_fence(
+                fence,
+                margin_m=0.0 if wider is None else wider.margin_m,
+                home_ned_m=station.start.position_ned_m,
+                here_m=here_m,
+                locate=locate,
+            )
+        except ValueError as error:
+            raise VehicleError(f"{station.name}: {error}") from error
+
+    def _told(self, name: str, own: OwnFence) -> None:
+        self._note("fence", vehicle=name, areas=len(own.areas), ceiling_m=own.ceiling_m)
+
+
+async def _until_located(station: Station) -> None:
+    for _ in range(round(_PLACE_S / _LOOK_S)):
+        if station.driver.place_deg is not None:
+            return
+        await asyncio.sleep(_LOOK_S)
