@@ -10,7 +10,7 @@ from campaigns.expansion import Options, load_campaign
 from orchestrator.cli import main
 from orchestrator.order import fly_order
 from orchestrator.results import RunResult
-from orchestrator.run import aboard, preflight
+from orchestrator.run import fences_aboard, preflight
 from orchestrator.run.setup import RunOrder
 from safety.preflight import Item
 from tests.orchestrator.conftest import Fly, NoCommands
