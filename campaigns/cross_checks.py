@@ -5,21 +5,14 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from campaigns.files import CaseFiles
 from campaigns.outside_checks import outside_problems
 from campaigns.place_checks import judged_world, place_problems
-from campaigns.schema import Mode, VehicleName
-from campaigns.setup import Setup
+from campaigns.schema import Mode
+from campaigns.setup import FLIES, Setup
 from campaigns.vehicle_checks import vehicle_problems
 from recipes.recipe import Recipe
 from safety.judge import OracleUse, build_oracles
 from safety.oracles import Oracle, OracleContext, OracleError
 from worlds.documents import Document, Path, Problem, closest
 from worlds.world import World
-
-FLIES: dict[Mode, tuple[VehicleName, ...]] = {
-    "sim": ("twin",),
-    "wil": ("real", "twin"),
-    "real": ("real",),
-}
-"""Whose vehicles fly in a mode; the first is the subject, the one that is judged."""
 
 Check = Callable[[CaseFiles, Setup, Mode], Iterator[Problem]]
 

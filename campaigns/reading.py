@@ -77,6 +77,7 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         outside=outside_setup(files.campaign, part, problems),
         limits=None if part.limits is None else part.limits.limits(),
         gcs=_gcs(part.operator.gcs),
+        speed=None if part.clock is None else part.clock.speed,
     )
     problems += _autonomy_problems(files.campaign, setup.under_test)
     if part.geofence is None or setup.fences:

@@ -1,12 +1,12 @@
 """What one run needs, resolved and checked: the campaign of one case as frozen values."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 from campaigns.link_setups import LinkSetup
 from campaigns.outside_setups import OutsideSetup
-from campaigns.schema import PictureFormat, VehicleName
+from campaigns.schema import Mode, PictureFormat, VehicleName
 from campaigns.sensor_setups import CameraSetup, SensorSetup
 from campaigns.under_test import UnderTest
 from campaigns.vehicle_setups import VehicleSetup
@@ -35,6 +35,14 @@ __all__ = [
     "SyncSetup",
     "VehicleSetup",
 ]
+
+
+FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
+    "sim": ("twin",),
+    "wil": ("real", "twin"),
+    "real": ("real",),
+}
+"""Whose vehicles fly in a mode; the first is the subject, the one that is judged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +117,8 @@ class Setup:
 
     recipe: None where no mode mixes. fences: of the vehicles that have one; guarding: how the guard
     keeps them. limits: of setpoints; None for none. links: those that are made worse than they are.
-    gcs: link strings of ground station ports.
+    gcs: link strings of ground station ports. speed: of the scaled clock, where no launched
+    simulation has one of its own; None where the campaign says none.
     """
 
     vehicles: Mapping[VehicleName, VehicleSetup]
@@ -127,6 +136,12 @@ class Setup:
     outside: OutsideSetup = field(default_factory=OutsideSetup)
     limits: SetpointLimits | None = None
     gcs: Mapping[VehicleName, str] = field(default_factory=dict)
+    speed: float | None = None
+
+    def pace(self, names: Iterable[VehicleName]) -> float | None:
+        """Return how many times real time these vehicles fly on the scaled clock; None: unsaid."""
+        launched = (self.vehicles[name].launch_pace for name in names)
+        return next((pace for pace in launched if pace is not None), self.speed)
 
     def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:
         """Yield what this case has outside of this process: its path in the campaign, its name."""

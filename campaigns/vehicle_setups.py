@@ -87,6 +87,15 @@ class VehicleSetup:
         return self.link if isinstance(self.link, SitlLaunch) else None
 
     @property
+    def launch_pace(self) -> float | None:
+        """Return how many times real time it is launched to run; None where nothing launches it."""
+        match self.launch:
+            case ArduPilotLaunch(speedup=pace) | Px4Launch(speed=pace):
+                return pace
+            case _:
+                return None
+
+    @property
     def cameras(self) -> tuple[CameraSetup, ...]:
         """Return its cameras."""
         return tuple(one for one in self.sensors if isinstance(one, CameraSetup))

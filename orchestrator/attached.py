@@ -9,9 +9,8 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from campaigns.cross_checks import FLIES
 from campaigns.expansion import Campaign
-from campaigns.setup import VehicleSetup
+from campaigns.setup import FLIES, VehicleSetup
 from orchestrator.results import VehicleKind
 from vehicles.driver import Driver
 from vehicles.driver.identity import Identity, same_vehicle

@@ -14,9 +14,11 @@ from contextvars import Context
 from heapq import heappop, heappush
 from typing import Any, Literal, TypeVar, TypeVarTuple
 
+from vehicles.pace import PacedLoop
+
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
-Clock = Literal["virtual", "wall"]
+Clock = Literal["virtual", "wall", "scaled"]
 
 _TURNS_BETWEEN_POLLS = 64
 """Nothing outside makes virtual time pass: file descriptors are looked at now and then only."""
@@ -166,5 +168,11 @@ def run_virtual(main: Coroutine[Any, Any, T]) -> T:
 
 
 def run_on(clock: Clock, main: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine to its end on the run clock that was asked for."""
-    return run_virtual(main) if clock == "virtual" else asyncio.run(main)
+    """Run a coroutine to its end on the run clock that was asked for.
+
+    scaled: it is the wall's until a guard leads it.
+    """
+    if clock == "virtual":
+        return run_virtual(main)
+    with asyncio.Runner(loop_factory=PacedLoop if clock == "scaled" else None) as runner:
+        return runner.run(main)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from campaigns.expansion import Campaign, RunPlan
+from campaigns.setup import FLIES
 from orchestrator.attempts import after_attempts, attempt_of, retry_due
 from orchestrator.campaign_folder import (
     OutputError,
@@ -39,7 +40,7 @@ from orchestrator.results import (
 from orchestrator.resuming import TakenUp, resumed_folder, resumed_manifest, take_up
 from orchestrator.run.flight import NOT_ARMED
 from orchestrator.run.preflight import disk_item
-from orchestrator.run.setup import FLIES, RunOrder
+from orchestrator.run.setup import RunOrder
 from orchestrator.writing import to_json, write_whole
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}

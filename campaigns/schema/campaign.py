@@ -12,7 +12,7 @@ from campaigns.schema.limits import LimitsPart
 from campaigns.schema.links import LinksPart
 from campaigns.schema.operator import OperatorPart
 from campaigns.schema.preflight import PreflightPart
-from campaigns.schema.vehicles import VehiclesPart
+from campaigns.schema.vehicles import Speedup, VehiclesPart
 from worlds.documents import KeyFaultError, Part
 
 Mode = Literal["sim", "wil", "real"]
@@ -30,6 +30,7 @@ MATRIX_KEYS = frozenset(
         "retries",
         "accept",
         "operator",
+        "clock",
     }
 )
 """What makes the matrix of runs, and so cannot differ from case to case."""
@@ -127,6 +128,12 @@ class SyncPart(Part):
     max_t0_skew_s: Seconds = 0.1
 
 
+class ClockPart(Part):
+    """The scaled clock. speed: how many times real time embedded vehicles fly on it."""
+
+    speed: Speedup
+
+
 PictureFormat = Literal["jpeg", "png", "raw", "none"]
 
 
@@ -162,6 +169,7 @@ class CampaignPart(Part):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     retries: Annotated[int, Field(ge=0, le=10)] = 0
     sync: SyncPart = SyncPart()
+    clock: ClockPart | None = None
     links: LinksPart = LinksPart()
     preflight: PreflightPart = PreflightPart()
     deliver: list[DeliverPart] = Field(default_factory=list)

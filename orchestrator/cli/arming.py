@@ -94,7 +94,7 @@ def _clock(campaign: Campaign, asked: Clock | None) -> Clock:
             "it; leave --clock out, or say --clock wall",
             REFUSED,
         )
-    return asked or ("wall" if outside else able)
+    return asked or ("wall" if outside and able == "virtual" else able)
 
 
 def _found(campaign: Campaign) -> tuple[Found, ...]:

@@ -1,10 +1,28 @@
 """Which clock a campaign can be flown on."""
 
+import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 
 from campaigns.expansion import Campaign
+from campaigns.setup import FLIES
+from orchestrator.attached import flown_vehicles
 from orchestrator.clock import Clock
 from worlds.documents import BadInput, Path
+
+_REAL_TIME = "{} comes in real time: fly with --clock wall"
+_NEEDS_SCALED = (
+    "{:g} times real time is flown on the scaled clock: leave --clock out, or say --clock scaled"
+)
+_CANNOT_FOLLOW = (
+    "{} is attached and flies in real time: no clock of ours moves it; fly with --clock wall, and "
+    "without a speedup"
+)
+_NO_PACE = (
+    "--clock scaled needs a pace: `clock: {speed: 4}` here for embedded vehicles, or a speedup "
+    "at a launched simulation's link"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,15 +46,40 @@ def outside_of(campaign: Campaign) -> tuple[Outside, ...]:
 def clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
     """Return the clock to fly on. Raises BadInput when the wanted one cannot be had."""
     outside = outside_of(campaign)
-    if wanted is None:
-        return "wall" if outside else "virtual"
-    if wanted == "virtual" and outside:
-        raise BadInput(
-            dict.fromkeys(
-                campaign.document.problem(
-                    one.path, f"{one.name} comes in real time: fly with --clock wall", key=True
-                )
-                for one in outside
-            )
-        )
-    return wanted
+    paced = _paced(campaign)
+    clock = wanted or ("scaled" if paced else "wall" if outside else "virtual")
+    if clock != "wall" and outside:
+        raise _refused(campaign, ((one.path, _REAL_TIME.format(one.name)) for one in outside))
+    if clock == "scaled":
+        _require_scalable(campaign)
+    elif paced:
+        raise _refused(campaign, ((path, _NEEDS_SCALED.format(pace)) for path, pace in paced))
+    return clock
+
+
+def _paced(campaign: Campaign) -> list[tuple[Path, float]]:
+    """Return the launched simulations that do not fly in real time: where, and how fast."""
+    return [
+        (("vehicles", one.name, "link"), pace)
+        for one in flown_vehicles(campaign)
+        if (pace := one.launch_pace) not in {None, 1.0}
+    ]
+
+
+def _require_scalable(campaign: Campaign) -> None:
+    """Raise BadInput where a vehicle cannot follow the scaled clock, or nobody says its pace."""
+    attached: list[tuple[Path, str]] = [
+        (("vehicles", one.name, "link"), _CANNOT_FOLLOW.format(one.name))
+        for one in flown_vehicles(campaign)
+        if one.attached is not None
+    ]
+    if attached:
+        raise _refused(campaign, attached)
+    flights = itertools.product(campaign.setups.values(), campaign.modes)
+    if any(setup.pace(FLIES[mode]) is None for setup, mode in flights):
+        raise _refused(campaign, [(("clock",), _NO_PACE)])
+
+
+def _refused(campaign: Campaign, faults: Iterable[tuple[Path, str]]) -> BadInput:
+    problem = partial(campaign.document.problem, key=True)
+    return BadInput(dict.fromkeys(problem(path, said) for path, said in faults))

@@ -31,9 +31,10 @@ class Flights:
     ----------
     clock
         virtual: as fast as the machine can, to the byte the same each time. wall: in real time,
-        each vehicle a process of its own on UDP. By default virtual, unless the campaign has
-        something outside: a vehicle of its own, a live camera, a simulator, a program, a stream
-        to send.
+        each vehicle a process of its own on UDP. scaled: at the pace that simulations were asked
+        for, as fast as they reach it. By default virtual, unless the campaign has something
+        outside: a vehicle of its own, a live camera, a simulator, a program, a stream to send;
+        scaled where a simulation is launched at a pace of its own.
     jobs
         How many runs fly at once, each in a process of its own; by default one per core, under
         the wall clock one per two cores.

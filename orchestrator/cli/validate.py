@@ -20,7 +20,7 @@ def validate(*files: Path, clock: Clock | None = None) -> int:
     files
         Campaign files, with the world and recipe that each names; or world or recipe files.
     clock
-        Whether they can be flown on this clock as well: virtual or wall.
+        Whether they can be flown on this clock as well: virtual, wall or scaled.
     """
     if not files:
         err("validate needs at least one file")

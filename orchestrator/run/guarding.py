@@ -11,6 +11,7 @@ from orchestrator.run.hangar import Hangar, InProcess, OwnProcesses, vehicle_see
 from orchestrator.run.setup import RunSetup
 from safety.guard.charter import GuardCharter, Guarded
 from safety.guard.events import GuardedVehicle, GuardSettings
+from safety.guard.following import PaceSetup
 from safety.guard.remote import RemoteGuard
 from safety.guard.shell import GuardLinks, GuardShell, Record
 from vehicles.autopilots.base import Target
@@ -72,11 +73,20 @@ def guard_of(
             )
             for one in setup.vehicles
         },
-        settings=replace(settings, orchestrator_silent_s=HANGING_S),
+        settings=replace(settings, orchestrator_silent_s=HANGING_S * setup.pace),
+        pace=_pace_of(setup),
     )
     guard = RemoteGuard(charter=charter, record=record)
     hangar = OwnProcesses(setup, guard, prepared)
     return guard, hangar, {name: guard.link(name) for name in guarded}
+
+
+def _pace_of(setup: RunSetup) -> PaceSetup | None:
+    """Return how the scaled clock goes: by a simulation with a pace of its own, where one flies."""
+    if setup.clock != "scaled":
+        return None
+    leader = next((one for one in setup.vehicles if one.launch is not None), setup.vehicles[0])
+    return PaceSetup(nominal=setup.pace, leader=leader.name, follows_us=leader.launch is None)
 
 
 def _address(vehicle: VehicleSetup, prepared: Mapping[str, PreparedLaunch]) -> str:

@@ -53,6 +53,9 @@ class Hangar(Protocol):
     async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
         """Start a vehicle whose link is open; leaving the stack stops it. Raises LinkError."""
 
+    def all_started(self) -> None:
+        """Take that no other vehicle has to be started: a scaled clock may leave the wall's."""
+
 
 class InProcess:
     """Vehicles in this event loop, at the far end of links in memory."""
@@ -91,6 +94,9 @@ class InProcess:
         await stack.enter_async_context(embedded)
         return embedded
 
+    def all_started(self) -> None:
+        """Leave it alone: virtual time is nobody's pace."""
+
 
 class NoFeed:
     """What a vehicle gives beside MAVLink that we have not made: nothing."""
@@ -123,10 +129,15 @@ class OwnProcesses:
             await start_launched(vehicle.name, self._prepared[vehicle.name], self._guard)
         return NoFeed()
 
+    def all_started(self) -> None:
+        """Have the guard lead the scaled clock from now on."""
+        self._guard.follow()
+
     async def _start_embedded(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
         """Start an embedded vehicle; its feed comes straight to us."""
         feed = FeedClient(source=vehicle.name)
         await stack.enter_async_context(feed)
+        self._guard.on_pace(feed.pace)
         settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
         program = [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()]
         await self._guard.start(vehicle.name, program)

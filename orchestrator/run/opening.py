@@ -25,6 +25,8 @@ _CLOCK_DRIFT = 2e-4
 """The worst crystal that a vehicle's clock has, ten times over; only SITL drifts by more."""
 _SIMULATED_CLOCK_DRIFT = 0.02
 """What is attached may be a simulation, whose clock runs as well as its machine can."""
+_STEERED_CLOCK_DRIFT = 0.1
+"""The run clock is led behind a simulation that hurries and tarries."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +83,7 @@ async def open_pair(setup: RunSetup, *, record: Record, captures: Captures) -> A
         prepared = prepare_launches(setup, stack)
         guard, hangar, guarded = guard_of(setup, record=record, prepared=prepared)
         links = {name: TappedLink(link) for name, link in guarded.items()}
-        stations = [_station(vehicle, links[vehicle.name]) for vehicle in setup.vehicles]
+        stations = [_station(setup, vehicle, links[vehicle.name]) for vehicle in setup.vehicles]
         await stack.enter_async_context(guard)
         feeds: dict[str, Feed] = {}
         for vehicle, station in zip(setup.vehicles, stations, strict=True):
@@ -91,10 +93,11 @@ async def open_pair(setup: RunSetup, *, record: Record, captures: Captures) -> A
             _wire(station, feed, guard, truth_hz=truth_hz)
             if not captures.listen(vehicle.name, station.take_mocap):
                 feed.on_mocap(station.take_mocap)
+        hangar.all_started()
         yield Pair(tuple(stations), feeds, guard, links)
 
 
-def _station(vehicle: VehicleSetup, link: TappedLink) -> Station:
+def _station(setup: RunSetup, vehicle: VehicleSetup, link: TappedLink) -> Station:
     driver = Driver(
         name=vehicle.name,
         link=link,
@@ -102,9 +105,15 @@ def _station(vehicle: VehicleSetup, link: TappedLink) -> Station:
         system_id=vehicle.system_id,
         start=vehicle.start,
         rates=vehicle.rates,
-        max_clock_drift=_CLOCK_DRIFT if vehicle.embedded else _SIMULATED_CLOCK_DRIFT,
+        max_clock_drift=_clock_drift(setup, vehicle),
     )
     return Station(vehicle.name, driver, vehicle.start, vehicle.pose_source)
+
+
+def _clock_drift(setup: RunSetup, vehicle: VehicleSetup) -> float:
+    if setup.clock == "scaled":
+        return _STEERED_CLOCK_DRIFT
+    return _CLOCK_DRIFT if vehicle.embedded else _SIMULATED_CLOCK_DRIFT
 
 
 def _wire(station: Station, feed: Feed, guard: Guard, *, truth_hz: float) -> None:

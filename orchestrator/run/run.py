@@ -38,7 +38,7 @@ from orchestrator.run.station import Station
 from orchestrator.run.synchronisation import Synchronisation
 from orchestrator.run.telling import Telling
 from orchestrator.run.warming import warm_up
-from orchestrator.run.watchdog import Watchdog, stage_patience_s
+from orchestrator.run.watchdog import Watchdog
 from recipes.working import StepError
 from safety.guard.events import GuardEvent, decisive
 from safety.judge import COLLISION_ALWAYS
@@ -214,7 +214,7 @@ def _run_of(ground: _Ground, pair: Pair, pilots: Mapping[str, AnyPilot], inbox: 
         holding=Holding(course=course),
         telling=telling,
         aboard=aboard,
-        watchdog=Watchdog(course=course, patience_s=stage_patience_s(setup.campaign.sync)),
+        watchdog=Watchdog.of(course, setup.campaign.sync, pace=setup.pace),
         commanding=commanding_of(
             setup, pair, bench, telling=telling, recorder=recorder, inbox=inbox, aboard=aboard
         ),

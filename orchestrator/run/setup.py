@@ -7,18 +7,11 @@ from typing import Self
 
 from campaigns.expansion import RunPlan
 from campaigns.schema import Mode, VehicleName
-from campaigns.setup import Setup, VehicleSetup
+from campaigns.setup import FLIES, Setup, VehicleSetup
 from orchestrator.clock import Clock
 from orchestrator.results import Attempt
 from vehicles.embedded.profile import Profile, load_profile
 from worlds.scene import Scene
-
-FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
-    "sim": ("twin",),
-    "wil": ("real", "twin"),
-    "real": ("real",),
-}
-"""Which vehicles fly in a mode."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +70,12 @@ class RunSetup:
     def clock(self) -> Clock:
         """Return the clock that it is flown on."""
         return self.order.clock
+
+    @property
+    def pace(self) -> float:
+        """Return how many times real time its clock is asked to run; 1 for what is not scaled."""
+        asked = self.campaign.pace(FLIES[self.mode]) if self.clock == "scaled" else None
+        return asked or 1.0
 
     @property
     def subject(self) -> VehicleName:

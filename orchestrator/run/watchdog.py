@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Mapping
+from typing import Self
 
 from campaigns.setup import SyncSetup
 from orchestrator.run.course import Course, Stage
@@ -34,16 +35,25 @@ class Watchdog:
     """Ends a run as ERROR when one of its tasks gives no sign any more, or its flight hangs.
 
     Every stage has time-outs of its own; this is for the task that should have seen to them.
-    patience_s: how long each stage may last, not counting the operator's holds.
+    patience_s: how long each stage may last, not counting the operator's holds. pace: how many
+    times real time the run clock goes: our own tasks are no faster for it.
     """
 
-    def __init__(self, *, course: Course, patience_s: Mapping[Stage, float]) -> None:
+    def __init__(
+        self, *, course: Course, patience_s: Mapping[Stage, float], pace: float = 1.0
+    ) -> None:
+        self._look_s, self._last_look_s = _LOOK_S * pace, _LAST_LOOK_S * pace
         self._course = course
         self._patience_s = patience_s
         self._silent: dict[str, int] = {}
         self._awaited: set[str] = set()
         self._stage = course.stage
         self._looks = 0
+
+    @classmethod
+    def of(cls, course: Course, sync: SyncSetup, *, pace: float) -> Self:
+        """Return the watchdog of a campaign's run."""
+        return cls(course=course, patience_s=stage_patience_s(sync), pace=pace)
 
     def watch(self, name: str) -> Sign:
         """Return what a task has to call twice in ten seconds from its first call on."""
@@ -57,7 +67,7 @@ class Watchdog:
     async def run(self) -> None:
         """Look until something stands still, or until cancelled."""
         while not self._course.over.is_set():
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(self._look_s)
             still = self._who_is_silent() or self._what_hangs()
             if still:
                 self._course.decide("ERROR", still, source="watchdog")
@@ -72,7 +82,7 @@ class Watchdog:
         for _ in range(_LOOKS_WITHOUT_A_SIGN):
             if not self._awaited:
                 return
-            await asyncio.sleep(_LAST_LOOK_S)
+            await asyncio.sleep(self._last_look_s)
         names = " and ".join(sorted(self._awaited))
         self._course.decide("ERROR", _STANDS_STILL.format(names), source="watchdog")
 
@@ -88,6 +98,6 @@ class Watchdog:
             self._stage, self._looks = self._course.stage, 0
         self._looks += 1
         patience_s = self._patience_s.get(self._stage)
-        if patience_s is None or self._looks * _LOOK_S <= patience_s:
+        if patience_s is None or self._looks * self._look_s <= patience_s:
             return ""
         return f"the flight hangs in stage {self._stage}, {patience_s:g} s after it was entered"

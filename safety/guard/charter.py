@@ -8,6 +8,7 @@ from typing import Any, Literal, cast
 from safety.fence_plain import fence_of_plain, plain_fence
 from safety.guard.contingency import ContingencyPlan
 from safety.guard.events import GuardedVehicle, GuardSettings
+from safety.guard.following import PaceSetup
 from safety.guard.limits import SetpointLimits
 from vehicles.autopilots.base import AutopilotName, Mode, Target
 from vehicles.autopilots.registry import autopilot_named
@@ -46,7 +47,8 @@ class GuardCharter:
     folder: of the run, where it writes its journal and each vehicle's .tlog; run: what people
     call the run. epoch_s: UTC at which the run clock was zero. token: what an operator's socket
     command has to bring; empty for none (the socket is its owner's alone). patience_s: how long
-    after the orchestrator's end vehicles that can break nothing are given to come down.
+    after the orchestrator's end vehicles that can break nothing are given to come down. pace: of
+    the scaled clock; None for the wall's.
     """
 
     run: str
@@ -57,6 +59,7 @@ class GuardCharter:
     plan: ContingencyPlan = field(default_factory=ContingencyPlan)
     token: str = ""
     patience_s: float = 120.0
+    pace: PaceSetup | None = None
 
     def plain(self) -> dict[str, Any]:
         """Return the charter in plain values, for `from_plain`."""
@@ -66,6 +69,7 @@ class GuardCharter:
             "epoch_s": self.epoch_s,
             "token": self.token,
             "patience_s": self.patience_s,
+            "pace": None if self.pace is None else asdict(self.pace),
             "vehicles": {name: _plain_guarded(one) for name, one in self.vehicles.items()},
             "settings": asdict(self.settings),
             "plan": {**asdict(self.plan), "landing": self.plan.landing.value},
@@ -83,6 +87,7 @@ class GuardCharter:
                 epoch_s=float(plain["epoch_s"]),
                 token=str(plain["token"]),
                 patience_s=float(plain["patience_s"]),
+                pace=None if plain["pace"] is None else PaceSetup(**plain["pace"]),
                 vehicles={name: _guarded(one) for name, one in plain["vehicles"].items()},
                 settings=GuardSettings(**plain["settings"]),
                 plan=ContingencyPlan(**plan),

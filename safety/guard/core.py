@@ -232,11 +232,15 @@ class GuardCore:
             return ()
         return tuple(self._latch("silence", "", "the orchestrator ended", t_s))
 
-    def vehicle_ended(self, name: str, text: str, t_s: float) -> Outputs:
-        """Take that the process that was a vehicle ended: there is nothing left to bring down."""
+    def vehicle_gone(self, name: str, text: str, t_s: float) -> Outputs:
+        """Take that the process that was a vehicle is none any more: nothing to bring down."""
         ward = self._wards[name]
         ward.gone = ward.lost = True
-        return tuple(self._latch("lost", name, f"{name} ended: {text}", t_s))
+        return tuple(self._latch("lost", name, text, t_s))
+
+    def clocks_apart(self, name: str, text: str, t_s: float) -> Outputs:
+        """Take that a simulated vehicle's time has left the run clock."""
+        return tuple(self._latch("clock", name, text, t_s))
 
     def tick(self, t_s: float) -> Outputs:
         """Take that time has passed; 20 Hz is expected, the rate at which setpoints stream."""

@@ -8,8 +8,9 @@ from safety.guard.limits import SetpointLimits
 from safety.verdict import DecisiveEvent, DecisiveKind
 from vehicles.autopilots.base import Autopilot, Mode, Target
 
-Cause = Literal["fence", "silence", "lost", "failsafe", "takeover", "abort", "bring_down"]
-"""Why the guard took over. bring_down: the orchestrator asked, which has its own reason."""
+Cause = Literal["fence", "silence", "lost", "failsafe", "takeover", "abort", "bring_down", "clock"]
+"""Why the guard took over. bring_down: the orchestrator asked, which has its own reason. clock: the
+times of two simulated vehicles came apart."""
 
 EventKind = Literal[
     "fence",
@@ -19,6 +20,7 @@ EventKind = Literal[
     "takeover",
     "abort",
     "bring_down",
+    "clock",
     "hold",
     "resume",
     "proposed",
@@ -145,6 +147,7 @@ _DECISIVE: dict[EventKind, DecisiveKind] = {
     "silence": "ERROR",
     "lost": "ERROR",
     "guard": "ERROR",
+    "clock": "ERROR",
     "abort": "ABORTED",
     "takeover": "ABORTED",
 }

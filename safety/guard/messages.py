@@ -90,6 +90,11 @@ class GoDark:
 
 
 @dataclass(frozen=True, slots=True)
+class Follow:
+    """Let the clock follow the vehicle that leads it: all that had to be started runs."""
+
+
+@dataclass(frozen=True, slots=True)
 class End:
     """Nothing more is to be flown: reap and end."""
 
@@ -145,6 +150,15 @@ class Status:
 
 
 @dataclass(frozen=True, slots=True)
+class Pace:
+    """The run clock from now on: `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope."""
+
+    wall_s: float
+    run_s: float
+    rate: float
+
+
+@dataclass(frozen=True, slots=True)
 class Failed:
     """The guard could not begin; says why."""
 
@@ -161,6 +175,7 @@ Message = (
     | NewFences
     | AnchorAt
     | GoDark
+    | Follow
     | End
     | Opened
     | Started
@@ -168,5 +183,6 @@ Message = (
     | OnWire
     | Told
     | Status
+    | Pace
     | Failed
 )

@@ -3,6 +3,7 @@
 `python -m safety.guard.process CHANNEL LIFELINE HOLD` with three inherited file descriptors: its
 end of the packet socket, the end of a pipe that becomes its children's stdin, and the pipe's other
 end, which it only keeps open: the children's stdin ends when guard and orchestrator are both gone.
+A fourth argument, `scaled`, lets its clock follow that of a simulated vehicle.
 """
 
 import asyncio
@@ -23,6 +24,7 @@ from safety.guard.channel import Channel
 from safety.guard.channel_link import ChannelLink
 from safety.guard.charter import CharterError, GuardCharter
 from safety.guard.events import GuardEvent
+from safety.guard.following import Following, Trouble
 from safety.guard.journal import Journal
 from safety.guard.leftovers import (
     GuardRecord,
@@ -40,22 +42,25 @@ from safety.guard.messages import (
     End,
     Ended,
     Failed,
+    Follow,
     GoDark,
     Message,
     NewFences,
     OnWire,
     Opened,
     Order,
+    Pace,
     Position,
     Start,
     Started,
     Status,
     Told,
 )
-from safety.guard.operator_lines import OperatorLine, RefusedLineError
+from safety.guard.operator_orders import OperatorOrders
 from safety.guard.operator_socket import POINTER, OperatorSocket
 from safety.guard.process_parts import close_quietly, how_it_ended, spare_links, vehicle_link
 from safety.guard.shell import GuardLinks, GuardShell
+from safety.guard.spawning import SCALED
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
 from vehicles.child import ChildProcess
@@ -66,6 +71,7 @@ from vehicles.links.opening import open_link
 from vehicles.links.parse import parse_link
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.tlog import TlogWriter
+from vehicles.pace import PacedLoop, call_wall_later
 from worlds.frames import Pose
 
 STATUS_S = 0.1
@@ -89,6 +95,7 @@ class GuardProcess:
         self._names: tuple[str, ...] = ()
         self._links: list[ChannelLink] = []
         self._tlogs: dict[str, TlogWriter] = {}
+        self._following: Following | None = None
 
     async def run(self) -> int:
         """Guard until the orchestrator says the end, or is gone and all are down."""
@@ -126,6 +133,9 @@ class GuardProcess:
                     await self._over.wait()
                     await self._last()
         finally:
+            pace = None if self._following is None else self._following.pace
+            if pace is not None:
+                self._note("paced", times_real_time=round(pace, 2))
             self._note("end", dropped=self._channel.dropped, garbage=self._channel.garbage)
             self._journal.close()
 
@@ -134,13 +144,15 @@ class GuardProcess:
         for text in await asyncio.to_thread(reap_leftovers, runtime):
             self._note("leftover", text=text)
         raw = {name: vehicle_link(one) for name, one in charter.vehicles.items()}
+        self._following = self._led(charter)
         links: dict[str, GuardLinks] = {}
         for index, (name, one) in enumerate(charter.vehicles.items()):
             inner = ChannelLink(name=f"{name} orchestrator", index=index, channel=self._channel)
             self._links.append(inner)
             gcs = open_link(parse_link(one.gcs)) if one.gcs else None
+            near = raw[name] if self._following is None else self._following.tap(name, raw[name])
             outer = under_conditions(
-                raw[name],
+                near,
                 one.conditions,
                 utc_s=time.time(),
                 spares=spare_links(one),
@@ -163,16 +175,38 @@ class GuardProcess:
         await self._enlist(stack, runtime)
         self._opened(raw)
 
+    def _led(self, charter: GuardCharter) -> Following | None:
+        """Return what has our clock follow a vehicle's; None where it is the wall's."""
+        loop = asyncio.get_running_loop()
+        if charter.pace is None or not isinstance(loop, PacedLoop):
+            return None
+        return Following(
+            setup=charter.pace,
+            systems={name: one.vehicle.target.system for name, one in charter.vehicles.items()},
+            loop=loop,
+            tell=lambda one: self._channel.send(Pace(one.wall_s, one.run_s, one.rate)),
+            trouble=self._clock_trouble,
+        )
+
+    def _clock_trouble(self, name: str, trouble: Trouble, text: str) -> None:
+        (self._shell.vehicle_gone if trouble == "stalled" else self._shell.clocks_apart)(name, text)
+
     async def _enlist(self, stack: AsyncExitStack, runtime: Path) -> None:
         """Open the operator's socket and say on this machine that we fly."""
         me = ProcessId.of(os.getpid()) or ProcessId(os.getpid(), 0)
         path = runtime / f"guard-{me.pid}.sock"
         path.unlink(missing_ok=True)
+        orders = OperatorOrders(
+            shell=self._shell,
+            run=self._charter.run,
+            refused=lambda text: self._note("refused", text=text),
+            lost=lambda: self._lost,
+        )
         await stack.enter_async_context(
             OperatorSocket(
                 path=path,
-                obey=self._obey,
-                status=self._status,
+                obey=orders.obey,
+                status=orders.status,
                 refused=lambda text: self._note("refused", text=text),
                 token=self._charter.token,
                 pointer=Path(self._charter.folder) / POINTER,
@@ -204,7 +238,7 @@ class GuardProcess:
             # Who is busy with other things on the ground endangers nobody by its silence.
             self._shell.alive()
         self._channel.send(Status(core.latched, core.all_down, tuple(core.phases.values())))
-        loop.call_later(STATUS_S, self._tell_status)
+        call_wall_later(STATUS_S, self._tell_status)
 
     def _take(self, message: Message) -> None:
         match message:
@@ -234,6 +268,8 @@ class GuardProcess:
                 task = asyncio.create_task(self._start(message), name=f"start {message.vehicle}")
                 self._starts.add(task)
                 task.add_done_callback(self._starts.discard)
+            case Follow() if self._following is not None:
+                self._following.begin()
             case End():
                 self._over.set()
             case _:
@@ -249,46 +285,6 @@ class GuardProcess:
                 self._shell.resume(order.text)
             case "bring_down":
                 self._shell.bring_down(order.text)
-
-    def _obey(self, line: OperatorLine) -> str:
-        """Do what the operator's socket says. Raises RefusedLineError."""
-        try:
-            return self._do(line)
-        except RefusedLineError as error:
-            self._note("refused", text=f"{line.who}: {error}")
-            raise
-
-    def _do(self, line: OperatorLine) -> str:
-        core, who = self._shell.core, line.who
-        if line.command == "abort":
-            self._shell.abort(who)
-            return "all are brought down"
-        if line.command == "geofence":
-            raise RefusedLineError("geofence: send it to the campaign, not to the guard")
-        if core.latched is not None:
-            raise RefusedLineError(f"{line.command}: all are landing already ({core.latched})")
-        if line.command == "hold":
-            if core.paused:
-                raise RefusedLineError("hold: all hold already")
-            self._shell.hold(who)
-            return "all hold"
-        if not core.paused:
-            raise RefusedLineError("resume: nothing is held")
-        self._shell.resume(who)
-        return "all go on"
-
-    def _status(self) -> dict[str, Any]:
-        """Return where all stand, for the operator."""
-        core = self._shell.core
-        return {
-            "run": self._charter.run,
-            "t_s": round(asyncio.get_running_loop().time(), 3),
-            "latched": core.latched,
-            "held": core.paused,
-            "all_down": core.all_down,
-            "orchestrator": "lost" if self._lost else "there",
-            "vehicles": {name: phase.value for name, phase in core.phases.items()},
-        }
 
     async def _start(self, start: Start) -> None:
         """Start a vehicle's process; its death is told as soon as it is seen."""
@@ -315,7 +311,7 @@ class GuardProcess:
         how = how_it_ended(code)
         self._note("ended", vehicle=name, text=how)
         if not self._ending:
-            self._shell.vehicle_ended(name, how)
+            self._shell.vehicle_gone(name, f"{name} ended: {how}")
         self._channel.send(Ended(name, code, child.last_words))
 
     async def _reap(self) -> None:
@@ -387,11 +383,13 @@ class GuardProcess:
 
 def main(arguments: list[str]) -> int:
     """Guard until the end; returns the exit status."""
-    channel, lifeline, hold = (int(argument) for argument in arguments)
+    channel, lifeline, hold = (int(argument) for argument in arguments[:3])
     os.set_inheritable(hold, False)
     end = socket.socket(fileno=channel)
     end.set_inheritable(False)
-    return asyncio.run(GuardProcess(end=end, lifeline=lifeline).run())
+    scaled = SCALED in arguments[3:]
+    with asyncio.Runner(loop_factory=PacedLoop if scaled else None) as runner:
+        return runner.run(GuardProcess(end=end, lifeline=lifeline).run())
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ body, little-endian. Frequent kinds have a fixed layout, the others msgpack:
     8     orchestrator   End: empty
     9     orchestrator   GoDark: [vehicle, seconds]
     10    orchestrator   NewFences: [who, {vehicle: fence}, only proposed]
+    11    orchestrator   Follow: []
     16    guard          Opened: [pid, [port, ...]]
     17    guard          Started: [vehicle, pid]
     18    guard          Ended: [vehicle, exit code or nil, last words]
@@ -21,8 +22,10 @@ body, little-endian. Frequent kinds have a fixed layout, the others msgpack:
     20    guard          Event: [t_s, kind, vehicle, text]
     21    guard          Status: [latched or nil, all down, [phase, ...]]
     22    guard          Failed: [text]
+    23    guard          Pace: [wall clock, run clock, run seconds for each of the wall's]
 
-Vehicles go by their place in the charter. Times are CLOCK_MONOTONIC, which all processes share.
+Vehicles go by their place in the charter. Times are CLOCK_MONOTONIC, which all processes
+share; under the scaled clock the run clock, as Pace lays it down.
 """
 
 import math
@@ -44,6 +47,7 @@ from safety.guard.messages import (
     End,
     Ended,
     Failed,
+    Follow,
     GoDark,
     Message,
     NewFences,
@@ -51,6 +55,7 @@ from safety.guard.messages import (
     Opened,
     Order,
     OrderKind,
+    Pace,
     Position,
     Start,
     Started,
@@ -223,6 +228,14 @@ def _read_status(packet: bytes) -> Message:
     )
 
 
+def _read_pace(packet: bytes) -> Message:
+    wall_s, run_s, rate = _body(packet)
+    _require_finite(wall_s, run_s, rate)
+    if rate < 0.0:
+        raise ProtocolError(f"a clock does not go back: {rate!r}")
+    return Pace(float(wall_s), float(run_s), float(rate))
+
+
 def _read_failed(packet: bytes) -> Message:
     (text,) = _texts(*_body(packet))
     return Failed(text)
@@ -252,12 +265,14 @@ _KINDS: dict[type[Any], int] = {
     AnchorAt: 7,
     GoDark: 9,
     NewFences: 10,
+    Follow: 11,
     Opened: 16,
     Started: 17,
     Ended: 18,
     Told: 20,
     Status: 21,
     Failed: 22,
+    Pace: 23,
 }
 _READERS: dict[int, Callable[[bytes], Message]] = {
     1: _read_charter,
@@ -270,6 +285,7 @@ _READERS: dict[int, Callable[[bytes], Message]] = {
     8: lambda _: End(),
     9: _read_go_dark,
     10: _read_fences,
+    11: lambda _: Follow(),
     16: _read_opened,
     17: _read_started,
     18: _read_ended,
@@ -277,4 +293,5 @@ _READERS: dict[int, Callable[[bytes], Message]] = {
     20: _read_event,
     21: _read_status,
     22: _read_failed,
+    23: _read_pace,
 }

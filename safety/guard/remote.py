@@ -3,18 +3,18 @@
 import asyncio
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
 from safety.geofence import Fence
-from safety.guard.channel import Channel, channel_pair
+from safety.guard.channel import Channel
 from safety.guard.channel_link import ChannelLink
 from safety.guard.charter import GuardCharter
 from safety.guard.contingency import Phase
 from safety.guard.events import GuardEvent
-from safety.guard.last_words import last_words, open_stderr, remove_if_empty
+from safety.guard.last_words import last_words, remove_if_empty
+from safety.guard.led_clock import LedClock
 from safety.guard.leftovers import ProcessId, end_process
 from safety.guard.lost_links import LostLinks, link_maker
 from safety.guard.messages import (
@@ -25,6 +25,7 @@ from safety.guard.messages import (
     End,
     Ended,
     Failed,
+    Follow,
     GoDark,
     Message,
     NewFences,
@@ -32,6 +33,7 @@ from safety.guard.messages import (
     Opened,
     Order,
     OrderKind,
+    Pace,
     Position,
     Start,
     Started,
@@ -39,9 +41,12 @@ from safety.guard.messages import (
     Told,
 )
 from safety.guard.shell import Record
+from safety.guard.spawning import spawn_guard
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
 from vehicles.links.base import Link, LinkError
+from vehicles.pace import call_wall_later
+from vehicles.steering import Segment
 
 ALIVE_S = 0.1
 _OPEN_S = 20.0
@@ -54,7 +59,7 @@ _POLL_S = 0.1
 
 
 class RemoteGuard:
-    """Starts the guard's process and speaks to it; an async context manager, wall clock only.
+    """Starts the guard's process and speaks to it; an async context manager, no virtual clock.
 
     record: gets the commands that went to a vehicle, with the time of the wire; all frames are in
     the .tlog files, which the guard itself writes. Leaving ends vehicles and guard: land before
@@ -83,7 +88,9 @@ class RemoteGuard:
         self._ended: dict[str, Ended] = {}
         self._endings: dict[str, asyncio.Event] = {}
         self._waiting: dict[str, asyncio.Future[Message]] = {}
-        self._timers: list[asyncio.TimerHandle] = []
+        self._beating: asyncio.Handle | None = None
+        self._checking: asyncio.Handle | None = None
+        self._clock = LedClock()
         self._aftermath: asyncio.Task[None] | None = None
 
     @property
@@ -108,7 +115,12 @@ class RemoteGuard:
         """Start the guard's process and wait until its links are open. Raises LinkError."""
         opened: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
         self._waiting[""] = opened
-        await self._spawn()
+        spawned = await spawn_guard(self._charter.folder, scaled=self._charter.pace is not None)
+        self._process, self._hold, self._stderr = spawned.process, spawned.hold, spawned.stderr
+        self._channel = Channel(spawned.end, take=self._take, closed=self._lost)
+        for link in self._links.values():
+            link.channel = self._channel
+        self._channel.open()
         try:
             self._channel.send(CharterMessage(self._charter.plain()))
             async with asyncio.timeout(_OPEN_S):
@@ -136,8 +148,9 @@ class RemoteGuard:
     ) -> None:
         """End the vehicles, then the guard."""
         self._ending = True
-        for timer in self._timers:
-            timer.cancel()
+        for timer in (self._beating, self._checking):
+            if timer is not None:
+                timer.cancel()
         if self._aftermath is not None:
             self._aftermath.cancel()
             await asyncio.wait([self._aftermath])
@@ -148,6 +161,15 @@ class RemoteGuard:
     def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
         """Have every event told to `listener`, at once, from the event loop."""
         self._listeners.append(listener)
+
+    def on_pace(self, listener: Callable[[Segment], None]) -> None:
+        """Have every piece of the scaled clock told to `listener`, for who has to follow it."""
+        self._clock.on_pace(listener)
+
+    def follow(self) -> None:
+        """Have the scaled clock follow the vehicle that leads it; nothing under the wall's."""
+        if self._charter.pace is not None:
+            self._channel.send(Follow())
 
     def position(self, sample: PoseSample) -> None:
         """Take where a vehicle is, from the fastest source there is."""
@@ -248,41 +270,12 @@ class RemoteGuard:
         """Return how a vehicle's process ended; None while it lives."""
         return self._ended.get(name)
 
-    async def _spawn(self) -> None:
-        ours, theirs = channel_pair()
-        lifeline, hold = os.pipe()
-        self._hold = hold
-        self._channel = Channel(ours, take=self._take, closed=self._lost)
-        for link in self._links.values():
-            link.channel = self._channel
-        try:
-            self._stderr = open_stderr(self._charter.folder)
-            descriptors = (theirs.fileno(), lifeline, hold)
-            # Not asyncio's: its transport kills a process that outlives it, and a guard may.
-            self._process = await asyncio.to_thread(
-                subprocess.Popen,
-                [sys.executable, "-m", "safety.guard.process", *map(str, descriptors)],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=self._stderr,
-                pass_fds=descriptors,
-                start_new_session=True,
-            )
-        except OSError as error:
-            ours.close()
-            os.close(hold)
-            raise LinkError(f"the guard's process cannot be started: {error}") from error
-        finally:
-            theirs.close()
-            os.close(lifeline)
-        self._channel.open()
-
     def _order(self, kind: OrderKind, text: str) -> None:
         self._channel.send(Order(kind, text))
 
     def _beat(self) -> None:
         self._channel.send(Alive())
-        self._later(ALIVE_S, self._beat)
+        self._beating = call_wall_later(ALIVE_S, self._beat)
 
     def _check(self) -> None:
         """Take a guard that says nothing for one that is dead, and make it so."""
@@ -290,12 +283,7 @@ class RemoteGuard:
         if self._silent_checks > _CHECKS_WITHOUT_A_WORD and not self._gone:
             self._process.kill()
             return
-        self._later(_CHECK_S, self._check)
-
-    def _later(self, delay_s: float, call: Callable[[], None]) -> None:
-        loop = asyncio.get_running_loop()
-        self._timers = [timer for timer in self._timers if timer.when() > loop.time()]
-        self._timers.append(loop.call_later(delay_s, call))
+        self._checking = call_wall_later(_CHECK_S, self._check)
 
     def _take(self, message: Message) -> None:
         """Take a message of the guard; the frequent ones first."""
@@ -313,6 +301,8 @@ class RemoteGuard:
                 (self._down.set if all_down else self._down.clear)()
             case Told(event):
                 self._tell(event)
+            case Pace():
+                self._clock.take(message)
             case Started(name, pid):
                 if (known := ProcessId.of(pid)) is not None:
                     self._children[name] = known
@@ -337,6 +327,7 @@ class RemoteGuard:
     def _lost(self) -> None:
         """Take that the guard's process ended, which it should not have."""
         self._gone = True
+        self._clock.go_on_alone()
         for name in tuple(self._waiting):
             self._answer(name, Failed(""))
         if self._ending:

@@ -165,10 +165,15 @@ class GuardShell:
         now_s = self._now_s()
         self._apply(self.core.orchestrator_ended(now_s), now_s)
 
-    def vehicle_ended(self, name: str, text: str) -> None:
-        """Take that the process that was a vehicle ended, and how."""
+    def vehicle_gone(self, name: str, text: str) -> None:
+        """Take that the process that was a vehicle ended or hangs, in words."""
         now_s = self._now_s()
-        self._apply(self.core.vehicle_ended(name, text, now_s), now_s)
+        self._apply(self.core.vehicle_gone(name, text, now_s), now_s)
+
+    def clocks_apart(self, name: str, text: str) -> None:
+        """Take that a simulated vehicle's time has left the run clock, in words."""
+        now_s = self._now_s()
+        self._apply(self.core.clocks_apart(name, text, now_s), now_s)
 
     async def all_down(self, timeout_s: float) -> bool:
         """Wait until the guard has brought all down; False when they are not after `timeout_s`."""

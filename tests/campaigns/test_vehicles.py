@@ -88,12 +88,48 @@ def test_a_launched_px4(files: Any) -> None:
     )
 
 
-def test_simulations_fly_in_real_time(files: Any) -> None:
+FAST = "{launch: ardupilot, binary: ./arducopter, speedup: 4}"
+
+
+def test_an_embedded_vehicle_follows_a_launched_one_at_any_pace(files: Any) -> None:
     program(files.folder, "arducopter")
-    outside(files, "{launch: ardupilot, binary: ./arducopter, speedup: 4}", autopilot="ardupilot")
-    found = set(files.faults())
+    outside(files, FAST, autopilot="ardupilot")
+    setup = next(iter(files.load().setups.values()))
+    assert setup.pace(("real", "twin")) == 4.0
+    assert setup.pace(("twin",)) is None
+
+
+TWIN = """  twin:
+    link: embedded
+    autopilot: ardupilot
+"""
+
+
+@pytest.mark.parametrize(
+    ("twin", "said"),
+    [
+        (
+            "link: {launch: ardupilot, binary: ./arducopter, speedup: 3}",
+            "the other vehicle flies at 4 times",
+        ),
+        ("link: udpin://127.0.0.1:14541", "twin is attached and flies in real time"),
+    ],
+)
+def test_paces_that_do_not_go_together(files: Any, twin: str, said: str) -> None:
+    program(files.folder, "arducopter")
+    outside(files, FAST, autopilot="ardupilot")
+    files.change(TWIN, TWIN.replace("link: embedded", twin))
+    found = {one for one in files.faults() if said in one}
     assert len(found) == 1
-    assert "leave 'speedup' out" in found.pop()
+    assert "leave 'speedup' out" in (told := found.pop()) or "both need the same" in told
+
+
+def test_the_pace_of_a_launched_simulation_is_its_link_s(files: Any) -> None:
+    program(files.folder, "arducopter")
+    outside(files, FAST, autopilot="ardupilot")
+    files.change("seed:", "clock: {speed: 3}\nseed:")
+    (found,) = set(files.faults())
+    assert "a launched simulation flies at 4, as its link says; leave it out" in found
 
 
 @pytest.mark.parametrize(

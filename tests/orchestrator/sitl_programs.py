@@ -44,6 +44,11 @@ def _say(line: str) -> None:
     sys.stdout.flush()
 
 
+def _reached(asked: float) -> float:
+    """Return what pace a simulator comes to: of more than real time not all."""
+    return asked if asked == 1.0 else 0.9 * asked
+
+
 def _ardupilot(arguments: list[str]) -> ProcessSettings:
     given = dict(zip(arguments[::2], arguments[1::2], strict=True))
     port = 5760 + 10 * int(given["--instance"])
@@ -55,6 +60,7 @@ def _ardupilot(arguments: list[str]) -> ProcessSettings:
         autopilot="ardupilot",
         link=f"tcpin://127.0.0.1:{port}",
         seed=5,
+        speed=_reached(float(given["--speedup"])),
         system_id=int(given["--sysid"]),
         latitude_deg=latitude,
         longitude_deg=longitude,
@@ -70,6 +76,7 @@ def _px4(arguments: list[str]) -> ProcessSettings:
         autopilot="px4",
         link=f"udpout://127.0.0.1:{14540 + instance}",
         seed=6,
+        speed=_reached(float(os.environ["PX4_SIM_SPEED_FACTOR"])),
         system_id=int(os.environ["PX4_PARAM_MAV_SYS_ID"]),
         latitude_deg=float(os.environ["PX4_HOME_LAT"]),
         longitude_deg=float(os.environ["PX4_HOME_LON"]),

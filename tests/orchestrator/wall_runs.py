@@ -36,8 +36,11 @@ class Landed:
 class Program:
     """`wil-campaign run` as a process of its own, on the wall clock; an async context manager."""
 
-    def __init__(self, out: Path, *arguments: str, runtime: Path | None = None) -> None:
+    def __init__(
+        self, out: Path, *arguments: str, runtime: Path | None = None, clock: str | None = "wall"
+    ) -> None:
         self.out = out
+        self._clock = () if clock is None else ("--clock", clock)
         # Beneath pytest's folders the path of a socket is too long.
         self.runtime = runtime or Path(tempfile.mkdtemp(prefix="wil-"))
         self._arguments = arguments
@@ -46,7 +49,7 @@ class Program:
         sets = [word for one in PATIENT for word in ("--set", one)]
         self.process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "orchestrator.cli", "run", "campaigns/gate.yaml"),
-            *("--clock", "wall", "--case", "large", "--repetitions", "1", "--jobs", "1"),
+            *(*self._clock, "--case", "large", "--repetitions", "1", "--jobs", "1"),
             *("--out", str(self.out), *sets, *self._arguments),
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,

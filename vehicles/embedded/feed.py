@@ -5,7 +5,7 @@ One UDP datagram each, little-endian, at most 480 bytes:
     offset  type      what
     0       4 bytes   "WILF"
     4       u8        version, 1
-    5       u8        kind: 1 truth, 2 motion capture, 16 event, 17 fault
+    5       u8        kind: 1 truth, 2 motion capture, 16 event, 17 fault, 18 pace
     6       u16       flags: 1 on ground, 2 motors stopped, 4 velocity known, 8 what is felt follows
     8       u32       sequence number, counts up by one per datagram of this sender
     12      u64       time in us: CLOCK_MONOTONIC of the machine, which all its processes share
@@ -15,9 +15,10 @@ One UDP datagram each, little-endian, at most 480 bytes:
     100     f64 x 3   angular velocity, rad/s, FRD (flag 8)
     124     f64 x 3   specific force, m/s^2, FRD (flag 8)
     148     f64 x 4   thrust of each motor, N (flag 8)
-    180     text      UTF-8 to the end: what was touched (1), name of an event (16), fault (17)
+    180     text      UTF-8 to the end: what was touched (1), name of an event (16), fault (17);
+                      "wall run rate" (18): the run clock at a time of CLOCK_MONOTONIC, its slope
 
-Kinds 16 and 17 have their text at 20; without flag 8 it stands at 100.
+Kinds 16 to 18 have their text at 20; without flag 8 it stands at 100.
 """
 
 import math
@@ -27,6 +28,7 @@ from enum import IntEnum, IntFlag
 
 from vehicles.embedded.states import Thrusts, TruthSample
 from vehicles.readings import PoseReading, Source
+from vehicles.steering import Segment
 from worlds.frames import Pose, Vec3
 
 MAGIC = b"WILF"
@@ -48,6 +50,7 @@ class Kind(IntEnum):
     MOCAP = 2
     EVENT = 16
     FAULT = 17
+    PACE = 18
 
 
 class Flag(IntFlag):
@@ -91,7 +94,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """An event of the world, or a fault to make."""
+    """An event of the world, a fault to make, or how the run clock goes on."""
 
     kind: Kind
     seq: int
@@ -129,7 +132,7 @@ def decode(data: bytes) -> Datagram:
     if magic != MAGIC or version != VERSION:
         raise FeedError(f"starts with {magic!r} version {version}")
     try:
-        if kind in {Kind.EVENT, Kind.FAULT}:
+        if kind in {Kind.EVENT, Kind.FAULT, Kind.PACE}:
             return Notice(Kind(kind), seq, t_us, _text(data[_HEAD.size :]))
         if kind in {Kind.TRUTH, Kind.MOCAP}:
             return _motion(Kind(kind), Flag(flags & _ALL_FLAGS), seq, t_us, data[_HEAD.size :])
@@ -165,6 +168,22 @@ def _text(data: bytes) -> str:
     if len(data) > _MOST_TEXT_BYTES:
         raise FeedError(f"text of {len(data)} bytes")
     return data.decode()
+
+
+def pace_text(segment: Segment) -> str:
+    """Return the text of a notice of the pace."""
+    return f"{segment.wall_s!r} {segment.run_s!r} {segment.rate!r}"
+
+
+def pace_of(text: str) -> Segment:
+    """Return the piece of the clock that a notice of the pace lays. Raises FeedError."""
+    try:
+        wall_s, run_s, rate = map(float, text.split())
+    except ValueError as error:
+        raise FeedError(f"{text!r} is no pace") from error
+    if not all(map(math.isfinite, (wall_s, run_s, rate))) or rate < 0.0:
+        raise FeedError(f"{text!r} is no pace")
+    return Segment(wall_s, run_s, rate)
 
 
 def truth_datagram(sample: TruthSample, seq: int) -> Motion:

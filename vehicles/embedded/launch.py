@@ -16,12 +16,14 @@ from vehicles.embedded.feed import (
     decode,
     encode,
     mocap_reading,
+    pace_text,
     truth_sample,
 )
 from vehicles.embedded.settings import ProcessSettings
 from vehicles.embedded.states import TruthSample
 from vehicles.links.base import LinkError
 from vehicles.readings import PoseReading, Source
+from vehicles.steering import Segment
 
 _FIRST_WORD_S = 20.0
 """How long a process may take to import, build its physics and send its first datagram."""
@@ -77,6 +79,11 @@ class FeedClient(asyncio.DatagramProtocol):
         """Make a fault in the vehicle."""
         t_us = round(asyncio.get_running_loop().time() * 1e6)
         self._send(Notice(Kind.FAULT, self._next_seq(), t_us, str(fault)))
+
+    def pace(self, segment: Segment) -> None:
+        """Have the vehicle's clock go on by this piece."""
+        t_us = round(segment.run_s * 1e6)
+        self._send(Notice(Kind.PACE, self._next_seq(), t_us, pace_text(segment)))
 
     async def __aenter__(self) -> Self:
         """Bind the port. Raises LinkError when it is taken."""

@@ -21,6 +21,7 @@ from vehicles.embedded.feed import (
     decode,
     encode,
     mocap_datagram,
+    pace_of,
     truth_datagram,
 )
 from vehicles.embedded.profile import ProfileError
@@ -32,6 +33,7 @@ from vehicles.links.opening import open_link
 from vehicles.links.parse import parse_link
 from vehicles.pace import PacedLoop
 from vehicles.readings import PoseReading
+from vehicles.steering import Segment
 
 _PR_SET_PDEATHSIG = 1
 BAD_SETTINGS, FAILED = 2, 1
@@ -79,6 +81,9 @@ class FeedEnd(asyncio.DatagramProtocol):
     def _take(self, notice: Notice) -> None:
         if notice.kind is Kind.EVENT:
             self._vehicle.notify(notice.text, notice.t_us / 1e6)
+            return
+        if notice.kind is Kind.PACE:
+            _go_on(pace_of(notice.text))
             return
         fault = parse_fault(notice.text)
         if fault.name == "kill":
@@ -135,6 +140,12 @@ def main(arguments: list[str]) -> int:
         sys.stderr.write(f"{error}\n")
         return FAILED
     return 0
+
+
+def _go_on(segment: Segment) -> None:
+    loop = asyncio.get_running_loop()
+    if isinstance(loop, PacedLoop):
+        loop.follow(segment)
 
 
 async def _until_told(settings: ProcessSettings) -> None:
