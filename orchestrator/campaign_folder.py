@@ -7,6 +7,7 @@ kept in `earlier/<case>/<mode>/<rep>-<n>`, n from 1.
 import contextlib
 import fcntl
 import os
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -42,6 +43,37 @@ def make_folder(parent: Path) -> Path:
             f"the results cannot be written to {parent}: {reason}; choose another place by --out"
         ) from error
     raise OutputError(f"{parent} has a thousand folders of this second already")
+
+
+def require_writable(out: Path, *, junit: Path | None) -> None:
+    """Find what would go wrong at the end before anything begins. Raises OutputError.
+
+    out: made when it is not there; junit: a file in a folder that is there.
+    """
+    there = next((one for one in (out, *out.absolute().parents) if one.exists()), out)
+    try:
+        with tempfile.TemporaryDirectory(dir=there, prefix=".wil-"):
+            pass
+    except OSError as error:
+        raise OutputError(
+            f"the results cannot be written to {out}: {error.strerror or error}; choose another "
+            "place by --out"
+        ) from error
+    if junit is None:
+        return
+    if not junit.parent.is_dir():
+        raise OutputError(
+            f"junit.xml cannot be written to {junit}: there is no folder {junit.parent}; make it, "
+            "or choose another place by --junit"
+        )
+    if junit.is_dir():
+        raise OutputError(f"junit.xml cannot be written to {junit}: it is a folder; name a file")
+    try:
+        with tempfile.TemporaryFile(dir=junit.parent):
+            pass
+    except OSError as error:
+        said = error.strerror or error
+        raise OutputError(f"junit.xml cannot be written to {junit}: {said}") from error
 
 
 def newest_folder(parent: Path) -> Path | None:

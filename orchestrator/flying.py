@@ -110,7 +110,7 @@ def _begin(
     campaign: Campaign, settings: FlyingSettings, watcher: Watcher, stack: ExitStack
 ) -> tuple[Path, TakenUp]:
     """Return the campaign's folder, held until the stack ends, and what it has already."""
-    about: Mapping[str, object] = manifest(campaign, settings.clock)
+    about: Mapping[str, object] = manifest(campaign, settings.clock, arm=settings.arm)
     if settings.resume:
         folder = resumed_folder(settings.out, campaign.name)
         about = resumed_manifest(folder, about)

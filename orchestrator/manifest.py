@@ -29,13 +29,14 @@ _VERSIONED = (
 """Packages whose version may change what a run does."""
 
 
-def manifest(campaign: Campaign, clock: Clock) -> dict[str, object]:
-    """Return campaign.json: what was flown, with what, and where."""
+def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str, object]:
+    """Return campaign.json: what was flown, with what, and where; arm: False with --no-arm."""
     return {
         "campaign": campaign.name,
         "description": campaign.description,
         "seed": campaign.seed,
         "clock": clock,
+        "arm": arm,
         "started_utc": utc_text(time.time()),
         "host": {"name": platform.node(), "machine": platform.machine(), "cores": os.cpu_count()},
         "versions": {"python": platform.python_version(), **_versions()},

@@ -161,6 +161,8 @@ def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
     for key, word in (("campaign", "its name"), ("clock", "its clock"), ("seed", "its seed")):
         if before[key] != now[key]:
             yield f"{word} was {before[key]}, and is {now[key]}"
+    if not before["arm"]:
+        yield "it armed nothing (--no-arm)"
     files = list(_changes(before["files"], now["files"]))
     yield from (f"{name} {what}" for name, _, _, what in files)
     for name, was, present, _ in _changes(before["versions"], now["versions"]):

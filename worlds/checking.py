@@ -3,6 +3,7 @@
 Pure: an error, the value and its model in; faults (path, message, suggestion) out.
 """
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -228,12 +229,21 @@ def _hint(wanted: str, given: object) -> str:
     if "number" not in wanted or not isinstance(given, str):
         return ""
     if re.fullmatch(r"\s*[-+]?[0-9.]+([eE][-+]?[0-9]+)?\s*", given):
+        if math.isinf(_number(given)):
+            return " (it must be finite)"
         return " (leave out the quotes)" if len(given) < 20 and "e" not in given.lower() else ""
     if given.lower().strip("+-") in {".nan", "nan", ".inf", "inf", "infinity"}:
         return " (it must be finite)"
     if re.match(r"\s*[-+]?[0-9.]+\s*[A-Za-z/°%]", given):
         return " (a plain number; its unit stands in the key)"
     return ""
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
 
 
 def describe(given: object) -> str:

@@ -134,6 +134,11 @@ class ClockPart(Part):
     speed: Speedup
 
 
+_ACCEPTS_NOTHING = (
+    "requires nothing, and no run of it would ever be accepted: name modes with their shares "
+    "({sim: 5/5}); or leave `accept` out, and every run is required"
+)
+
 PictureFormat = Literal["jpeg", "png", "raw", "none"]
 
 
@@ -193,7 +198,11 @@ class CampaignPart(Part):
     @field_validator("accept")
     @classmethod
     def _shares(cls, accept: dict[str, dict[str, str]] | None) -> dict[str, dict[str, str]] | None:
+        if accept is not None and not accept:
+            raise ValueError(_ACCEPTS_NOTHING)
         for case, shares in (accept or {}).items():
+            if not shares:
+                raise KeyFaultError(case, _ACCEPTS_NOTHING)
             for mode, share in shares.items():
                 try:
                     parse_share(share)

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from campaigns.expansion import Campaign, load_campaign
 from campaigns.schema import VEHICLES
-from orchestrator.campaign_folder import OutputError
+from orchestrator.campaign_folder import OutputError, require_writable
 from orchestrator.cli.arming import Cleared, RefusedError, clear
 from orchestrator.cli.choosing import ALL, Choice
 from orchestrator.cli.display import Display, Lines, Silent, Terminal
@@ -83,7 +83,7 @@ def run(
         is a campaign's folder. What is finished is kept, what is missing is flown; refused when the
         campaign or one of its files has changed. Give the same options as before.
     junit
-        Write junit.xml here as well.
+        Write junit.xml here as well; the folder has to be there.
     json_
         Print summary.json on standard output and nothing else there.
     """
@@ -92,7 +92,11 @@ def run(
         return 2
     campaign = load_campaign(file, choice.options(*_sets(flights)))
     try:
+        require_writable(out_, junit=junit)
         cleared = _cleared(campaign, flights)
+    except OutputError as error:
+        err(error)
+        return 3
     except RefusedError as error:
         err(error)
         return error.code

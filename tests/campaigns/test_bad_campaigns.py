@@ -89,6 +89,8 @@ ONE_PLACE = [
     ("collision: {}", "@reached_position: {tolerance_m: 1}", "oracle 'reached_position': the goal"),
     ("collision: {}", "collision: {vehicle: @twn}", "must be real or twin, is 'twn'; did you mean"),
     ("collision: {}", "collision: @5", "must be a mapping, is 5"),
+    ("accept: {large: {sim: 3/3, wil: 2/3}}", "accept: @{}", "requires nothing, and no run"),
+    ("{large: {sim: 3/3, wil: 2/3}}", "{large: @{}}", "requires nothing, and no run of it"),
     ("large: {sim: 3/3", "@lagre: {sim: 3/3", "accept names no case 'lagre'; did you mean 'large'"),
     ("{sim: 3/3", "{@real: 3/3", "mode 'real' is not flown (modes: sim, wil)"),
     ("{sim: 3/3", "{sim: @3/4", "3/4 is of 4 runs, but there are 3 repetitions"),

@@ -102,6 +102,7 @@ def test_before_it_flies_a_document_says_that_nothing_has_passed(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     junit = campaign.parent / "ci" / "junit.xml"
+    junit.parent.mkdir()
     seen: list[bytes] = []
 
     def stopped(flight: Coroutine[Any, Any, None]) -> None:
@@ -116,19 +117,39 @@ def test_before_it_flies_a_document_says_that_nothing_has_passed(
     assert summary_of(campaign)["accepted"] is None
 
 
-@pytest.mark.parametrize("spoilt", ["junit", "out"])
+@pytest.mark.parametrize("spoilt", ["junit", "out", "no such folder", "out in a file"])
 def test_what_cannot_be_written_is_told_before_anything_flies(
     campaign: Path, capsys: pytest.CaptureFixture[str], spoilt: str
 ) -> None:
     given = {"out": str(campaign.parent / "out"), "junit": str(campaign.parent / "junit.xml")}
-    given[spoilt] = str({"junit": campaign.parent, "out": campaign}[spoilt])
+    name, bad = {
+        "junit": ("junit", campaign.parent),
+        "out": ("out", campaign),
+        "no such folder": ("junit", campaign.parent / "nowhere" / "junit.xml"),
+        "out in a file": ("out", campaign / "results"),
+    }[spoilt]
+    given[name] = str(bad)
     options = [word for name, value in given.items() for word in (f"--{name}", value)]
     assert main(["run", str(campaign), *options]) == 3
     said = capsys.readouterr()
     assert said.err.count("\n") == 1
     assert "written" in said.err
-    assert given[spoilt] in said.err
-    assert "#1" not in said.out
+    assert given[name] in said.err
+    # Not even what is going to be flown is told, and nothing is left behind.
+    assert said.out == ""
+    assert not (campaign.parent / "nowhere").exists()
+    assert not list(campaign.parent.glob(".wil-*"))
+
+
+def test_what_armed_nothing_says_so_and_is_not_taken_up(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*command(campaign)[3:], "--no-arm"]) == 5
+    (path,) = (campaign.parent / "out" / "hover").glob("*/campaign.json")
+    assert json.loads(path.read_text())["arm"] is False
+    capsys.readouterr()
+    assert main([*command(campaign)[3:], "--resume"]) == 2
+    assert "it armed nothing (--no-arm)" in capsys.readouterr().err
 
 
 def test_a_disk_that_fills_up_ends_the_campaign_with_a_sentence(

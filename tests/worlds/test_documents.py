@@ -271,6 +271,10 @@ def test_terminal_sequences_of_a_file_do_not_reach_the_terminal() -> None:
         ("box: {north_m: @[2, 1]}}", "the low end is not below the high end"),
         ("box: {north_m: [@.nan, 1]}}", "must be a number, is the text '.nan' (it must be finite)"),
         ("box: {north_m: [1, @.inf]}}", "must be a number, is the text '.inf' (it must be finite)"),
+        (
+            "box: {north_m: [1, @1e400]}}",
+            "must be a number, is the text '1e400' (it must be finite)",
+        ),
         ("sensors: {c: {type: @camra}}}", "must be camera or lidar, is 'camra'; did you mean"),
         ("sensors: {@c: {beams: 5}}}", "missing key 'type'"),
         ("sensors: {c: {type: lidar, beams: @1.5}}}", "must be a whole number, is 1.5"),
@@ -334,7 +338,7 @@ def test_numbers_that_are_not_text_and_text_that_is_no_number() -> None:
     assert vehicle.speed_m_s == 1.0
     assert isinstance(vehicle.speed_m_s, float)
     assert problems("vehicle: {link: embedded, speed_m_s: 1e999}") == [
-        "x.yaml:1:38: must be a number, is the text '1e999'"
+        "x.yaml:1:38: must be a number, is the text '1e999' (it must be finite)"
     ]
 
 
