@@ -146,6 +146,8 @@ class Setup:
     def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:
         """Yield what this case has outside of this process: its path in the campaign, its name."""
         for name, vehicle in self.vehicles.items():
+            if vehicle.driver == "mavsdk":
+                yield ("vehicles", name, "driver"), f"the driver mavsdk of {name}"
             if vehicle.mocap is not None:
                 yield ("vehicles", name, "mocap"), f"motion capture at {vehicle.mocap.address}"
             for camera in vehicle.cameras:

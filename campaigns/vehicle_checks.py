@@ -6,6 +6,7 @@ from campaigns.files import CaseFiles
 from campaigns.schema import Mode
 from campaigns.setup import FLIES, Setup, VehicleSetup
 from vehicles.launch.px4 import Px4Launch
+from vehicles.mavsdk.ids import OWN_SYSTEM
 from worlds.documents import Problem
 
 
@@ -15,6 +16,9 @@ def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pro
     yield from _pace_problems(files, setup, flown)
     for vehicle in setup.vehicles.values():
         yield from _spare_problems(files, vehicle)
+        if vehicle.driver == "mavsdk" and vehicle.system_id == OWN_SYSTEM:
+            said = f"the driver mavsdk has system id {OWN_SYSTEM} itself; give the vehicle another"
+            yield files.campaign.problem(("vehicles", vehicle.name, "system_id"), said)
     if mode == "wil":
         yield from _pair_problems(files, setup)
 

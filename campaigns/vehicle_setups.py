@@ -28,6 +28,7 @@ from vehicles.launch.px4 import Px4Launch
 from vehicles.links.conditions import KeySource
 from vehicles.links.parse import LinkAddress, parse_link
 from vehicles.telemetry_fit import RadioTooSlowError, fitted
+from vehicles.voices import DriverName
 from worlds.documents import Document, Problem, closest
 from worlds.documents import Path as KeyPath
 from worlds.frames import Pose
@@ -56,6 +57,7 @@ class VehicleSetup:
     profile: str
     start: Pose
     system_id: int
+    driver: DriverName = "mavlink"
     anchor: Literal["start", "mocap"] = "start"
     pose_source: Literal["mavlink", "mocap"] = "mavlink"
     mocap: MocapSetup | None = None
@@ -125,6 +127,7 @@ def _vehicle(
         autopilot=part.autopilot,
         profile=_profile(campaign, name, part, problems),
         start=part.start.pose(),
+        driver=part.driver,
         system_id=part.system_id or _SYSTEM_IDS[name],
         anchor=part.anchor,
         pose_source=part.pose_source,

@@ -68,6 +68,10 @@ class ChildProcess:
         self._signal(signal.SIGKILL)
         await asyncio.wait([self._watch])
 
+    def kill(self) -> None:
+        """Kill it and all that it started, now; it is still to be ended."""
+        self._signal(signal.SIGKILL)
+
     def _signal(self, number: signal.Signals) -> None:
         if self._process is not None:
             with contextlib.suppress(ProcessLookupError, PermissionError):

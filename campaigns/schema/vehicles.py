@@ -10,6 +10,7 @@ from campaigns.schema.sensors import SensorPart
 from campaigns.schema.sources import MocapPart
 from vehicles.autopilots.base import AutopilotName
 from vehicles.links.parse import LinkAddressError, parse_link
+from vehicles.voices import DriverName
 from worlds.documents import KeyFaultError, Part
 from worlds.frames import Pose
 
@@ -132,6 +133,7 @@ class TelemetryPart(Part):
 class VehiclePart(Part):
     """One vehicle of the pair.
 
+    driver: who speaks to it: frames of our own (mavlink), or mavsdk in a process of its own.
     system_id: 1 for the real vehicle and 2 for the twin without. anchor: what says where it stands
     before arming: `start`, or motion capture. mocap: where that comes from; None: the surrogate's.
     spare_links: more links to the same vehicle, flown by when those before them fall silent.
@@ -140,6 +142,7 @@ class VehiclePart(Part):
     link: Annotated[str, AfterValidator(_link)] | LaunchPart
     spare_links: list[Annotated[str, AfterValidator(_spare)]] = Field(default_factory=list)
     autopilot: AutopilotName
+    driver: DriverName = "mavlink"
     system_id: Annotated[int, Field(ge=1, le=250)] | None = None
     signing: SigningPart | None = None
     telemetry: TelemetryPart = TelemetryPart()

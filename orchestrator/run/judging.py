@@ -59,6 +59,7 @@ class Bench:
         self._stations.append(station)
         station.on_pose(self._pose)
         station.driver.on_event(lambda event: self._event(station, event))
+        station.driver.on_failure(lambda error: self._course.decide("ERROR", str(error)))
         station.on_contact(lambda truth: self._contact(station, truth))
 
     async def run(self, alive: Callable[[], None]) -> None:

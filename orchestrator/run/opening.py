@@ -18,6 +18,7 @@ from orchestrator.run.station import Station
 from safety.guard.shell import Record
 from vehicles.driver import Driver
 from vehicles.links.tapped import TappedLink
+from vehicles.voices import voice_of
 
 _OTHERS_TRUTH_HZ = 50.0
 """The truth of a vehicle that nobody judges by it: its camera interpolates, and it is recorded."""
@@ -105,6 +106,7 @@ def _station(setup: RunSetup, vehicle: VehicleSetup, link: TappedLink) -> Statio
         system_id=vehicle.system_id,
         start=vehicle.start,
         rates=vehicle.rates,
+        voice=voice_of(vehicle.driver, name=vehicle.name),
         max_clock_drift=_clock_drift(setup, vehicle),
     )
     return Station(vehicle.name, driver, vehicle.start, vehicle.pose_source)

@@ -8,6 +8,7 @@ class Changes:
     """Wakes who waits for a condition, whenever somebody says that something changed."""
 
     def __init__(self) -> None:
+        self._failure: Exception | None = None
         self._waiting: list[tuple[Callable[[], bool], asyncio.Future[None]]] = []
 
     def notify(self) -> None:
@@ -16,8 +17,20 @@ class Changes:
             if not future.done() and condition():
                 future.set_result(None)
 
+    def fail(self, error: Exception) -> None:
+        """Raise an error in all who wait, and who will: nothing can be waited for any more."""
+        self._failure = error
+        for _, future in self._waiting:
+            if not future.done():
+                future.set_exception(error)
+
     async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait for the condition; return whether it came true within `timeout_s`."""
+        """Wait for the condition; return whether it came true within `timeout_s`.
+
+        Raises what `fail` was given.
+        """
+        if self._failure is not None:
+            raise self._failure
         if condition():
             return True
         future = asyncio.get_running_loop().create_future()

@@ -57,6 +57,7 @@ class Commander:
         self._tries = tries
         self._pending: dict[int, _Pending] = {}
         self._turns: dict[int, asyncio.Lock] = {}
+        self._failure: Exception | None = None
         session.on(mavlink.MAVLINK_MSG_ID_COMMAND_ACK, self._answered)
 
     async def run(self, message: Any, *, done_anyway: Callable[[], bool] | None = None) -> None:
@@ -75,8 +76,11 @@ class Commander:
         """Send a command now, before returning; the future is its acceptance (as in `run`).
 
         urgent: sent again twice as often, and as long: another vehicle does the same now. Raises
-        CommandError when the same command is still waiting for its answer.
+        CommandError when the same command is still waiting for its answer, and what `fail` was
+        given.
         """
+        if self._failure is not None:
+            raise self._failure
         if message.command in self._pending:
             name = command_name(message.command)
             raise CommandError(
@@ -91,6 +95,13 @@ class Commander:
         self._session.send(message)
         self._await_answer(pending, every_s)
         return future
+
+    def fail(self, error: Exception) -> None:
+        """Raise an error for all that is pending, and for all that comes."""
+        self._failure = error
+        for pending in list(self._pending.values()):
+            if not pending.future.done():
+                pending.future.set_exception(error)
 
     def close(self) -> None:
         """Give up what is pending."""

@@ -1,7 +1,7 @@
 """Flies one vehicle over MAVLink, whichever autopilot it has."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable
 from functools import partial
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -14,7 +14,7 @@ from vehicles.driver.commands import Commander
 from vehicles.driver.estimates import EstimateListener, Estimates
 from vehicles.driver.identifying import find_vehicle, request_identity
 from vehicles.driver.identity import Identity, Wanted
-from vehicles.driver.onboard import Onboard
+from vehicles.driver.insisting import SEEN_WITHIN_S, Insistence
 from vehicles.driver.presence import Presence
 from vehicles.driver.refusals import arm_refused, not_ready
 from vehicles.driver.session import Session
@@ -23,15 +23,14 @@ from vehicles.driver.state import EstimateSample, VehicleState
 from vehicles.driver.status import EventListener, Status
 from vehicles.driver.streams import Streams
 from vehicles.driver.vehicle import IdentifiedVehicle
-from vehicles.errors import AnchorError, CommandError, StateTimeoutError, VehicleError
+from vehicles.driver.voice import FailureListener, OwnVoice, Voice
+from vehicles.errors import AnchorError, CommandError, VehicleError
 from vehicles.links.base import Link
 from vehicles.setpoints import Setpoint
 from vehicles.timesync import VehicleClock
 from worlds.frames import Pose, Vec3
 from worlds.geodesy import Geodetic
 
-_SEEN_WITHIN_S = 3.0
-"""HEARTBEAT comes once a second, and one may be lost."""
 _ASK_AGAIN_S = 2.0
 _ANSWER_WITHIN_S = 1.0
 """What a vehicle that was heard at the last moment still has to say who it is."""
@@ -46,7 +45,7 @@ class Driver:
     system_id: its own; None for the first vehicle that is heard. start: where in the world it
     stands; unless `set_anchor` says otherwise, arming maps the place and heading that its
     estimator has there. silence_s: after how long without a byte the link counts as lost.
-    max_clock_drift: see ClockMap. Errors are VehicleErrors.
+    max_clock_drift: see ClockMap. voice: who speaks for it. Errors are VehicleErrors.
     """
 
     def __init__(
@@ -62,20 +61,33 @@ class Driver:
         own_component: int = 190,
         silence_s: float = 1.5,
         max_clock_drift: float = 0.02,
+        voice: Voice | None = None,
     ) -> None:
         self.name = name
-        self._link = link
+        self._voice: Voice = voice or OwnVoice()
+        self._link = self._voice.join(link)
         self._wanted = Wanted(None if autopilot == "auto" else autopilot, system_id)
         self._start = start
         self._rates = rates
         self._anchor_given = False
         self._changes = Changes()
-        self._session = Session(link=link, own=Target(own_system_id, own_component))
+        self._session = Session(
+            link=self._link, own=Target(own_system_id, own_component), speak=self._voice.speak
+        )
         self._presence = Presence(
-            session=self._session, silence_s=silence_s, on_lost=self._lost, on_back=self._back
+            session=self._session,
+            silence_s=silence_s,
+            on_lost=partial(self._silent, up=False),
+            on_back=partial(self._silent, up=True),
         )
         self._commander = Commander(session=self._session, circumstances=self._circumstances)
-        self.onboard = Onboard(session=self._session, circumstances=self._circumstances)
+        self._insistence = Insistence(
+            name=name,
+            changes=self._changes,
+            state=lambda: self.state,
+            circumstances=self._circumstances,
+        )
+        self.onboard = self._voice.onboard(session=self._session, circumstances=self._circumstances)
         self.parameters = self.onboard.parameters
         self.clock = VehicleClock(own_id=own_system_id, max_drift=max_clock_drift)
         self._clocking = Clocking(session=self._session, clock=self.clock)
@@ -84,11 +96,14 @@ class Driver:
         self._event_listeners: list[EventListener] = []
         self._status: Status | None = None
         self._vehicle: IdentifiedVehicle | None = None
+        self._failure: VehicleError | None = None
+        self._voice.on_failure(self._failed)
 
     async def __aenter__(self) -> Self:
         """Open the link and begin with heartbeats. Raises LinkError."""
         await self._link.__aenter__()
-        self._presence.start()
+        if not self._voice.sends_heartbeats:
+            self._presence.start()
         return self
 
     async def __aexit__(
@@ -155,6 +170,10 @@ class Driver:
         """Call `listener` with each event, as it happens."""
         self._event_listeners.append(listener)
 
+    def on_failure(self, listener: FailureListener) -> None:
+        """Call `listener` once when it can be told nothing any more; all that waits raises that."""
+        self._voice.on_failure(listener)
+
     async def identify(self, timeout_s: float) -> Identity:
         """Find the vehicle, ask who it is, and ask for its telemetry and time.
 
@@ -167,6 +186,7 @@ class Driver:
         target, autopilot = await find_vehicle(
             self._session, self._changes, wanted=self._wanted, timeout_s=timeout_s
         )
+        await self._voice.found(target, max(deadline_s - loop.time(), _ANSWER_WITHIN_S))
         identity = await request_identity(
             self._session,
             self._changes,
@@ -189,6 +209,9 @@ class Driver:
             autopilot=autopilot,
             target=target,
             status=status,
+            orders=self._voice.orders(
+                commander=self._commander, autopilot=autopilot, target=target
+            ),
             streams=Streams(session=self._session, autopilot=autopilot, target=target, plan=plan),
             setpoints=SetpointSender(
                 session=self._session, clock=self.clock, autopilot=autopilot, target=target
@@ -227,12 +250,12 @@ class Driver:
         vehicle = self._flying()
         status, autopilot = vehicle.status, vehicle.autopilot
         # On a bad link the last second may hold too few positions to anchor it by.
-        await self._changes.until(lambda: not self._reasons(), _SEEN_WITHIN_S)
+        await self._changes.until(lambda: not self._reasons(), SEEN_WITHIN_S)
         self._capture_anchor()
         if status.state.mode is not autopilot.arming_mode:
             await self._reach(autopilot.arming_mode)
         try:
-            await self._insist(autopilot.arm, lambda: status.state.armed, "armed")
+            await self._insistence.insist(vehicle.orders.arm, lambda: status.state.armed, "armed")
         except CommandError as error:
             raise await arm_refused(vehicle, self.name, self._changes, error) from error
 
@@ -240,7 +263,9 @@ class Driver:
         """Disarm on the ground. Raises CommandError when refused (in the air)."""
         vehicle = self._flying()
         status = vehicle.status
-        await self._insist(vehicle.autopilot.disarm, lambda: not status.state.armed, "disarmed")
+        await self._insistence.insist(
+            vehicle.orders.disarm, lambda: not status.state.armed, "disarmed"
+        )
 
     def begin_takeoff(self, altitude_m: float) -> Awaitable[None]:
         """Send the takeoff command now; the awaitable is its acceptance.
@@ -249,14 +274,13 @@ class Driver:
         vehicles get theirs in one turn of the loop. Awaiting raises CommandError.
         """
         vehicle = self._flying()
-        status, autopilot = vehicle.status, vehicle.autopilot
-        message = autopilot.takeoff(
-            vehicle.target, altitude_m=altitude_m, ground_amsl_m=self._estimates.amsl_m
-        )
-        status.asked_modes = autopilot.takeoff_modes
+        status = vehicle.status
+        status.asked_modes = vehicle.autopilot.takeoff_modes
         flies = {"taking_off", "in_air"}
-        return self._commander.begin(
-            message, done_anyway=lambda: status.state.landed in flies, urgent=True
+        return vehicle.orders.begin_takeoff(
+            altitude_m,
+            ground_amsl_m=self._estimates.amsl_m,
+            done=lambda: status.state.landed in flies,
         )
 
     async def enter_guided(self) -> None:
@@ -275,8 +299,10 @@ class Driver:
     def send(self, setpoint: Setpoint) -> None:
         """Send a setpoint of the world frame; it must be renewed within the autopilot's time-out.
 
-        Raises AnchorError before `ready`.
+        Raises AnchorError before `ready`, and what `on_failure` is told.
         """
+        if self._failure is not None:
+            raise self._failure
         anchor = self._estimates.anchor
         if anchor is None:
             raise AnchorError(f"{self.name}: not anchored in the world; await ready() first")
@@ -310,12 +336,12 @@ class Driver:
         """Stop the motors at once, in the air too. Raises CommandError."""
         vehicle = self._flying()
         vehicle.setpoints.stop()
-        await self._commander.run(vehicle.autopilot.terminate(vehicle.target))
+        await vehicle.orders.terminate()
 
     async def disarmed(self, timeout_s: float) -> None:
         """Wait until it is disarmed. Raises StateTimeoutError."""
         status = self._flying().status
-        await self._see(lambda: not status.state.armed, timeout_s, "disarmed")
+        await self._insistence.see(lambda: not status.state.armed, timeout_s, "disarmed")
 
     def _flying(self) -> IdentifiedVehicle:
         if self._vehicle is None:
@@ -326,50 +352,20 @@ class Driver:
         vehicle = self._flying()
         status = vehicle.status
         status.asked_modes = (mode,)
-        await self._insist(
-            partial(vehicle.autopilot.set_mode, mode=mode),
+        await self._insistence.insist(
+            partial(vehicle.orders.set_mode, mode),
             lambda: status.state.mode is mode,
             f"in {mode.value}",
         )
         if mode is not Mode.GUIDED:
             vehicle.setpoints.stop()
 
-    async def _insist(
-        self, command: Callable[[Target], Any], done: Callable[[], bool], what: str
-    ) -> None:
-        """Have a command accepted and see it done.
-
-        An acknowledgement does not say of which of two commands of one kind it is, and on a bad
-        link it may be the earlier one's: what is not seen done is asked for once more, unless
-        somebody else has changed the mode since.
-        """
-        vehicle = self._flying()
-        before = vehicle.status.state.custom_mode
-        await self._commander.run(command(vehicle.target), done_anyway=done)
-        if await self._changes.until(done, _SEEN_WITHIN_S / 2.0):
-            return
-        if vehicle.status.state.custom_mode == before:
-            await self._commander.run(command(vehicle.target), done_anyway=done)
-        await self._see(done, _SEEN_WITHIN_S, what)
-
-    async def _see(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
-        if await self._changes.until(condition, timeout_s):
-            return
-        state = self.state
-        armed = "armed" if state.armed else "disarmed"
-        raise StateTimeoutError(
-            f"{self.name}: not seen {what} within {timeout_s:g} s; it was last {armed} in "
-            f"{state.mode_name}, {state.landed.replace('_', ' ')}{self._circumstances()}"
-        )
-
     def _capture_anchor(self) -> None:
-        if self._anchor_given:
-            return
-        try:
-            local = self._estimates.average.mean()
-        except AnchorError as error:
-            raise AnchorError(f"{self.name}: {error}") from error
-        self._estimates.set_anchor(Anchor.of_poses(local=local, world=self._start))
+        if not self._anchor_given:
+            try:
+                self._estimates.anchor_at(self._start)
+            except AnchorError as error:
+                raise AnchorError(f"{self.name}: {error}") from error
 
     def _reasons(self) -> tuple[str, ...]:
         return self._flying().reasons(self._rates.position_hz)
@@ -390,10 +386,15 @@ class Driver:
             self._vehicle.status.rebooted(t_s)
             self._begin_listening()
 
-    def _lost(self, t_s: float, gap_s: float) -> None:
-        if self._status is not None:
-            self._status.set_link(up=False, t_s=t_s, gap_s=gap_s)
+    def _failed(self, error: VehicleError) -> None:
+        self._failure = error
+        if self._vehicle is not None:
+            self._vehicle.setpoints.stop()
+        # What is aboard of the vehicle is still to be taken back.
+        self._session.speak_plainly()
+        self._changes.fail(error)
+        self._commander.fail(error)
 
-    def _back(self, t_s: float, gap_s: float) -> None:
+    def _silent(self, t_s: float, gap_s: float, *, up: bool) -> None:
         if self._status is not None:
-            self._status.set_link(up=True, t_s=t_s, gap_s=gap_s)
+            self._status.set_link(up=up, t_s=t_s, gap_s=gap_s)

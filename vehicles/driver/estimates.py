@@ -13,7 +13,7 @@ from vehicles.driver.session import Session
 from vehicles.driver.state import EstimateSample, LocalEstimate
 from vehicles.errors import AnchorError
 from vehicles.timesync import VehicleClock
-from worlds.frames import Vec3, quat_from_euler, subtract
+from worlds.frames import Pose, Vec3, quat_from_euler, subtract
 from worlds.geodesy import Geodetic, LocalFrame
 
 _POSITION: Struct = mavlink.MAVLink_local_position_ned_message.unpacker
@@ -82,6 +82,10 @@ class Estimates:
         if self.local is not None:
             t_s = min(self._clock.run_time(self.local.boot_s), self._arrived_s)
             self._map(self.local, t_s, anchor)
+
+    def anchor_at(self, start: Pose) -> None:
+        """Map where the last second of local poses stood to `start`. Raises AnchorError."""
+        self.set_anchor(Anchor.of_poses(local=self._average.mean(), world=start))
 
     def place_of(self, world_ned_m: Vec3) -> Geodetic:
         """Return where on earth a place of the world is. Raises AnchorError while unknown."""

@@ -59,8 +59,7 @@ class Logs:
     async def list(self) -> tuple[LogEntry, ...]:
         """Return what logs it has, oldest first. Raises LogError."""
         async with self._turn:
-            with self._listening() as inbox:
-                return await self._list(inbox)
+            return await self._entries()
 
     async def fetch(
         self,
@@ -78,10 +77,7 @@ class Logs:
         half = path.with_suffix(f"{self._suffix}.part")
         async with self._turn:
             try:
-                with half.open("w+b") as file, self._listening() as inbox:
-                    await self._fetch(entry, file, inbox, progress)
-                    file.flush()
-                    os.fsync(file.fileno())
+                await self._fetch_to(entry, half, progress)
                 half.replace(path)
             except OSError as error:
                 raise LogError(f"log {entry.number} to {path}: {error.strerror}") from error
@@ -89,6 +85,18 @@ class Logs:
                 self._send(mavlink.MAVLink_log_request_end_message)
                 half.unlink(missing_ok=True)
         return path
+
+    async def _entries(self) -> tuple[LogEntry, ...]:
+        with self._listening() as inbox:
+            return await self._list(inbox)
+
+    async def _fetch_to(
+        self, entry: LogEntry, half: Path, progress: Callable[[int], None] | None
+    ) -> None:
+        with half.open("w+b") as file, self._listening() as inbox:
+            await self._fetch(entry, file, inbox, progress)
+            file.flush()
+            os.fsync(file.fileno())
 
     @contextlib.contextmanager
     def _listening(self) -> Any:

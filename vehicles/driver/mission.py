@@ -27,7 +27,7 @@ class MissionError(VehicleError):
     """A list of items that was refused, or came back otherwise than it was sent."""
 
 
-class _UnsureError(MissionError):
+class UnsureError(MissionError):
     """All items were taken, and whether they were accepted is not known."""
 
 
@@ -111,7 +111,7 @@ class Missions:
             home = which is ItemList.MISSION and self._home_first and bool(items)
             try:
                 await self._send_list(which, [_HOME, *sent] if home else sent)
-            except _UnsureError as error:
+            except UnsureError as error:
                 doubt = error
         difference = _difference(sent, await self.download(which))
         if difference:
@@ -162,7 +162,7 @@ class Missions:
                         raise
                     # Its last word comes only once: when that is lost, it is silent or refuses
                     # the last item, which is sent again.
-                    raise _UnsureError(str(error)) from error
+                    raise UnsureError(str(error)) from error
                 if "REQUEST" in answer.get_type() and answer.seq < len(items):
                     reached = max(reached, answer.seq + 1)
                     last = self._item(which, answer.seq, items[answer.seq])

@@ -14,13 +14,23 @@ _LOG_SUFFIX: dict[AutopilotName, str] = {"px4": ".ulg", "ardupilot": ".bin"}
 
 
 class Onboard:
-    """Parameters, missions, fences and logs of one vehicle; usable once it is identified."""
+    """Parameters, missions, fences and logs of one vehicle; usable once it is identified.
 
-    def __init__(self, *, session: Session, circumstances: Callable[[], str]) -> None:
+    missions, logs: None for those that speak by the session.
+    """
+
+    def __init__(
+        self,
+        *,
+        session: Session,
+        circumstances: Callable[[], str],
+        missions: Missions | None = None,
+        logs: Logs | None = None,
+    ) -> None:
         self.parameters = Parameters(session=session)
-        self.missions = Missions(session=session, circumstances=circumstances)
+        self.missions = missions or Missions(session=session, circumstances=circumstances)
         self.fences = Fences(missions=self.missions)
-        self.logs = Logs(session=session)
+        self.logs = logs or Logs(session=session)
 
     def identified(self, autopilot: Autopilot, identity: Identity) -> None:
         """Take note of whose they are, and of how this autopilot does it."""

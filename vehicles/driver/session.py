@@ -41,11 +41,15 @@ class Session:
     """Packs what we send and hands what the vehicle sends to those who asked for it.
 
     Messages that nobody asked for are not decoded. Until `target` is set, heartbeats of all
-    systems are noted in `heard` and handed on; afterwards only the target's messages are.
+    systems are noted in `heard` and handed on; afterwards only the target's messages are. speak:
+    says a message for us; None to write its frame to the link.
     """
 
-    def __init__(self, *, link: Link, own: Target) -> None:
+    def __init__(
+        self, *, link: Link, own: Target, speak: Callable[[Any], None] | None = None
+    ) -> None:
         self.link = link
+        self._speak = self._write if speak is None else speak
         self.own = own
         self.target: Target | None = None
         self.heard: dict[Target, Heard] = {}
@@ -56,6 +60,10 @@ class Session:
         self._handlers: dict[int, list[Handler]] = {}
         self._payload_handlers: dict[int, list[PayloadHandler]] = {}
         link.receive(self.received)
+
+    def speak_plainly(self) -> None:
+        """Write frames from now on: whoever spoke for us is gone."""
+        self._speak = self._write
 
     def on(self, message_id: int, handler: Handler) -> None:
         """Have a message of the vehicle handed to `handler`."""
@@ -75,7 +83,7 @@ class Session:
 
     def send(self, message: Any) -> None:
         """Send a message."""
-        self.link.write(self.codec.pack(message))
+        self._speak(message)
 
     def received(self, data: bytes, t_s: float) -> None:
         """Take bytes of the link."""
@@ -89,6 +97,9 @@ class Session:
                         self.on_arrival(t_s)
                     self.last_heard_s = t_s
                 self._hand_on(frame, t_s)
+
+    def _write(self, message: Any) -> None:
+        self.link.write(self.codec.pack(message))
 
     def _note(self, frame: Frame, t_s: float) -> None:
         if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:

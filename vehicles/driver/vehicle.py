@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from vehicles.autopilots.base import Autopilot, Target
 from vehicles.driver.estimates import Estimates
 from vehicles.driver.identity import Identity
+from vehicles.driver.orders import Orders
 from vehicles.driver.setpointing import SetpointSender
 from vehicles.driver.status import Status
 from vehicles.driver.streams import Streams
@@ -24,6 +25,7 @@ class IdentifiedVehicle:
     target: Target
     status: Status
     streams: Streams
+    orders: Orders
     setpoints: SetpointSender
     estimates: Estimates
     clock: VehicleClock

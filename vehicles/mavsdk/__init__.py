@@ -1,0 +1,1 @@
+"""A driver's voice by mavsdk, which runs in a process of its own."""

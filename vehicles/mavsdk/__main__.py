@@ -1,0 +1,8 @@
+"""`python -m vehicles.mavsdk`: the process that speaks to one vehicle by mavsdk."""
+
+import sys
+
+from vehicles.mavsdk.program import main
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

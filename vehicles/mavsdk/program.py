@@ -1,0 +1,155 @@
+"""The process that speaks by mavsdk: told what by its stdin, a socket to its driver.
+
+The main thread reads and nothing else, so that the driver's end is always seen, and ends all: no
+call into mavsdk can keep it. One thread says messages, in their order and never behind another
+call; orders, which may block for seconds, have threads of their own.
+"""
+
+import contextlib
+import ctypes
+import os
+import queue
+import signal
+import socket
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+from vehicles.mavsdk.library import Library, LibraryError
+from vehicles.mavsdk.messages import (
+    Alive,
+    Done,
+    FromProcess,
+    Order,
+    Progress,
+    Ready,
+    Refused,
+    Say,
+    TalkError,
+    Unsaid,
+    decode_order,
+    encode,
+)
+
+BAD_USE, FAILED = 2, 1
+ALIVE_S = 0.2
+"""How often the thread that says messages gives a sign, and less seldom with each message."""
+STALE_S = 1.0
+"""A message that waited longer is not said: setpoints are renewed, and commands said again."""
+_ORDERS = 4
+_PR_SET_PDEATHSIG = 1
+
+
+class Answers:
+    """Writes to the driver, from any thread; to one that is gone nothing."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self._end = end
+        self._turn = threading.Lock()
+
+    def send(self, message: FromProcess) -> None:
+        """Send a message."""
+        try:
+            with self._turn:
+                self._end.sendall(encode(message))
+        except OSError:
+            return  # The main thread finds the end.
+
+
+class Speaker:
+    """Says messages in a thread of its own, and shows that it lives."""
+
+    def __init__(self, library: Library, answers: Answers) -> None:
+        self._library = library
+        self._answers = answers
+        self._queue: queue.SimpleQueue[Say] = queue.SimpleQueue()
+        self._late = 0
+
+    def say(self, message: Say) -> None:
+        """Have a message said."""
+        self._queue.put(message)
+
+    def run(self) -> None:
+        """Say what comes, for good."""
+        shown_s = 0.0
+        while True:
+            with contextlib.suppress(queue.Empty):
+                self._send(self._queue.get(timeout=ALIVE_S))
+            now_s = time.monotonic()
+            if now_s - shown_s >= ALIVE_S / 2.0:
+                shown_s = now_s
+                self._answers.send(Alive(self._late))
+
+    def _send(self, message: Say) -> None:
+        if time.monotonic() - message.at_s > STALE_S:
+            self._late += 1
+            return
+        try:
+            self._library.say(message.name, message.fields)
+        except LibraryError as error:
+            self._answers.send(Unsaid(message.name, str(error)))
+
+
+def obey(library: Library, answers: Answers, order: Order) -> None:
+    """Do what was ordered and answer, whatever comes of it."""
+    try:
+        done = library.obey(order, lambda part: answers.send(Progress(order.number, part)))
+    except LibraryError as error:
+        answers.send(Refused(order.number, str(error)))
+    except Exception as error:  # noqa: BLE001 - whoever waits for the answer is told, not left
+        answers.send(Refused(order.number, f"{type(error).__name__}: {error}"))
+    else:
+        answers.send(Done(order.number, items=done.items, logs=done.logs))
+
+
+def serve(end: socket.socket, url: str) -> int:
+    """Do what the driver says until it is gone. Returns an exit code when mavsdk does not start."""
+    answers = Answers(end)
+    try:
+        library = Library(url)
+    except LibraryError as error:
+        sys.stderr.write(f"{error}\n")
+        return FAILED
+    speaker = Speaker(library, answers)
+    threading.Thread(target=speaker.run, name="speaker", daemon=True).start()
+    orders = ThreadPoolExecutor(_ORDERS, thread_name_prefix="order")
+    answers.send(Ready())
+    with end.makefile("rb") as lines:
+        for line in lines:
+            try:
+                message = decode_order(line)
+            except TalkError as error:
+                sys.stderr.write(f"{error}\n")
+                continue
+            if isinstance(message, Say):
+                speaker.say(message)
+            else:
+                orders.submit(obey, library, answers, message)
+    # Nothing is torn down in order: a call that blocks would keep us.
+    os._exit(0)
+
+
+def main(arguments: list[str]) -> int:
+    """Serve the driver at the other end of stdin; the one argument is mavsdk's connection URL."""
+    if len(arguments) != 1:
+        sys.stderr.write("usage: python -m vehicles.mavsdk URL, with a socket as stdin\n")
+        return BAD_USE
+    _die_with_parent()
+    try:
+        end = socket.socket(fileno=os.dup(sys.stdin.fileno()))
+    except OSError as error:
+        sys.stderr.write(f"stdin is no socket to a driver: {error}\n")
+        return BAD_USE
+    end.setblocking(True)
+    return serve(end, arguments[0])
+
+
+def _die_with_parent() -> None:
+    """Have the kernel kill us when the parent dies, also while we are stopped (Linux only)."""
+    if not sys.platform.startswith("linux"):
+        return
+    parent = os.getppid()
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(0)
