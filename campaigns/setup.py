@@ -148,6 +148,11 @@ class Setup:
         for name, vehicle in self.vehicles.items():
             if vehicle.driver == "mavsdk":
                 yield ("vehicles", name, "driver"), f"the driver mavsdk of {name}"
+        yield from self.shared_by_runs()
+
+    def shared_by_runs(self) -> Iterator[tuple[Path, str]]:
+        """Yield what there is one of outside, however many runs fly at once."""
+        for name, vehicle in self.vehicles.items():
             if vehicle.mocap is not None:
                 yield ("vehicles", name, "mocap"), f"motion capture at {vehicle.mocap.address}"
             for camera in vehicle.cameras:

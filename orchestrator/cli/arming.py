@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from campaigns.expansion import Campaign
 from orchestrator.attached import Found, attached_vehicles, find_all, flown_vehicles, kind_of_real
-from orchestrator.cli.clocks import clock_for, outside_of
+from orchestrator.cli.clocks import clock_for, shared_of
 from orchestrator.cli.streams import err
 from orchestrator.clock import Clock
 from orchestrator.results import VehicleKind
@@ -53,15 +53,13 @@ def clear(
     """
     attached = attached_vehicles(campaign)
     wanted = _clock(campaign, clock)
-    outside = outside_of(campaign)
+    shared = shared_of(campaign)
     if jobs is not None and jobs < 1:
         raise RefusedError(f"--jobs {jobs}: at least one run has to fly at a time", REFUSED)
-    if outside and (jobs or 1) > 1:
-        raise RefusedError(
-            f"--jobs {jobs}: runs of this campaign would share {outside[0].name}", REFUSED
-        )
+    if shared and (jobs or 1) > 1:
+        raise RefusedError(f"--jobs {jobs}: runs of this campaign would share {shared[0]}", REFUSED)
     if not attached:
-        most = 1 if outside else _default_jobs(wanted)
+        most = 1 if shared else _default_jobs(wanted)
         return Cleared(wanted, jobs or most, kind_of_real(campaign, ()))
     where = " and ".join(f"{one.name} ({one.attached})" for one in attached)
     if jobs is not None and jobs > 1:

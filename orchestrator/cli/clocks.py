@@ -43,6 +43,11 @@ def outside_of(campaign: Campaign) -> tuple[Outside, ...]:
     )
 
 
+def shared_of(campaign: Campaign) -> tuple[str, ...]:
+    """Return the names of what there is one of outside, however many runs fly at once."""
+    return tuple(name for setup in campaign.setups.values() for _, name in setup.shared_by_runs())
+
+
 def clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
     """Return the clock to fly on. Raises BadInput when the wanted one cannot be had."""
     outside = outside_of(campaign)

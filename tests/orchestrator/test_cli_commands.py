@@ -105,6 +105,34 @@ def test_what_comes_in_real_time_is_flown_on_the_wall_clock_and_no_other(
     assert "--jobs 2: runs of this campaign would share rtp 127.0.0.1:5600" in shared.err
 
 
+def test_mavsdk_flies_on_the_wall_clock_and_no_other(cli: Cli, gate: Path) -> None:
+    gate.write_text(
+        gate.read_text().replace("profile: cage\n", "profile: cage\n    driver: mavsdk\n")
+    )
+    line = gate.read_text().splitlines().index("    driver: mavsdk") + 1
+    good = cli("validate", str(gate))
+    assert (good.code, good.err) == (0, "")
+    assert good.out.endswith("; wall clock, for the driver mavsdk of real\n")
+    said = "the driver mavsdk of real comes in real time: fly with --clock wall"
+    for command in (("validate", str(gate)), ("run", str(gate), "--out", str(gate.parent))):
+        bad = cli(*command, "--clock", "virtual")
+        assert bad.code == 2
+        assert f"{gate}:{line}:5: {said}" in bad.err
+
+
+def test_what_is_no_driver_or_has_its_id_is_refused(cli: Cli, gate: Path) -> None:
+    text = gate.read_text()
+    gate.write_text(text.replace("profile: cage\n", "profile: cage\n    driver: mavsd\n"))
+    bad = cli("validate", str(gate))
+    assert bad.code == 2
+    assert "must be mavlink or mavsdk" in bad.err
+    ours = "profile: cage\n    driver: mavsdk\n    system_id: 245\n"
+    gate.write_text(text.replace("profile: cage\n", ours))
+    bad = cli("validate", str(gate))
+    assert bad.code == 2
+    assert "the driver mavsdk has system id 245 itself; give the vehicle another" in bad.err
+
+
 @pytest.mark.parametrize("content", [b"", b"\x7fELF\x00", b"[1, 2]", b"a: [", b"\xff\xfe"])
 def test_validate_survives_what_is_no_campaign(cli: Cli, tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "x.yaml"

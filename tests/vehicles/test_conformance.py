@@ -1,6 +1,7 @@
-"""One flight, asked of the driver for every autopilot over every kind of link.
+"""One flight, asked of every driver for every autopilot over every kind of link that it can use.
 
-Over sockets driver and vehicle share a loop whose time goes faster than the wall's.
+Over sockets, and with mavsdk, driver and vehicle share a loop whose time goes faster than the
+wall's; mavsdk's own goes with the wall.
 """
 
 import asyncio
@@ -8,6 +9,7 @@ import socket
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -16,6 +18,8 @@ import pytest
 from orchestrator.clock import run_virtual
 from vehicles.autopilots.base import AutopilotName, Mode
 from vehicles.driver import Driver
+from vehicles.driver.fence import FenceCircle, Place
+from vehicles.driver.mission import ItemList, MissionItem
 from vehicles.driver.state import VehicleEvent
 from vehicles.embedded.config import EmbeddedConfig
 from vehicles.embedded.vehicle import EmbeddedVehicle
@@ -27,13 +31,19 @@ from vehicles.links.opening import open_link
 from vehicles.links.parse import parse_link
 from vehicles.pace import PacedLoop
 from vehicles.setpoints import VelocitySetpoint
+from vehicles.voices import DriverName, voice_of
 
 LinkKind = Literal["memory", "impaired", "udp", "tcp"]
 BAD = Impairment(latency_s=0.08, jitter_s=0.04, loss=0.05)
 SPEED = 8.0
 AUTOPILOTS: tuple[AutopilotName, ...] = get_args(AutopilotName)
+LINKS: dict[DriverName, tuple[LinkKind, ...]] = {
+    "mavlink": get_args(LinkKind),
+    "mavsdk": ("impaired", "udp", "tcp"),
+}
 EVERYWHERE = pytest.mark.parametrize(
-    ("autopilot", "kind"), [(name, kind) for name in AUTOPILOTS for kind in get_args(LinkKind)]
+    ("voice", "autopilot", "kind"),
+    [(voice, name, kind) for voice in LINKS for name in AUTOPILOTS for kind in LINKS[voice]],
 )
 
 
@@ -70,25 +80,37 @@ def link_pair(kind: LinkKind) -> tuple[Link, Link]:
     return ImpairedLink(link=near, outgoing=BAD, incoming=BAD, rng=rng), far
 
 
-def fly(autopilot: AutopilotName, kind: LinkKind, script: Script) -> Flown:
+def fly(
+    autopilot: AutopilotName, kind: LinkKind, script: Script, *, voice: DriverName = "mavlink"
+) -> Flown:
     async def flight() -> Flown:
         ours, theirs = link_pair(kind)
         async with AsyncExitStack() as stack:
             config = EmbeddedConfig(autopilot=autopilot, system_id=7)
             vehicle = EmbeddedVehicle(config=config, link=theirs, seed=1)
             await stack.enter_async_context(vehicle)
-            driver = Driver(name="real", link=ours, autopilot=autopilot, system_id=7)
+            driver = Driver(
+                name="real",
+                link=ours,
+                autopilot=autopilot,
+                system_id=7,
+                voice=voice_of(voice, name="real"),
+            )
             await stack.enter_async_context(driver)
             flown = Flown(driver, vehicle)
             driver.on_event(flown.events.append)
             await script(flown)
             return flown
 
-    return on_clock(kind, flight())
+    return on_clock(flight(), in_memory=virtual(voice, kind))
 
 
-def on_clock(kind: LinkKind, coroutine: Coroutine[Any, Any, Flown]) -> Flown:
-    if kind in {"memory", "impaired"}:
+def virtual(voice: DriverName, kind: LinkKind) -> bool:
+    return voice == "mavlink" and kind in {"memory", "impaired"}
+
+
+def on_clock(coroutine: Coroutine[Any, Any, Flown], *, in_memory: bool) -> Flown:
+    if in_memory:
         return run_virtual(coroutine)
     with asyncio.Runner(loop_factory=lambda: PacedLoop(SPEED)) as runner:
         return runner.run(coroutine)
@@ -107,8 +129,39 @@ async def up(flown: Flown) -> None:
     await driver.enter_guided()
 
 
+async def aboard(flown: Flown, folder: Path) -> None:
+    """Put a mission and a fence aboard, take them off, and fetch the flight's log."""
+    onboard = flown.driver.onboard
+    place = flown.driver.place_deg
+    assert place is not None
+    items = [_waypoint(place, north) for north in range(3)]
+    await onboard.missions.upload(ItemList.MISSION, items)
+    assert await onboard.missions.download(ItemList.MISSION) == tuple(items)
+    await onboard.missions.clear(ItemList.MISSION)
+    assert await onboard.missions.download(ItemList.MISSION) == ()
+    fence = FenceCircle(Place(*place), 50.0)
+    await onboard.fences.upload([fence])
+    (back,) = await onboard.fences.read()
+    assert isinstance(back, FenceCircle)
+    assert (back.radius_m, back.inside) == (50.0, True)
+    await onboard.fences.upload([])
+    assert await onboard.fences.read() == ()
+    *_, newest = await onboard.logs.list()
+    file = await onboard.logs.fetch(newest, folder)
+    assert file.stat().st_size == newest.size_bytes > 0
+
+
+def _waypoint(place: tuple[float, float], north: int) -> MissionItem:
+    latitude_deg, longitude_deg = place
+    return MissionItem(
+        command=16, x=round(latitude_deg * 1e7) + 100 * north, y=round(longitude_deg * 1e7), z=3.0
+    )
+
+
 @EVERYWHERE
-def test_the_whole_of_a_flight(autopilot: AutopilotName, kind: LinkKind) -> None:
+def test_the_whole_of_a_flight(
+    voice: DriverName, autopilot: AutopilotName, kind: LinkKind, tmp_path: Path
+) -> None:
     name, value = ("COM_OF_LOSS_T", 2.5) if autopilot == "px4" else ("GUID_TIMEOUT", 2.5)
 
     async def script(flown: Flown) -> None:
@@ -128,7 +181,7 @@ def test_the_whole_of_a_flight(autopilot: AutopilotName, kind: LinkKind) -> None
             await asyncio.sleep(0.05)
         north_m, east_m, _ = vehicle.truth().pose.position_ned_m
         # On a machine that others keep busy a wait of 50 ms takes longer, eight times over.
-        assert 1.5 < north_m < (3.5 if kind in {"memory", "impaired"} else 15.0)
+        assert 1.5 < north_m < (3.5 if virtual(voice, kind) else 15.0)
         assert abs(east_m) < 0.4
         estimate = driver.estimate
         assert estimate is not None
@@ -139,8 +192,9 @@ def test_the_whole_of_a_flight(autopilot: AutopilotName, kind: LinkKind) -> None
         await driver.land()
         await driver.disarmed(60.0)
         assert abs(vehicle.truth().pose.position_ned_m[2]) < 0.2
+        await aboard(flown, tmp_path)
 
-    flown = fly(autopilot, kind, script)
+    flown = fly(autopilot, kind, script, voice=voice)
     kinds = {event.kind for event in flown.events}
     assert {"armed", "disarmed"} <= kinds
     assert not {"fault", "failsafe", "reboot"} & kinds

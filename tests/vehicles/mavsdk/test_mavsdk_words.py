@@ -1,0 +1,114 @@
+"""What a driver and its mavsdk process say to each other; no process here."""
+
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.base import Target, command_long
+from vehicles.driver.logs import LogEntry
+from vehicles.driver.mission import ItemList, MissionItem
+from vehicles.mavsdk.fields import fields_json
+from vehicles.mavsdk.messages import (
+    Act,
+    Alive,
+    Choose,
+    Done,
+    Download,
+    FetchLog,
+    FromProcess,
+    ListLogs,
+    Progress,
+    Ready,
+    Refused,
+    Say,
+    TalkError,
+    ToProcess,
+    Unsaid,
+    Upload,
+    decode_answer,
+    decode_order,
+    encode,
+)
+
+ITEM = MissionItem(command=16, params=(1.0, 0.5, 0.0, 2.0), x=473_977_419, y=-85_455_939, z=2.5)
+LOG = LogEntry(3, 6978, None)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Choose(1, 7, 5.0),
+        Say("HEARTBEAT", '{"type": 6}', 12.5),
+        Act(2, "return_to_launch"),
+        Upload(3, ItemList.FENCE, (ITEM, ITEM)),
+        Download(4, ItemList.MISSION),
+        ListLogs(5),
+        FetchLog(6, LOG, "results/log.part", 60.0),
+    ],
+)
+def test_orders_arrive_as_they_were_given(message: ToProcess) -> None:
+    line = encode(message)
+    assert line.count(b"\n") == 1
+    assert decode_order(line) == message
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Ready(),
+        Alive(2),
+        Unsaid("HEARTBEAT", "INVALID_FIELD"),
+        Done(1, items=(ITEM,), logs=(LOG,)),
+        Refused(2, "TIMEOUT"),
+        Progress(3, 0.5),
+    ],
+)
+def test_answers_arrive_as_they_were_given(message: FromProcess) -> None:
+    assert decode_answer(encode(message)) == message
+
+
+def test_an_item_may_hold_what_is_no_number() -> None:
+    sent = Upload(1, ItemList.MISSION, (MissionItem(command=16, params=(0.0, 0.0, 0.0, math.nan)),))
+    (item,) = decode_order(encode(sent)).items  # type: ignore[union-attr]  # an Upload
+    assert math.isnan(item.params[3])
+
+
+@pytest.mark.parametrize(
+    "line", [b"", b"{", b"[]", b'{"kind": "say"}', b'{"kind": "sing"}', b"\xff"]
+)
+def test_noise_is_no_message(line: bytes) -> None:
+    for decode in (decode_order, decode_answer):
+        with pytest.raises(TalkError, match="is no message"):
+            decode(line)
+
+
+@given(st.binary(max_size=80))
+def test_whatever_comes_is_a_message_or_a_talk_error(line: bytes) -> None:
+    try:
+        decode_answer(line)
+    except TalkError:
+        return
+
+
+def test_fields_are_json_with_null_for_nan() -> None:
+    message = command_long(Target(7), 22, math.nan, 2.5)
+    fields = json.loads(fields_json(message))
+    assert (fields["target_system"], fields["param1"], fields["param2"]) == (7, None, 2.5)
+
+
+def test_fields_keep_large_integers_texts_and_arrays() -> None:
+    stamp = 2**62 + 1
+    assert json.loads(fields_json(mavlink.MAVLink_timesync_message(0, stamp)))["ts1"] == stamp
+    name = mavlink.MAVLink_param_set_message(1, 1, b"COM_OF_LOSS_T", 2.5, 9)
+    assert json.loads(fields_json(name))["param_id"] == "COM_OF_LOSS_T"
+    near = mavlink.MAVLink_obstacle_distance_message(5, 0, list(range(72)), 5, 20, 1000)
+    assert json.loads(fields_json(near))["distances"] == list(range(72))
+
+
+def test_what_is_infinite_is_refused() -> None:
+    with pytest.raises(ValueError, match="JSON"):
+        fields_json(command_long(Target(7), 22, math.inf))
