@@ -16,7 +16,7 @@ from vehicles.errors import VehicleError
 from vehicles.mavlink.names import enum_name
 
 _ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
-_WORDS_S = 0.3
+WORDS_S = 0.3
 """How long is waited for the words of a refusal: STATUSTEXT comes after it."""
 _PARAM_TOLERANCE = 1e-4
 _PLACE_TOLERANCE = 1
@@ -210,7 +210,7 @@ class Missions:
 
     async def _check(self, which: ItemList, ack: Any) -> None:
         if ack.mission_type == which and ack.type != _ACCEPTED:
-            await asyncio.sleep(_WORDS_S)
+            await asyncio.sleep(WORDS_S)
             name = enum_name("MAV_MISSION_RESULT", ack.type)
             raise self._error(which, f"it was refused with {name}")
 

@@ -51,6 +51,8 @@ class Library:
             raise LibraryError(f"mavsdk cannot connect to {url}: {_name(result)}")
         self._system: System | None = None
         self._target = 0
+        # mavsdk refuses a second transfer, also of somebody who waits for the first no more.
+        self._transfers = {"missions": threading.Lock(), "logs": threading.Lock()}
 
     def say(self, name: str, fields: str) -> None:
         """Send a message; fields as JSON. Before a system is chosen nothing is sent."""
@@ -99,18 +101,24 @@ class Library:
             case Act():
                 getattr(self._action, order.action)()
                 return Outcome()
-            case Upload():
-                self._upload(order)
-                return Outcome()
-            case Download():
-                return Outcome(items=tuple(map(_item, self._download(order.which))))
+            case Upload() | Download():
+                with self._transfers["missions"]:
+                    return self._transfer(order)
             case ListLogs():
-                return Outcome(logs=self._list())
+                with self._transfers["logs"]:
+                    return Outcome(logs=self._list())
             case FetchLog():
-                self._fetch(order, progress)
+                with self._transfers["logs"]:
+                    self._fetch(order, progress)
                 return Outcome()
             case Choose():
                 raise AssertionError("is done before")
+
+    def _transfer(self, order: Upload | Download) -> Outcome:
+        if isinstance(order, Download):
+            return Outcome(items=tuple(map(_item, self._download(order.which))))
+        self._upload(order)
+        return Outcome()
 
     def _upload(self, order: Upload) -> None:
         items = [_raw(number, item, order.which) for number, item in enumerate(order.items)]

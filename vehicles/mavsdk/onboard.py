@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from vehicles.driver.logs import LogEntry, LogError, Logs
-from vehicles.driver.mission import ItemList, MissionItem, Missions, UnsureError
+from vehicles.driver.mission import WORDS_S, ItemList, MissionItem, Missions, UnsureError
 from vehicles.driver.session import Session
 from vehicles.mavsdk.client import MavsdkClient, RefusedError
 from vehicles.mavsdk.messages import Download, FetchLog, ListLogs, Upload
@@ -40,6 +40,7 @@ class MavsdkMissions(Missions):
         except RefusedError as error:
             if error.result == "TIMEOUT":
                 raise UnsureError(str(error)) from error
+            await asyncio.sleep(WORDS_S)
             raise self._error(which, f"it was refused: mavsdk says {error.result}") from error
 
     async def _read_list(self, which: ItemList) -> tuple[MissionItem, ...]:
