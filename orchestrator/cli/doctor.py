@@ -48,6 +48,7 @@ def doctor(
 def _findings(results: Path) -> Iterable[Finding]:
     yield from installed.python()
     yield from installed.packages()
+    yield from installed.drivers()
     yield from installed.strangers()
     yield from programs.autopilots(Path.home())
     yield from programs.brokers()

@@ -50,6 +50,15 @@ def packages(find: Version = version, requirements: Requirements = requires) -> 
         yield Finding(TOPIC, "good", f"{_US} {own} with the {len(needed)} packages that it needs")
 
 
+def drivers(find: Version = version) -> Iterator[Finding]:
+    """Yield whether vehicles can be flown by mavsdk."""
+    try:
+        yield Finding(TOPIC, "good", f"mavsdk {find('mavsdk')}, for vehicles with driver: mavsdk")
+    except PackageNotFoundError:
+        said = "vehicles with driver: mavsdk need it: pip install 'mavsdk>=4.1,<5'"
+        yield Finding(TOPIC, "note", "no mavsdk; the driver mavlink needs none", said)
+
+
 def strangers(find: Version = version) -> Iterator[Finding]:
     """Yield installed packages that stand in the way of ours."""
     if _is_there("safety", find):

@@ -54,6 +54,18 @@ def test_missing_packages_are_named() -> None:
     assert only(installed.strangers(lambda _: "3.0")).grade == "trouble"
 
 
+def test_mavsdk_is_there_or_not() -> None:
+    def find(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    assert only(installed.drivers(lambda _: "4.1.0")).grade == "good"
+    without = only(installed.drivers(find))
+    assert (without.grade, without.remedy.split(": ", 2)[-1]) == (
+        "note",
+        "pip install 'mavsdk>=4.1,<5'",
+    )
+
+
 @pytest.mark.parametrize("protocol", ["udp", "tcp"])
 def test_a_port_that_is_taken_names_its_holder(protocol: ports.Protocol) -> None:
     kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM

@@ -34,12 +34,14 @@ _SILENT_S = 5.0
 """It gives a sign five times a second, and a busy machine may keep it for seconds."""
 _FLYING_SILENT_S = 0.8
 """While it has setpoints to say: at 1 s PX4 falls into its own failsafe, which would be blamed."""
-_WATCH_S, _LOOKS = 0.1, 6
-"""So many looks of ours in a row find no sign: we may have been kept ourselves."""
+_WATCH_S, _KEPT_S = 0.1, 0.3
+"""A look of ours that comes so late was kept itself: that time is no silence of the other end."""
 _LOG_LINE = re.compile(r"\|(Debug|Info |Warn )\]")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _SETPOINTS = {"SET_POSITION_TARGET_LOCAL_NED"}
-_INSTALL = "the driver mavsdk needs the package of that name: pip install 'wil-campaign[mavsdk]'"
+_NOT_THERE = re.compile(r"(ModuleNotFound|Import)Error: .*'mavsdk[.']")
+"""Also what is said of mavsdk 3, which was another library."""
+_INSTALL = "the driver mavsdk needs the package of that name: pip install 'mavsdk>=4.1,<5'"
 
 
 class RefusedError(VehicleError):
@@ -76,7 +78,7 @@ class MavsdkClient:
         self._count = 0
         self._heard_s = 0.0
         self._owed_s: float | None = None
-        self._looks = 0
+        self._looked_s = 0.0
         self._failure: VehicleError | None = None
         self._listeners: list[FailureListener] = []
         self._watch = Repeater(period_s=_WATCH_S, action=self._look)
@@ -113,6 +115,7 @@ class MavsdkClient:
         finally:
             theirs.close()
         self._lines = await Lines.on(ours, self._take)
+        self._looked_s = time.monotonic()
         self._watch.start()
         try:
             await self._ready
@@ -167,7 +170,7 @@ class MavsdkClient:
 
     def _take(self, message: FromProcess) -> None:
         self._heard_s = max(self._heard_s, time.monotonic())
-        self._owed_s, self._looks = None, 0
+        self._owed_s = None
         match message:
             case Ready():
                 self._heard_s = time.monotonic()
@@ -196,9 +199,11 @@ class MavsdkClient:
 
     def _look(self) -> None:
         now_s = time.monotonic()
-        self._looks += 1
+        kept_s, self._looked_s = now_s - self._looked_s, now_s
+        if kept_s > _KEPT_S:
+            self._forgive(kept_s)
         owes = self._owed_s is not None and now_s - self._owed_s > _FLYING_SILENT_S
-        if self._looks >= _LOOKS and (owes or now_s - self._heard_s > _SILENT_S):
+        if owes or now_s - self._heard_s > _SILENT_S:
             silent_s = now_s - self._heard_s
             self._fail(f"mavsdk's process hangs: no sign of it for {silent_s:.1f} s")
             return
@@ -206,6 +211,13 @@ class MavsdkClient:
             if now_s > waiting.until_s and not waiting.future.done():
                 text = f"{self._name}: {waiting.what}: mavsdk did not answer"
                 waiting.future.set_exception(RefusedError(text, "TIMEOUT"))
+
+    def _forgive(self, kept_s: float) -> None:
+        self._heard_s += kept_s
+        if self._owed_s is not None:
+            self._owed_s += kept_s
+        for waiting in self._waiting.values():
+            waiting.until_s += kept_s
 
     def _ended(self, child: ChildProcess) -> None:
         how = _ending(child.exit_code)
@@ -244,6 +256,6 @@ def _last_words(text: str) -> str:
     lines = [line for line in plain.splitlines() if line.strip() and not _LOG_LINE.search(line)]
     if not lines:
         return ""
-    if "No module named 'mavsdk'" in lines[-1]:
+    if _NOT_THERE.match(lines[-1]):
         return f": {_INSTALL}"
     return f": {lines[-1].strip()}"

@@ -168,6 +168,16 @@ async def test_a_process_that_cannot_start_says_why() -> None:
     assert gone(client.pid or 0)
 
 
+async def test_without_the_package_it_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "mavsdk.py"
+    file.write_text("raise ModuleNotFoundError(\"No module named 'mavsdk'\")")
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{ROOT}")
+    with pytest.raises(LinkError, match=r"exit code 1: .* needs .* pip install 'mavsdk>=4\.1,<5'"):
+        await MavsdkClient(name="real").start("udpout://127.0.0.1:9")
+
+
 async def test_it_ends_with_its_driver_even_when_it_is_stopped(tmp_path: Path) -> None:
     program = """
 import asyncio, os, pathlib, signal, sys
