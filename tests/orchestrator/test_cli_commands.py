@@ -115,9 +115,10 @@ def test_mavsdk_flies_on_the_wall_clock_and_no_other(cli: Cli, gate: Path) -> No
     assert good.out.endswith("; wall clock, for the driver mavsdk of real\n")
     said = "the driver mavsdk of real comes in real time: fly with --clock wall"
     for command in (("validate", str(gate)), ("run", str(gate), "--out", str(gate.parent))):
-        bad = cli(*command, "--clock", "virtual")
-        assert bad.code == 2
-        assert f"{gate}:{line}:5: {said}" in bad.err
+        for clock in ("virtual", "scaled"):
+            bad = cli(*command, "--clock", clock)
+            assert bad.code == 2
+            assert f"{gate}:{line}:5: {said}" in bad.err
 
 
 def test_what_is_no_driver_or_has_its_id_is_refused(cli: Cli, gate: Path) -> None:

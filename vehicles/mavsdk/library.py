@@ -1,6 +1,6 @@
 """mavsdk itself, of which one instance speaks to one vehicle; blocking, for threads.
 
-Which of its plugins are used, and why not the others: docs/decisions/0011-mavsdk.md.
+Which of its plugins are used, and why not the others: docs/decisions/0012-mavsdk.md.
 """
 
 import threading
