@@ -95,6 +95,22 @@ class Fence:
             ceiling_up_m=up_m[1],
         )
 
+    def without_floor(self) -> "Fence | None":
+        """Return what holds of it for who lands, stands or is to take off; None for nothing.
+
+        The ground is where it goes then, and its own estimate may take that for some decimetres
+        deeper than it is.
+        """
+        if self.floor_up_m is None:
+            return self
+        if not self.inclusions and not self.exclusions and self.ceiling_up_m is None:
+            return None
+        return Fence(
+            inclusions=self.inclusions,
+            exclusions=self.exclusions,
+            ceiling_up_m=self.ceiling_up_m,
+        )
+
     def margin_m(self, position_ned_m: Vec3) -> float:
         """Return the signed distance to the nearest boundary, positive inside, always finite.
 

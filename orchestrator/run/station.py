@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from orchestrator.run.lifting import Lift
 from safety.samples import PoseSample
 from vehicles.autonomy import Telemetry
 from vehicles.autopilots.honoured import Setpoints
@@ -29,7 +30,7 @@ class Station:
 
     poses: by the campaign's pose source, world frame; what judging and rendering use. truth:
     where it truly is; empty for vehicles that are not embedded. setpoint, note: the newest of its
-    autonomy; program_setpoints: of which kind a program's newest was. lifted_s: when it left the
+    autonomy; program_setpoints: of which kind a program's newest was. lift: when it left the
     ground by the vehicle's own clock, mapped.
     """
 
@@ -42,7 +43,7 @@ class Station:
     setpoint: Setpoint | None = None
     program_setpoints: Setpoints | None = None
     note: str = ""
-    lifted_s: float | None = None
+    lift: Lift = field(default_factory=Lift)
     contact: str | None = None
     _listeners: list[PoseListener] = field(default_factory=list)
     _contact_listeners: list[ContactListener] = field(default_factory=list)
@@ -83,8 +84,8 @@ class Station:
 
     def take_estimate(self, sample: EstimateSample) -> None:
         """Take an estimate of the autopilot."""
-        if self.lifted_s is None and self._has_lifted(sample):
-            self.lifted_s = sample.t_s
+        if self.driver.state.armed:
+            self._lift(sample)
         if self.pose_source == "mavlink":
             self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
 
@@ -120,6 +121,7 @@ class Station:
         moved = subtract(reading.pose.position_ned_m, earlier.pose.position_ned_m)
         return scale(moved, 10.0)
 
-    def _has_lifted(self, sample: EstimateSample) -> bool:
-        lifted_m = self.start.position_ned_m[2] - sample.pose.position_ned_m[2]
-        return lifted_m > 0.1 and self.driver.state.armed
+    def _lift(self, sample: EstimateSample) -> None:
+        height_m = self.start.position_ned_m[2] - sample.pose.position_ned_m[2]
+        climb_m_s = -sample.velocity_ned_m_s[2]
+        self.lift.take(sample.t_s, height_m=height_m, climb_m_s=climb_m_s)

@@ -47,7 +47,8 @@ class Synchronisation:
 
     def result(self) -> SyncResult:
         """Return the skews as far as they are known; None for one vehicle alone."""
-        lifted = {s.name: s.lifted_s for s in self._stations if s.lifted_s is not None}
+        lifts = {station.name: station.lift.lifted_s for station in self._stations}
+        lifted = {name: lifted_s for name, lifted_s in lifts.items() if lifted_s is not None}
         return SyncResult(
             command_skew_s=self._skew(self._command_s),
             takeoff_skew_s=self._skew(lifted),

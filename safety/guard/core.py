@@ -299,7 +299,7 @@ class GuardCore:
         if not math.isfinite(sum(position_ned_m) + sum(velocity_ned_m_s)):
             return tuple(self._tell_once(ward, "pose", "a position is not finite", t_s))
         ward.seen.place(position_ned_m, velocity_ned_m_s, t_s, told=told)
-        fence = ward.vehicle.fence
+        fence = ward.fence
         if fence is None or "fence" in ward.told or not ward.seen.may_be_armed(t_s):
             return ()
         breach = fence.breached(

@@ -16,6 +16,7 @@ _LATER, _GENTLER = 2.0, 0.4
 """A vehicle follows its setpoints by about the latency late: held to the same braking, it would be
 faster than the fence's own prediction allows, and the guard would take over."""
 _STANDING = (0.0, 0.0, 0.0)
+_COMING_DOWN = frozenset({Mode.LAND, Mode.RTL})
 
 
 class Ward:
@@ -26,6 +27,7 @@ class Ward:
     ) -> None:
         self.name = name
         self.vehicle = vehicle
+        self._low_fence = _without_floor(vehicle.fence)
         self.seen = Observed(vehicle, settings)
         self.contingency = Contingency(
             replace(plan, landing=vehicle.landing, terminate=vehicle.may_terminate)
@@ -48,9 +50,16 @@ class Ward:
             return None
         return frozenset({Mode.HOLD, Mode.LAND, self.vehicle.landing})
 
+    @property
+    def fence(self) -> Fence | None:
+        """Return the fence that holds now: who stands or comes down is not held to its floor."""
+        low = self.seen.landed is True or self.seen.mode in _COMING_DOWN
+        return self._low_fence if low else self.vehicle.fence
+
     def change_fence(self, fence: Fence) -> None:
         """Watch another fence from now on."""
         self.vehicle = replace(self.vehicle, fence=fence)
+        self._low_fence = _without_floor(fence)
         if self.meter is not None:
             self.meter.change_fence(fence)
 
@@ -76,6 +85,10 @@ class Ward:
                     raise RuntimeError(f"{self.name} must not be terminated")
                 message = autopilot.terminate(target)
         return self.codec.pack(message)
+
+
+def _without_floor(fence: Fence | None) -> Fence | None:
+    return None if fence is None else fence.without_floor()
 
 
 def _meter(vehicle: GuardedVehicle, settings: GuardSettings) -> Meter | None:

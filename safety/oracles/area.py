@@ -44,7 +44,7 @@ class AreaParameters(Windowed):
 
 
 class Geofence(Kept):
-    """Stays inside of its fence.
+    """Stays inside of its fence; the floor holds from at_height to the landing only.
 
     actual: the smallest signed distance to the boundary, positive inside; limit 0. The oracle
     judges where the vehicle was; whether it could still have stopped is the guard's business.
@@ -55,6 +55,7 @@ class Geofence(Kept):
     ) -> None:
         super().__init__(terms, unit="m", limit=0.0)
         self._fence = fence
+        self._low_fence = fence.without_floor()
         self._what = what
         self._changes = changes
 
@@ -62,21 +63,21 @@ class Geofence(Kept):
         """Take that the operator gave the vehicle another fence."""
         if self._changes:
             self._fence = sample.fence
+            self._low_fence = sample.fence.without_floor()
         return NO_FLAGS
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Take a pose; each time the fence is left is a flag."""
-        if not self.stages.open:
+        fence = self._low_fence if self.stages.near_ground else self._fence
+        if not self.stages.open or fence is None:
             return NO_FLAGS
         position_ned_m = sample.pose.position_ned_m
-        margin_m = self._fence.margin_m(position_ned_m)
+        margin_m = fence.margin_m(position_ned_m)
         return self.take(
             sample.t_s,
             margin_m,
             margin_m,
-            lambda: (
-                f"{self.vehicle} left {self._what} by its {self._fence.boundary(position_ned_m)}"
-            ),
+            lambda: f"{self.vehicle} left {self._what} by its {fence.boundary(position_ned_m)}",
         )
 
 

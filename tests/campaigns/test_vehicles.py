@@ -29,6 +29,10 @@ def program(folder: Path, name: str) -> Path:
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text("")
     file.chmod(0o755)
+    if file.name == "arducopter":
+        parameters = folder / "Tools" / "autotest" / "default_params" / "copter.parm"
+        parameters.parent.mkdir(parents=True)
+        parameters.touch()
     return file
 
 

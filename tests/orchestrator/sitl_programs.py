@@ -18,7 +18,10 @@ PYTHONPATH={root} exec {python} -m tests.orchestrator.sitl_programs {kind} "$@"
 
 
 def make_arducopter(folder: Path) -> Path:
-    """Make a program that is started as arducopter is."""
+    """Make a program that is started as arducopter is, beneath the parameters of its tree."""
+    tree = folder / "Tools" / "autotest" / "default_params"
+    tree.mkdir(parents=True, exist_ok=True)
+    (tree / "copter.parm").write_text("")
     return _make(folder / "arducopter", "ardupilot")
 
 

@@ -77,6 +77,35 @@ def test_the_fence_is_told_once_and_not_of_a_disarmed_vehicle(fake_vehicle: Any,
     assert pair.kinds() == ["fence"]
 
 
+def sink(pair: Any) -> None:
+    """Have the estimate of real take the ground for deeper than it is, as PX4's does in SITL."""
+    sample = PoseSample(pair.t_s, "real", Pose((0, 0, 0.9)), (0, 0, 0.3))
+    pair.apply(pair.core.position(sample))
+
+
+def test_who_lands_is_not_held_to_the_floor(pair: Any) -> None:
+    real = pair.vehicles["real"]
+    to_orchestrator(pair, "real", mode_command(Mode.LAND))
+    real.mode = Mode.LAND
+    pair.fly(1.0)
+    sink(pair)
+    assert pair.core.latched is None
+    sideways = PoseSample(pair.t_s, "real", Pose((9, 0, 0.9)), (0, 0, 0))
+    pair.apply(pair.core.position(sideways))
+    assert pair.core.latched == "fence", "its sides hold"
+
+
+def test_who_stands_is_not_held_to_the_floor(fake_vehicle: Any, rig: Any) -> None:
+    pair = make_pair(fake_vehicle, rig, real={"up_m": 0.0})
+    sink(pair)
+    assert pair.core.latched is None
+
+
+def test_who_flies_is_held_to_the_floor(pair: Any) -> None:
+    sink(pair)
+    assert "real cannot stop before the fence's floor, 0.10 m away" in pair.events[-1].text
+
+
 def test_the_estimate_is_a_position_source_once_it_is_anchored(pair: Any) -> None:
     pair.blind = True
     message = mavlink.MAVLink_local_position_ned_message(0, 1.0, 0, -2, 0, 0, 0)

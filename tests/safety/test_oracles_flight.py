@@ -19,6 +19,17 @@ def test_geofence_worst_margin_and_each_exit() -> None:
     assert result.at_s == 8.0
 
 
+def test_geofence_has_no_floor_near_the_ground() -> None:
+    judge = build("geofence")
+    stage(judge, takeoff=1.0)
+    assert fly(judge, (0, 0, 9)) == []
+    stage(judge, at_height=3.0)
+    assert fly(judge, (0, 0, 9), start_s=3.0) == ["real left the fence by its floor"]
+    stage(judge, land=5.0)
+    assert fly(judge, (0, 0, 9), start_s=5.0) == []
+    assert judge.result(9.0).at_s == 3.0
+
+
 def test_geofence_needs_a_fence() -> None:
     with pytest.raises(OracleError, match="no geofence"):
         build("geofence", context=OracleContext(mode="sim", subject="twin", vehicle="twin"))

@@ -94,8 +94,11 @@ class Status:
         self.tell(VehicleEvent(t_s, "reboot", "the vehicle's clock started anew"))
 
     def last_texts(self, count: int = 5) -> tuple[str, ...]:
-        """Return the last STATUSTEXTs, oldest first."""
-        return tuple(text.text for text in list(self._texts)[-count:])
+        """Return the last STATUSTEXTs, oldest first; each once, however often it was said."""
+        said: dict[str, None] = {}
+        for text in reversed(self._texts):
+            said.setdefault(text.text)
+        return tuple(reversed(list(said)[:count]))
 
     def _change(self, **fields: Any) -> None:
         self.state = self.state._replace(**fields)

@@ -14,15 +14,18 @@ from vehicles.links.parse import LinkAddress
 _BASE_PORT = 5760
 _PER_INSTANCE = 10
 _OURS = "campaign.parm"
+_TREE = Path("Tools", "autotest", "default_params")
+_FRAME = "FRAME_CLASS"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArduPilotLaunch:
     """An arducopter binary that was built for SITL.
 
-    frame: its --model ("quad", "hexa"). defaults: parameter files, later ones win. speedup: how
-    many times real time its clock runs, if the machine can. params: that it boots with, on top of
-    the defaults.
+    frame: its --model ("quad", "hexa"). defaults: parameter files, later ones win; empty for those
+    that its source tree has for the frame, without which it is of no frame and never arms.
+    speedup: how many times real time its clock runs, if the machine can. params: that it boots
+    with, on top of the defaults.
     """
 
     binary: Path
@@ -48,6 +51,12 @@ class ArduPilotLaunch:
         for file in self.defaults:
             if not file.is_file():
                 raise LaunchError(f"ArduPilot SITL: there is no parameter file {file}")
+        if not self._parameter_files() and _FRAME not in dict(self.params):
+            raise LaunchError(
+                f"ArduPilot SITL: no folder above {self.binary} has {_TREE}/copter.parm, and "
+                f"without parameters its {_FRAME} is 0 and it never arms; name that file in "
+                "'defaults'"
+            )
         if not 0.0 < self.speedup <= 100.0:
             raise LaunchError(f"ArduPilot SITL: speedup {self.speedup} is not within 0 to 100")
 
@@ -65,7 +74,7 @@ class ArduPilotLaunch:
             "--instance", str(instance),
             "--sysid", str(system_id),
         ]  # fmt: skip
-        defaults = [file.resolve() for file in self.defaults]
+        defaults = [file.resolve() for file in self._parameter_files()]
         files: dict[str, str] = {}
         if self.params:
             rows = (f"{name} {parameter_text(value)}\n" for name, value in self.params)
@@ -86,6 +95,20 @@ class ArduPilotLaunch:
             files=files,
             fatal=("bind failed on port", "Vehicle model (", "PANIC", "Failed to load defaults"),
         )
+
+    def _parameter_files(self) -> tuple[Path, ...]:
+        """Return the files that it boots with; sim_vehicle.py takes the same for these frames."""
+        if self.defaults:
+            return self.defaults
+        binary = Path(shutil.which(str(self.binary)) or self.binary).resolve()
+        folders = (folder / _TREE for folder in binary.parents)
+        found = next((one for one in folders if (one / "copter.parm").is_file()), None)
+        if found is None:
+            return ()
+        words = self.frame.partition(":")[0].split("-")
+        names = ["-".join(words[: count + 1]) for count in range(len(words))]
+        own = [found / f"copter-{name}.parm" for name in names]
+        return (found / "copter.parm", *(file for file in own if file.is_file()))
 
 
 def _home_argument(home: Home) -> str:

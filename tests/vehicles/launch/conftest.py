@@ -50,6 +50,9 @@ time.sleep(600)
         """Make a program, in Python, that writes its process id beside itself."""
         file = self.folder / "programs" / name
         file.parent.mkdir(parents=True, exist_ok=True)
+        tree = self.folder / "Tools" / "autotest" / "default_params"
+        tree.mkdir(parents=True, exist_ok=True)
+        (tree / "copter.parm").touch()
         head = _HEAD.format(python=sys.executable, pid_file=f"{file}.pid")
         file.write_text(head + body)
         file.chmod(file.stat().st_mode | stat.S_IXUSR)

@@ -79,6 +79,32 @@ def test_parameters_of_the_campaign_are_there_when_it_boots(sims: Any, tmp_path:
     assert environment["PX4_PARAM_MPC_XY_VEL_MAX"] == "0.1"
 
 
+def test_without_parameter_files_those_of_its_tree_are_taken(sims: Any, tmp_path: Path) -> None:
+    """A real ArduCopter 4.7 without any has FRAME_CLASS 0, and says so until it is given up."""
+    binary = sims.program(sims.ardupilot, name="build/sitl/bin/arducopter")
+    tree = sims.folder / "Tools" / "autotest" / "default_params"
+    for name in ("hexa", "hexa-dji"):
+        (tree / f"copter-{name}.parm").touch()
+
+    def files(frame: str) -> list[str]:
+        launch = ArduPilotLaunch(binary=binary, frame=frame)
+        argv = launch.plan(instance=0, system_id=1, folder=tmp_path).argv
+        return [Path(one).name for one in argv[argv.index("--defaults") + 1].split(",")]
+
+    assert files("quad") == ["copter.parm"]
+    assert files("hexa-dji:@ROMFS/x.json") == [
+        "copter.parm", "copter-hexa.parm", "copter-hexa-dji.parm",
+    ]  # fmt: skip
+
+
+def test_one_that_would_be_of_no_frame_is_not_started(sims: Any) -> None:
+    binary = sims.program(sims.ardupilot)
+    (sims.folder / "Tools" / "autotest" / "default_params" / "copter.parm").unlink()
+    with pytest.raises(LaunchError, match=r"FRAME_CLASS is 0 and it never arms; name that file"):
+        ArduPilotLaunch(binary=binary).check()
+    ArduPilotLaunch(binary=binary, params=(("FRAME_CLASS", 1.0),)).check()
+
+
 async def test_two_share_nothing(sims: Any) -> None:
     binary = sims.program(sims.ardupilot)
     async with (
