@@ -19,10 +19,15 @@ PYTHONPATH={root} exec {python} -m tests.orchestrator.sitl_programs {kind} "$@"
 
 def make_arducopter(folder: Path) -> Path:
     """Make a program that is started as arducopter is, beneath the parameters of its tree."""
+    make_tree(folder)
+    return _make(folder / "arducopter", "ardupilot")
+
+
+def make_tree(folder: Path) -> None:
+    """Make the parameter files of ArduPilot's source tree: without any, it is not launched."""
     tree = folder / "Tools" / "autotest" / "default_params"
     tree.mkdir(parents=True, exist_ok=True)
     (tree / "copter.parm").write_text("")
-    return _make(folder / "arducopter", "ardupilot")
 
 
 def make_px4_build(folder: Path) -> Path:
@@ -72,23 +77,39 @@ def _ardupilot(arguments: list[str]) -> ProcessSettings:
     )
 
 
+def _px4_parameters(instance: int) -> dict[str, float]:
+    """Return what rcS sets, in its order: the environment's, its own, the hook's."""
+    given = {
+        name.removeprefix("PX4_PARAM_"): float(value)
+        for name, value in os.environ.items()
+        if name.startswith("PX4_PARAM_")
+    }
+    if "PX4_SIM_SPEED_FACTOR" in os.environ:
+        speed = float(os.environ["PX4_SIM_SPEED_FACTOR"])
+        given |= {"COM_DL_LOSS_T": 10.0 * speed, "COM_OF_LOSS_T": speed}
+    given["MAV_SYS_ID"] = instance + 1.0
+    for folder in os.environ["PATH"].split(":"):
+        hook = Path(folder) / "px4-rc.simulator"
+        if hook.is_file():
+            rows = [row.split() for row in hook.read_text().splitlines()]
+            return given | {row[2]: float(row[3]) for row in rows if row[:2] == ["param", "set"]}
+    return given
+
+
 def _px4(arguments: list[str]) -> ProcessSettings:
     instance = int(arguments[arguments.index("-i") + 1])
+    parameters = _px4_parameters(instance)
     _say("INFO  [px4] Startup script returned successfully")
     return ProcessSettings(
         autopilot="px4",
         link=f"udpout://127.0.0.1:{14540 + instance}",
         seed=6,
         speed=_reached(float(os.environ["PX4_SIM_SPEED_FACTOR"])),
-        system_id=int(os.environ["PX4_PARAM_MAV_SYS_ID"]),
+        system_id=int(parameters.pop("MAV_SYS_ID")),
         latitude_deg=float(os.environ["PX4_HOME_LAT"]),
         longitude_deg=float(os.environ["PX4_HOME_LON"]),
         altitude_m=float(os.environ["PX4_HOME_ALT"]),
-        parameters={
-            name.removeprefix("PX4_PARAM_"): float(value)
-            for name, value in os.environ.items()
-            if name.startswith("PX4_PARAM_") and name != "PX4_PARAM_MAV_SYS_ID"
-        },
+        parameters=parameters,
     )
 
 

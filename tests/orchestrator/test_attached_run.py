@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from safety.guard.leftovers import ProcessId
-from tests.orchestrator.sitl_programs import make_arducopter, make_px4_build
+from tests.orchestrator.sitl_programs import make_arducopter, make_px4_build, make_tree
 from tests.orchestrator.wall_runs import ROOT, Program, lines, stages
 from vehicles.driver import Driver
 from vehicles.embedded.settings import ProcessSettings
@@ -133,6 +133,7 @@ async def test_no_arm_tries_everything_and_arms_nothing(tmp_path: Path) -> None:
 async def test_a_simulator_that_dies_at_its_start_is_an_error_with_its_words(
     tmp_path: Path,
 ) -> None:
+    make_tree(tmp_path)
     binary = tmp_path / "arducopter"
     binary.write_text("#!/bin/sh\necho 'PANIC: no such frame'\nexit 3\n")
     binary.chmod(0o755)

@@ -6,6 +6,7 @@ Tools/packaging/containers of PX4.
 """
 
 import os
+import shlex
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,9 @@ _API_PORT = 14540
 _LOCAL_PORTS = (14580, 14280, 13030, 18570)
 """What each instance binds: API, payload, gimbal, ground station; each plus the instance."""
 _SIH_PORT = 19450
+_HOOK = "px4-rc.simulator"
+"""What rcS runs just before the modules start, from the first folder of PATH that has it."""
+_CONTAINER_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 _READY = ("Startup script returned successfully",)
 _FATAL = (
     "PX4 server already running",
@@ -79,7 +83,8 @@ class Px4Launch:
 
     def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
         """Return what to start; parameters and logs are written to its working folder."""
-        environment = self._environment(system_id)
+        environment = self._environment()
+        files = {_HOOK: self._hook(system_id)}
         link = LinkAddress("udpin", host="127.0.0.1", port=_API_PORT + instance)
         if self.build is not None:
             build = self.build.resolve()
@@ -87,11 +92,13 @@ class Px4Launch:
             return LaunchPlan(
                 label=self.label,
                 argv=(self._binary(build), "-i", str(instance), "-d", str(build / "etc")),
-                environment=environment,
+                environment={**environment, "PATH": f"{folder}:{os.environ.get('PATH', '')}"},
                 link=link,
                 ready=_READY,
                 fatal=_FATAL,
+                files=files,
             )
+        environment["PATH"] = f"/wil:{_CONTAINER_PATH}"
         docker = self._docker()
         name = f"wil-px4-{os.getpid()}-{instance}"
         variables = [part for item in environment.items() for part in ("-e", "=".join(item))]
@@ -114,16 +121,24 @@ class Px4Launch:
             ),
             # The client's end is not the container's.
             cleanup=(docker, "rm", "--force", name),
+            files=files,
         )
 
-    def _environment(self, system_id: int) -> dict[str, str]:
+    def _hook(self, system_id: int) -> str:
+        """Return the hook that sets the parameters, then does what PX4's own does.
+
+        rcS sets PX4_PARAM_* of the environment too, but then by itself the system id (instance
+        and 1) and, by the speed, its time-outs.
+        """
+        wanted = (("MAV_SYS_ID", float(system_id)), *self.params)
+        rows = [f"param set {shlex.quote(name)} {parameter_text(value)}" for name, value in wanted]
+        return "\n".join((*rows, f'. "${{R}}etc/init.d-posix/{_HOOK}"', ""))
+
+    def _environment(self) -> dict[str, str]:
         variables = {
             "PX4_SIM_MODEL": self.model,
             "PX4_SIM_SPEED_FACTOR": f"{self.speed:g}",
-            "PX4_PARAM_MAV_SYS_ID": str(system_id),
         }
-        # rcS of PX4 sets every PX4_PARAM_* before its modules start.
-        variables |= {f"PX4_PARAM_{name}": parameter_text(value) for name, value in self.params}
         if self.home is not None:
             variables |= {
                 "PX4_HOME_LAT": f"{self.home.latitude_deg:.7f}",

@@ -74,9 +74,13 @@ def test_parameters_of_the_campaign_are_there_when_it_boots(sims: Any, tmp_path:
         assert given == [str(tmp_path / "own.parm"), str(folder / "campaign.parm")]
         assert (folder / "campaign.parm").read_text() == "AVOID_MARGIN 1.25\nPRX1_TYPE 2\n"
     px4 = Px4Launch(image="x", params=(("EKF2_EV_CTRL", 15.0), ("MPC_XY_VEL_MAX", 0.1)))
-    environment = px4._environment(2)
-    assert environment["PX4_PARAM_EKF2_EV_CTRL"] == "15"
-    assert environment["PX4_PARAM_MPC_XY_VEL_MAX"] == "0.1"
+    # PX4 sets its system id and some time-outs itself, after those of the environment.
+    assert px4._hook(2) == (
+        "param set MAV_SYS_ID 2\n"
+        "param set EKF2_EV_CTRL 15\n"
+        "param set MPC_XY_VEL_MAX 0.1\n"
+        '. "${R}etc/init.d-posix/px4-rc.simulator"\n'
+    )
 
 
 def test_without_parameter_files_those_of_its_tree_are_taken(sims: Any, tmp_path: Path) -> None:
@@ -135,10 +139,12 @@ async def test_px4_runs_from_a_build(sims: Any) -> None:
         pid = sims.pid_of(build / "bin" / "px4")
         environment = sims.environment(pid)
         for wanted in (
-            "PX4_SIM_MODEL=sihsim_quadx", "PX4_SIM_SPEED_FACTOR=2", "PX4_PARAM_MAV_SYS_ID=7",
+            "PX4_SIM_MODEL=sihsim_quadx", "PX4_SIM_SPEED_FACTOR=2",
             "PX4_HOME_LAT=47.4000000", "PX4_HOME_YAW=90.0",
         ):  # fmt: skip
             assert wanted in environment
+        assert any(one.startswith(f"PATH={sims.folder / 'twin'}:") for one in environment)
+        assert "MAV_SYS_ID 7" in (sims.folder / "twin" / "px4-rc.simulator").read_text()
         assert sims.works_in(pid) == sims.folder / "twin"
 
 
@@ -373,7 +379,7 @@ async def test_px4_in_a_container_through_the_client(
     run, remove = sims.beside(docker, "args").splitlines()
     assert run.startswith("run --rm --init --pull never --network host --name wil-px4-")
     assert run.endswith(f"px4io/px4-sitl:v1.18.0 -d -i {instance}")
-    assert "-e PX4_PARAM_MAV_SYS_ID=2" in run
+    assert "-e PATH=/wil:/usr/local/sbin:" in run
     name = run.partition("--name ")[2].split()[0]
     assert remove == f"rm --force {name}"
     missing = LaunchedVehicle(
