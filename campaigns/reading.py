@@ -28,6 +28,7 @@ from campaigns.schema.links import LinkPart, LinksPart
 from campaigns.schema.operator import GcsPart
 from campaigns.setup import (
     GoalSetup,
+    GpsSetup,
     GuardingSetup,
     OwnFenceSetup,
     PreflightSetup,
@@ -146,8 +147,11 @@ def _record(part: RecordPart) -> RecordSetup:
 
 def _preflight(part: PreflightPart) -> PreflightSetup:
     fence = None if part.fence is None else OwnFenceSetup(margin_m=part.fence.margin_m)
+    gps = part.gps
     return PreflightSetup(
         fence=fence,
+        gps=None if gps is None else GpsSetup(**gps.model_dump()),
+        min_mocap_hz=part.min_mocap_hz,
         failsafe=part.failsafe,
         min_battery=part.min_battery,
         min_disk_mb=part.min_disk_mb,

@@ -89,6 +89,14 @@ class OwnFenceSetup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class GpsSetup:
+    """What the GPS receiver must have, see `GpsPart`."""
+
+    min_satellites: int = 6
+    max_hdop: float = 2.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PreflightSetup:
     """What is looked at and set before arming, see `PreflightPart`."""
 
@@ -98,6 +106,8 @@ class PreflightSetup:
     min_disk_mb: float = 200.0
     start_tolerance_m: float = 0.5
     pair_tolerance_m: float = 0.5
+    gps: GpsSetup | None = GpsSetup()
+    min_mocap_hz: float = 10.0
     max_clock_error_s: float = 0.25
     override: Mapping[Check, str] = field(default_factory=dict)
 

@@ -26,10 +26,12 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
     ]
     root = ET.Element("testsuites")
     suite = ET.SubElement(root, "testsuite", name=_clean(summary.campaign))
-    if summary.left_out:
+    said = {"left_out": ", ".join(summary.left_out), "overridden": _overridden(summary)}
+    if any(said.values()):
         properties = ET.SubElement(suite, "properties")
-        left_out = _clean(", ".join(summary.left_out))
-        ET.SubElement(properties, "property", name="left_out", value=left_out)
+        for name, value in said.items():
+            if value:
+                ET.SubElement(properties, "property", name=name, value=_clean(value))
     suite.extend(cases)
     for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
         suite.set(name, str(sum(case.find(tag) is not None for case in cases)))
@@ -37,6 +39,13 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
     suite.set("time", _seconds(sum(run.duration_s or 0.0 for run in summary.runs)))
     ET.indent(root)
     return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
+
+
+def _overridden(summary: Summary) -> str:
+    """Return which checks of the preflight did not count, by whose name; empty for none."""
+    items = [item for run in summary.runs for item in run.preflight if item.by]
+    texts = {f"{item.vehicle} {item.check} by {item.by}".strip() for item in items}
+    return ", ".join(sorted(texts))
 
 
 def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:

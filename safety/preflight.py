@@ -19,6 +19,8 @@ Check = Literal[
     "battery",
     "estimator",
     "position",
+    "gps",
+    "mocap",
     "clock",
     "pair",
     "disk",
@@ -31,11 +33,16 @@ CHECKS: Mapping[Check, str] = {
     "battery": "its charge is at least min_battery",
     "estimator": "its estimator has attitude, velocity, position and height",
     "position": "its poses come, from GPS or motion capture, and it stands where the world says",
+    "gps": "its receiver has a fix with height, of enough satellites that stand well",
+    "mocap": "motion capture sees it now, and often enough",
     "clock": "how far its clock is from ours is known well enough",
     "pair": "real and twin stand alike, each from its start",
     "disk": "there is room for the recordings",
 }
 """In words for people."""
+_FIX_WITH_HEIGHT = 3
+"""GPS_FIX_TYPE_3D_FIX; what is better has greater numbers."""
+_NO_RECEIVER = "it has no receiver; where it flies without one, preflight.gps: null"
 Outcome = Literal["ok", "refused", "overridden"]
 
 
@@ -121,6 +128,29 @@ def home_item(vehicle: str, fence: Fence, position_ned_m: Vec3 | None, keep_m: f
         else f"it stands {margin_m:.2f} m from the fence's {side}, nearer than {keep_m:g} m"
     )
     return Item("home", vehicle, "refused", margin_m, keep_m, "m", where)
+
+
+def gps_items(
+    vehicle: str,
+    fix: tuple[int, int | None, float | None] | None,
+    *,
+    min_satellites: int,
+    max_hdop: float,
+) -> tuple[Item, ...]:
+    """Return whether a GPS receiver has what it takes to fly by.
+
+    fix: GPS_FIX_TYPE, satellites, and HDOP; None where nothing was said of it.
+    """
+    if fix is None:
+        return (Item("gps", vehicle, "refused", text="nothing is said of its receiver"),)
+    kind, satellites, hdop = fix
+    if kind < _FIX_WITH_HEIGHT:
+        said = _NO_RECEIVER if kind == 0 else "it has no fix with height"
+        return (Item("gps", vehicle, "refused", kind, _FIX_WITH_HEIGHT, text=said),)
+    return (
+        at_least("gps", vehicle, satellites, min_satellites, unit="", what="satellites in sight"),
+        at_most("gps", vehicle, hdop, max_hdop, unit="", what="their dilution (HDOP)"),
+    )
 
 
 def pair_item(real_m: Vec3 | None, twin_m: Vec3 | None, tolerance_m: float) -> Item:

@@ -1,7 +1,7 @@
 """Where a vehicle was at a moment: samples of its pose, interpolated in time; pure."""
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from typing import Literal
 
@@ -93,6 +93,13 @@ class PoseHistory:
     def latest(self) -> PoseAt:
         """Return the last sample as it is, for those who align by "latest"."""
         return PoseAt(self._poses[-1], "latest", 0.0) if self._poses else _NOTHING
+
+    def rate_hz(self, over_s: float) -> float | None:
+        """Return how many samples came in a second, lately; None with fewer than two of them."""
+        times = self._times
+        first = max(self._first, bisect_left(times, self._last_s - over_s))
+        spanned_s = times[-1] - times[first] if len(times) - first > 1 else 0.0
+        return (len(times) - 1 - first) / spanned_s if spanned_s > 0.0 else None
 
     def sample_before(self, t_s: float) -> tuple[float, Pose] | None:
         """Return time and pose of the last sample at or before a moment; None when none is."""

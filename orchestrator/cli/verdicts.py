@@ -1,5 +1,6 @@
 """The table at the end of a campaign."""
 
+from collections import Counter
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 
@@ -52,7 +53,21 @@ def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Tabl
 def conclusions(summary: Summary) -> list[Text]:
     """Return why runs did not pass, or not at once, what came and went, and what it came to."""
     outside = [Text(line, style="dim") for line in outside_lines(summary.runs)]
-    return [*_reasons(summary), *outside, _conclusion(summary)]
+    overridden = [Text(line, style="yellow") for line in overridden_lines(summary.runs)]
+    return [*_reasons(summary), *outside, *overridden, _conclusion(summary)]
+
+
+def overridden_lines(runs: Sequence[RunResult]) -> list[str]:
+    """Return which checks of the preflight did not count, in how many runs, and by whose name."""
+    first: dict[tuple[str, str, str], str] = {}
+    counted: Counter[tuple[str, str, str]] = Counter()
+    for run in runs:
+        for item in run.preflight:
+            if item.outcome == "overridden":
+                key = (item.vehicle, item.check, item.by)
+                first.setdefault(key, str(item))
+                counted[key] += 1
+    return [f"preflight, {counted[key]} of {len(runs)} runs: {text}" for key, text in first.items()]
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
@@ -140,6 +155,8 @@ def _conclusion(summary: Summary) -> Text:
         said, style = "nothing required was flown", "yellow"
     if summary.totals.retried:
         said, style = f"{said}; {summary.totals.retried} not at the first attempt", "yellow"
+    if names := sorted({one.by for run in summary.runs for one in run.preflight if one.by}):
+        said, style = f"{said}; preflight overridden by {', '.join(names)}", "yellow"
     if summary.left_out:
         style = "yellow" if summary.accepted else style
         said += "" if summary.accepted is None else " of what was flown"

@@ -15,6 +15,7 @@ from safety.preflight import (
     Item,
     at_least,
     at_most,
+    gps_items,
     home_item,
     pair_item,
     refused,
@@ -39,6 +40,8 @@ _FRESH_S = 0.5
 """How old the newest pose may be: twenty times what the slowest telemetry asked for takes."""
 _FIRST_POSE_S = 5.0
 """How long the poses of a ready vehicle are waited for; a computer that stumbles is no fault."""
+_FIX_WITHIN_S = 3.0
+_RATE_OVER_S = 1.0
 _POLL_S = 0.02
 _MEGABYTE = 1e6
 _OF_CEILING = 0.75
@@ -81,6 +84,7 @@ class Preflight:
             at_least("battery", name, battery, wanted.min_battery, unit="", what="its charge"),
             without_faults("estimator", name, state.faults),
             _position_item(station, place, wanted.start_tolerance_m),
+            *await self._source(station),
             at_most(
                 "clock",
                 name,
@@ -93,6 +97,28 @@ class Preflight:
         if fence is not None:
             items.append(home_item(name, fence, place, setup.campaign.guarding.keep_m))
         return items
+
+    async def _source(self, station: Station) -> Iterable[Item]:
+        """Return how good is what its poses come from: GPS, or motion capture."""
+        wanted, name = self._setup.campaign.preflight, station.name
+        if station.pose_source == "mocap":
+            seen_s = station.poses.at(asyncio.get_running_loop().time()).gap_s
+            rate_hz = station.poses.rate_hz(_RATE_OVER_S)
+            since = "how long ago motion capture saw it"
+            often = "how often motion capture sees it"
+            return (
+                at_most("mocap", name, seen_s, _FRESH_S, unit="s", what=since),
+                at_least("mocap", name, rate_hz, wanted.min_mocap_hz, unit="Hz", what=often),
+            )
+        if wanted.gps is None:
+            return ()
+        fix = await station.driver.onboard.satellites.fix(_FIX_WITHIN_S)
+        return gps_items(
+            name,
+            None if fix is None else (fix.kind, fix.satellites, fix.hdop),
+            min_satellites=wanted.gps.min_satellites,
+            max_hdop=wanted.gps.max_hdop,
+        )
 
     async def _failsafes(self, station: Station, vehicle: VehicleSetup) -> Iterable[Item]:
         autopilot = station.driver.identity.autopilot

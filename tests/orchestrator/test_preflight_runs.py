@@ -51,8 +51,13 @@ def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
     result, folder = fly_run(has_cameras=False)
     assert {item.outcome for item in result.preflight} == {"ok"}
     found = [(item.check, item.vehicle) for item in result.preflight]
-    each = ["failsafe", "return_altitude", "battery", "estimator", "position", "clock", "home"]
-    both = [(check, vehicle) for vehicle in ("real", "twin") for check in each]
+    first = ["failsafe", "return_altitude", "battery", "estimator", "position"]
+    sources = {"real": ["mocap", "mocap"], "twin": ["gps", "gps"]}
+    both = [
+        (check, vehicle)
+        for vehicle, source in sources.items()
+        for check in (*first, *source, "clock", "home")
+    ]
     assert found == [("disk", ""), *both, ("pair", "")]
     noted = [line for line in log_of(folder) if line.get("event") == "preflight"]
     assert [(line["check"], line["vehicle"]) for line in noted] == found
@@ -89,6 +94,21 @@ def test_what_is_overridden_flies_and_says_by_whom(hover: Any) -> None:
     item = flight.item("failsafe")
     assert (item.outcome, item.by) == ("overridden", "J. Doe")
     assert item.text.startswith("NAV_DLL_ACT is 0")
+
+
+def test_what_is_overridden_is_told_in_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sets = ("vehicles.twin.params={NAV_DLL_ACT: 0}", "preflight.override.failsafe=J. Doe")
+    words = [word for one in sets for word in ("--set", one)]
+    assert main(["run", str(write_hover(tmp_path)), "--out", str(tmp_path / "out"), *words]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "preflight, 2 of 2 runs: twin failsafe: NAV_DLL_ACT is 0" in said
+    assert "(overridden by J. Doe) accepted; preflight overridden by J. Doe" in said
+    (junit,) = (tmp_path / "out").rglob("junit.xml")
+    assert '<property name="overridden" value="twin failsafe by J. Doe"/>' in junit.read_text(
+        "utf-8"
+    ).replace(" />", "/>")
 
 
 @pytest.mark.parametrize("sets", [(FENCE,), (ARDUPILOT, FENCE)])

@@ -1,4 +1,4 @@
-"""What is kept on board of the vehicle: its parameters, missions, fences and logs."""
+"""What is on board of the vehicle: its parameters, missions, fences, logs, GPS receiver."""
 
 from collections.abc import Callable
 
@@ -8,13 +8,14 @@ from vehicles.driver.identity import Identity
 from vehicles.driver.logs import Logs
 from vehicles.driver.mission import Missions
 from vehicles.driver.parameters import Parameters
+from vehicles.driver.satellites import Satellites
 from vehicles.driver.session import Session
 
 _LOG_SUFFIX: dict[AutopilotName, str] = {"px4": ".ulg", "ardupilot": ".bin"}
 
 
 class Onboard:
-    """Parameters, missions, fences and logs of one vehicle; usable once it is identified.
+    """Parameters, missions, fences, logs and GPS of one vehicle; usable once it is identified.
 
     missions, logs: None for those that speak by the session.
     """
@@ -31,6 +32,7 @@ class Onboard:
         self.missions = missions or Missions(session=session, circumstances=circumstances)
         self.fences = Fences(missions=self.missions)
         self.logs = logs or Logs(session=session)
+        self.satellites = Satellites(session=session)
 
     def identified(self, autopilot: Autopilot, identity: Identity) -> None:
         """Take note of whose they are, and of how this autopilot does it."""
