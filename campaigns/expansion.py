@@ -17,6 +17,7 @@ from campaigns.files import (
 from campaigns.operator_setup import MqttSetup, mqtt_setup
 from campaigns.reading import gathered, read_setup, unique
 from campaigns.schema import DEFAULT_CASE, CampaignPart, Mode
+from campaigns.schema.between import BetweenRunsPart
 from campaigns.seeds import run_seed
 from campaigns.setup import Setup
 from worlds.documents import BadInput, Document, Problem, check, closest, load, parse_value
@@ -66,7 +67,7 @@ class Campaign:
     read from. modes, cases: those selected. retries: how often a run that proves nothing is flown
     again. requirements: of the selected cases and modes. left_out: what the file requires and the
     options do not have flown, in words. mqtt: how operators reach it by a broker; None for not at
-    all.
+    all. between: how an attached vehicle comes back to its start; None where nothing is said.
     """
 
     name: str
@@ -83,6 +84,7 @@ class Campaign:
     left_out: tuple[str, ...] = ()
     mqtt: MqttSetup | None = None
     retries: int = 0
+    between: BetweenRunsPart | None = None
 
 
 def load_campaign(path: Path, options: Options | None = None) -> Campaign:
@@ -124,6 +126,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         left_out=_left_out(original, part, chosen, shares),
         mqtt=mqtt,
         retries=part.retries,
+        between=part.between_runs,
     )
 
 

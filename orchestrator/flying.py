@@ -11,6 +11,7 @@ from typing import Protocol
 from campaigns.expansion import Campaign, RunPlan
 from campaigns.setup import FLIES
 from orchestrator.attempts import after_attempts, attempt_of, retry_due
+from orchestrator.between import Between
 from orchestrator.campaign_folder import (
     OutputError,
     TakenError,
@@ -40,6 +41,7 @@ from orchestrator.results import (
 from orchestrator.resuming import TakenUp, resumed_folder, resumed_manifest, take_up
 from orchestrator.run.flight import NOT_ARMED
 from orchestrator.run.preflight import disk_item
+from orchestrator.run.returning import back_plan
 from orchestrator.run.setup import RunOrder
 from orchestrator.writing import to_json, write_whole
 
@@ -179,7 +181,14 @@ class _Flight:
             say=watcher.say,
         )
         self._repositioning = Repositioning(
-            vehicles=settings.hardware, desk=self._desk, say=watcher.say
+            vehicles=settings.hardware or "real", desk=self._desk, say=watcher.say
+        )
+        self._between = Between(
+            campaign=campaign,
+            folder=folder,
+            hardware=settings.hardware,
+            repositioning=self._repositioning,
+            say=watcher.say,
         )
 
     async def fly(self) -> None:
@@ -223,9 +232,14 @@ class _Flight:
         self._desk.news(news)
         if isinstance(news, Progress):
             self._repositioning.gone_on()
-            self._watcher.progress(news)
+            if news.case in self._campaign.cases:  # a flight back is no run
+                self._watcher.progress(news)
 
     def _done(self, order: RunOrder, outcome: RunResult | WorkerLost) -> RunOrder | None:
+        if order.back is not None:
+            self._desk.left(back_plan(order.plan).name)
+            self._between.came_back(order, outcome)
+            return None
         if isinstance(outcome, WorkerLost):
             result = after_attempts(lost_result(order.plan, outcome), order.attempts)
             _write(order.folder / "result.json", to_json(result))
@@ -236,7 +250,8 @@ class _Flight:
         self._results[order.plan.name] = result
         self.write_summary()
         # With hardware a person looks first what went wrong.
-        retries = 0 if self._settings.hardware else self._campaign.retries
+        alone = not self._settings.hardware and self._campaign.between is None
+        retries = self._campaign.retries if alone else 0
         again = self._desk.stopped is None and retry_due(result, retries=retries)
         flown = result.duration_s is not None or isinstance(outcome, WorkerLost)
         if again:
@@ -245,8 +260,8 @@ class _Flight:
             following = None
             self._desk.finished(result, may_end=self._settings.arm or result.reason != NOT_ARMED)
             self._watcher.finished(result)
-        if self._settings.hardware and flown and len(self._results) < len(self._plans):
-            self._repositioning.ask()
+        if following is None and flown and len(self._results) < len(self._plans):
+            following = self._between.after(order, result)
         return following
 
     def _again(self, order: RunOrder, result: RunResult) -> RunOrder:

@@ -7,6 +7,7 @@ from orchestrator.campaign_folder import held, make_run_folder
 from orchestrator.operator import Inbox
 from orchestrator.progress import Report
 from orchestrator.results import RunResult
+from orchestrator.run.returning import returning
 from orchestrator.run.run import fly
 from orchestrator.run.setup import RunOrder, RunSetup
 from orchestrator.writing import sync_files, to_json, write_whole
@@ -23,7 +24,10 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     forget_loaded()  # else the runs that a worker flew before this one could tell
     make_run_folder(order.folder, order.plan.name)
     with held(order.folder):
-        result = after_attempts(fly(RunSetup.of(order), report, inbox), order.attempts)
+        setup = RunSetup.of(order)
+        if order.back is not None:
+            setup = returning(setup, order.back)
+        result = after_attempts(fly(setup, report, inbox), order.attempts)
         sync_files(order.folder)
         write_whole(order.folder / "result.json", to_json(result))
     return result

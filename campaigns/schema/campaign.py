@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
 
 from campaigns.acceptance import parse_share
+from campaigns.schema.between import BetweenRunsPart
 from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
 from campaigns.schema.fence import GeofencePart
 from campaigns.schema.limits import LimitsPart
@@ -31,6 +32,7 @@ MATRIX_KEYS = frozenset(
         "accept",
         "operator",
         "clock",
+        "between_runs",
     }
 )
 """What makes the matrix of runs, and so cannot differ from case to case."""
@@ -175,6 +177,7 @@ class CampaignPart(Part):
     retries: Annotated[int, Field(ge=0, le=10)] = 0
     sync: SyncPart = SyncPart()
     clock: ClockPart | None = None
+    between_runs: BetweenRunsPart | None = None
     links: LinksPart = LinksPart()
     preflight: PreflightPart = PreflightPart()
     deliver: list[DeliverPart] = Field(default_factory=list)

@@ -169,6 +169,11 @@ class Desk:
             follower.finished(run)
         self._tell_status()
 
+    def left(self, name: str) -> None:
+        """Take that a flight is over that was no run of the campaign's."""
+        self._flying.pop(name, None)
+        self._tell_status()
+
     def summary(self, state: str) -> dict[str, Any]:
         """Return how the campaign stands, without its runs in flight."""
         return {

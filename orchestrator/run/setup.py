@@ -10,6 +10,7 @@ from campaigns.schema import Mode, VehicleName
 from campaigns.setup import FLIES, Setup, VehicleSetup
 from orchestrator.clock import Clock
 from orchestrator.results import Attempt
+from orchestrator.way_back import WayBack
 from vehicles.embedded.profile import Profile, load_profile
 from worlds.scene import Scene
 
@@ -18,7 +19,8 @@ from worlds.scene import Scene
 class RunOrder:
     """A run to be flown; picklable. folder: where its files go; it exists and is empty.
 
-    attempts: those at this run that do not count. arm: False for everything up to arming.
+    attempts: those at this run that do not count. arm: False for everything up to arming. back: not
+    the run, but the flight back to the start after it.
     """
 
     plan: RunPlan
@@ -26,6 +28,7 @@ class RunOrder:
     clock: Clock
     attempts: tuple[Attempt, ...] = ()
     arm: bool = True
+    back: WayBack | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -160,6 +160,21 @@ def test_flies_whatever_the_latency(autopilot: AutopilotName, latency_s: float) 
 
 
 @BOTH
+def test_who_landed_gets_ready_again_where_it_stands(autopilot: AutopilotName) -> None:
+    async def script(driver: Driver, _: EmbeddedVehicle) -> None:
+        for _ in range(2):
+            await _up(driver, 1.0)
+            await driver.enter_guided()
+            driver.send(VelocitySetpoint((0.5, 0.0, 0.0)))
+            await asyncio.sleep(1.0)
+            await driver.land()
+            await driver.disarmed(60.0)
+
+    # PX4 that landed in OFFBOARD is in it again, and has to be asked out of it.
+    _fly(autopilot, script)
+
+
+@BOTH
 def test_never_ready(autopilot: AutopilotName) -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle) -> None:
         await driver.identify(5.0)

@@ -238,8 +238,8 @@ class Driver:
                 what = f"{self.name}: not ready to arm within {timeout_s:g} s"
                 raise not_ready(vehicle, what, self._reasons(), self._circumstances())
             vehicle.streams.ask_missing(loop.time())
-            if vehicle.status.readiness.prearm_failed:
-                self._session.send(vehicle.autopilot.ask_checks(vehicle.target))
+            for question in vehicle.towards_ready():
+                self._session.send(question)
         self._capture_anchor()
 
     async def arm(self) -> None:

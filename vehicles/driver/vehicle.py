@@ -1,9 +1,11 @@
 """The parts of a driver that exist once its vehicle is identified."""
 
 import asyncio
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
-from vehicles.autopilots.base import Autopilot, Target
+from vehicles.autopilots.base import Autopilot, Mode, Target
 from vehicles.driver.estimates import Estimates
 from vehicles.driver.identity import Identity
 from vehicles.driver.orders import Orders
@@ -29,6 +31,15 @@ class IdentifiedVehicle:
     setpoints: SetpointSender
     estimates: Estimates
     clock: VehicleClock
+
+    def towards_ready(self) -> Iterator[Any]:
+        """Yield what is to be sent to a vehicle that is not ready to arm."""
+        autopilot, state = self.autopilot, self.status.state
+        if self.status.readiness.prearm_failed:
+            yield autopilot.ask_checks(self.target)
+        if state.mode is Mode.GUIDED and not state.armed and autopilot.arming_mode is Mode.HOLD:
+            # A PX4 that landed in OFFBOARD is in it again, and not ready there without setpoints.
+            yield autopilot.set_mode(self.target, Mode.HOLD)
 
     def reasons(self, position_hz: float) -> tuple[str, ...]:
         """Return what speaks against arming: the autopilot's reasons, and what we lack ourselves.

@@ -1,0 +1,53 @@
+"""A flight back to the start between two runs: a run like others, of the real vehicle alone."""
+
+import math
+from dataclasses import replace
+
+from campaigns.expansion import RunPlan
+from campaigns.outside_setups import OutsideSetup
+from campaigns.setup import GoalSetup, RecordSetup
+from campaigns.under_test import UnderTest
+from orchestrator.run.setup import RunSetup
+from orchestrator.way_back import WayBack
+
+_RATE_HZ = 20.0
+
+
+def back_plan(plan: RunPlan) -> RunPlan:
+    """Return a run's plan as that of its flight back: nobody must take it for the run."""
+    return replace(plan, case=f"{plan.case}-{plan.mode}-back", mode="real", required=False)
+
+
+def returning(setup: RunSetup, way: WayBack) -> RunSetup:
+    """Return a run's setup as that of the flight back after it: where it stands is its start.
+
+    It mixes nothing, draws nothing and tells nobody but the guard, which keeps the same fence.
+    """
+    north_m, east_m, _ = way.start.position_ned_m
+    place = {"north_m": north_m, "east_m": east_m, "up_m": way.altitude_m}
+    real = replace(setup.campaign.vehicles["real"], start=way.stand, sensors=())
+    campaign = replace(
+        setup.campaign,
+        vehicles={"real": real},
+        recipe=None,
+        under_test=UnderTest(
+            use="place",
+            folder=setup.campaign.under_test.folder,
+            rate_hz=_RATE_HZ,
+            parameters={"speed_m_s": way.speed_m_s, "yaw_deg": math.degrees(way.start.yaw_rad)},
+            goal={"altitude_m": way.altitude_m, **place},
+        ),
+        goal=GoalSetup(altitude_m=way.altitude_m),
+        oracles=(),
+        links={},
+        record=RecordSetup(),
+        outside=OutsideSetup(),
+    )
+    return replace(
+        setup,
+        order=replace(setup.order, plan=back_plan(setup.order.plan)),
+        campaign=campaign,
+        vehicles=(real,),
+        profiles={"real": setup.profiles["real"]},
+        virtual_scene=setup.real_scene,
+    )
