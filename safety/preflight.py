@@ -146,9 +146,12 @@ def gps_items(
     kind, satellites, hdop = fix
     if kind < _FIX_WITH_HEIGHT:
         said = _NO_RECEIVER if kind == 0 else "it has no fix with height"
-        return (Item("gps", vehicle, "refused", kind, _FIX_WITH_HEIGHT, text=said),)
+        return (Item("gps", vehicle, "refused", float(kind), float(_FIX_WITH_HEIGHT), text=said),)
+    # Whole numbers would not be read back from a result as they were written.
+    seen = None if satellites is None else float(satellites)
+    least = float(min_satellites)
     return (
-        at_least("gps", vehicle, satellites, min_satellites, unit="", what="satellites in sight"),
+        at_least("gps", vehicle, seen, least, unit="", what="satellites in sight"),
         at_most("gps", vehicle, hdop, max_hdop, unit="", what="their dilution (HDOP)"),
     )
 

@@ -12,6 +12,7 @@ from safety.preflight import (
     Item,
     at_least,
     at_most,
+    gps_items,
     home_item,
     pair_item,
     refused,
@@ -146,3 +147,12 @@ def test_no_number_of_an_item_is_not_finite(actual: float, limit: float) -> None
 
 def test_every_check_has_its_words() -> None:
     assert all(words and not words.endswith(".") for words in CHECKS.values())
+
+
+@pytest.mark.parametrize("fix", [(3, 9, 1.0), (3, 4, 9.0), (1, 0, None), (0, None, None)])
+def test_what_is_counted_is_written_as_it_is_read(
+    fix: tuple[int, int | None, float | None],
+) -> None:
+    for item in gps_items("real", fix, min_satellites=6, max_hdop=2.0):
+        assert isinstance(item.actual, float | None)
+        assert isinstance(item.limit, float | None)
