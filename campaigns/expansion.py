@@ -1,6 +1,6 @@
 """A campaign file into runs: cases x modes x repetitions, each with its seed and its files."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
@@ -14,6 +14,7 @@ from campaigns.files import (
     override_from_option,
     overrides_of_case,
 )
+from campaigns.leaving_out import left_out
 from campaigns.operator_setup import MqttSetup, mqtt_setup
 from campaigns.reading import gathered, read_setup, unique
 from campaigns.schema import DEFAULT_CASE, CampaignPart, Mode
@@ -123,25 +124,11 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
             for case, mode in chosen
             if (case, mode) in shares
         ),
-        left_out=_left_out(original, part, chosen, shares),
+        left_out=left_out(original, part, chosen, shares),
         mqtt=mqtt,
         retries=part.retries,
         between=part.between_runs,
     )
-
-
-def _left_out(
-    original: Document,
-    part: CampaignPart,
-    chosen: Collection[tuple[str, Mode]],
-    shares: Iterable[tuple[str, str]],
-) -> tuple[str, ...]:
-    """Return what is required and not flown, for a green result must not be taken for all of it."""
-    left = [f"{case}/{mode}" for case, mode in shares if (case, mode) not in chosen]
-    written = original.get(("repetitions",), 1)
-    if isinstance(written, int) and part.repetitions < written:
-        left.append(f"{written - part.repetitions} of {written} repetitions")
-    return tuple(left)
 
 
 def _option_overrides(options: Options) -> tuple[Override, ...]:

@@ -29,6 +29,7 @@ from orchestrator.pool import Pool, WorkerLost
 from orchestrator.progress import News, Progress
 from orchestrator.repositioning import Repositioning
 from orchestrator.results import (
+    NOT_ARMED,
     RunResult,
     SensorKind,
     Summary,
@@ -39,7 +40,6 @@ from orchestrator.results import (
     summarize,
 )
 from orchestrator.resuming import TakenUp, resumed_folder, resumed_manifest, take_up
-from orchestrator.run.flight import NOT_ARMED
 from orchestrator.run.preflight import disk_item
 from orchestrator.run.returning import back_plan
 from orchestrator.run.setup import RunOrder

@@ -22,6 +22,10 @@ Stop = Literal["signal", "command"]
 VERDICTS: tuple[Verdict, ...] = ("PASS", "FAIL", "INVALID", "ERROR", "ABORTED")
 
 
+NOT_ARMED = "not armed, as --no-arm asks; everything up to that works"
+"""The reason of a run that ended there as it should."""
+
+
 @dataclass(frozen=True, slots=True)
 class Percentiles:
     """The median and the 99th percentile; None when nothing was measured."""
@@ -259,8 +263,14 @@ def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -
 
 
 def rehearsal_code(runs: Sequence[RunResult]) -> int:
-    """Return the exit code of a campaign that was not to arm: 5 when all works up to there."""
-    return 5 if all(run.verdict == "ABORTED" for run in runs) else 3
+    """Return the exit code of a campaign that was not to arm: 5 when all works up to there.
+
+    A run that was aborted for another reason than that has shown nothing.
+    """
+    aborted = [run.reason for run in runs if run.verdict == "ABORTED"]
+    if any(reason != NOT_ARMED for reason in aborted):
+        return 4
+    return 5 if len(aborted) == len(runs) else 3
 
 
 def exit_code(

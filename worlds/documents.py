@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from worlds.checking import KeyFaultError, Part, describe, faults_of
 from worlds.model_keys import Path
-from worlds.problems import BadInput, Problem, closest
+from worlds.problems import BadInput, Problem, closest, closest_file
 from worlds.yaml_nodes import (
     Data,
     Entry,
@@ -39,6 +39,7 @@ __all__ = [
     "Problem",
     "check",
     "closest",
+    "closest_file",
     "load",
     "parse",
     "parse_value",

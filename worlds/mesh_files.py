@@ -9,6 +9,7 @@ import numpy as np
 
 from worlds.colors import Rgb
 from worlds.frames import Pose
+from worlds.mesh_damage import damage
 from worlds.meshes import FloatArray, IntArray, Material, Mesh, merge
 from worlds.parts import Part, SurfaceShape
 from worlds.shapes import Shape
@@ -104,7 +105,8 @@ def load_mesh_shape(
     turn = turn * (scale * (METRES[unit] if unit else asset.unit_m))
     meshes = [_converted(part, turn) for part in loaded if len(part.faces)]
     if not meshes:
-        raise MeshFileError("there are no triangles in it")
+        why = damage(path)
+        raise MeshFileError(f"there are no triangles in it{': ' if why else ''}{why}")
     mesh = merge(meshes)
     surface = SurfaceShape(mesh.vertices_m, mesh.faces)
     return Shape("mesh", mesh, (Part("surface", surface, Pose((0.0, 0.0, 0.0))),))
@@ -120,8 +122,10 @@ def _loaded(path: Path) -> list[Any]:
         scene = trimesh.load_scene(str(path), process=False)
         dumped = scene.dump()
     except Exception as error:
-        # The readers behind trimesh raise whatever a broken file makes them stumble over.
-        raise MeshFileError(f"cannot be read as a mesh: {error or type(error).__name__}") from error
+        # The readers behind trimesh raise whatever a broken file makes them stumble over, in words
+        # about their own insides.
+        why = damage(path) or "it is damaged, or of another format than its name says"
+        raise MeshFileError(f"cannot be read as a mesh: {why}") from error
     parts = [part for part in dumped if isinstance(part, trimesh.Trimesh)]
     if not all(np.isfinite(part.vertices).all() for part in parts):
         raise MeshFileError("it has coordinates that are not finite")

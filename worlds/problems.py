@@ -3,6 +3,7 @@
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 _WIDEST_LINE = 100
 _LIKE_ENOUGH = 0.6
@@ -71,6 +72,16 @@ def unit_of(key: str) -> str:
 def stem_of(key: str) -> str:
     """Return a key without its unit: 'speed_m_s' and 'speed_kmh' are both 'speed'."""
     return key.removesuffix("_" + unit_of(key)) if unit_of(key) else key
+
+
+def closest_file(name: str, known: Iterable[str]) -> str:
+    """Return the file that was probably meant, or "": names are like each other, not suffixes."""
+    names = sorted(set(known))
+    suffix = Path(name).suffix.lower()
+    # Of the same name with several suffixes, that with the one that was written.
+    names.sort(key=lambda one: Path(one).suffix.lower() == suffix)
+    by_stem = {Path(one).stem: one for one in names}
+    return by_stem.get(closest(Path(name).stem, by_stem), "")
 
 
 def closest(word: str, known: Iterable[str]) -> str:

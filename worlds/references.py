@@ -8,7 +8,7 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from types import ModuleType
 
-from worlds.documents import closest
+from worlds.documents import closest, closest_file
 
 _PREFIX = "wil_user_"
 
@@ -58,7 +58,7 @@ def forget_loaded() -> None:
 def _sibling(path: Path) -> str:
     if not path.parent.is_dir():
         return ""
-    return closest(path.name, [other.name for other in path.parent.glob("*.py")])
+    return closest_file(path.name, [other.name for other in path.parent.glob("*.py")])
 
 
 def _is_own(value: object, module: ModuleType) -> bool:

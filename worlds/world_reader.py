@@ -8,7 +8,7 @@ import numpy as np
 
 from worlds import shapes
 from worlds.colors import NAMED, Rgb, parse_color
-from worlds.documents import Document, Problem, closest
+from worlds.documents import Document, Problem, closest, closest_file
 from worlds.frames import Pose, matrix_from_quat
 from worlds.mesh_files import Axes, MeshFileError, load_mesh_shape
 from worlds.motion import Motion, StartOn, Waypoint
@@ -123,7 +123,7 @@ class WorldReader:
     def _similar_file(self, path: Path) -> str:
         if path.exists() or not path.parent.is_dir():
             return ""
-        found = closest(path.name, sorted(each.name for each in path.parent.iterdir()))
+        found = closest_file(path.name, [each.name for each in path.parent.iterdir()])
         return str((path.parent / found).relative_to(self._folder)) if found else ""
 
     def _check_floor(self, thing: SceneObject, floor_m: float) -> None:

@@ -5,6 +5,7 @@ import itertools
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 
 from campaigns.setup import SyncSetup
+from orchestrator.results import NOT_ARMED
 from orchestrator.run.course import Course, FlightError
 from orchestrator.run.holding import Holding
 from orchestrator.run.station import Station
@@ -17,8 +18,6 @@ _SETTLED_S = 0.5
 """How long a vehicle has to be at height before it counts: not merely passing through."""
 _POLL_S = 0.02
 _CLIMB_HZ = 10.0
-
-NOT_ARMED = "not armed, as --no-arm asks; everything up to that works"
 
 
 async def fly_together(

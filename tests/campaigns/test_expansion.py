@@ -134,6 +134,13 @@ def test_what_is_required_and_left_out_is_told(files: Any) -> None:
     assert files.load().left_out == ()
     assert files.load(cases=("large",), repetitions=6).left_out == ()
     assert files.load(modes=("sim",)).left_out == ("large/wil",)
+    assert files.load(sets=("description=x",)).left_out == ()
+    narrower = ("modes=[sim]", "accept={large: {sim: 3/3}}")
+    assert files.load(sets=narrower).left_out == ("large/wil",)
+    softer = ("accept={large: {sim: 2/3, wil: 3/3}}",)
+    assert files.load(sets=softer).left_out == ("large/sim 3/3 (only 2/3)",)
+    judged = ("oracles={landed: {}, reached: {}}",)
+    assert "the oracle collision" in files.load(sets=judged).left_out
     assert files.load(cases=("small",), repetitions=1).left_out == (
         "large/sim",
         "large/wil",

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from campaigns.acceptance import Requirement, Share
 from orchestrator.cli.verdicts import conclusions
 from orchestrator.results import (
+    NOT_ARMED,
     VERDICTS,
     MixingResult,
     Percentiles,
@@ -22,6 +23,7 @@ from orchestrator.results import (
     accepted,
     exit_code,
     percentiles,
+    rehearsal_code,
     summarize,
 )
 from orchestrator.writing import to_json
@@ -144,6 +146,25 @@ def summary(runs: list[RunResult]) -> Summary:
         real_kind="embedded",
         sensors={"rear": "file", "camera": "rendered"},
     )
+
+
+@pytest.mark.parametrize(
+    ("reasons", "code"),
+    [
+        ([NOT_ARMED, NOT_ARMED], 5),
+        ([NOT_ARMED, "the pilot took real over"], 4),
+        (["aborted by anna"], 4),
+        ([NOT_ARMED, None], 3),
+    ],
+)
+def test_a_rehearsal_is_good_only_when_all_came_to_arming(
+    reasons: list[str | None], code: int
+) -> None:
+    runs = [
+        result("ERROR") if reason is None else replace(result("ABORTED"), reason=reason)
+        for reason in reasons
+    ]
+    assert rehearsal_code(runs) == code
 
 
 @pytest.mark.parametrize(

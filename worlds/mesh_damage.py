@@ -1,0 +1,80 @@
+"""What is the matter with a mesh file that cannot be read, by its format's own rules."""
+
+import json
+import struct
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+_GLB_HEAD = struct.Struct("<4sII")
+_GLB_CHUNK = struct.Struct("<I4s")
+_STL_HEAD_BYTES, _STL_FACET_BYTES = 84, 50
+
+
+def damage(path: Path) -> str:
+    """Return in words what of a file of a known suffix is not as its format has it; else empty.
+
+    GLB: glTF 2.0, chapter 4.4 "Binary glTF Layout". STL: 80 bytes, a count, 50 bytes a facet.
+    """
+    data = path.read_bytes()
+    if not data:
+        return "it is empty"
+    match path.suffix.lower():
+        case ".glb":
+            return _glb(data)
+        case ".gltf":
+            return _json(data, "it")
+        case ".dae":
+            return _xml(data)
+        case ".stl":
+            return _stl(data)
+    return ""
+
+
+def _glb(data: bytes) -> str:
+    if data[:4] != b"glTF":
+        return "it is no GLB file: it does not begin with 'glTF'"
+    if len(data) < _GLB_HEAD.size + _GLB_CHUNK.size:
+        return f"it is cut off after {len(data)} bytes"
+    _, version, length = _GLB_HEAD.unpack_from(data)
+    if version != 2:
+        return f"it is of glTF version {version}; 2 is read"
+    if len(data) < length:
+        return f"it is cut off: {len(data)} of {length} bytes are there"
+    count, kind = _GLB_CHUNK.unpack_from(data, _GLB_HEAD.size)
+    if kind != b"JSON":
+        return "its first part is not its description"
+    begin = _GLB_HEAD.size + _GLB_CHUNK.size
+    return _json(data[begin : begin + count], "its description")
+
+
+def _json(data: bytes, what: str) -> str:
+    try:
+        said = json.loads(data)
+    except json.JSONDecodeError as error:
+        return f"{what} is not JSON (line {error.lineno}, column {error.colno})"
+    except (UnicodeDecodeError, RecursionError):
+        return f"{what} is not JSON"
+    if not isinstance(said, dict) or "asset" not in said:
+        return f"{what} is JSON, but no glTF"
+    return ""
+
+
+def _xml(data: bytes) -> str:
+    try:
+        root = ET.fromstring(data)  # noqa: S314 - a file that the user names, on the user's machine
+    except ET.ParseError as error:
+        line, column = error.position
+        return f"it is no XML (line {line}, column {column + 1})"
+    return "" if root.tag.endswith("COLLADA") else "it is XML, but no Collada"
+
+
+def _stl(data: bytes) -> str:
+    if data[:5].lower() == b"solid":
+        return "its text is not as an STL file's: facets of three vertices"
+    if len(data) < _STL_HEAD_BYTES:
+        return f"it is cut off after {len(data)} bytes"
+    (count,) = struct.unpack_from("<I", data, _STL_HEAD_BYTES - 4)
+    there = (len(data) - _STL_HEAD_BYTES) // _STL_FACET_BYTES
+    if there < count:
+        return f"it is cut off: {there} of {count} facets are there"
+    return ""
