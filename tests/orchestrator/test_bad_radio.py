@@ -91,3 +91,39 @@ def test_a_link_by_which_nothing_comes_is_an_error_within_the_time_limit(
     result, _ = fly_run(sets=(f"links.real={link}", "sync.ready_timeout_s=8"))
     assert result.verdict == "ERROR"
     assert "real guard" in result.reason
+
+
+FLAPS = "links.real={blackouts: [%s]}"
+
+
+def flaps(for_s: float, every_s: float, count: int) -> str:
+    """Return a radio that goes every now and then from t0 on."""
+    row = "{on: goal, after_s: %g, for_s: %g}"
+    return FLAPS % ", ".join(row % (0.5 + every_s * index, for_s) for index in range(count))
+
+
+@BOTH
+def test_a_radio_that_flaps_for_less_than_the_limit_is_flown_by(
+    fly_run: Fly, campaign: str
+) -> None:
+    result, folder = fly_run(campaign, sets=(flaps(0.3, 0.6, 16),))
+    assert (result.verdict, result.reason) == ("PASS", "")
+    (link,) = [one for one in result.oracles if (one.name, one.vehicle) == ("link", "real")]
+    assert link.actual is not None
+    assert 0.3 <= link.actual < 0.6
+    # Nothing is taken for a loss, and nobody writes of each gap.
+    assert not {"lost", "heard"} & set(guard_events(folder))
+    log = list(map(json.loads, (folder / "log.jsonl").read_text("utf-8").splitlines()))
+    assert len([one for one in log if one["event"] == "vehicle"]) < 80
+    assert "link_lost" not in {one.get("kind") for one in log}
+
+
+def test_a_radio_that_flaps_for_longer_fails_at_its_first_gap(fly_run: Fly) -> None:
+    sets = (flaps(1.3, 1.8, 6), "vehicles.real.params={COM_OF_LOSS_T: 2.5}")
+    result, folder = fly_run(sets=sets)
+    assert result.verdict == "FAIL"
+    assert re.fullmatch(r"real was silent for 1\.[345] s, more than 1 s", result.reason)
+    # The verdict is told once, however often the radio goes.
+    log = list(map(json.loads, (folder / "log.jsonl").read_text("utf-8").splitlines()))
+    told = [one for one in log if one["event"] == "decisive" and "was silent" in one["reason"]]
+    assert len(told) == 1
