@@ -5,6 +5,7 @@ Coordinates are (north_m, east_m) in the world's local frame. Signed distances a
 
 import itertools
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -44,6 +45,10 @@ def require_finite(what: str, *values: float) -> None:
         raise FenceError("not_finite", f"{what}: {values} is not finite")
 
 
+_PLACE = re.compile(r"\[(\S+) (\S+)\]")
+"""In GEOS' words: "Self-intersection[1.5 0]"."""
+
+
 @dataclass(frozen=True, slots=True)
 class Polygon:
     """A simple polygon by its corners (north_m, east_m), in either turn, not closed by a repeat.
@@ -64,8 +69,8 @@ class Polygon:
         if shape.convex_hull.area < 1e-6:
             raise FenceError("no_area", "the polygon has no area")
         if not shape.is_valid:
-            why = explain_validity(shape)
-            raise FenceError("self_intersecting", f"the polygon crosses itself: {why}")
+            where = _crossing(shape)
+            raise FenceError("self_intersecting", f"the polygon crosses itself{where}")
 
     @classmethod
     def rectangle(cls, north_m: Point2, east_m: Point2) -> "Polygon":
@@ -144,3 +149,9 @@ def _edges(coords: Iterable[Point2]) -> Iterable[tuple[float, float, float, floa
         dn, de = n_1 - n_0, e_1 - e_0
         if square := dn * dn + de * de:
             yield n_0, e_0, e_1, dn, de, 1.0 / square
+
+
+def _crossing(shape: shapely.Polygon) -> str:
+    """Return where a polygon crosses itself, in words; empty where that is not told."""
+    found = _PLACE.search(explain_validity(shape))
+    return f" at north {float(found[1]):g} m, east {float(found[2]):g} m" if found else ""

@@ -199,13 +199,17 @@ class MqttOperator:
         except RefusedLineError as error:
             text, ok = str(error), False
         who = asked.command.who
-        self._answer(id=asked.command_id, command=kind, ok=ok, text=text, who=who)
+        # Of a fence that was passed on, each run says what became of it.
+        final = kind != "geofence" or not ok
+        self._answer(id=asked.command_id, command=kind, ok=ok, text=text, who=who, final=final)
 
     def _refuse(self, kind: str, error: RefusedCommandError) -> None:
         if self._refusals.too_much(asyncio.get_running_loop().time()):
             return  # Who floods gets no answers, and does not fill the disk.
         self._desk.log.refused(f"mqtt: {kind}: {error}", who=error.who)
-        self._answer(id=error.command_id, command=kind, ok=False, text=str(error), who=error.who)
+        self._answer(
+            id=error.command_id, command=kind, ok=False, text=str(error), who=error.who, final=True
+        )
 
     def _answer(self, **said: str | bool) -> None:
         self._outbox.put(ack_of(session=self._desk.session, **said))

@@ -47,6 +47,7 @@ def publications(news: News) -> Iterator[Publication]:
                 text=news.text,
                 who=news.who,
                 run=news.run,
+                final=True,
             )
 
 

@@ -7,11 +7,15 @@ from typing import Any
 
 import pytest
 
+from campaigns.expansion import Options, load_campaign
 from orchestrator.operator import OperatorCommand
 from orchestrator.progress import Happening, News
+from orchestrator.rejudging import rejudge_run
 from orchestrator.results import RunResult
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.opening import Pair
+from orchestrator.writing import to_json, write_whole
+from tests.orchestrator.conftest import ROOT
 from tests.orchestrator.flights import all_landed, log_of
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.mavlink.framing import FrameSplitter
@@ -111,6 +115,16 @@ def test_both_autopilots_have_the_new_fence(
     ]
     (answer,) = [line for line in log_of(folder) if line["event"] == "answer"]
     assert (answer["who"], answer["ok"]) == ("anna", True)
+
+
+def test_it_is_judged_again_by_the_fence_that_held_then(fly_run: Fly) -> None:
+    small = ("geofence.box.north_m=[-0.8, 3.2]",)
+    result, folder = flown_alone(fly_run, Operator((0.2, asks(WIDER))), *small)
+    assert (result.verdict, result.reason) == ("PASS", "")
+    write_whole(folder / "result.json", to_json(result))
+    options = Options(cases=("large",), modes=("sim",), sets=small)
+    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
+    assert rejudge_run(plan, folder).now == result
 
 
 def test_each_vehicle_may_get_one_of_its_own(fly_run: Fly) -> None:

@@ -449,6 +449,27 @@ def test_killed_during_a_run(campaign: Path, *, all_at_once: bool) -> None:
     assert first["reason"].startswith("passed at attempt 2; before: ")
 
 
+def test_killed_twice_no_run_is_counted_twice(campaign: Path) -> None:
+    out = campaign.parent / "out"
+    still = campaign.parent / "still.py"
+    still.write_text(still.read_text().replace("ticks -= 1", "ticks -= 0.02"))
+    command = [sys.executable, "-m", "orchestrator.cli", "run", str(campaign), "--jobs", "1"]
+    command += ["--out", str(out), "--repetitions", "4"]
+    for count, more in enumerate(([], ["--resume"]), 1):
+        with subprocess.Popen(  # noqa: S603 - our own interpreter
+            [*command, *more], cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL
+        ) as running:
+            finished = f"default/sim/{count}/result.json"
+            wait_for(lambda name=finished: text_of(campaign, name))  # type: ignore[misc]  # bound now
+            os.killpg(running.pid, signal.SIGKILL)
+    summary = resumed(campaign)
+    assert [bool(one["attempts"]) for one in summary["runs"]][:2] == [False, False]
+    assert summary["totals"]["runs"] == summary["totals"]["passed"] == 4
+    for one in summary["runs"]:
+        if one["attempts"]:
+            assert one["reason"].startswith(f"passed at attempt {len(one['attempts']) + 1}; before")
+
+
 def text_of(campaign: Path, name: str) -> str:
     return "".join(path.read_text() for path in (campaign.parent / "out").glob(f"hover/*/{name}"))
 
