@@ -51,6 +51,8 @@ class Library:
             raise LibraryError(f"mavsdk cannot connect to {url}: {_name(result)}")
         self._system: System | None = None
         self._target = 0
+        self._acting = threading.Lock()
+        self._action: Action | None = None
         # mavsdk refuses a second transfer, also of somebody who waits for the first no more.
         self._transfers = {"missions": threading.Lock(), "logs": threading.Lock()}
 
@@ -89,8 +91,6 @@ class Library:
 
     def _take(self, system: System) -> None:
         self._direct = MavlinkDirect(system)
-        # At its making it asks for a slower EXTENDED_SYS_STATE: before the driver asks for its own.
-        self._action = Action(system)
         self._missions = MissionRaw(system)
         self._logs = LogFiles(system)
         self._target = system.get_system_id()
@@ -99,7 +99,7 @@ class Library:
     def _do(self, order: Order, progress: Progress) -> Outcome:
         match order:
             case Act():
-                getattr(self._action, order.action)()
+                getattr(self._actions(self._system), order.action)()
                 return Outcome()
             case Upload() | Download():
                 with self._transfers["missions"]:
@@ -113,6 +113,17 @@ class Library:
                 return Outcome()
             case Choose():
                 raise AssertionError("is done before")
+
+    def _actions(self, system: System) -> Action:
+        """Return mavsdk's Action, made at its first use.
+
+        From its making on, and after each gap of the link, it asks for EXTENDED_SYS_STATE once a
+        second, in place of what the driver asked for.
+        """
+        with self._acting:
+            if self._action is None:
+                self._action = Action(system)
+            return self._action
 
     def _transfer(self, order: Upload | Download) -> Outcome:
         if isinstance(order, Download):
