@@ -111,6 +111,7 @@ class MavsdkClient:
             await self._child.start(self._ended)
         except OSError as error:
             ours.close()
+            self._ready.cancel()
             raise LinkError(f"{self._name}: mavsdk's process cannot start: {error}") from error
         finally:
             theirs.close()
@@ -170,14 +171,14 @@ class MavsdkClient:
 
     def _take(self, message: FromProcess) -> None:
         self._heard_s = max(self._heard_s, time.monotonic())
-        self._owed_s = None
         match message:
             case Ready():
                 self._heard_s = time.monotonic()
                 if self._ready is not None and not self._ready.done():
                     self._ready.set_result(None)
             case Alive(late=late):
-                self.late = late
+                # Of the thread that says messages: an order may be answered while that one hangs.
+                self._owed_s, self.late = None, late
             case Unsaid(name=name, result=result):
                 self._fail(f"mavsdk cannot say {name} ({result})")
             case _:
