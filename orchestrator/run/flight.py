@@ -51,6 +51,8 @@ async def fly_together(
     course.enter("ready")
     await _each(stations, lambda station: station.driver.ready(sync.ready_timeout_s))
     await _each(stations, prepare)
+    # Who was ready first has stood meanwhile, and its estimate has drifted: it is anchored anew.
+    await _each(stations, lambda station: station.driver.ready(sync.ready_timeout_s))
     await before_arming()
     await preflight(stations)
     if not arm:
