@@ -14,7 +14,7 @@ from orchestrator.run.journals import journal_folder
 from orchestrator.run.preflight import ceiling_above_home_m, sets_failsafes, wanted_failsafes
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
-from orchestrator.run.written_logs import newest_log
+from orchestrator.run.written_logs import flight_log
 from vehicles.driver.parameter_context import ParameterValue
 from vehicles.errors import VehicleError
 
@@ -109,7 +109,7 @@ class Aboard:
     async def _fetch_log(self, station: Station) -> None:
         logs, folder = station.driver.onboard.logs, self._setup.order.folder
         # What we launched writes them here; PX4's take longer over MAVLink than the flight did.
-        written = newest_log(folder / f"{station.name}-sitl")
+        written = flight_log(folder / f"{station.name}-sitl")
         if written is not None:
             self._note("log", vehicle=station.name, text=str(written.relative_to(folder)))
             return

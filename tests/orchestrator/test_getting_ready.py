@@ -1,7 +1,6 @@
 """What happens until vehicles arm: in which order, and how often each is asked."""
 
 import asyncio
-import os
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,7 @@ from orchestrator.clock import run_virtual
 from orchestrator.run.course import Course
 from orchestrator.run.flight import NOT_ARMED, fly_together
 from orchestrator.run.holding import Holding
-from orchestrator.run.written_logs import newest_log
+from orchestrator.run.written_logs import flight_log
 
 SYNC = SyncSetup(
     identify_timeout_s=9.0,
@@ -92,22 +91,21 @@ def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> No
     ]  # fmt: skip
 
 
-def test_the_newest_log_that_a_simulator_wrote_is_found(tmp_path: Path) -> None:
+def test_the_log_of_the_flight_is_found(tmp_path: Path) -> None:
     """Their folders as ArduCopter 4.7 and PX4 left them."""
-    assert newest_log(tmp_path / "none") is None
+    assert flight_log(tmp_path / "none") is None
     copter, px4 = tmp_path / "real-sitl", tmp_path / "twin-sitl"
-    for age, file in enumerate(
-        (
-            px4 / "log" / "2026-11-21" / "21_06_38.ulg",
-            px4 / "parameters.bson",
-            copter / "logs" / "00000002.BIN",
-            copter / "logs" / "00000001.BIN",
-            copter / "logs" / "LASTLOG.TXT",
-        )
+    for file, size in (
+        (px4 / "log" / "2026-11-21" / "21_06_38.ulg", 8102764),
+        (px4 / "parameters.bson", 4000),
+        (copter / "logs" / "00000001.BIN", 1593344),
+        (copter / "logs" / "00000002.BIN", 40960),
+        (copter / "logs" / "00000003.BIN", 0),
+        (copter / "logs" / "LASTLOG.TXT", 3),
+        (copter / "eeprom.bin", 9999999),
     ):
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.touch()
-        os.utime(file, (1e9 - age, 1e9 - age))
-    (copter / "eeprom.bin").touch()
-    assert newest_log(px4) == px4 / "log" / "2026-11-21" / "21_06_38.ulg"
-    assert newest_log(copter) == copter / "logs" / "00000002.BIN"
+        with file.open("wb") as made:
+            made.truncate(size)
+    assert flight_log(px4) == px4 / "log" / "2026-11-21" / "21_06_38.ulg"
+    assert flight_log(copter) == copter / "logs" / "00000001.BIN"
