@@ -90,6 +90,7 @@ class MixingLoop:
         self._pair_wait_s = min(_PAIR_WAIT_S, period_s)
         self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
         self._due_s = 0.0
+        self._drawn_s = 0.0
         self._registration = registration
         self._tell = tell
         self._trouble = trouble
@@ -191,8 +192,10 @@ class MixingLoop:
             await self._pose_has_come(real.t_s)
         now_s = asyncio.get_running_loop().time()
         found = align_pose(request, self._poses, exposure_s=real.t_s, now_s=now_s)
-        if found is None:
+        if found is None or found.t_s < self._drawn_s:
+            # A silent vehicle's last pose is older than what was predicted from it meanwhile.
             return None, "no pose for the exposure"
+        self._drawn_s = found.t_s
         try:
             reading = await twin.ask(
                 found.pose,

@@ -222,6 +222,21 @@ def test_without_a_pose_there_is_no_overlay() -> None:
     assert twin.asked == []
 
 
+def test_a_vehicle_that_falls_silent_is_no_time_that_runs_backwards() -> None:
+    """First its pose is predicted, then it is too old to be: the run was INVALID, not lost."""
+    twin = Slow(0.0)
+
+    def feed(rig: Rig) -> None:
+        rig.poses.add(1.0, Pose((1.0, 0, 0)), (1.0, 0.0, 0.0))
+        for k in range(3):
+            rig.real(1.015 + k / 30, made=camera(source="real"))
+
+    rig = flown(lambda: Rig(REGISTERED, sensor="camera", twin=twin), feed)
+    assert [t_s for _, t_s in twin.asked] == [1.015]
+    assert [told.alignment for told in rig.told][1:] == ["no pose for the exposure"] * 2
+    assert (rig.troubles, rig.loop.mixer.counts().faults) == ([], ())
+
+
 @pytest.mark.parametrize(
     ("bad", "said"),
     [(beam(math.nan), "not a number"), (beam(-1.0), "-1.0 m"), (camera(), "of type camera")],
