@@ -29,7 +29,7 @@ def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> 
         What a campaign says as `geofence`, a QGroundControl .plan, or GeoJSON; the last two keep
         the floor and ceiling of the present fences.
     folder
-        Only what writes its results there: a campaign's folder.
+        The campaign's folder; needed where several fly.
     who
         Your name, for the record; by default that of your account.
     """
@@ -43,6 +43,11 @@ def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> 
         return 2
     flying = found(folder)
     if flying is None:
+        return NOBODY
+    if len(flying.campaigns) > 1:
+        # A fence is drawn for one world; an abort may mean all of them, this may not.
+        folders = ", ".join(str(campaign.folder) for campaign in flying.campaigns)
+        err(f"several campaigns fly here; name the one you mean by its folder: {folders}")
         return NOBODY
     answers = [
         _changed(campaign, document, f"cli:{who or account()}") for campaign in flying.campaigns

@@ -2,6 +2,7 @@
 
 import asyncio
 import random
+import re
 import secrets
 import ssl
 import time
@@ -57,6 +58,9 @@ async def mqtt_operating(
         running.cancel()
         await asyncio.wait([running])
         client.close()
+
+
+_OF_OPENSSL = re.compile(r"^\[SSL: \w+\] | \(_ssl\.c:\d+\)$")
 
 
 class MqttOperator:
@@ -256,7 +260,8 @@ class MqttOperator:
 def _innermost(error: BaseException) -> str:
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
-    return str(error) or type(error).__name__
+    # OpenSSL's words without where in its source they stand.
+    return _OF_OPENSSL.sub("", str(error)) or type(error).__name__
 
 
 @dataclass(slots=True)

@@ -46,6 +46,30 @@ async def test_the_pair_flies_through_the_guards_process(tmp_path: Path) -> None
         assert {("HEARTBEAT", system), ("COMMAND_LONG", 245)} <= kinds(folder / f"{name}.tlog")
 
 
+async def test_a_held_vehicle_gets_another_fence(tmp_path: Path) -> None:
+    path = tmp_path / "fence.yaml"
+    path.write_text("box: {north_m: [-0.9, 6], east_m: [-4, 4], up_m: [-0.6, 3]}")
+    async with Program(tmp_path / "out", "--json") as program:
+        await program.stage("goal", mode="sim")
+        assert (await program.operate("hold", "--who", "anna")).code == 0
+        for _ in range(3):
+            changed = await program.operate("fence", str(path), "--who", "anna")
+            # A computer that is busy may not have placed it within the last second.
+            if "was not seen" not in changed.err:
+                break
+        assert (changed.code, changed.err) == (0, "")
+        assert changed.out == "large/sim/1: cli:anna changed the fence of twin\n"
+        assert (await program.operate("abort", "--who", "anna")).code == 0
+        assert (await program.end()).code == 4
+    folder = program.run_folder("sim")
+    told = [line.get("kind") for line in lines(folder / "guard.jsonl")]
+    assert told.index("hold") < told.index("proposed") < told.index("geofence")
+    aboard = [line for line in lines(folder / "log.jsonl") if line["event"] == "fence"]
+    assert [line["ceiling_m"] for line in aboard] == [3.3, 4.0]
+    asked = lines(program.folder / "operator.jsonl")
+    assert ("cli:anna", "geofence", True) in [(a["who"], a["command"], a["ok"]) for a in asked]
+
+
 async def test_the_operator_holds_and_then_aborts(tmp_path: Path) -> None:
     async with Program(tmp_path / "out", "--json") as program:
         await program.stage("goal", mode="sim")

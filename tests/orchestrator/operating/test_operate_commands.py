@@ -10,6 +10,7 @@ import pytest
 from orchestrator.cli import main
 from orchestrator.operating.desk import Desk
 from orchestrator.operating.opening import operating
+from orchestrator.operating.records import Place, Places
 from orchestrator.progress import Happening, Progress
 from tests.orchestrator.operating.desks import FakeFleet, make_desk
 
@@ -92,6 +93,20 @@ async def test_a_fence_is_answered_by_the_runs(
         )
     lines = (tmp_path / "operator.jsonl").read_text("utf-8").splitlines()
     assert [json.loads(line)["ok"] for line in lines] == [True, True, True, False]
+
+
+async def test_a_fence_is_for_one_campaign(
+    cli: Cli, desk: Desk, fleet: FakeFleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "fence.yaml"
+    path.write_text("box: {}")
+    one = Place("gate", tmp_path / "a", tmp_path / "a.sock")
+    two = Place("hall", tmp_path / "b", tmp_path / "b.sock")
+    monkeypatch.setattr("orchestrator.cli.operate.places", lambda: Places((one, two), ()))
+    code, _, said = await cli("fence", str(path))
+    assert code == 3
+    assert said.startswith("several campaigns fly here; name the one you mean by its folder: ")
+    assert not fleet.told
 
 
 async def test_a_fence_that_cannot_be_read_or_sent_is_said(cli: Cli, tmp_path: Path) -> None:
