@@ -128,7 +128,13 @@ class Preflight:
             values |= await first_known(parameters, rule.names)
         names = tuple(one.name for one in RETURN_ALTITUDES[autopilot])
         ceiling_m = ceiling_above_home_m(self._setup, vehicle)
-        yielded = [without_faults("failsafe", station.name, unsound(autopilot, values))]
+        yielded = [
+            without_faults(
+                "failsafe",
+                station.name,
+                unsound(autopilot, values, pace=vehicle.launch_pace or 1.0),
+            )
+        ]
         if ceiling_m is not None:
             altitude_m = return_altitude_m(autopilot, await first_known(parameters, names))
             what = "the height it returns at"

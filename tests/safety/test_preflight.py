@@ -156,3 +156,12 @@ def test_what_is_counted_is_written_as_it_is_read(
     for item in gps_items("real", fix, min_satellites=6, max_hdop=2.0):
         assert isinstance(item.actual, float | None)
         assert isinstance(item.limit, float | None)
+
+
+def test_time_outs_of_a_simulation_are_as_many_times_longer_as_it_is_faster() -> None:
+    # PX4's startup script multiplies them; its own clock is as much faster.
+    values = {**SOUND["px4"], "COM_DL_LOSS_T": 50.0, "COM_OF_LOSS_T": 5.0}
+    assert list(unsound("px4", values, pace=5.0)) == []
+    (said,) = unsound("px4", values)
+    assert said.startswith("COM_DL_LOSS_T is 50: ")
+    assert len(list(unsound("px4", {**values, "COM_DL_LOSS_T": 500.0}, pace=5.0))) == 1

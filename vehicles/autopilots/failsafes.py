@@ -38,10 +38,10 @@ class FailsafeRule:
     longest_s: float | None = None
     wrong: str
 
-    def holds(self, value: float) -> bool:
-        """Return whether a value will do."""
+    def holds(self, value: float, pace: float = 1.0) -> bool:
+        """Return whether a value will do; pace: how many times real time the vehicle flies."""
         if self.longest_s is not None:
-            return 0.0 < value <= self.longest_s
+            return 0.0 < value <= self.longest_s * max(1.0, pace)
         return value in self.sound
 
 
@@ -105,13 +105,19 @@ RETURN_ALTITUDES: Mapping[AutopilotName, tuple[AltitudeParameter, ...]] = {
 """By the names that firmware knows it by, the newest first."""
 
 
-def unsound(autopilot: AutopilotName, values: Mapping[str, float]) -> Iterator[str]:
-    """Yield in words what is the matter with the parameters that an autopilot has."""
+def unsound(
+    autopilot: AutopilotName, values: Mapping[str, float], *, pace: float = 1.0
+) -> Iterator[str]:
+    """Yield in words what is the matter with the parameters that an autopilot has.
+
+    pace: how many times real time it was launched to fly; PX4's startup makes its time-outs as many
+    times longer (ROMFS/px4fmu_common/init.d-posix/rcS).
+    """
     for rule in FAILSAFES[autopilot]:
         known = [name for name in rule.names if name in values]
         if not known:
             yield f"{rule.names[0]} is not known"
-        elif not rule.holds(values[known[0]]):
+        elif not rule.holds(values[known[0]], pace):
             yield f"{known[0]} is {values[known[0]]:g}: {rule.wrong}"
 
 
