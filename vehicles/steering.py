@@ -20,8 +20,10 @@ APART_S = 1.0
 _WINDOW_S = 1.0
 _SAMPLE_S = 0.02
 _ENOUGH_S = 0.3
-_AHEAD_S = 0.15
-"""Without a word of the simulation time runs on for so long by the wall's clock, not longer."""
+_AHEAD_S = (0.06, 0.3)
+"""Without a word of the simulation time runs on for so long by the wall's clock, not longer: three
+times what is between its words, but at least and at most so long."""
+_AHEAD_WORDS = 3.0
 _SETTLING_S = 0.5
 """Within which a difference is made good."""
 _SLEW = 4.0
@@ -75,6 +77,15 @@ class BootTrack:
     def newest_s(self) -> float:
         """Return the newest stamp. Raises IndexError before the first."""
         return self._samples[-1][1]
+
+    @property
+    def ahead_s(self) -> float:
+        """Return for how long its time may be taken to go on without a word of it."""
+        samples = self._samples
+        if len(samples) < 2:
+            return _AHEAD_S[1]
+        between_s = (samples[-1][0] - samples[0][0]) / (len(samples) - 1)
+        return min(max(_AHEAD_WORDS * between_s, _AHEAD_S[0]), _AHEAD_S[1])
 
     def still_s(self, wall_s: float) -> float:
         """Return for how long by the wall's clock its time has not grown."""
@@ -152,9 +163,14 @@ class Steering:
             self._laid.popleft()
         wanted = min(max(self._wanted(wall_s, run_s), 0.0), self._fastest())
         most = _SLEW * self._nominal * min(dt_s, 2.0 * STEP_S)
-        rate = min(max(wanted, last.rate - most), last.rate + most)
+        # Who is quiet may hang, and what waits for it must not run out meanwhile.
+        least = 0.0 if self._quiet(wall_s) else last.rate - most
+        rate = min(max(wanted, least), last.rate + most)
         self._segment = Segment(wall_s, run_s, rate)
         return self._segment
+
+    def _quiet(self, wall_s: float) -> bool:
+        return self.locked and not self.stalled and self.track.still_s(wall_s) > self.track.ahead_s
 
     def _fastest(self) -> float:
         return self._nominal if self._follows_us else _FASTEST * self._nominal
@@ -178,10 +194,10 @@ class Steering:
             boot_s, rate = track.newest_s + still_s * self._cruise, self._cruise
         if self._offset_s is None:
             self._offset_s = run_s - boot_s
-        quiet = still_s > _AHEAD_S
+        quiet, ahead_s = self._quiet(wall_s), track.ahead_s
         if not quiet:
             self._cruise = min(max(rate, 0.1), self._fastest())
-        target_s = self._offset_s + min(boot_s, track.newest_s + _AHEAD_S * self._cruise)
+        target_s = self._offset_s + min(boot_s, track.newest_s + ahead_s * self._cruise)
         forward = 0.0 if quiet else self._forward(rate)
         return forward + (target_s - run_s) / _SETTLING_S
 
@@ -218,7 +234,8 @@ class Apartness:
         if wall_s - self._since_s < _BASE_S:
             return False
         # A vehicle that is not heard any more is as old as its last word.
-        boot_s = min(track.line(wall_s)[0], track.newest_s + _AHEAD_S * track.line(wall_s)[1])
+        boot_s, rate = track.line(wall_s)
+        boot_s = min(boot_s, track.newest_s + track.ahead_s * rate)
         if self._base_s is None:
             self._base_s = boot_s - run_s
         self.off_s = boot_s - run_s - self._base_s

@@ -274,6 +274,9 @@ class VehicleClock:
         t_sent_s = self._asked.pop(ts1, None) if tc1 != 0 else None
         if t_sent_s is None:
             return False
+        if arrived_s < t_sent_s:
+            # The arrival was stamped by another process, whose scaled clock was just slowed down.
+            return True
         resets = self._map.resets
         self._map.add(t_sent_s=t_sent_s, t_received_s=arrived_s, remote_ns=tc1)
         if self._map.resets != resets:

@@ -207,13 +207,16 @@ class ReachedPosition(Oracle):
             return self.verdict(passed=False, limit=self._tolerance_m, unit="m", detail=detail)
         actual_m, at_s = self._best
         margin_m = self._tolerance_m - actual_m
+        passed = margin_m >= 0.0
         return self.verdict(
-            passed=margin_m >= 0.0,
+            passed=passed,
             actual=actual_m,
             limit=self._tolerance_m,
             unit="m",
             margin=margin_m,
-            at_s=at_s,
+            # That it will not get there is known at the end, not when it was the nearest: what cut
+            # the flight off came before.
+            at_s=at_s if passed else None,
         )
 
 

@@ -74,8 +74,8 @@ def follows_smoothly(out: Flown, nominal: float) -> None:
     steps = np.diff(out.run_s)
     assert steps.min() >= -1e-9
     assert steps.max() <= 2.0 * nominal * _TICK_S + 1e-9
-    # Its slope never leaps either.
-    assert np.abs(np.diff(out.rate)).max() <= 4.0 * nominal * STEP_S + 1e-6
+    # It gathers pace without a leap; for a simulator that falls silent it stops at once.
+    assert np.diff(out.rate).max() <= 4.0 * nominal * STEP_S + 1e-6
 
 
 @settings(max_examples=25, deadline=None)
@@ -111,7 +111,7 @@ def test_a_simulator_that_hesitates_has_time_wait_for_it() -> None:
     out = flown(lambda wall_s, *_: 0.0 if 10.0 < wall_s < 12.0 else 5.0, nominal=5.0)
     follows_smoothly(out, 5.0)
     usual_s = out.off_s(9.9)
-    assert out.off_s(11.9) - usual_s < 2.0
+    assert out.off_s(11.9) - usual_s < 0.8
     assert out.rate[round(11.9 / _TICK_S)] < 0.05
     assert out.off_s(18.0) == pytest.approx(usual_s, abs=0.1)
     assert not out.steering.stalled

@@ -233,3 +233,14 @@ def test_a_reboot_is_noticed_by_its_stamps() -> None:
     assert vehicle.clock.reboots == 1
     vehicle.sync(2.6)
     assert vehicle.stamp(2.7) == pytest.approx(2.7, abs=0.002)
+
+
+def test_an_answer_that_seems_to_be_older_than_its_question_tells_nothing() -> None:
+    # Another process stamps arrivals; under the scaled clock its time may be a little behind ours.
+    clock = VehicleClock()
+    asked = clock.ask(10.0)
+    assert clock.answered(tc1=5_000_000_000, ts1=asked, arrived_s=9.9)
+    assert not clock.synchronised
+    asked = clock.ask(11.0)
+    assert clock.answered(tc1=6_000_000_000, ts1=asked, arrived_s=11.1)
+    assert clock.synchronised
