@@ -149,10 +149,11 @@ def test_what_one_autopilot_refuses_none_keeps(fly_run: Fly) -> None:
     assert said(folder, "geofence") == []
 
 
-def test_a_radio_that_loses_delays_it(fly_run: Fly) -> None:
+@pytest.mark.parametrize("sets", [(), MIXED[:1]], ids=["px4", "ardupilot"])
+def test_a_radio_that_loses_delays_it(fly_run: Fly, sets: tuple[str, ...]) -> None:
     operator = Operator((0.2, asks(TIGHTER)))
     bad = "links.twin={latency_ms: 80, jitter_ms: 40, loss: 0.05}"
-    result, _ = flown_alone(fly_run, operator, bad)
+    result, _ = flown_alone(fly_run, operator, bad, *sets)
     assert (result.verdict, result.reason) == ("PASS", "")
     ((at_s, word, _),) = operator.answers
     assert word == "ok"

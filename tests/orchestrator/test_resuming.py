@@ -18,6 +18,8 @@ from orchestrator import flying, resuming
 from orchestrator.attempts import after_attempts
 from orchestrator.campaign_folder import OutputError, held, newest_folder, set_aside
 from orchestrator.cli import main
+from orchestrator.cli.display import Silent
+from orchestrator.flying import FlyingSettings, fly_campaign
 from orchestrator.operator import Inbox
 from orchestrator.order import fly_order
 from orchestrator.progress import Report
@@ -322,6 +324,22 @@ def test_a_retry_is_recorded_and_no_clean_pass(
     assert f"default/sim/1: {verdict}, bad luck; flown again" in out
     assert "PASS*" in out
     assert "accepted; 1 not at the first attempt" in out
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize(("hardware", "retried"), [("", 1), ("real", 0)])
+def test_hardware_is_never_flown_again_by_itself(
+    campaign: Path, hardware: str, retried: int
+) -> None:
+    campaign.write_text(campaign.read_text() + "retries: 2\ndescription: ERROR\n")
+    settings = FlyingSettings(
+        out=campaign.parent / "out", clock="virtual", jobs=1, hardware=hardware
+    )
+    loaded = load_campaign(campaign, Options(repetitions=1))
+    outcome = fly_campaign(loaded, settings, Silent())
+    assert len(list(outcome.folder.rglob("result.json"))) == 1 + retried
+    assert [len(one.attempts) for one in outcome.summary.runs] == [retried]
+    assert outcome.exit_code == (0 if retried else 3)
 
 
 @pytest.mark.usefixtures("quick")

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -18,8 +18,10 @@ from orchestrator.outside.honesty import NotHonouredError, prove
 from orchestrator.run.aboard import Aboard
 from orchestrator.run.journals import journal_folder
 from orchestrator.run.station import Station
+from safety.geofence import Fence
 from vehicles.autopilots.base import AutopilotName
 from vehicles.driver import Driver
+from vehicles.driver.fence import FenceCircle, Place
 from vehicles.embedded.config import EmbeddedConfig
 from vehicles.embedded.profile import load_profile
 from vehicles.embedded.vehicle import EmbeddedVehicle
@@ -54,8 +56,12 @@ class Rig:
         self.noted: list[tuple[str, Mapping[str, Any]]] = []
         self.decided: list[tuple[str, ...]] = []
 
-    def aboard(self) -> Aboard:
-        campaign = SimpleNamespace(preflight=PreflightSetup(fence=None), fences={})
+    def aboard(
+        self,
+        preflight: PreflightSetup = PreflightSetup(fence=None),  # noqa: B008 - frozen
+        fences: Mapping[str, Fence] = MappingProxyType({}),
+    ) -> Aboard:
+        campaign = SimpleNamespace(preflight=preflight, fences=fences)
         setup = SimpleNamespace(vehicle=lambda _: self.setup, campaign=campaign)
         course = SimpleNamespace(decide=lambda *said: self.decided.append(said))
         return Aboard(
@@ -185,3 +191,41 @@ def test_what_a_run_left_that_was_killed_is_set_back_by_the_next() -> None:
         assert list(journal_folder().iterdir()) == []
 
     with_vehicle("ardupilot", script, params={"GUID_TIMEOUT": 4.0}, born_with={"AVOID_MARGIN": 9.0})
+
+
+@pytest.mark.parametrize("settled", [True, False])
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_an_attached_vehicle_has_its_own_fence_again(
+    autopilot: AutopilotName, settled: bool
+) -> None:
+    bounds: dict[str, Any] = {"east_m": (-4, 4), "up_m": (-1, 9)}
+    first = Fence.box(north_m=(-5, 5), **bounds)
+    second = Fence.box(north_m=(-2, 3), east_m=(-1, 1), up_m=(-1, 4))
+
+    async def script(rig: Rig) -> None:
+        driver = rig.station.driver
+        await driver.ready(90.0)
+        where = driver.place_of((0.0, 0.0, 0.0))
+        circle = FenceCircle(Place(where.latitude_deg, where.longitude_deg), 40.0)
+        await driver.onboard.fences.upload((circle,))
+        ceiling = "GF_MAX_VER_DIST" if autopilot == "px4" else "FENCE_ALT_MAX"
+        before = rig.has(ceiling)
+        aboard = rig.aboard(PreflightSetup(failsafe="set"), {"real": first})
+        await aboard.put(rig.station)
+        assert rig.has(ceiling) == 10.0
+        await aboard.fences.offer({"real": second})
+        if settled:
+            await aboard.fences.confirm()
+        assert rig.has(ceiling) == 5.0
+        await aboard.take_back()
+        (area,) = rig.vehicle.autopilot.fence.areas
+        assert getattr(area, "radius_m", None) == 40.0
+        assert rig.has(ceiling) == before
+        assert journals() == 0
+        assert rig.decided == []
+
+    with_vehicle(autopilot, script, params={})
+
+
+def journals() -> int:
+    return len(list(journal_folder().glob("*")))
