@@ -170,6 +170,16 @@ def test_a_fence_is_put_back_once_all_are_down(pair: Any) -> None:
     assert to_orchestrator(pair, "real", frame) == (frame,)
 
 
+def test_who_is_held_may_be_given_a_fence_and_nothing_that_moves_it(pair: Any) -> None:
+    frame = DRIVER.pack(mavlink.MAVLink_mission_count_message(1, 1, 3, 1))
+    pair.apply(pair.core.command(OperatorCommand("hold", "anna", pair.t_s)))
+    assert to_orchestrator(pair, "real", frame) == (frame,)
+    for moving in (setpoint(), mode_command(Mode.GUIDED)):
+        assert to_orchestrator(pair, "real", moving) == ()
+    abort(pair)
+    assert to_orchestrator(pair, "real", frame) == ()
+
+
 def test_a_setpoint_between_harmless_frames_is_taken_out(pair: Any) -> None:
     abort(pair)
     sync = DRIVER.pack(mavlink.MAVLink_timesync_message(0, 1))
