@@ -1,6 +1,7 @@
 """Each check of the preflight sees the fault it is for, in an embedded vehicle that has it."""
 
 import asyncio
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -33,10 +34,14 @@ def once_ready(name: str, break_it: Callable[[EmbeddedVehicle], None]) -> Any:
         vehicle, ready = pair.vehicles[name], station.driver.ready
         assert isinstance(vehicle, EmbeddedVehicle)
 
+        times = itertools.count(1)
+
         async def ready_and_broken(timeout_s: float) -> None:
             await ready(timeout_s)
-            break_it(vehicle)
-            await asyncio.sleep(2.0)
+            # It is asked again when all has been put aboard; the preflight follows that.
+            if next(times) == 2:
+                break_it(vehicle)
+                await asyncio.sleep(2.0)
 
         station.driver.ready = ready_and_broken  # type: ignore[method-assign]  # to break it then
 
