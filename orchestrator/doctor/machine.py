@@ -11,7 +11,7 @@ from pathlib import Path
 
 from orchestrator.doctor.findings import Finding
 from safety.guard.leftovers import GuardRecord
-from vehicles.driver.parameter_context import waiting_journals
+from vehicles.driver.fence_notes import waiting_notes
 from vehicles.launch.records import LaunchRecord
 from vehicles.links.serial_port import group_of
 
@@ -129,7 +129,7 @@ def _vehicles(guards: Iterable[GuardRecord]) -> Iterator[Finding]:
 
 
 def _parameters(journals: Path) -> Iterator[Finding]:
-    if there := waiting_journals(journals):
+    if there := waiting_notes(journals):
         yield Finding(
             LEFT,
             "note",

@@ -15,6 +15,7 @@ from orchestrator.run.preflight import ceiling_above_home_m, sets_failsafes, wan
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
 from orchestrator.run.written_logs import flight_log
+from vehicles.driver.fence_notes import restore_fence
 from vehicles.driver.parameter_context import ParameterValue
 from vehicles.errors import VehicleError
 
@@ -79,6 +80,9 @@ class Aboard:
         restored = await parameters.restore_leftovers(journal)
         for change in restored.restored:
             self._note("parameter", vehicle=station.name, name=change.name, value=change.before)
+        fences = station.driver.onboard.fences
+        if await restore_fence(journal, fences=fences, vehicle=parameters.vehicle):
+            self._note("fence_given_back", vehicle=station.name)
         changes = {**await self._failsafes(station, vehicle), **vehicle.params}
         changed = parameters.changed(changes, journal=journal)
         await stack.enter_async_context(changed)

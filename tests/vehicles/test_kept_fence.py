@@ -13,6 +13,7 @@ from orchestrator.clock import run_virtual
 from vehicles.autopilots.base import AutopilotName
 from vehicles.driver import Driver
 from vehicles.driver.fence import FenceCircle, OwnFence, Place
+from vehicles.driver.fence_notes import restore_fence
 from vehicles.driver.kept_fence import KeptFence
 from vehicles.driver.mission import MissionError
 from vehicles.embedded.config import EmbeddedConfig
@@ -145,12 +146,43 @@ def test_after_a_kill_all_changes_are_set_back(autopilot: AutopilotName, tmp_pat
         # A copy is held by nobody, as the journals of a program that was killed.
         left = tmp_path / "left"
         shutil.copytree(tmp_path / "journals", left)
-        assert files(left) == 2
+        assert files(left) == 4
         await rig.driver.parameters.restore_leftovers(left)
         assert rig.parameters == before
+        fences, vehicle = rig.driver.onboard.fences, rig.driver.parameters.vehicle
+        assert not await restore_fence(left, fences=fences, vehicle="another")
+        assert rig.radius_m == 10.0
+        assert await restore_fence(left, fences=fences, vehicle=vehicle)
+        assert rig.radius_m == 90.0
         assert files(left) == 0
 
     with_vehicle(autopilot, script)
+
+
+@BOTH
+def test_a_fence_that_somebody_drew_since_is_left_alone(
+    autopilot: AutopilotName, tmp_path: Path
+) -> None:
+    async def script(rig: Rig) -> None:
+        fences = rig.driver.onboard.fences
+        await rig.kept(tmp_path / "journals").keep(FIRST)
+        shutil.copytree(tmp_path / "journals", tmp_path / "left")
+        await fences.upload(around(33.0, None).areas)
+        vehicle = rig.driver.parameters.vehicle
+        assert not await restore_fence(tmp_path / "left", fences=fences, vehicle=vehicle)
+        assert rig.radius_m == 33.0
+
+    with_vehicle(autopilot, script)
+
+
+def test_a_spoilt_note_is_told(tmp_path: Path) -> None:
+    (tmp_path / "000001.fence.json").write_text("{}")
+
+    async def script(rig: Rig) -> None:
+        with pytest.raises(MissionError, match=r"000001.fence.json is no note of a fence"):
+            await restore_fence(tmp_path, fences=rig.driver.onboard.fences, vehicle="x")
+
+    with_vehicle("px4", script)
 
 
 @BOTH

@@ -24,7 +24,8 @@ class Identity:
 
     version: (major, minor, patch); version_text adds the kind of release ("4.7.0-dev").
     uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex. simulation: whether it has no
-    board; then its uid is not its own (PX4's is a constant, ArduPilot's that of the machine).
+    board; then its uid is not its own (PX4's is a constant and the system id, ArduPilot's that of
+    the machine).
     """
 
     autopilot: AutopilotName
@@ -56,7 +57,7 @@ def identity_of(autopilot: Autopilot, target: Target, heard: Heard, version: Any
         git_hash=_git_hash(bytes(version.flight_custom_version)),
         uid=uid2.hex() if any(uid2) else f"{version.uid:016x}",
         capabilities=version.capabilities,
-        simulation=_is_simulation(autopilot.name, version),
+        simulation=_is_simulation(autopilot.name, version, target.system),
     )
 
 
@@ -128,11 +129,12 @@ def _misfit(target: Target, heard: Heard, wanted: Wanted) -> str:
     return f"{who} is a {kind} of {strategy.name}"
 
 
-def _is_simulation(autopilot: AutopilotName, version: Any) -> bool:
+def _is_simulation(autopilot: AutopilotName, version: Any, system_id: int) -> bool:
     # Boards of ArduPilot say which they are; its simulation has none.
     if autopilot == "ardupilot":
         return bool(version.board_version == 0 and version.vendor_id == 0)
-    return bool(version.uid == _PX4_SITL_UID)
+    # PX4 adds the system id less one (mavlink_main.cpp).
+    return bool(version.uid in {_PX4_SITL_UID, _PX4_SITL_UID + system_id - 1})
 
 
 def _type_name(vehicle_type: int) -> str:

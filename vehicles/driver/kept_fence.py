@@ -12,7 +12,9 @@ from types import TracebackType
 from typing import Self
 
 from vehicles.autopilots.base import AutopilotName
-from vehicles.driver.fence import Fences, OwnFence, fence_parameters
+from vehicles.driver.fence import Fences, OwnFence, fence_items, fence_parameters
+from vehicles.driver.fence_notes import note_fence
+from vehicles.driver.locked_notes import LockedNote
 from vehicles.driver.mission import MissionItem
 from vehicles.driver.parameter_context import ParameterContext, ParameterValue
 from vehicles.driver.parameters import Parameters
@@ -23,8 +25,8 @@ class KeptFence:
     """Has one autopilot keep a fence; an async context manager that gives it its own back.
 
     A fence is put aboard by `offer`, and counts once it is confirmed; until then `put_back` has
-    the autopilot keep what it kept before. journal: folder for the parameters' journals (see
-    `Parameters.changed`). Without entering it the fence stays for good.
+    the autopilot keep what it kept before. journal: folder for what is to be put back after a crash
+    (`Parameters.changed`, `note_fence`). Without entering it the fence stays for good.
     """
 
     def __init__(
@@ -40,6 +42,7 @@ class KeptFence:
         self._autopilot = autopilot
         self._journal = journal
         self._own: tuple[MissionItem, ...] | None = None
+        self._notes: list[LockedNote] = []
         self._stack = AsyncExitStack()
         self._offered: tuple[OwnFence, ParameterContext] | None = None
         self.fence: OwnFence | None = None
@@ -88,12 +91,15 @@ class KeptFence:
         """
         if self._own is None:
             self._own = await self._fences.items()
-            self._stack.push_async_callback(self._fences.restore, self._own)
+            self._stack.push_async_callback(self._give_back, self._own)
         present = {} if self.fence is None else fence_parameters(self._autopilot, self.fence)
         wanted = {**fence_parameters(self._autopilot, fence), **(also or {})}
         changes = {name: value for name, value in wanted.items() if present.get(name) != value}
         context = self._parameters.changed(changes, journal=self._journal)
         self._offered = (fence, context)
+        if self._journal is not None:
+            ours, vehicle = fence_items(fence.areas), self._parameters.vehicle
+            self._notes.append(note_fence(self._journal, vehicle, own=self._own, ours=ours))
         await self._fences.upload(fence.areas)
         await context.__aenter__()
 
@@ -118,3 +124,13 @@ class KeptFence:
         elif self._own is not None:
             await self._fences.restore(self._own)
         self._offered = None
+
+    async def _give_back(self, own: tuple[MissionItem, ...]) -> None:
+        """Restore what it had; where that fails, the notes stay for the next start."""
+        try:
+            await self._fences.restore(own)
+            for note in self._notes:
+                note.remove()
+        finally:
+            for note in self._notes:
+                note.close()

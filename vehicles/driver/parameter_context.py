@@ -5,21 +5,19 @@ while its writer lives, so that the next start knows which journals nobody will 
 """
 
 import contextlib
-import fcntl
-import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
+from vehicles.driver.locked_notes import LockedNote, notes
 from vehicles.errors import ParameterError
 
 ParameterValue = int | float
 
-_SUFFIX = ".parameters.json"
+PARAMETERS_SUFFIX = ".parameters.json"
 _SCHEMA = 1
 
 
@@ -144,7 +142,7 @@ async def restore_leftovers(folder: Path, *, access: ParameterAccess, vehicle: s
     """
     restored: list[ParameterChange] = []
     foreign: list[ParameterChange] = []
-    for path in _journals(folder):
+    for path in notes(folder, PARAMETERS_SUFFIX):
         journal = _Journal.take(path, vehicle)
         if journal is None:
             continue
@@ -166,18 +164,13 @@ def _same(one: ParameterValue, other: ParameterValue) -> bool:
     return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-12)
 
 
-def waiting_journals(folder: Path) -> tuple[Path, ...]:
-    """Return the journals in a folder: what has still to be set back."""
-    return tuple(_journals(folder))
-
-
 class _Journal:
     """A journal's file, locked as long as this lives."""
 
-    def __init__(self, path: Path, handle: int, changes: tuple[ParameterChange, ...]) -> None:
-        self.path = path
+    def __init__(self, note: LockedNote, changes: tuple[ParameterChange, ...]) -> None:
+        self.path = note.path
         self.changes = changes
-        self._handle: int | None = handle
+        self.remove, self.close = note.remove, note.close
 
     @classmethod
     def write(cls, folder: Path, vehicle: str, changes: tuple[ParameterChange, ...]) -> Self:
@@ -188,83 +181,29 @@ class _Journal:
             "changes": [[change.name, change.before, change.wanted] for change in changes],
         }
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            number = max(map(_number, _journals(folder)), default=0) + 1
-            half = folder / f"{number:06d}.{os.getpid()}.tmp"
-            handle = os.open(half, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-            # The lock goes with the file through its renaming.
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            os.write(handle, json.dumps(document).encode())
-            os.fsync(handle)
-            path = _linked(half, folder, number)
-            half.unlink()
-            _sync_folder(folder)
+            return cls(LockedNote.write(folder, PARAMETERS_SUFFIX, document), changes)
         except OSError as error:
             raise ParameterError(
                 f"the journal of parameters in {folder} cannot be written ({error.strerror}); "
                 "without it they would stay changed after a crash"
             ) from error
-        return cls(path, handle, changes)
 
     @classmethod
     def take(cls, path: Path, vehicle: str) -> Self | None:
         """Return a vehicle's journal that nobody holds; None for others. Raises ParameterError."""
+        note: LockedNote | None = None
         try:
-            handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-        except FileNotFoundError:
-            return None
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            document = json.loads(path.read_text(encoding="utf-8"))
-            if document["vehicle"] == vehicle:
-                changes = tuple(ParameterChange(*entry) for entry in document["changes"])
-                return cls(path, handle, changes)
-        except (BlockingIOError, FileNotFoundError):
-            pass
+            note = LockedNote.take(path)
+            if note is None:
+                return None
+            if note.document["vehicle"] == vehicle:
+                changes = tuple(ParameterChange(*entry) for entry in note.document["changes"])
+                return cls(note, changes)
         except (ValueError, KeyError, TypeError) as error:
-            os.close(handle)
+            if note is not None:
+                note.close()
             raise ParameterError(
                 f"{path} is no journal of parameters; look at it, and remove it"
             ) from error
-        os.close(handle)
+        note.close()
         return None
-
-    def remove(self) -> None:
-        """Remove the file: there is nothing to set back any more."""
-        self.path.unlink(missing_ok=True)
-
-    def close(self) -> None:
-        """Give up the lock."""
-        if self._handle is not None:
-            os.close(self._handle)
-            self._handle = None
-
-
-def _journals(folder: Path) -> list[Path]:
-    """Return the journals in a folder, newest first."""
-    return sorted(folder.glob(f"*{_SUFFIX}"), key=_number, reverse=True)
-
-
-def _number(path: Path) -> int:
-    text = path.name.removesuffix(_SUFFIX)
-    return int(text) if text.isdecimal() else 0
-
-
-def _linked(half: Path, folder: Path, number: int) -> Path:
-    """Give a file the first free number; one that another run took meanwhile stays its own."""
-    while True:
-        path = folder / f"{number:06d}{_SUFFIX}"
-        try:
-            os.link(half, path)
-        except FileExistsError:
-            number += 1
-        else:
-            return path
-
-
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -90,6 +90,11 @@ class Parameters:
         """Say how the autopilot encodes integers."""
         self._bytewise = bytewise
 
+    @property
+    def vehicle(self) -> str:
+        """Return whose they are, as `use_identity` said."""
+        return self._vehicle
+
     def use_identity(self, vehicle: str) -> None:
         """Say whose parameters they are, by a name that is the same at the next start."""
         self._vehicle = vehicle

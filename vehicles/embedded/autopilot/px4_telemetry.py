@@ -23,8 +23,11 @@ _HEADING_S = 3.2
 
 
 def autopilot_version(identity: Identity) -> Any:
-    """Return AUTOPILOT_VERSION of PX4 1.18 SITL: its uid is a constant."""
-    uid2 = tuple((identity.uid2 or b"").ljust(18, b"\0")[:18])
+    """Return AUTOPILOT_VERSION of PX4 SITL: a constant uid, and the system id less one added."""
+    others = identity.system_id - 1
+    uid2 = tuple(
+        (bytes([others]) if identity.uid2 is None else identity.uid2).ljust(18, b"\0")[:18]
+    )
     return mavlink.MAVLink_autopilot_version_message(
         _CAPABILITIES,
         _FLIGHT_VERSION,
@@ -36,7 +39,7 @@ def autopilot_version(identity: Identity) -> Any:
         (0,) * 8,
         0,
         0,
-        _SITL_UID if identity.uid is None else identity.uid,
+        _SITL_UID + others if identity.uid is None else identity.uid,
         uid2,
     )
 
