@@ -2,7 +2,8 @@
 
 from campaigns.setup import SyncSetup
 from orchestrator.results import SyncResult
-from orchestrator.run.course import Course
+from orchestrator.run.course import Course, Stage
+from orchestrator.run.lifting import Lift
 from orchestrator.run.station import Station
 from safety.guard.shell import Record
 from safety.guard.traffic import command_of
@@ -23,6 +24,7 @@ class Synchronisation:
     def attach(self, stations: tuple[Station, ...]) -> None:
         """Take the vehicles whose skews are measured."""
         self._stations = stations
+        self._course.on_stage(self._entered)
 
     def recording(self, record: Record) -> Record:
         """Return a record of frames that also notes when takeoff commands were on the wire."""
@@ -54,6 +56,12 @@ class Synchronisation:
             takeoff_skew_s=self._skew(lifted),
             t0_skew_s=self._skew(self._goal_s),
         )
+
+    def _entered(self, stage: Stage, _: float) -> None:
+        if stage == "takeoff":
+            # What an estimate did before, on the ground, was none.
+            for station in self._stations:
+                station.lift = Lift()
 
     def _skew(self, times_s: dict[str, float]) -> float | None:
         if len(self._stations) < 2 or len(times_s) < len(self._stations):

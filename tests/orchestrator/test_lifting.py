@@ -1,8 +1,14 @@
 """When a vehicle lifted: heights as real autopilots gave them, which drift on the ground."""
 
+from itertools import count
+from types import SimpleNamespace
+from typing import Any, cast
+
 import pytest
 
+from orchestrator.run.course import Course
 from orchestrator.run.lifting import Lift
+from orchestrator.run.synchronisation import Synchronisation
 
 # A pair of PX4 in SIH (main of August 2025) from 0.9 s before the takeoff command on: seconds,
 # height and climb by their estimates, which sink here and rise there. Both lifted at 9.9 s.
@@ -33,6 +39,21 @@ def test_a_height_that_drifts_on_the_ground_is_no_lift(
     samples: tuple[tuple[float, float, float], ...],
 ) -> None:
     assert lifted(*samples) == 9.9
+
+
+def test_what_an_estimate_did_before_the_takeoff_is_no_lift() -> None:
+    course, seconds = Course(time=lambda: 5.0), count(0.0, 0.5)
+    sync = Synchronisation(setup=cast("Any", None), course=course)
+    real, twin = (SimpleNamespace(name=name, lift=Lift()) for name in ("real", "twin"))
+    sync.attach(cast("Any", (real, twin)))
+    for t_s, height_m in zip(seconds, (0.0, 0.2, 0.4, 0.4), strict=False):
+        real.lift.take(t_s, height_m=height_m, climb_m_s=0.4)
+    assert real.lift.lifted_s == 0.0
+    course.enter("takeoff")
+    for one, began_s in ((real, 7.0), (twin, 7.25)):
+        for step in range(4):
+            one.lift.take(began_s + step / 2, height_m=0.4 + step / 2, climb_m_s=1.0)
+    assert sync.result().takeoff_skew_s == 0.25
 
 
 def test_nothing_is_known_of_who_stands() -> None:
