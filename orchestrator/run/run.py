@@ -23,6 +23,7 @@ from orchestrator.run.commanding import Commanding, commanding_of
 from orchestrator.run.course import Course, FlightError, Stage
 from orchestrator.run.flight import fly_together
 from orchestrator.run.goal import GoalFlight
+from orchestrator.run.grounding import bring_down, see_at_rest
 from orchestrator.run.holding import Holding
 from orchestrator.run.judging import Bench
 from orchestrator.run.last_words import last_words
@@ -48,9 +49,6 @@ from vehicles.errors import VehicleError
 from vehicles.links.base import LinkError
 from vehicles.readings import Reading
 from worlds.motion import MOMENTS
-
-_ALL_DOWN_S = 60.0
-"""How long the guard is given to bring all down; its own retries and escalation fit in."""
 
 Disturb = Callable[[Pair, Course], None]
 """Is handed the pair once it is there, to make trouble at times of its own: kill, mute, break."""
@@ -271,8 +269,10 @@ async def _conduct(run: _Run) -> None:
 async def _finish(run: _Run, flight: "asyncio.Task[None]") -> None:
     """End the flight; unless it landed by itself, have the guard bring all down."""
     await _stop(flight)
-    if not run.course.reached("landed"):
-        await _bring_down(run)
+    if run.course.reached("landed"):
+        await see_at_rest(run.pair, run.course)
+    else:
+        await bring_down(run.pair, run.course)
     if not run.course.decisive:
         await run.watchdog.last_signs()
     await run.commanding.fencing.end()
@@ -352,21 +352,6 @@ async def _flight(run: _Run) -> None:
         )
     except (VehicleError, FlightError) as error:
         run.course.decide("ERROR", str(error))
-
-
-async def _bring_down(run: _Run) -> None:
-    """Have the guard land everything that is in the air or armed, and wait for it."""
-    stations, guard, course = run.pair.stations, run.pair.guard, run.course
-    first = course.decisive[0].text if course.decisive else "the flight was not completed"
-    if course.reached("arm"):
-        course.enter("land")
-    guard.bring_down(first)
-    if not await guard.all_down(_ALL_DOWN_S):
-        still = ", ".join(f"{name} ({phase.value})" for name, phase in guard.phases.items())
-        course.decide("ERROR", f"not down {_ALL_DOWN_S:g} s after the guard took over: {still}")
-        return
-    if course.reached("takeoff") and not any(one.driver.state.armed for one in stations):
-        course.enter("landed")
 
 
 def _guard_event(run: _Run, event: GuardEvent) -> None:

@@ -142,10 +142,14 @@ class Told:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Where the guard stands; sent several times a second, as its sign of life."""
+    """Where the guard stands; sent several times a second, as its sign of life.
+
+    at_rest: nothing may be armed, latched or not.
+    """
 
     latched: Cause | None
     all_down: bool
+    at_rest: bool
     phases: tuple[Phase, ...]
 
 

@@ -24,6 +24,9 @@ from worlds.frames import Vec3, norm
 _ASKED_AFTERWARDS = frozenset({Mode.LAND, Mode.RTL, Mode.MISSION})
 """Modes from which an autopilot goes on to landing by itself."""
 _FRESH_S = 1.0
+_ARMED_LATELY_S = 1.5
+"""Heartbeats come once a second: who is armed says so within this time. A single word that it is
+disarmed may be old (a replay, a second vehicle of its number), and ends no flight."""
 _TOLD_S = 0.3
 """After how long without a position of the orchestrator's the vehicle's own estimate counts."""
 
@@ -54,6 +57,7 @@ class Observed:
         self._mode_name = ""
         self._asked_s: float | None = None
         self._arm_asked_s: float | None = None
+        self._armed_s: float | None = None
         self._up_m: float | None = None
         self._speed_m_s: float | None = None
         self._seen_s: float | None = None
@@ -62,8 +66,11 @@ class Observed:
         self._told_s: float | None = None
 
     def may_be_armed(self, t_s: float) -> bool:
-        """Return whether it is armed, or was just told to arm and has not said otherwise since."""
-        if self.armed:
+        """Return whether it is armed, or was just told to arm and has not said otherwise since.
+
+        Who said both within a heartbeat and a half counts as armed.
+        """
+        if self.armed or (self._armed_s is not None and t_s - self._armed_s <= _ARMED_LATELY_S):
             return True
         asked_s = self._arm_asked_s
         return asked_s is not None and t_s - asked_s <= self._settings.asked_s
@@ -150,7 +157,7 @@ class Observed:
         self.mode, self.armed = new, heartbeat.armed
         self._mode_name = self._vehicle.autopilot.mode_name(heartbeat.custom_mode)
         if heartbeat.armed:
-            self._arm_asked_s = None
+            self._arm_asked_s, self._armed_s = None, t_s
         if not heartbeat.armed:
             self.failsafe = False
             return None

@@ -234,10 +234,11 @@ class GuardProcess:
 
     def _tell_status(self) -> None:
         core, loop = self._shell.core, asyncio.get_running_loop()
-        if core.latched is None and not core.may_be_armed(loop.time()):
+        rest = not core.may_be_armed(loop.time())
+        if core.latched is None and rest:
             # Who is busy with other things on the ground endangers nobody by its silence.
             self._shell.alive()
-        self._channel.send(Status(core.latched, core.all_down, tuple(core.phases.values())))
+        self._channel.send(Status(core.latched, core.all_down, rest, tuple(core.phases.values())))
         call_wall_later(STATUS_S, self._tell_status)
 
     def _take(self, message: Message) -> None:

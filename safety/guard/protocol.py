@@ -20,7 +20,7 @@ body, little-endian. Frequent kinds have a fixed layout, the others msgpack:
     18    guard          Ended: [vehicle, exit code or nil, last words]
     19    guard          OnWire: u8 vehicle, f64 t_s, one command frame that went to the vehicle
     20    guard          Event: [t_s, kind, vehicle, text]
-    21    guard          Status: [latched or nil, all down, [phase, ...]]
+    21    guard          Status: [latched or nil, all down, at rest, [phase, ...]]
     22    guard          Failed: [text]
     23    guard          Pace: [wall clock, run clock, run seconds for each of the wall's]
 
@@ -109,8 +109,8 @@ def _plain(message: Message) -> tuple[int, Any]:
             return kind, [who, plain, proposed]
         case Told(event):
             return kind, [event.t_s, event.kind, event.vehicle, event.text]
-        case Status(latched, all_down, phases):
-            return kind, [latched, all_down, [phase.name for phase in phases]]
+        case Status(latched, all_down, at_rest, phases):
+            return kind, [latched, all_down, at_rest, [phase.name for phase in phases]]
         case _:
             return kind, [getattr(message, one.name) for one in fields(message)]
 
@@ -218,12 +218,13 @@ def _read_event(packet: bytes) -> Message:
 
 
 def _read_status(packet: bytes) -> Message:
-    latched, all_down, phases = _body(packet)
+    latched, all_down, at_rest, phases = _body(packet)
     if latched is not None and latched not in _CAUSES:
         raise ProtocolError(f"cause {latched!r} is not known")
     return Status(
         cast("Cause | None", latched),
         bool(all_down),
+        bool(at_rest),
         tuple(Phase[name] for name in _texts(*phases)),
     )
 

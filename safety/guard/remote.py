@@ -42,6 +42,7 @@ from safety.guard.messages import (
 )
 from safety.guard.shell import Record
 from safety.guard.spawning import spawn_guard
+from safety.guard.waits import happens
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
 from vehicles.links.base import Link, LinkError
@@ -79,6 +80,7 @@ class RemoteGuard:
         self._listeners: list[Callable[[GuardEvent], None]] = []
         self._phases = dict.fromkeys(self._names, Phase.IDLE)
         self._down = asyncio.Event()
+        self._rest = asyncio.Event()
         self._gone = False
         self._ending = False
         self._silent_checks = 0
@@ -217,12 +219,11 @@ class RemoteGuard:
 
     async def all_down(self, timeout_s: float) -> bool:
         """Wait until all were brought down; False when they are not after `timeout_s`."""
-        try:
-            async with asyncio.timeout(timeout_s):
-                await self._down.wait()
-        except TimeoutError:
-            return False
-        return True
+        return await happens(self._down, timeout_s)
+
+    async def at_rest(self, timeout_s: float) -> bool:
+        """Wait until nothing may be armed; False when something may be after `timeout_s`."""
+        return await happens(self._rest, timeout_s)
 
     async def start(
         self, name: str, argv: Sequence[str], environment: Mapping[str, str] | None = None
@@ -296,7 +297,8 @@ class RemoteGuard:
             case OnWire(index, t_s, frame):
                 if self._record is not None:
                     self._record(self._names[index], t_s, frame)
-            case Status(_, all_down, phases):
+            case Status(_, all_down, at_rest, phases):
+                (self._rest.set if at_rest else self._rest.clear)()
                 self._phases = dict(zip(self._names, phases, strict=True))
                 (self._down.set if all_down else self._down.clear)()
             case Told(event):
@@ -334,6 +336,7 @@ class RemoteGuard:
             return
         now_s = asyncio.get_running_loop().time()
         self._down.clear()
+        self._rest.set()
         self._aftermath = asyncio.create_task(self._watch_failsafes(), name="after the guard")
         text = "the guard's process ended; the autopilots' own failsafes have to act"
         self._tell(GuardEvent(now_s, "guard", "", text))

@@ -23,6 +23,7 @@ from safety.guard.events import (
     ToOrchestrator,
     ToVehicle,
 )
+from safety.guard.waits import happens
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
 from vehicles.links.base import Link, Receiver
@@ -72,6 +73,7 @@ class GuardShell:
         self._stack = AsyncExitStack()
         self._timer: asyncio.TimerHandle | None = None
         self._down = asyncio.Event()
+        self._rest = asyncio.Event()
         self._start_s = 0.0
 
     @property
@@ -177,12 +179,11 @@ class GuardShell:
 
     async def all_down(self, timeout_s: float) -> bool:
         """Wait until the guard has brought all down; False when they are not after `timeout_s`."""
-        try:
-            async with asyncio.timeout(timeout_s):
-                await self._down.wait()
-        except TimeoutError:
-            return False
-        return True
+        return await happens(self._down, timeout_s)
+
+    async def at_rest(self, timeout_s: float) -> bool:
+        """Wait until nothing may be armed; False when something may be after `timeout_s`."""
+        return await happens(self._rest, timeout_s)
 
     def _receiver(self, take: Callable[[str, bytes, float], Outputs], name: str) -> Receiver:
         def receive(data: bytes, t_s: float) -> None:
@@ -200,6 +201,7 @@ class GuardShell:
         self._schedule(count + 1)
         now_s = self._now_s()
         self._apply(self.core.tick(now_s), now_s)
+        (self._rest.clear if self.core.may_be_armed(now_s) else self._rest.set)()
         if self.core.latched is not None:
             (self._down.set if self.core.all_down else self._down.clear)()
 

@@ -1,15 +1,15 @@
-"""Seeded kills in virtual time: who dies when, and what came of it.
+"""Seeded faults in virtual time: what happens when, and what came of it.
 
-`python -m tests.faults.virtual FIRST COUNT FOLDER` prints one JSON object for each kill.
+`python -m tests.faults.virtual FIRST COUNT FOLDER` prints one JSON object for each kill or stop;
+`python -m tests.faults.virtual FIRST COUNT FOLDER troubles` for each other trouble.
 """
 
 import asyncio
-import csv
 import json
 import os
 import sys
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,24 +17,22 @@ import numpy as np
 
 from campaigns.expansion import Options, load_campaign
 from orchestrator.operator import OperatorCommand
-from orchestrator.recording.mcap_reader import read_recording
 from orchestrator.results import RunResult
 from orchestrator.run import run as running
-from orchestrator.run.course import Course
+from orchestrator.run.course import Course, Stage
 from orchestrator.run.opening import Pair
 from orchestrator.run.setup import RunOrder, RunSetup
 from orchestrator.run.warming import warm_up
+from safety.guard.contingency import Phase
+from tests.faults.barriers import UNDISTURBED, acted_after_s, late
+from tests.faults.draws import WHILE_FLOWN, Fault, draw_kill, draw_trouble
 from tests.faults.mortal_loop import MortalLoop
+from tests.faults.readable import unreadable
+from tests.faults.strikes import KEY, Strike, signing_vehicles
+from tests.faults.witness import Witness
+from vehicles.links.conditions import KeySource
 
 ROOT = Path(__file__).parents[2]
-CAMPAIGNS = {"gate": (14.0, 22.0, 27.0), "gate-ardupilot": (47.0, 55.0, 60.0)}
-"""When the goal is given, done, and all is over in an undisturbed run, about, in seconds."""
-VICTIMS = (
-    *("real", "twin", "guard", "orchestrator", "stages", "judging", "trajectory", "operator"),
-    *("autonomy", "source", "mixing", "any task"),
-)
-_NEEDED_UNTIL = {"source": "done", "mixing": "done", "autonomy": "done"}
-"""Until which stage a victim is needed for a PASS; all others: until both have landed."""
 _HARMLESS = frozenset(
     {
         *("nobody", "progress", "outside", "fences", "over"),
@@ -44,11 +42,19 @@ _HARMLESS = frozenset(
     }
 )
 """Who has nothing to do in these flights, or neither judges nor records."""
+_MUST_NOT_PASS = frozenset({"disk full", "folder read-only"})
+"""Troubles before the landing after which nothing is a PASS: its record is not whole."""
+_LONGEST_GAP_S = 1.0
+"""Of the link, by both campaigns; a heartbeat is a second, so that a gap may be half of one more.
+A link that is dark for longer while the pair is armed must not PASS."""
+_GAP_SPARE_S = 0.5
 _SMALL = tuple(
     f"vehicles.{name}.sensors.camera.{key}={value}"
     for name in ("real", "twin")
     for key, value in (("width_px", 160), ("height_px", 120))
 )
+_ACTS_WITHIN_S = {"orchestrator": 0.5, "real": 3.2, "twin": 3.2}
+"""After whose end in the air the guard has to take over, and how soon."""
 _ENDS_WITHIN_S = 900.0
 _DOWN_WITHIN_S = 120.0
 _BEAT_S = 0.1
@@ -57,40 +63,19 @@ _GRAVEYARD: list[object] = []
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
-    """A kill: in which campaign, of whom, when."""
-
-    seed: int
-    campaign: str
-    victim: str
-    at_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class Aftermath:
-    """What came of it. hit: who died in fact; stage: when; lost: what must not be."""
+    """What came of it. hit: who was hit in fact; stage: when; lost: what must not be.
+
+    acted_s: how long after that the guard took over.
+    """
 
     fault: Fault
     hit: str
     stage: str
     verdict: str | None
     reason: str
+    acted_s: float | None
     lost: tuple[str, ...]
-
-
-def draw(seed: int) -> Fault:
-    """Return the fault of a seed."""
-    rng = np.random.default_rng([seed, 20])
-    campaign = list(CAMPAIGNS)[seed // len(VICTIMS) % len(CAMPAIGNS)]
-    victim = VICTIMS[seed % len(VICTIMS)]
-    goal_s, done_s, over_s = CAMPAIGNS[campaign]
-    begins_s, ends_s = (goal_s, done_s) if victim in _NEEDED_UNTIL else (0.5, over_s)
-    return Fault(
-        seed=seed,
-        campaign=campaign,
-        victim=victim,
-        at_s=round(float(rng.uniform(begins_s, ends_s)), 3),
-    )
 
 
 class _Nobody:
@@ -98,52 +83,62 @@ class _Nobody:
         return None
 
 
-class _Killing:
-    """One run with one kill in it."""
+class _Flight:
+    """One run with one fault in it."""
 
     def __init__(self, fault: Fault, folder: Path) -> None:
         self.fault = fault
         self.folder = folder
-        self.hit = "nobody"
         self.stage = "over"
-        self.killed: set[asyncio.Task[Any]] = set()
         self.pair: Pair | None = None
         self.course: Course | None = None
+        self.strike: Strike | None = None
+        self.witness = Witness({})
+        self.struck_s: float | None = None
         self.run: asyncio.Task[RunResult]
-        self._alive = True
+
+    @property
+    def hit(self) -> str:
+        return "nobody" if self.strike is None else self.strike.hit
 
     def disturb(self, pair: Pair, course: Course) -> None:
         self.pair, self.course = pair, course
+        self.strike = Strike(self.fault, pair, self.folder)
+        self.witness = Witness(pair.vehicles)
+        self.witness.watch()
         loop = asyncio.get_running_loop()
         loop.call_at(max(self.fault.at_s, loop.time()), self._strike)
         self._beat()
 
     def _beat(self) -> None:
         """Give the signs of life that an orchestrator's process gives its guard."""
-        if self._alive and self.pair is not None:
+        now_s = asyncio.get_running_loop().time()
+        silent = self.hit == "orchestrator" and now_s < self.fault.at_s + self.fault.for_s
+        if self.pair is not None and not silent:
             self.pair.guard.alive()
-            asyncio.get_running_loop().call_later(_BEAT_S, self._beat)
+        asyncio.get_running_loop().call_later(_BEAT_S, self._beat)
 
     def _strike(self) -> None:
         assert self.pair is not None
         assert self.course is not None
+        assert self.strike is not None
         if self.run.done():
             return
         self.stage = self.course.stage
-        victim, loop = self.fault.victim, asyncio.get_running_loop()
+        loop = asyncio.get_running_loop()
         assert isinstance(loop, MortalLoop)
-        self.hit = victim
-        if victim in self.pair.vehicles:
-            self.pair.vehicles[victim].kill()  # type: ignore[attr-defined]  # embedded ones can
+        self.struck_s = loop.time()
+        victim = self.fault.victim
+        if self.fault.kind == "trouble":
+            self.strike.trouble()
+        elif victim in self.pair.vehicles:
+            self.strike.vehicle(victim)
         elif victim == "guard":
-            self.pair.guard._apply = lambda *_: None  # type: ignore[union-attr, method-assign]
+            self.strike.guard()
         elif victim == "orchestrator":
-            self._kill_orchestrator(loop)
+            self.strike.orchestrator(loop, {self.main})
         else:
-            found = self._tasks()
-            self.hit = ", ".join(sorted(task.get_name() for task in found)) or "nobody"
-            self.killed = found
-            loop.kill(found)
+            self.strike.tasks(loop, self._tasks())
 
     def _tasks(self) -> set[asyncio.Task[Any]]:
         ours = {self.run, self.main}
@@ -165,22 +160,8 @@ class _Killing:
                 wanted = [task for task in tasks if task.get_name() == name]
         return set(wanted)
 
-    def _kill_orchestrator(self, loop: MortalLoop) -> None:
-        assert self.pair is not None
-        self._alive = False
-        guard: Any = self.pair.guard
-        guard._listeners.clear()
-        guard._record = None
-        for ends in guard._links.values():
-            ends.orchestrator._other = None
-        for vehicle in self.pair.vehicles.values():
-            vehicle._truth_callbacks.clear()  # type: ignore[attr-defined]
-            vehicle._mocap._callbacks.clear()  # type: ignore[attr-defined]
-        loop.kill_all_but({self.main})
-
-    async def fly(self) -> RunResult | None:
+    async def fly(self, setup: RunSetup) -> RunResult | None:
         """Return the result; None when nobody was left to give one."""
-        setup = setup_of(self.fault.campaign, self.folder)
         warm_up(setup)
         task = asyncio.current_task()
         assert task is not None
@@ -188,109 +169,142 @@ class _Killing:
         flown = running._fly(setup, lambda _: None, _Nobody(), self.disturb)
         self.run = asyncio.create_task(flown, name="run")
         loop = asyncio.get_running_loop()
+        killed = self.fault.kind == "kill"
         while not self.run.done() and loop.time() < _ENDS_WITHIN_S:
-            if self.hit == "orchestrator" and self._over(loop.time()):
-                return None
+            if killed and self.hit == "orchestrator" and self._over(loop.time()):
+                break
             await asyncio.sleep(0.5)
+        self.witness.look()
         return self.run.result() if self.run.done() else None
 
     def _over(self, now_s: float) -> bool:
         late = now_s > self.fault.at_s + _DOWN_WITHIN_S
-        return late or all(self.is_down(name) for name in self.vehicles())
-
-    def vehicles(self) -> list[str]:
-        return [] if self.pair is None else list(self.pair.vehicles)
-
-    def is_down(self, name: str) -> bool:
-        """Return whether a vehicle is in truth on the ground, and disarmed."""
-        assert self.pair is not None
-        vehicle: Any = self.pair.vehicles[name]
-        down_m = vehicle.truth().pose.position_ned_m[2]
-        return not vehicle.autopilot.flight.armed and abs(down_m) < 0.2
+        return late or all(sight.down for sight in self.witness.sights.values())
 
 
-def setup_of(campaign: str, folder: Path) -> RunSetup:
+def setup_of(fault: Fault, folder: Path) -> RunSetup:
     options = Options(cases=("large",), modes=("wil",), sets=_SMALL)
-    plan = load_campaign(ROOT / "campaigns" / f"{campaign}.yaml", options).runs[0]
-    return RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
+    plan = load_campaign(ROOT / "campaigns" / f"{fault.campaign}.yaml", options).runs[0]
+    setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
+    if fault.victim != "forged":
+        return setup
+    source = KeySource("environment", KEY)
+    return replace(setup, vehicles=tuple(replace(one, signing=source) for one in setup.vehicles))
 
 
 def inject(fault: Fault, folder: Path) -> Aftermath:
     """Fly a run with a fault in it, and return what came of it."""
     folder.mkdir(parents=True)
-    killing = _Killing(fault, folder)
-    loop = MortalLoop()
-    result = loop.run_until_complete(killing.fly())
-    mended = bool(killing.killed) and killing.killed <= loop.went_on
-    lost = [*_found(killing, result, mended=mended), *unreadable(folder)]
+    flight, loop = _Flight(fault, folder), MortalLoop()
+    with ExitStack() as stack:
+        if fault.victim == "forged":
+            stack.enter_context(signing_vehicles())
+        stack.callback(lambda: flight.strike and flight.strike.undo())
+        result = loop.run_until_complete(flight.fly(setup_of(fault, folder)))
+    lost = [*_found(flight, result, loop), *unreadable(folder), *_unsaid(flight, result)]
     for task in asyncio.all_tasks(loop):
         task._log_destroy_pending = False  # type: ignore[attr-defined]
-    _GRAVEYARD.append((loop, asyncio.all_tasks(loop), killing))
+    _GRAVEYARD.append((loop, asyncio.all_tasks(loop), flight))
     return Aftermath(
         fault,
-        killing.hit,
-        killing.stage,
+        flight.hit,
+        flight.stage,
         None if result is None else result.verdict,
         "" if result is None else result.reason,
+        _acted_s(flight),
         tuple(lost),
     )
 
 
-def _found(killing: _Killing, result: RunResult | None, *, mended: bool) -> list[str]:
-    """Return what must not be after a kill. mended: a time-out of its own woke who was dead."""
-    found = []
-    if result is None and killing.hit != "orchestrator":
+def _found(flight: _Flight, result: RunResult | None, loop: MortalLoop) -> list[str]:
+    """Return what must not be after a fault."""
+    found, fault = [], flight.fault
+    dead = fault.victim if fault.kind == "kill" else ""
+    if result is None and dead != "orchestrator":
         found.append(f"the run had not ended after {_ENDS_WITHIN_S:g} s")
-    names = [name for name in killing.vehicles() if killing.hit != name]
-    found += [f"{name} is not down" for name in names if not killing.is_down(name)]
-    passed = result is not None and result.verdict == "PASS"
-    if passed and not mended and _was_needed(killing):
-        found.append(f"PASS, though {killing.hit} died in stage {killing.stage}")
-    if result is not None and result.verdict != "PASS" and not result.reason:
-        found.append(f"{result.verdict} without a reason")
+    for name, sight in flight.witness.sights.items():
+        if name != dead and not sight.down:
+            found.append(f"{name} is not down: armed {sight.armed}, {sight.up_m:.2f} m up")
+        if name != dead and sight.fell:
+            found.append(f"{name} fell: {sight.sink_m_s:.1f} m/s")
+    found += _unguarded(flight)
+    if result is not None and result.verdict != "PASS" and fault.victim in UNDISTURBED:
+        found.append("it should not have disturbed the flight")
+    if result is not None and result.verdict == "PASS":
+        found += [f"PASS, though {what}" for what in flight.witness.not_completed()]
+        if _was_needed(flight, loop):
+            found.append(f"PASS, though {flight.hit} was hit in stage {flight.stage}")
     return found
 
 
-def _was_needed(killing: _Killing) -> bool:
-    if killing.hit in _HARMLESS:
+def _acted_s(flight: _Flight) -> float | None:
+    events = [] if flight.pair is None else flight.pair.guard.events
+    return acted_after_s([(event.t_s, event.kind) for event in events], flight.struck_s)
+
+
+def _unguarded(flight: _Flight) -> list[str]:
+    """Return what the guard was late with; who was stopped for less is not waited for."""
+    within_s = _ACTS_WITHIN_S.get(flight.hit)
+    if within_s is not None and flight.fault.for_s <= within_s:
+        return []
+    others = {name: one for name, one in flight.witness.sights.items() if name != flight.hit}
+    victim = flight.witness.sights.get(flight.hit)
+    if victim is not None and not victim.flew:
+        return []
+    acted_s = _acted_s(flight)
+    found = late(acted_s, within_s, flight.struck_s, others)
+    if within_s is None or acted_s is None or flight.pair is None:
+        return found
+    phases = flight.pair.guard.phases
+    names = [name for name, sight in others.items() if sight.flew]
+    return found + [
+        f"the guard did not bring {name} down: {phases[name].value}"
+        for name in names
+        if phases[name] is not Phase.DOWN
+    ]
+
+
+def _unsaid(flight: _Flight, result: RunResult | None) -> list[str]:
+    """Return what has no reason though people will ask for one."""
+    if result is not None:
+        return [] if result.verdict == "PASS" or result.reason else [f"{result.verdict}, no reason"]
+    flew = any(sight.flew for sight in flight.witness.sights.values())
+    said = flight.pair is None or flight.pair.guard.events or not flew
+    return [] if said else ["nobody says what happened"]
+
+
+def _was_needed(flight: _Flight, loop: MortalLoop) -> bool:
+    """Return whether there must be no PASS after what was hit."""
+    fault, strike, course = flight.fault, flight.strike, flight.course
+    if strike is None or course is None or strike.hit in _HARMLESS or flight.struck_s is None:
         return False
-    assert killing.course is not None
-    until = _NEEDED_UNTIL.get(killing.fault.victim, "landed")
-    reached_s = killing.course.entered_s.get(until)  # type: ignore[call-overload]
+    until: Stage = "done" if fault.victim in WHILE_FLOWN else "landed"
     # What the last moments lacked was within the recipe's budget, or the autopilot's patience.
     spare_s = 1.2 if until == "done" else 0.0
-    return reached_s is None or killing.fault.at_s < reached_s - spare_s
-
-
-def unreadable(folder: Path) -> list[str]:
-    """Return which files of a run cannot be read, and why."""
-    readers: dict[str, Callable[[Path], object]] = {
-        "trajectory.csv": lambda path: list(csv.DictReader(path.read_text("utf-8").splitlines())),
-        "log.jsonl": _read_lines,
-        "run.mcap": lambda path: sum(1 for _ in read_recording(path)),
-        "result.json": lambda path: json.loads(path.read_text("utf-8")),
-    }
-    found = []
-    for name, read in readers.items():
-        path = folder / name
-        if not path.exists():
-            continue
-        try:
-            read(path)
-        except Exception as error:  # noqa: BLE001 - whatever it is, it is what we look for
-            found.append(f"{name}: {type(error).__name__}: {error}")
-    return found
-
-
-def _read_lines(path: Path) -> None:
-    whole = path.read_text("utf-8").rpartition("\n")[0]
-    for line in whole.splitlines():
-        json.loads(line)
+    before_s = course.entered_s.get(until, float("inf")) - spare_s
+    if fault.kind == "trouble":
+        dark = fault.victim.startswith("dark")
+        if not dark:
+            return fault.victim in _MUST_NOT_PASS and fault.at_s < before_s
+        if fault.victim == "dark twin":
+            # The required oracles judge the real vehicle; the twin's gaps are reported.
+            return False
+        armed_s = course.entered_s.get("takeoff", float("inf"))
+        begins_s, ends_s = max(armed_s, fault.at_s), min(fault.at_s + fault.for_s, before_s)
+        return ends_s - begins_s > _LONGEST_GAP_S + _GAP_SPARE_S
+    if fault.kind == "stop":
+        # Who was stopped for a while went on; what it did not see its watchers know.
+        return False
+    mended = bool(strike.killed) and all(
+        loop.woken_s.get(task, before_s) < before_s for task in strike.killed
+    )
+    return fault.at_s < before_s and not mended
 
 
 def main(arguments: list[str]) -> None:
     first, count = int(arguments[0]), int(arguments[1])
     folder = Path(arguments[2])
+    draw = draw_trouble if arguments[3:] == ["troubles"] else draw_kill
     for seed in range(first, first + count):
         aftermath = inject(draw(seed), folder / str(seed))
         sys.stdout.write(json.dumps(asdict(aftermath)) + "\n")

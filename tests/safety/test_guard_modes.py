@@ -37,8 +37,26 @@ def test_a_pilot_takes_over_and_the_guard_keeps_out(pair: Any) -> None:
     assert to_orchestrator(pair, "real", param) == ()
     assert pair.core.phases["real"] is Phase.PILOT
     real.armed = False
-    pair.fly(1.1)
+    pair.fly(2.6)
     assert pair.core.all_down
+
+
+@pytest.mark.parametrize("every_s", [0.05, 0.4])
+def test_an_old_word_that_it_is_disarmed_ends_no_landing(pair: Any, every_s: float) -> None:
+    real = pair.vehicles["real"]
+    real.armed = False
+    replay = real.heartbeat()
+    real.armed = True
+    abort(pair)
+    while real.armed:
+        pair.apply(pair.core.from_vehicle("real", replay, pair.t_s))
+        assert not pair.core.all_down
+        assert "real" in pair.core.may_be_armed(pair.t_s)
+        assert pair.t_s < 60.0
+        pair.fly(every_s)
+    pair.fly(3.0)
+    assert pair.core.all_down
+    assert pair.core.may_be_armed(pair.t_s) == ()
 
 
 def test_a_pilot_takes_over_in_the_middle_of_a_landing(pair: Any) -> None:

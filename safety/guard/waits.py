@@ -1,0 +1,13 @@
+"""Waiting for what the guard sees."""
+
+import asyncio
+
+
+async def happens(event: asyncio.Event, within_s: float) -> bool:
+    """Return whether an event is set within a time."""
+    try:
+        async with asyncio.timeout(within_s):
+            await event.wait()
+    except TimeoutError:
+        return False
+    return True
