@@ -26,7 +26,7 @@ from orchestrator.operating.mqtt import MqttSecrets, mqtt_operating
 from orchestrator.operating.records import Place, places
 from safety.guard.remote import RemoteGuard
 from safety.samples import PoseSample
-from tests.faults.processes import broker_process
+from tests.faults.surroundings import broker_process
 from tests.orchestrator.operating.desks import FakeFleet, make_desk
 from tests.orchestrator.operating.mosquitto import free_port
 from tests.orchestrator.wall_runs import ROOT, Program, lines

@@ -123,7 +123,8 @@ def test_the_step_of_ones_own_on_the_page_works(tmp_path: Path) -> None:
 
 
 CAPABILITIES = (DOCS / "capabilities.md").read_text(encoding="utf-8")
-NAMED = sorted(set(re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", CAPABILITIES)))
+SAFETY = (DOCS / "safety.md").read_text(encoding="utf-8")
+NAMED = sorted(set(re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", CAPABILITIES + SAFETY)))
 
 
 def test_every_capability_names_a_test() -> None:
@@ -134,7 +135,15 @@ def test_every_capability_names_a_test() -> None:
         assert re.search(r"`tests/[\w/]+\.py::test_\w+` \|$", row), row
 
 
+def test_every_barrier_names_a_test() -> None:
+    rows = [line for line in SAFETY.splitlines() if line.startswith("|")]
+    told = [row for row in rows if not row.startswith(("| hazard", "|---"))]
+    assert len(told) > 20
+    for row in told:
+        assert re.search(r"\| `tests/[\w/]+\.py::test_\w+`[^|]*\|[^|]*\|$", row), row
+
+
 @pytest.mark.parametrize(("file", "name"), NAMED, ids=[name for _, name in NAMED])
-def test_the_test_that_proves_a_capability_is_there(file: str, name: str) -> None:
+def test_the_test_that_proves_it_is_there(file: str, name: str) -> None:
     written = (ROOT / file).read_text(encoding="utf-8")
     assert re.search(rf"^\s*(async )?def {name}\(", written, re.MULTILINE)

@@ -35,14 +35,14 @@ def late(
 ) -> list[str]:
     """Return that the guard was too late, if it was, and if anybody was in need of it.
 
-    within_s: None where it need not act. others: vehicles that were not hit.
+    within_s: None where it need not act. others: vehicles that were not hit, and were armed then.
     """
     if within_s is None or struck_s is None:
         return []
     needy = [
         name
         for name, sight in others.items()
-        if sight.flew and not (sight.down and sight.down_s <= struck_s + within_s)
+        if not (sight.down and sight.down_s <= struck_s + within_s)
     ]
     if not needy or (acted_s is not None and acted_s <= within_s):
         return []

@@ -86,6 +86,7 @@ class Flown:
     err: str
     left: list[str]
     struck_s: float | None
+    armed_then: tuple[str, ...]
     sights: Mapping[str, Sight]
 
 
@@ -114,8 +115,9 @@ async def _flown(
     """Have it fly, hit it, and wait until all is over."""
     with ExitStack() as stack:
         hit = await _due(fault, program)
-        struck_s = None
+        struck_s, armed_then = None, tuple[str, ...]()
         if hit:
+            armed_then = tuple(name for name, sight in sights.items() if sight.armed)
             pids = {**roles(program.process.pid, program.runtime), **around.pids}
             if fault.action == "trouble":
                 struck_s = asyncio.get_running_loop().time()
@@ -135,7 +137,7 @@ async def _flown(
             os.kill(pid, signal.SIGKILL)
     folders = list((program.out / "gate").glob("*")) if (program.out / "gate").is_dir() else []
     folder = folders[0] if folders else None
-    return Flown(fault, folder, code, err, left, struck_s, sights)
+    return Flown(fault, folder, code, err, left, struck_s, armed_then, sights)
 
 
 async def _due(fault: RealFault, program: FaultyProgram) -> bool:
@@ -187,7 +189,10 @@ def _aftermath(flown: Flown, before: Mapping[str, str]) -> RealAftermath:
         lost.append(f"a traceback: {flown.err[-400:]}")
     events = [(float(str(one["t_s"])), str(one.get("kind"))) for one in _journal(run)]
     acted_s = acted_after_s(events, flown.struck_s)
-    others = {name: one for name, one in flown.sights.items() if name != fault.victim}
+    then = [name for name in flown.armed_then if name != fault.victim]
+    others = {name: flown.sights[name] for name in then}
+    if fault.victim in flown.sights and fault.victim not in flown.armed_then:
+        others = {}
     within_s = _ACTS_WITHIN_S.get((fault.victim, fault.action))
     lost += late(acted_s, within_s, flown.struck_s, others)
     hit = flown.struck_s is not None

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.faults.barriers import acted_after_s, late
-from tests.faults.draws import TROUBLES, VICTIMS, draw_kill, draw_trouble
+from tests.faults.draws import TROUBLES, VICTIMS, Fault, draw_kill, draw_trouble
 from tests.faults.virtual import inject
 from tests.faults.witness import Sight, Witness
 
@@ -27,6 +27,13 @@ def test_whatever_goes_wrong_both_come_down(tmp_path: Path, seed: int) -> None:
     aftermath = inject(draw_trouble(seed), tmp_path / "run")
     assert aftermath.lost == ()
     assert aftermath.stage != "over"
+
+
+def test_a_step_of_the_wall_clock_changes_nothing(tmp_path: Path) -> None:
+    fault = Fault(1, "gate", "trouble", "clock jump", at_s=18.0)
+    aftermath = inject(fault, tmp_path / "run")
+    assert aftermath.lost == ()
+    assert (aftermath.hit, aftermath.verdict) == ("clock jump", "PASS")
 
 
 def test_the_moments_and_victims_are_those_of_the_seed() -> None:

@@ -95,6 +95,7 @@ class _Flight:
         self.strike: Strike | None = None
         self.witness = Witness({})
         self.struck_s: float | None = None
+        self.armed_then: tuple[str, ...] = ()
         self.run: asyncio.Task[RunResult]
 
     @property
@@ -128,6 +129,9 @@ class _Flight:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, MortalLoop)
         self.struck_s = loop.time()
+        self.witness.look()
+        sights = self.witness.sights.items()
+        self.armed_then = tuple(name for name, sight in sights if sight.armed)
         victim = self.fault.victim
         if self.fault.kind == "trouble":
             self.strike.trouble()
@@ -247,19 +251,18 @@ def _unguarded(flight: _Flight) -> list[str]:
     within_s = _ACTS_WITHIN_S.get(flight.hit)
     if within_s is not None and flight.fault.for_s <= within_s:
         return []
-    others = {name: one for name, one in flight.witness.sights.items() if name != flight.hit}
-    victim = flight.witness.sights.get(flight.hit)
-    if victim is not None and not victim.flew:
+    if flight.hit in flight.witness.sights and flight.hit not in flight.armed_then:
         return []
+    sights = flight.witness.sights.items()
+    others = {n: one for n, one in sights if n != flight.hit and n in flight.armed_then}
     acted_s = _acted_s(flight)
     found = late(acted_s, within_s, flight.struck_s, others)
     if within_s is None or acted_s is None or flight.pair is None:
         return found
     phases = flight.pair.guard.phases
-    names = [name for name, sight in others.items() if sight.flew]
     return found + [
         f"the guard did not bring {name} down: {phases[name].value}"
-        for name in names
+        for name in others
         if phases[name] is not Phase.DOWN
     ]
 
