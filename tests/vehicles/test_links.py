@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+from types import SimpleNamespace
 
 import pytest
 
@@ -81,6 +82,28 @@ async def test_udp_answers_whom_it_heard() -> None:
         listening.write(b"answer")
         assert (await asyncio.wait_for(answered.get(), 5.0))[0] == b"answer"
     speaking.write(b"closed links lose bytes and do not raise")
+
+
+async def test_udp_answers_its_peer_while_strangers_speak_and_the_next_when_it_is_silent() -> None:
+    now_s, sent = [10.0], list[tuple[bytes, int]]()
+    peer, stranger = ("127.0.0.1", 1001), ("127.0.0.1", 1002)
+    async with UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=0)) as link:
+        heard: list[bytes] = []
+        link.receive(lambda data, _: heard.append(data))
+        link._loop = SimpleNamespace(time=lambda: now_s[0])  # type: ignore[assignment]
+        link._transport.sendto = lambda data, addr: sent.append((data, addr[1]))  # type: ignore[method-assign, union-attr]
+        link.datagram_received(b"peer", peer)
+        for tenth in range(40):
+            now_s[0] += 0.1
+            link.datagram_received(b"stranger", stranger)
+            if tenth < 20:
+                link.datagram_received(b"peer", peer)
+            link.write(b"to whom?")
+    assert heard.count(b"stranger") == 40
+    to = [port for _, port in sent]
+    # A heartbeat and a half after the peer's last word the next one has its place.
+    assert to[:34] == [1001] * 34
+    assert to[36:] == [1002] * 4
 
 
 async def test_udp_busy_port_says_so() -> None:

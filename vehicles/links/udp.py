@@ -1,4 +1,4 @@
-"""UDP links: `udpin` listens and answers whom it heard last, `udpout` speaks first."""
+"""UDP links: `udpin` listens and answers who speaks to it, `udpout` speaks first."""
 
 import asyncio
 import errno
@@ -9,12 +9,16 @@ from typing import Self, cast
 from vehicles.links.base import LinkError, Receiver
 from vehicles.links.parse import LinkAddress
 
+_SILENT_S = 1.5
+"""A heartbeat and a half: who speaks MAVLink is not silent for so long."""
+
 
 class UdpLink(asyncio.DatagramProtocol):
     """A UDP socket as a link; wall clock only.
 
-    `udpin` binds to its address and writes to the last peer heard: what is written before is
-    lost. `udpout` sends to its address and hears only that peer.
+    `udpin` binds to its address, hears everybody, and writes to the peer that it heard first, for
+    as long as that one speaks: whoever else sends there must not draw our commands to himself.
+    What is written before is lost. `udpout` sends to its address and hears only that peer.
     """
 
     def __init__(self, *, address: LinkAddress) -> None:
@@ -23,6 +27,7 @@ class UdpLink(asyncio.DatagramProtocol):
         self._transport: asyncio.DatagramTransport | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._peer: tuple[str, int] | None = None
+        self._peer_s = 0.0
         self._trouble = ""
 
     @property
@@ -90,9 +95,13 @@ class UdpLink(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Hand a datagram on with its time (asyncio calls this)."""
-        self._peer = addr
-        if self._receiver is not None and self._loop is not None:
-            self._receiver(data, self._loop.time())
+        if self._loop is None:
+            return
+        now_s = self._loop.time()
+        if addr == self._peer or self._peer is None or now_s - self._peer_s > _SILENT_S:
+            self._peer, self._peer_s = addr, now_s
+        if self._receiver is not None:
+            self._receiver(data, now_s)
 
     def error_received(self, exc: Exception) -> None:
         """Remember a complaint such as "connection refused" (asyncio calls this)."""
