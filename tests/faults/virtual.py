@@ -57,6 +57,8 @@ _ACTS_WITHIN_S = {"orchestrator": 0.5, "real": 3.2, "twin": 3.2}
 """After whose end in the air the guard has to take over, and how soon."""
 _ENDS_WITHIN_S = 900.0
 _DOWN_WITHIN_S = 120.0
+_SEEN_S = 3.0
+"""After a landing the guard is given as long to see it, and to say so."""
 _BEAT_S = 0.1
 _GRAVEYARD: list[object] = []
 """Who died without clean-up must not be cleaned up by the collector either."""
@@ -183,7 +185,8 @@ class _Flight:
 
     def _over(self, now_s: float) -> bool:
         late = now_s > self.fault.at_s + _DOWN_WITHIN_S
-        return late or all(sight.down for sight in self.witness.sights.values())
+        sights = self.witness.sights.values()
+        return late or all(one.down and now_s - one.down_s > _SEEN_S for one in sights)
 
 
 def setup_of(fault: Fault, folder: Path) -> RunSetup:

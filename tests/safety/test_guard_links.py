@@ -103,9 +103,13 @@ async def test_the_guard_signs_and_believes_only_what_is_signed(
         async with signed:
             signed.write(vehicle.pack(own_heartbeat()))
             await until(lambda: inside == ["HEARTBEAT"])
-            link.write(ours.pack(own_heartbeat()))
-            # Taken by a link that believes only what is signed.
-            await until(lambda: "HEARTBEAT" in answers)
+            # Taken by a link that believes only what is signed; sent to it, and no more to the
+            # stranger, once that one has been silent for long enough.
+            async with asyncio.timeout(20.0):
+                while "HEARTBEAT" not in answers:
+                    signed.write(vehicle.pack(own_heartbeat()))
+                    link.write(ours.pack(own_heartbeat()))
+                    await asyncio.sleep(0.1)
     assert "of the test" not in (tmp_path / "guard.jsonl").read_text()
 
 
