@@ -15,12 +15,16 @@ from orchestrator.results import VehicleKind
 from vehicles.driver import Driver
 from vehicles.driver.identity import Identity, same_vehicle
 from vehicles.errors import IdentifyError
+from vehicles.links.base import Link
 from vehicles.links.conditions import LinkConditions, under_conditions
 from vehicles.links.opening import open_link
+from vehicles.links.udp import UdpLink
 
 _PLACE_S = 3.0
 """How long is waited for a position and a battery, which it may not have."""
 _LOOK_S = 0.05
+_HEARTBEATS_S = 1.2
+"""Until whoever is there was heard once: heartbeats come every second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +107,9 @@ async def _find(vehicle: VehicleSetup, timeout_s: float) -> Found:
     if vehicle.attached is None:
         raise ValueError(f"{vehicle.name} is not attached")
     conditions = LinkConditions(signing=vehicle.signing)
-    link = under_conditions(
-        open_link(vehicle.attached),
-        conditions,
-        utc_s=time.time(),
-        spares=[open_link(spare) for spare in vehicle.spares],
-    ).link
+    signed = vehicle.signing is not None
+    raw = [open_link(address, signed=signed) for address in vehicle.addresses]
+    link = under_conditions(raw[0], conditions, utc_s=time.time(), spares=raw[1:]).link
     driver = Driver(
         name=vehicle.name,
         link=link,
@@ -116,12 +117,15 @@ async def _find(vehicle: VehicleSetup, timeout_s: float) -> Found:
         system_id=vehicle.system_id,
         rates=vehicle.rates,
     )
+    loop = asyncio.get_running_loop()
     async with driver:
+        began_s = loop.time()
         identity = await driver.identify(timeout_s)
         for _ in range(round(_PLACE_S / _LOOK_S)):
-            if _complete(driver):
+            if _complete(driver) and loop.time() - began_s >= _HEARTBEATS_S:
                 break
             await asyncio.sleep(_LOOK_S)
+        _refuse_rivals(vehicle.name, raw)
         state = driver.state
         return Found(
             name=vehicle.name,
@@ -131,6 +135,17 @@ async def _find(vehicle: VehicleSetup, timeout_s: float) -> Found:
             battery=None if state.battery is None else state.battery.remaining,
             armed=state.armed,
         )
+
+
+def _refuse_rivals(name: str, links: Iterable[Link]) -> None:
+    """Refuse two vehicles with one system id on one port. Raises IdentifyError."""
+    for link in links:
+        said = next(iter(link.rivals.values()), None) if isinstance(link, UdpLink) else None
+        if said is not None:
+            raise IdentifyError(
+                f"{name} on {link.name}: {said}; switch one off, or give it another id "
+                "(MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
+            )
 
 
 def _complete(driver: Driver) -> bool:

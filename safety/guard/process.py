@@ -58,7 +58,13 @@ from safety.guard.messages import (
 )
 from safety.guard.operator_orders import OperatorOrders
 from safety.guard.operator_socket import POINTER, OperatorSocket
-from safety.guard.process_parts import close_quietly, how_it_ended, spare_links, vehicle_link
+from safety.guard.process_parts import (
+    close_quietly,
+    how_it_ended,
+    open_ports,
+    spare_links,
+    vehicle_link,
+)
 from safety.guard.shell import GuardLinks, GuardShell
 from safety.guard.spawning import SCALED
 from safety.samples import PoseSample
@@ -69,7 +75,6 @@ from vehicles.links.base import Link
 from vehicles.links.conditions import under_conditions
 from vehicles.links.opening import open_link
 from vehicles.links.parse import parse_link
-from vehicles.links.udp import UdpLink
 from vehicles.mavlink.tlog import TlogWriter
 from vehicles.pace import PacedLoop, call_wall_later
 from worlds.frames import Pose
@@ -225,7 +230,7 @@ class GuardProcess:
         stack.callback(remove_record, runtime, me)
 
     def _opened(self, raw: Mapping[str, Link]) -> None:
-        ports = tuple(link.local_port if isinstance(link, UdpLink) else 0 for link in raw.values())
+        ports = open_ports(raw, told=self._link_changed)
         self._note("opened", pid=os.getpid())
         self._channel.send(Opened(os.getpid(), ports))
         self._tell_status()

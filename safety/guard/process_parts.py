@@ -2,6 +2,8 @@
 
 import contextlib
 import signal
+from collections.abc import Callable, Mapping
+from functools import partial
 
 from safety.guard.charter import Guarded
 from vehicles.links.base import Link
@@ -13,14 +15,27 @@ from vehicles.mavlink.tlog import TlogWriter
 
 def vehicle_link(guarded: Guarded) -> Link:
     """Return the link to a vehicle; a free UDP port of loopback for one that will be started."""
+    signed = guarded.conditions.signing is not None
     if guarded.link:
-        return open_link(parse_link(guarded.link), patient=guarded.patient)
+        return open_link(parse_link(guarded.link), patient=guarded.patient, signed=signed)
     return UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
 
 
 def spare_links(guarded: Guarded) -> list[Link]:
     """Return the links to a vehicle that stand by."""
-    return [open_link(parse_link(one)) for one in guarded.spares]
+    signed = guarded.conditions.signing is not None
+    return [open_link(parse_link(one), signed=signed) for one in guarded.spares]
+
+
+def open_ports(links: Mapping[str, Link], *, told: Callable[[str, str], None]) -> tuple[int, ...]:
+    """Return the UDP ports of the links to vehicles, 0 for one that has none.
+
+    told: gets the name of a vehicle, and in words who else speaks in its name there.
+    """
+    udp = {name: link for name, link in links.items() if isinstance(link, UdpLink)}
+    for name, link in udp.items():
+        link.on_rival(partial(told, name))
+    return tuple(udp[name].local_port if name in udp else 0 for name in links)
 
 
 def how_it_ended(code: int | None) -> str:

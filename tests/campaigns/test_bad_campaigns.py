@@ -70,7 +70,11 @@ ONE_PLACE = [
     ("use: pilot.py:Pilot", "use: @pilot.py:Deaf", "'pilot.py:Deaf' is no autonomy: it has no met"),
     ("use: pilot.py:Pilot", "use: @pilot.py:Wrong", "'pilot.py:Wrong' cannot be called with"),
     ("use: pilot.py:Pilot", "use: @pilot.py", "'pilot.py' is not of the form file.py:Name"),
-    ("use: pilot.py:Pilot", "use: @gaet", "there is no autonomy 'gaet' (there are gate, straight"),
+    (
+        "use: pilot.py:Pilot",
+        "use: @gaet",
+        "there is no autonomy 'gaet' (there are gate, place, straight",
+    ),
     (
         "with: {speed_m_s: 0.8}",
         "with: @{sped_m_s: 0.8}",

@@ -481,7 +481,8 @@ def test_killed_twice_no_run_is_counted_twice(campaign: Path) -> None:
             wait_for(lambda name=finished: text_of(campaign, name))  # type: ignore[misc]  # bound now
             os.killpg(running.pid, signal.SIGKILL)
     summary = resumed(campaign)
-    assert [bool(one["attempts"]) for one in summary["runs"]][:2] == [False, False]
+    # The first was whole before anybody was killed; a later one may have been in flight then.
+    assert not summary["runs"][0]["attempts"]
     assert summary["totals"]["runs"] == summary["totals"]["passed"] == 4
     for one in summary["runs"]:
         if one["attempts"]:

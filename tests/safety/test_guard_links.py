@@ -103,8 +103,7 @@ async def test_the_guard_signs_and_believes_only_what_is_signed(
         async with signed:
             signed.write(vehicle.pack(own_heartbeat()))
             await until(lambda: inside == ["HEARTBEAT"])
-            # Taken by a link that believes only what is signed; sent to it, and no more to the
-            # stranger, once that one has been silent for long enough.
+            # Taken by a link that believes only what is signed, and answered there.
             async with asyncio.timeout(20.0):
                 while "HEARTBEAT" not in answers:
                     signed.write(vehicle.pack(own_heartbeat()))

@@ -3,8 +3,10 @@
 import asyncio
 import socket
 from types import SimpleNamespace
+from typing import Self
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.clock import run_virtual
 from vehicles.links.base import LinkError, TellsTrouble
@@ -12,6 +14,7 @@ from vehicles.links.memory import memory_pair
 from vehicles.links.opening import open_link
 from vehicles.links.parse import LinkAddress, parse_link
 from vehicles.links.udp import UdpLink
+from vehicles.mavlink.codec import Codec
 
 
 def _free_port() -> int:
@@ -84,26 +87,95 @@ async def test_udp_answers_whom_it_heard() -> None:
     speaking.write(b"closed links lose bytes and do not raise")
 
 
-async def test_udp_answers_its_peer_while_strangers_speak_and_the_next_when_it_is_silent() -> None:
-    now_s, sent = [10.0], list[tuple[bytes, int]]()
-    peer, stranger = ("127.0.0.1", 1001), ("127.0.0.1", 1002)
-    async with UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=0)) as link:
-        heard: list[bytes] = []
-        link.receive(lambda data, _: heard.append(data))
-        link._loop = SimpleNamespace(time=lambda: now_s[0])  # type: ignore[assignment]
-        link._transport.sendto = lambda data, addr: sent.append((data, addr[1]))  # type: ignore[method-assign, union-attr]
-        link.datagram_received(b"peer", peer)
-        for tenth in range(40):
-            now_s[0] += 0.1
-            link.datagram_received(b"stranger", stranger)
-            if tenth < 20:
-                link.datagram_received(b"peer", peer)
-            link.write(b"to whom?")
-    assert heard.count(b"stranger") == 40
-    to = [port for _, port in sent]
-    # A heartbeat and a half after the peer's last word the next one has its place.
-    assert to[:34] == [1001] * 34
-    assert to[36:] == [1002] * 4
+class Heard:
+    """A udpin link on a clock of the test's, what it handed on, wrote to whom, and told."""
+
+    def __init__(self, *, signed: bool = False) -> None:
+        self.now_s = 10.0
+        self.heard: list[bytes] = []
+        self.sent: list[int] = []
+        self.told: list[str] = []
+        self.link = UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=0), signed=signed)
+        self.link.receive(lambda data, _: self.heard.append(data))
+        self.link.on_rival(self.told.append)
+
+    async def __aenter__(self) -> Self:
+        await self.link.__aenter__()
+        self.link._loop = SimpleNamespace(time=lambda: self.now_s)  # type: ignore[assignment]
+        self.link._transport.sendto = lambda _, addr: self.sent.append(addr[1])  # type: ignore[method-assign, union-attr]
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        await self.link.__aexit__(None, None, None)
+
+    def say(self, port: int, data: bytes) -> None:
+        self.link.datagram_received(data, ("127.0.0.1", port))
+
+    def answered(self) -> list[int]:
+        """Write, and return the ports that it went to."""
+        self.sent.clear()
+        self.link.write(b"to whom?")
+        return list(self.sent)
+
+
+def _heartbeat(system: int) -> bytes:
+    codec = Codec(system_id=system, component_id=1)
+    return codec.pack(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3))
+
+
+async def test_who_speaks_in_the_name_of_another_is_told_and_not_believed() -> None:
+    async with Heard() as there:
+        for _ in range(30):
+            there.now_s += 0.1
+            there.say(1001, _heartbeat(1))
+            there.say(1002, _heartbeat(1))
+            assert there.answered() == [1001]
+        assert there.heard == [_heartbeat(1)] * 30
+        (said,) = there.told
+        assert said == (
+            "system 1 speaks from 127.0.0.1:1002 as well as from 127.0.0.1:1001; two vehicles "
+            "have one system id, and only the latter is believed"
+        )
+        assert list(there.link.rivals.values()) == there.told
+
+
+async def test_a_vehicle_that_speaks_from_another_port_after_a_silence_is_the_same() -> None:
+    async with Heard() as there:
+        there.say(1001, _heartbeat(1))
+        there.now_s += 1.6
+        there.say(1002, _heartbeat(1))
+        assert there.answered() == [1002]
+        assert (len(there.heard), there.told) == (2, [])
+
+
+async def test_a_ground_station_that_spoke_first_keeps_nothing_from_the_vehicle() -> None:
+    async with Heard() as there:
+        there.say(1001, _heartbeat(255))
+        there.say(1002, _heartbeat(1))
+        assert there.answered() == [1001, 1002]
+        there.now_s += 1.0
+        there.say(1002, _heartbeat(1))
+        there.now_s += 1.0
+        assert there.answered() == [1002]
+        there.now_s += 60.0
+        assert there.answered() == [1002]  # who came back may hear us again
+
+
+async def test_a_flood_from_many_places_is_heard_and_not_written_to() -> None:
+    async with Heard() as there:
+        there.say(1001, _heartbeat(1))
+        for number in range(2, 200):
+            there.say(2000 + number, _heartbeat(number))
+        assert len(there.heard) == 199
+        assert len(there.answered()) == 4
+        assert there.sent[0] == 1001
+
+
+async def test_with_signatures_everybody_is_heard_for_they_settle_who_is_believed() -> None:
+    async with Heard(signed=True) as there:
+        there.say(1002, _heartbeat(1))
+        there.say(1001, _heartbeat(1))
+        assert (len(there.heard), there.answered(), there.told) == (2, [1002, 1001], [])
 
 
 async def test_udp_busy_port_says_so() -> None:

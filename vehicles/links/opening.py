@@ -11,15 +11,16 @@ _SOON = BackOff(first_s=0.1, longest_s=0.5)
 """For what is being started: it does not boot before somebody connects (ArduPilot's SITL)."""
 
 
-def open_link(address: LinkAddress, *, patient: bool = False) -> Link:
+def open_link(address: LinkAddress, *, patient: bool = False, signed: bool = False) -> Link:
     """Return the link of an address, not yet entered.
 
-    patient: who listens there is only going to be started.
+    patient: who listens there is only going to be started. signed: what comes is believed by its
+    signature, wherever it comes from.
     Raises LinkError for memory://, whose two ends are made at once.
     """
     match address.kind:
         case "udpin" | "udpout":
-            return UdpLink(address=address)
+            return UdpLink(address=address, signed=signed)
         case "tcpout":
             if patient:
                 return TcpOutLink(address=address, back_off=_SOON, patient=True)

@@ -3,32 +3,49 @@
 import asyncio
 import errno
 import socket
+from collections.abc import Callable
 from types import TracebackType
-from typing import Self, cast
+from typing import NamedTuple, Self, cast
 
 from vehicles.links.base import LinkError, Receiver
 from vehicles.links.parse import LinkAddress
 
 _SILENT_S = 1.5
 """A heartbeat and a half: who speaks MAVLink is not silent for so long."""
+_MOST_SOURCES = 4
+_SYSTEM_AT = {0xFD: 5, 0xFE: 3}
+"""Where a frame of MAVLink 2 and 1 says which system sent it."""
+_NO_MAVLINK = 0
+
+_Address = tuple[str, int]
+
+
+class _Source(NamedTuple):
+    address: _Address
+    heard_s: float
 
 
 class UdpLink(asyncio.DatagramProtocol):
     """A UDP socket as a link; wall clock only.
 
-    `udpin` binds to its address, hears everybody, and writes to the peer that it heard first, for
-    as long as that one speaks: whoever else sends there must not draw our commands to himself.
-    What is written before is lost. `udpout` sends to its address and hears only that peer.
+    `udpin` binds to its address, hears everybody, and writes to all whom it heard lately, at most
+    four. A MAVLink system is one vehicle: it is believed from the address that it was heard from
+    first, as long as it speaks there; what comes from elsewhere in its name is let go, and told.
+    What is written before anybody was heard is lost. `udpout` sends to its address and hears only
+    that peer. signed: who is believed is settled by signatures instead.
     """
 
-    def __init__(self, *, address: LinkAddress) -> None:
+    def __init__(self, *, address: LinkAddress, signed: bool = False) -> None:
         self._address = address
+        self._signed = signed
         self._receiver: Receiver | None = None
         self._transport: asyncio.DatagramTransport | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._peer: tuple[str, int] | None = None
-        self._peer_s = 0.0
+        self._sources: dict[int | _Address, _Source] = {}
         self._trouble = ""
+        self._rival: Callable[[str], None] | None = None
+        self.rivals: dict[_Address, str] = {}
+        """Who else spoke in the name of a system, in words; the first few."""
 
     @property
     def name(self) -> str:
@@ -51,6 +68,10 @@ class UdpLink(asyncio.DatagramProtocol):
         """Set who is handed what arrives."""
         self._receiver = receiver
 
+    def on_rival(self, listener: Callable[[str], None]) -> None:
+        """Tell `listener` in words of each who speaks in the name of another."""
+        self._rival = listener
+
     def write(self, data: bytes) -> None:
         """Send one datagram, if a peer is known."""
         transport = self._transport
@@ -58,8 +79,9 @@ class UdpLink(asyncio.DatagramProtocol):
             return
         if self._address.kind == "udpout":
             transport.sendto(data)
-        elif self._peer is not None:
-            transport.sendto(data, self._peer)
+        else:
+            for address in self._lately():
+                transport.sendto(data, address)
 
     async def __aenter__(self) -> Self:
         """Open the socket. Raises LinkError when the port is taken or the host unknown."""
@@ -98,14 +120,55 @@ class UdpLink(asyncio.DatagramProtocol):
         if self._loop is None:
             return
         now_s = self._loop.time()
-        if addr == self._peer or self._peer is None or now_s - self._peer_s > _SILENT_S:
-            self._peer, self._peer_s = addr, now_s
+        key = addr if self._signed else _system_of(data)
+        source = self._sources.get(key)
+        if source is not None and source.address != addr and now_s - source.heard_s <= _SILENT_S:
+            self._let_go(key, addr, source.address)
+            return
+        if source is not None or self._has_place(now_s):
+            self._sources[key] = _Source(addr, now_s)
         if self._receiver is not None:
             self._receiver(data, now_s)
+
+    def _has_place(self, now_s: float) -> bool:
+        """Return whether one more may be written to, in the place of who fell silent if need be."""
+        if len(self._sources) < _MOST_SOURCES:
+            return True
+        key, oldest = min(self._sources.items(), key=lambda item: item[1].heard_s)
+        if now_s - oldest.heard_s <= _SILENT_S:
+            return False
+        del self._sources[key]
+        return True
+
+    def _lately(self) -> list[_Address]:
+        """Return the addresses of all whom we heard lately; else of the last one."""
+        sources = self._sources.values()
+        if len(sources) == 1 or self._loop is None:
+            return [source.address for source in sources]
+        newest_s = max((source.heard_s for source in sources), default=0.0)
+        since_s = min(self._loop.time() - _SILENT_S, newest_s)
+        return list(dict.fromkeys(one.address for one in sources if one.heard_s >= since_s))
+
+    def _let_go(self, key: "int | _Address", rival: _Address, believed: _Address) -> None:
+        if key == _NO_MAVLINK or rival in self.rivals or len(self.rivals) >= _MOST_SOURCES:
+            return
+        said = (
+            f"system {key} speaks from {rival[0]}:{rival[1]} as well as from {believed[0]}:"
+            f"{believed[1]}; two vehicles have one system id, and only the latter is believed"
+        )
+        self.rivals[rival] = said
+        if self._rival is not None:
+            self._rival(said)
 
     def error_received(self, exc: Exception) -> None:
         """Remember a complaint such as "connection refused" (asyncio calls this)."""
         self._trouble = (exc.strerror if isinstance(exc, OSError) else "") or str(exc)
+
+
+def _system_of(data: bytes) -> int:
+    """Return the system that sent a datagram, by its first frame."""
+    at = _SYSTEM_AT.get(data[0]) if data else None
+    return data[at] if at is not None and len(data) > at else _NO_MAVLINK
 
 
 def _remedy(error: OSError, address: LinkAddress) -> str:
