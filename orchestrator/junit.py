@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from campaigns.acceptance import Requirement, Standing
 from orchestrator.attempts import attempt_text
+from orchestrator.reservations import fence_texts, overridden_texts, reported_texts
 from orchestrator.results import RunResult, Summary, standings_of
 from safety.results import OracleResult
 
@@ -26,12 +27,18 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
     ]
     root = ET.Element("testsuites")
     suite = ET.SubElement(root, "testsuite", name=_clean(summary.campaign))
-    said = {"left_out": ", ".join(summary.left_out), "overridden": _overridden(summary)}
+    said = {
+        "left_out": summary.left_out,
+        "overridden": overridden_texts(summary.runs),
+        "fence_changed": fence_texts(summary.runs),
+        "reported_failed": reported_texts(summary.runs),
+    }
     if any(said.values()):
         properties = ET.SubElement(suite, "properties")
-        for name, value in said.items():
-            if value:
-                ET.SubElement(properties, "property", name=name, value=_clean(value))
+        for name, texts in said.items():
+            if texts:
+                value = _clean(", ".join(texts))
+                ET.SubElement(properties, "property", name=name, value=value)
     suite.extend(cases)
     for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
         suite.set(name, str(sum(case.find(tag) is not None for case in cases)))
@@ -39,13 +46,6 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
     suite.set("time", _seconds(sum(run.duration_s or 0.0 for run in summary.runs)))
     ET.indent(root)
     return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
-
-
-def _overridden(summary: Summary) -> str:
-    """Return which checks of the preflight did not count, by whose name; empty for none."""
-    items = [item for run in summary.runs for item in run.preflight if item.by]
-    texts = {f"{item.vehicle} {item.check} by {item.by}".strip() for item in items}
-    return ", ".join(sorted(texts))
 
 
 def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:

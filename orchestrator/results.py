@@ -111,6 +111,18 @@ class Attempt:
 
 
 @dataclass(frozen=True, slots=True)
+class FenceChange:
+    """An operator gave these vehicles another fence in flight, which they were judged by since.
+
+    at_s: run clock.
+    """
+
+    at_s: float
+    by: str
+    vehicles: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class RunResult:
     """One flight. rep counts from 1. duration_s: takeoff command to disarm, None without takeoff.
 
@@ -118,7 +130,7 @@ class RunResult:
     flags of contacts as they happened. outside: what came in and went out; None for a run that
     has nothing outside of its own processes. artifacts: files, relative to the campaign's folder.
     attempts: those before this one, oldest first; a PASS after any is no clean one. preflight: what
-    was checked before arming, and who overrode what.
+    was checked before arming, and who overrode what. fence_changes: in flight, oldest first.
     """
 
     case: str
@@ -139,6 +151,12 @@ class RunResult:
     artifacts: tuple[str, ...] = ()
     attempts: tuple[Attempt, ...] = ()
     preflight: tuple[Item, ...] = ()
+    fence_changes: tuple[FenceChange, ...] = ()
+
+    @property
+    def subject(self) -> str:
+        """Return the vehicle that the run's required oracles judge."""
+        return "twin" if self.mode == "sim" else "real"
 
 
 @dataclass(frozen=True, slots=True)

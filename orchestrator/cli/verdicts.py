@@ -1,6 +1,5 @@
 """The table at the end of a campaign."""
 
-from collections import Counter
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 
@@ -12,6 +11,7 @@ from rich.text import Text
 from campaigns.acceptance import Requirement, Standing
 from orchestrator.cli.display import VERDICT_STYLES
 from orchestrator.cli.outside_lines import outside_lines
+from orchestrator.reservations import in_short, reservations
 from orchestrator.results import Percentiles, RunResult, Summary, standings_of
 from safety.judge import COLLISION_ALWAYS
 
@@ -51,23 +51,13 @@ def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Tabl
 
 
 def conclusions(summary: Summary) -> list[Text]:
-    """Return why runs did not pass, or not at once, what came and went, and what it came to."""
+    """Return why runs did not pass, or not at once, what came and went, and what it came to.
+
+    What a verdict has to be read with comes right before the last line, and in it.
+    """
     outside = [Text(line, style="dim") for line in outside_lines(summary.runs)]
-    overridden = [Text(line, style="yellow") for line in overridden_lines(summary.runs)]
-    return [*_reasons(summary), *outside, *overridden, _conclusion(summary)]
-
-
-def overridden_lines(runs: Sequence[RunResult]) -> list[str]:
-    """Return which checks of the preflight did not count, in how many runs, and by whose name."""
-    first: dict[tuple[str, str, str], str] = {}
-    counted: Counter[tuple[str, str, str]] = Counter()
-    for run in runs:
-        for item in run.preflight:
-            if item.outcome == "overridden":
-                key = (item.vehicle, item.check, item.by)
-                first.setdefault(key, str(item))
-                counted[key] += 1
-    return [f"preflight, {counted[key]} of {len(runs)} runs: {text}" for key, text in first.items()]
+    reserved = [Text(line, style="yellow") for line in reservations(summary.runs)]
+    return [*_reasons(summary), *outside, *reserved, _conclusion(summary)]
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
@@ -105,16 +95,11 @@ def _worst(runs: Sequence[RunResult], names: AbstractSet[str], *, largest: bool 
         oracle.actual
         for run in runs
         for oracle in run.oracles
-        if oracle.name in names and oracle.vehicle == subject(run) and oracle.actual is not None
+        if oracle.name in names and oracle.vehicle == run.subject and oracle.actual is not None
     ]
     if not values:
         return "-"
     return f"{max(values) if largest else min(values):.2f}"
-
-
-def subject(run: RunResult) -> str:
-    """Return the vehicle that a run's required oracles judge."""
-    return "twin" if run.mode == "sim" else "real"
 
 
 def _largest_ms(values: Sequence[float | None]) -> str:
@@ -155,8 +140,8 @@ def _conclusion(summary: Summary) -> Text:
         said, style = "nothing required was flown", "yellow"
     if summary.totals.retried:
         said, style = f"{said}; {summary.totals.retried} not at the first attempt", "yellow"
-    if names := sorted({one.by for run in summary.runs for one in run.preflight if one.by}):
-        said, style = f"{said}; preflight overridden by {', '.join(names)}", "yellow"
+    for reservation in in_short(summary):
+        said, style = f"{said}; {reservation}", "yellow"
     if summary.left_out:
         style = "yellow" if summary.accepted else style
         said += "" if summary.accepted is None else " of what was flown"

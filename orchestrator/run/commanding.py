@@ -69,7 +69,7 @@ def commanding_of(
         frame=setup.campaign.world.frame,
         present=dict(setup.campaign.fences.items()),
         flying=tuple(one.name for one in setup.vehicles),
-        changed=bench.fence,
+        changed=bench.fences,
         answer=answer,
     )
     pair.guard.on_event(fencing.take)

@@ -31,7 +31,7 @@ class Fencing:
     The guard is asked first whether each vehicle could have its new fence. Then it is uploaded to
     the autopilots and read back; last the guard takes it, or it is put back to what it was. A
     landing, whoever wants it, ends a change. present: the fences of those that fly, at the start.
-    changed: told of each vehicle's new fence. answer: told once for each command.
+    changed: told of each change, and of who wanted it. answer: told once for each command.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Fencing:
         frame: LocalFrame,
         present: dict[str, Fence],
         flying: tuple[str, ...],
-        changed: Callable[[str, Fence], None],
+        changed: Callable[[Mapping[str, Fence], str], None],
         answer: Answer,
     ) -> None:
         self._guard = guard
@@ -131,8 +131,7 @@ class Fencing:
             return False, f"{said.text}; {await self._put_back() or _OLD_HOLDS}"
         await self._aboard.confirm()
         self._present |= fences
-        for name, fence in fences.items():
-            self._changed(name, fence)
+        self._changed(fences, command.who)
         return True, said.text
 
     def _read(self, command: OperatorCommand) -> Mapping[str, Fence]:

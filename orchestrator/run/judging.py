@@ -1,9 +1,10 @@
 """Feeds the judge and the guard what the pair does, and tells the course what they find."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import cast, get_args
 
+from orchestrator.results import FenceChange
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.station import Station
 from safety.geofence import Fence
@@ -32,6 +33,7 @@ class Bench:
     """The judge's bench: takes every sample of the run, passes on every flag.
 
     tape: gets each sample before the judge does, so that the run can be judged again.
+    fence_changes: what an operator changed of what is judged by, oldest first.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class Bench:
         self._heard_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
         self._told = 0
+        self.fence_changes: list[FenceChange] = []
         course.on_stage(self._stage)
 
     def attach(self, station: Station) -> None:
@@ -85,11 +88,14 @@ class Bench:
         ]
         return min([r.actual for r in results if r.actual is not None], default=None)
 
-    def fence(self, name: str, fence: Fence) -> None:
-        """Judge a vehicle by another fence from now on."""
-        changed = FenceSample(asyncio.get_running_loop().time(), name, fence)
-        self._tape(changed)
-        self._take(self._judge.fence(changed))
+    def fences(self, fences: Mapping[str, Fence], who: str) -> None:
+        """Judge vehicles by other fences from now on, because somebody wants it."""
+        now_s = asyncio.get_running_loop().time()
+        self.fence_changes.append(FenceChange(now_s, who, tuple(sorted(fences))))
+        for name, fence in fences.items():
+            changed = FenceSample(now_s, name, fence)
+            self._tape(changed)
+            self._take(self._judge.fence(changed))
 
     def last_state(self, t_s: float) -> None:
         """Take every vehicle's last word."""

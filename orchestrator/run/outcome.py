@@ -8,6 +8,7 @@ from orchestrator.outside.results import OutsideResult
 from orchestrator.results import (
     Also,
     CombinationResult,
+    FenceChange,
     MixingResult,
     RunResult,
     SyncResult,
@@ -33,6 +34,7 @@ def result_of(
     outside: OutsideResult | None,
     artifacts: tuple[str, ...],
     preflight: tuple[Item, ...],
+    fence_changes: tuple[FenceChange, ...],
     end_s: float,
     wall_s: float,
 ) -> RunResult:
@@ -61,6 +63,7 @@ def result_of(
         outside=outside,
         artifacts=artifacts,
         preflight=preflight,
+        fence_changes=fence_changes,
     )
 
 

@@ -151,6 +151,7 @@ async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb |
         outside=outside_result(outside, ground.perception),
         artifacts=recorder.artifacts,
         preflight=ground.preflight.items,
+        fence_changes=tuple(bench.fence_changes),
         end_s=end_s,
         wall_s=time.monotonic() - began_s,
     )

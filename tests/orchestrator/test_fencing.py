@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from orchestrator.operator import OperatorCommand
-from orchestrator.results import RunResult
+from orchestrator.results import FenceChange, RunResult
 from tests.orchestrator.flights import all_landed, log_of
 
 Fly = Callable[..., tuple[RunResult, Path]]
@@ -39,6 +39,9 @@ def test_a_new_fence_holds_for_both_and_the_flight_goes_on(fly_run: Fly) -> None
     assert guard_said(folder) == [("geofence", "anna changed the fence of real and twin")]
     (asked,) = [line for line in log_of(folder) if line["event"] == "operator"]
     assert (asked["kind"], asked["who"]) == ("geofence", "anna")
+    (answered,) = [line for line in log_of(folder) if line["event"] == "answer"]
+    at_s = pytest.approx(answered["t_s"], abs=1e-6)
+    assert result.fence_changes == (FenceChange(at_s, "anna", ("real", "twin")),)
 
 
 def test_whoever_leaves_the_new_fence_is_brought_down(fly_run: Fly) -> None:
@@ -68,3 +71,4 @@ def test_a_fence_that_cannot_be_is_refused_and_the_old_one_holds(
     said = guard_said(folder)
     assert [kind for kind, _ in said] == (["refused"] if why else [])
     assert not why or why in said[0][1]
+    assert result.fence_changes == ()

@@ -121,10 +121,12 @@ def test_it_is_judged_again_by_the_fence_that_held_then(fly_run: Fly) -> None:
     small = ("geofence.box.north_m=[-0.8, 3.2]",)
     result, folder = flown_alone(fly_run, Operator((0.2, asks(WIDER))), *small)
     assert (result.verdict, result.reason) == ("PASS", "")
+    assert [(one.by, one.vehicles) for one in result.fence_changes] == [("anna", ("twin",))]
     write_whole(folder / "result.json", to_json(result))
     options = Options(cases=("large",), modes=("sim",), sets=small)
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
-    assert rejudge_run(plan, folder).now == result
+    rejudged = rejudge_run(plan, folder)
+    assert rejudged.before == rejudged.now == result
 
 
 def test_each_vehicle_may_get_one_of_its_own(fly_run: Fly) -> None:

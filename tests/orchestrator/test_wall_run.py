@@ -66,6 +66,8 @@ async def test_a_held_vehicle_gets_another_fence(tmp_path: Path) -> None:
     assert told.index("hold") < told.index("proposed") < told.index("geofence")
     aboard = [line for line in lines(folder / "log.jsonl") if line["event"] == "fence"]
     assert [line["ceiling_m"] for line in aboard] == [3.3, 4.0]
+    (changed_fence,) = json.loads((folder / "result.json").read_text())["fence_changes"]
+    assert (changed_fence["by"], changed_fence["vehicles"]) == ("cli:anna", ["twin"])
     asked = lines(program.folder / "operator.jsonl")
     assert ("cli:anna", "geofence", True) in [(a["who"], a["command"], a["ok"]) for a in asked]
 
