@@ -230,9 +230,8 @@ class GuardProcess:
         stack.callback(remove_record, runtime, me)
 
     def _opened(self, raw: Mapping[str, Link]) -> None:
-        ports = open_ports(raw, told=self._link_changed)
         self._note("opened", pid=os.getpid())
-        self._channel.send(Opened(os.getpid(), ports))
+        self._channel.send(Opened(os.getpid(), open_ports(raw, told=self._link_changed)))
         self._tell_status()
         # What is loaded by now lives as long as the process: the collector need not look.
         gc.freeze()
@@ -393,8 +392,7 @@ def main(arguments: list[str]) -> int:
     os.set_inheritable(hold, False)
     end = socket.socket(fileno=channel)
     end.set_inheritable(False)
-    scaled = SCALED in arguments[3:]
-    with asyncio.Runner(loop_factory=PacedLoop if scaled else None) as runner:
+    with asyncio.Runner(loop_factory=PacedLoop if SCALED in arguments[3:] else None) as runner:
         return runner.run(GuardProcess(end=end, lifeline=lifeline).run())
 
 

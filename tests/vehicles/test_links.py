@@ -153,12 +153,19 @@ async def test_a_ground_station_that_spoke_first_keeps_nothing_from_the_vehicle(
         there.say(1001, _heartbeat(255))
         there.say(1002, _heartbeat(1))
         assert there.answered() == [1001, 1002]
-        there.now_s += 1.0
-        there.say(1002, _heartbeat(1))
-        there.now_s += 1.0
-        assert there.answered() == [1002]
-        there.now_s += 60.0
-        assert there.answered() == [1002]  # who came back may hear us again
+        there.now_s += 30.0
+        there.say(1001, _heartbeat(255))
+        assert there.answered() == [1001, 1002]  # a vehicle that is not heard may hear us
+
+
+async def test_a_flood_does_not_take_the_place_of_a_vehicle_in_a_blackout() -> None:
+    async with Heard() as there:
+        there.say(1001, _heartbeat(1))
+        for _ in range(30):
+            there.now_s += 1.0
+            for number in range(2, 20):
+                there.say(2000 + number, _heartbeat(number))
+        assert 1001 in there.answered()
 
 
 async def test_a_flood_from_many_places_is_heard_and_not_written_to() -> None:

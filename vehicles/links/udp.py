@@ -12,6 +12,8 @@ from vehicles.links.parse import LinkAddress
 
 _SILENT_S = 1.5
 """A heartbeat and a half: who speaks MAVLink is not silent for so long."""
+_FORGOTTEN_S = 60.0
+"""A vehicle that a blackout hides keeps its place from whoever floods the port meanwhile."""
 _MOST_SOURCES = 4
 _SYSTEM_AT = {0xFD: 5, 0xFE: 3}
 """Where a frame of MAVLink 2 and 1 says which system sent it."""
@@ -28,11 +30,11 @@ class _Source(NamedTuple):
 class UdpLink(asyncio.DatagramProtocol):
     """A UDP socket as a link; wall clock only.
 
-    `udpin` binds to its address, hears everybody, and writes to all whom it heard lately, at most
-    four. A MAVLink system is one vehicle: it is believed from the address that it was heard from
-    first, as long as it speaks there; what comes from elsewhere in its name is let go, and told.
-    What is written before anybody was heard is lost. `udpout` sends to its address and hears only
-    that peer. signed: who is believed is settled by signatures instead.
+    `udpin` binds to its address, hears everybody, and writes to all whom it heard, at most four. A
+    MAVLink system is one vehicle: it is believed from the address that it was heard from first, as
+    long as it speaks there; what comes from elsewhere in its name is let go, and told. What is
+    written before anybody was heard is lost. `udpout` sends to its address and hears only that
+    peer. signed: who is believed is settled by signatures instead.
     """
 
     def __init__(self, *, address: LinkAddress, signed: bool = False) -> None:
@@ -80,7 +82,7 @@ class UdpLink(asyncio.DatagramProtocol):
         if self._address.kind == "udpout":
             transport.sendto(data)
         else:
-            for address in self._lately():
+            for address in self._addresses():
                 transport.sendto(data, address)
 
     async def __aenter__(self) -> Self:
@@ -135,19 +137,14 @@ class UdpLink(asyncio.DatagramProtocol):
         if len(self._sources) < _MOST_SOURCES:
             return True
         key, oldest = min(self._sources.items(), key=lambda item: item[1].heard_s)
-        if now_s - oldest.heard_s <= _SILENT_S:
+        if now_s - oldest.heard_s <= _FORGOTTEN_S:
             return False
         del self._sources[key]
         return True
 
-    def _lately(self) -> list[_Address]:
-        """Return the addresses of all whom we heard lately; else of the last one."""
-        sources = self._sources.values()
-        if len(sources) == 1 or self._loop is None:
-            return [source.address for source in sources]
-        newest_s = max((source.heard_s for source in sources), default=0.0)
-        since_s = min(self._loop.time() - _SILENT_S, newest_s)
-        return list(dict.fromkeys(one.address for one in sources if one.heard_s >= since_s))
+    def _addresses(self) -> list[_Address]:
+        """Return where all whom we heard are, also the silent: who is not heard may hear us."""
+        return list(dict.fromkeys(source.address for source in self._sources.values()))
 
     def _let_go(self, key: "int | _Address", rival: _Address, believed: _Address) -> None:
         if key == _NO_MAVLINK or rival in self.rivals or len(self.rivals) >= _MOST_SOURCES:
