@@ -24,7 +24,6 @@ from vehicles.embedded.feed import (
     pace_of,
     truth_datagram,
 )
-from vehicles.embedded.profile import ProfileError
 from vehicles.embedded.settings import ProcessSettings, Surround
 from vehicles.embedded.states import TruthSample
 from vehicles.embedded.vehicle import EmbeddedVehicle
@@ -34,6 +33,7 @@ from vehicles.links.parse import parse_link
 from vehicles.pace import PacedLoop
 from vehicles.readings import PoseReading
 from vehicles.steering import Segment
+from worlds.documents import BadInput
 
 _PR_SET_PDEATHSIG = 1
 BAD_SETTINGS, FAILED = 2, 1
@@ -95,7 +95,7 @@ class FeedEnd(asyncio.DatagramProtocol):
 
 
 async def fly(settings: ProcessSettings, stop: asyncio.Event) -> None:
-    """Run the vehicle until `stop` is set. Raises LinkError, ProfileError, or what it died of."""
+    """Run the vehicle until `stop` is set. Raises LinkError, BadInput, or what stopped it."""
     vehicle = EmbeddedVehicle(
         config=settings.config(),
         link=open_link(parse_link(settings.link)),
@@ -136,7 +136,7 @@ def main(arguments: list[str]) -> int:
     try:
         with asyncio.Runner(loop_factory=lambda: PacedLoop(settings.speed)) as runner:
             runner.run(_until_told(settings))
-    except (LinkError, ProfileError, ValueError) as error:
+    except (LinkError, BadInput, ValueError) as error:
         sys.stderr.write(f"{error}\n")
         return FAILED
     return 0
