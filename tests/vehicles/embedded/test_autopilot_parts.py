@@ -10,14 +10,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry import Polygon as ShapelyPolygon
 
-from vehicles.embedded.autopilot.commands import marked, on_command
-from vehicles.embedded.autopilot.fence import Circle, Fence, Polygon
-from vehicles.embedded.autopilot.guidance import LandProfile
-from vehicles.embedded.autopilot.outbox import Outbox
-from vehicles.embedded.autopilot.parameters import Parameter, Parameters
-from vehicles.embedded.autopilot.px4_modes import Px4Mode, px4_mode
-from vehicles.embedded.autopilot.setpoints import local_setpoint
-from vehicles.embedded.autopilot.streams import Streams
+from vehicles.embedded.autopilot.flying.fence import Circle, Fence, Polygon
+from vehicles.embedded.autopilot.flying.guidance import LandProfile
+from vehicles.embedded.autopilot.flying.setpoints import local_setpoint
+from vehicles.embedded.autopilot.px4.modes import Px4Mode, px4_mode
+from vehicles.embedded.autopilot.services.commands import marked, on_command
+from vehicles.embedded.autopilot.services.outbox import Outbox
+from vehicles.embedded.autopilot.services.parameters import Parameter, Parameters
+from vehicles.embedded.autopilot.services.streams import Streams
 from vehicles.embedded.states import AT_REST
 
 finite = st.floats(-100.0, 100.0)

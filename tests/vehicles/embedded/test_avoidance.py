@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.avoidance import SimpleAvoidance, stopping_speed
-from vehicles.embedded.autopilot.copter_core import _FILE
-from vehicles.embedded.autopilot.parameters import load_parameters
+from vehicles.embedded.autopilot.ardupilot.avoidance import SimpleAvoidance, stopping_speed
+from vehicles.embedded.autopilot.ardupilot.core import _FILE
+from vehicles.embedded.autopilot.services.parameters import load_parameters
 
 
 def avoidance(**changed: float) -> SimpleAvoidance:

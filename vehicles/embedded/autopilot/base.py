@@ -8,8 +8,12 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import missions, telemetry
-from vehicles.embedded.autopilot.commands import (
+from vehicles.embedded.autopilot.flying.fence import Fence, FenceError, fence_of
+from vehicles.embedded.autopilot.flying.flight import Flight, FlightStyle
+from vehicles.embedded.autopilot.flying.items import Item
+from vehicles.embedded.autopilot.flying.state import Identity, State
+from vehicles.embedded.autopilot.services import missions, telemetry
+from vehicles.embedded.autopilot.services.commands import (
     ACCEPTED,
     DENIED,
     FAILED,
@@ -22,14 +26,11 @@ from vehicles.embedded.autopilot.commands import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.fence import Fence, FenceError, fence_of
-from vehicles.embedded.autopilot.flight import Flight, FlightStyle
-from vehicles.embedded.autopilot.log_formats import DataFlash, ULog
-from vehicles.embedded.autopilot.logs import FlightLogs
-from vehicles.embedded.autopilot.outbox import Outbox
-from vehicles.embedded.autopilot.parameters import Parameters, ParameterServer
-from vehicles.embedded.autopilot.state import Identity, State
-from vehicles.embedded.autopilot.streams import Streams
+from vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
+from vehicles.embedded.autopilot.services.logs import FlightLogs
+from vehicles.embedded.autopilot.services.outbox import Outbox
+from vehicles.embedded.autopilot.services.parameters import Parameters, ParameterServer
+from vehicles.embedded.autopilot.services.streams import Streams
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.states import Motion, Thrusts
 
@@ -332,7 +333,7 @@ class EmbeddedAutopilot(ABC):
 
     # Missions and fences.
 
-    def _accept_items(self, kind: int, items: tuple[missions.Item, ...]) -> int:
+    def _accept_items(self, kind: int, items: tuple[Item, ...]) -> int:
         if kind == missions.FENCE:
             try:
                 fence = fence_of(items, self.state.frame)
@@ -347,10 +348,10 @@ class EmbeddedAutopilot(ABC):
             self.state.mission_total = len(items)
         return missions.ACCEPTED
 
-    def _home_item(self) -> missions.Item:
+    def _home_item(self) -> Item:
         frame, home = self.state.frame, self.state.home_ned_m
         here = frame.to_geodetic(home or (0.0, 0.0, 0.0))
-        return missions.Item(
+        return Item(
             mavlink.MAV_FRAME_GLOBAL,
             mavlink.MAV_CMD_NAV_WAYPOINT,
             (0.0, 0.0, 0.0, 0.0),

@@ -7,9 +7,23 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import copter_boot as boot
-from vehicles.embedded.autopilot import copter_flying, copter_telemetry, missions
-from vehicles.embedded.autopilot.commands import (
+from vehicles.embedded.autopilot.ardupilot import boot
+from vehicles.embedded.autopilot.ardupilot import flying as copter_flying
+from vehicles.embedded.autopilot.ardupilot import telemetry as copter_telemetry
+from vehicles.embedded.autopilot.ardupilot.core import CopterCore
+from vehicles.embedded.autopilot.ardupilot.failsafes import Failsafes, View
+from vehicles.embedded.autopilot.ardupilot.modes import CopterMode
+from vehicles.embedded.autopilot.flying.flight import TiltWatch
+from vehicles.embedded.autopilot.flying.guidance import Behaviour, ReturnHome, Wanted
+from vehicles.embedded.autopilot.flying.mission_flight import FlyMission, Kit, steps_of
+from vehicles.embedded.autopilot.flying.setpoints import (
+    RELATIVE_ALTITUDE_FRAMES,
+    global_setpoint,
+    local_setpoint,
+)
+from vehicles.embedded.autopilot.flying.state import Identity
+from vehicles.embedded.autopilot.services import missions
+from vehicles.embedded.autopilot.services.commands import (
     ACCEPTED,
     DENIED,
     FAILED,
@@ -17,19 +31,7 @@ from vehicles.embedded.autopilot.commands import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.copter_core import CopterCore
-from vehicles.embedded.autopilot.copter_failsafes import Failsafes, View
-from vehicles.embedded.autopilot.copter_modes import CopterMode
-from vehicles.embedded.autopilot.flight import TiltWatch
-from vehicles.embedded.autopilot.guidance import Behaviour, ReturnHome, Wanted
-from vehicles.embedded.autopilot.mission_flight import FlyMission, Kit, steps_of
-from vehicles.embedded.autopilot.outbox import INFO
-from vehicles.embedded.autopilot.setpoints import (
-    RELATIVE_ALTITUDE_FRAMES,
-    global_setpoint,
-    local_setpoint,
-)
-from vehicles.embedded.autopilot.state import Identity
+from vehicles.embedded.autopilot.services.outbox import INFO
 from vehicles.embedded.battery import Charge
 
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5

@@ -7,8 +7,22 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import missions, px4_flying
-from vehicles.embedded.autopilot.commands import (
+from vehicles.embedded.autopilot.flying.fence import Fence
+from vehicles.embedded.autopilot.flying.flight import TiltWatch
+from vehicles.embedded.autopilot.flying.guidance import Behaviour, GoTo, Hold, TakeOff, Wanted
+from vehicles.embedded.autopilot.flying.mission_flight import FlyMission, Kit, steps_of
+from vehicles.embedded.autopilot.flying.setpoints import (
+    RELATIVE_ALTITUDE_FRAMES,
+    global_setpoint,
+    local_setpoint,
+)
+from vehicles.embedded.autopilot.flying.state import Identity
+from vehicles.embedded.autopilot.px4 import flying as px4_flying
+from vehicles.embedded.autopilot.px4.core import Px4Core
+from vehicles.embedded.autopilot.px4.failsafes import WARNINGS, Action, Decision, Failsafes, View
+from vehicles.embedded.autopilot.px4.modes import Px4Mode
+from vehicles.embedded.autopilot.services import missions
+from vehicles.embedded.autopilot.services.commands import (
     ACCEPTED,
     DENIED,
     UNSUPPORTED,
@@ -16,20 +30,7 @@ from vehicles.embedded.autopilot.commands import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.fence import Fence
-from vehicles.embedded.autopilot.flight import TiltWatch
-from vehicles.embedded.autopilot.guidance import Behaviour, GoTo, Hold, TakeOff, Wanted
-from vehicles.embedded.autopilot.mission_flight import FlyMission, Kit, steps_of
-from vehicles.embedded.autopilot.outbox import CRITICAL, INFO, WARNING
-from vehicles.embedded.autopilot.px4_core import Px4Core
-from vehicles.embedded.autopilot.px4_failsafes import WARNINGS, Action, Decision, Failsafes, View
-from vehicles.embedded.autopilot.px4_modes import Px4Mode
-from vehicles.embedded.autopilot.setpoints import (
-    RELATIVE_ALTITUDE_FRAMES,
-    global_setpoint,
-    local_setpoint,
-)
-from vehicles.embedded.autopilot.state import Identity
+from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 from vehicles.embedded.battery import Charge
 from worlds.frames import Vec3, quat_from_euler, rotate
 

@@ -2,7 +2,7 @@
 
 import math
 
-from vehicles.embedded.autopilot.guidance import (
+from vehicles.embedded.autopilot.flying.guidance import (
     GoTo,
     Land,
     LandProfile,
@@ -10,8 +10,8 @@ from vehicles.embedded.autopilot.guidance import (
     Speeds,
     TakeOff,
 )
-from vehicles.embedded.autopilot.parameters import Parameters
-from vehicles.embedded.autopilot.state import State
+from vehicles.embedded.autopilot.flying.state import State
+from vehicles.embedded.autopilot.services.parameters import Parameters
 from worlds.frames import Vec3
 
 _FACES_WAYPOINT = {1, 2}

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.guidance import Behaviour
-from vehicles.embedded.autopilot.missions import Item
-from vehicles.embedded.autopilot.setpoints import RELATIVE_ALTITUDE_FRAMES
-from vehicles.embedded.autopilot.state import State
+from vehicles.embedded.autopilot.flying.guidance import Behaviour
+from vehicles.embedded.autopilot.flying.items import Item
+from vehicles.embedded.autopilot.flying.setpoints import RELATIVE_ALTITUDE_FRAMES
+from vehicles.embedded.autopilot.flying.state import State
 from vehicles.embedded.controller import Target
 from vehicles.embedded.states import Motion
 from worlds.frames import Vec3

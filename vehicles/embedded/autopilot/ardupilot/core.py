@@ -8,27 +8,29 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import copter_boot as boot
-from vehicles.embedded.autopilot import copter_flying, copter_telemetry, telemetry
-from vehicles.embedded.autopilot.avoidance import SimpleAvoidance
+from vehicles.embedded.autopilot.ardupilot import boot
+from vehicles.embedded.autopilot.ardupilot import flying as copter_flying
+from vehicles.embedded.autopilot.ardupilot import telemetry as copter_telemetry
+from vehicles.embedded.autopilot.ardupilot.avoidance import SimpleAvoidance
+from vehicles.embedded.autopilot.ardupilot.modes import CopterMode, copter_mode
 from vehicles.embedded.autopilot.base import EmbeddedAutopilot
-from vehicles.embedded.autopilot.commands import (
+from vehicles.embedded.autopilot.flying.flight import FlightStyle
+from vehicles.embedded.autopilot.flying.guidance import Behaviour, Follow, Hold, ReturnHome
+from vehicles.embedded.autopilot.flying.state import Identity
+from vehicles.embedded.autopilot.services import telemetry
+from vehicles.embedded.autopilot.services.commands import (
     ACCEPTED,
     FAILED,
     FORCE_ARM,
     FORCE_DISARM,
     Command,
 )
-from vehicles.embedded.autopilot.copter_modes import CopterMode, copter_mode
-from vehicles.embedded.autopilot.flight import FlightStyle
-from vehicles.embedded.autopilot.guidance import Behaviour, Follow, Hold, ReturnHome
-from vehicles.embedded.autopilot.outbox import CRITICAL, EMERGENCY, INFO, WARNING
-from vehicles.embedded.autopilot.parameters import load_parameters
-from vehicles.embedded.autopilot.state import Identity
+from vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO, WARNING
+from vehicles.embedded.autopilot.services.parameters import load_parameters
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.controller import Gains
 
-_FILE = Path(__file__).with_name("copter_parameters.yaml")
+_FILE = Path(__file__).with_name("parameters.yaml")
 _GAINS = Gains(
     # PSC_NE_POS_P, PSC_D_POS_P; PSC_NE_VEL_P, PSC_D_VEL_P; PSC_NE_VEL_I; WP_ACC, WP_ACC_Z;
     # ATC_ANG_YAW_P; ATC_ANGLE_MAX. Roll and pitch stiffer than ATC_ANG_RLL_P of 4.5, for the

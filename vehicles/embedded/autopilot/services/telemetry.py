@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.state import State
+from vehicles.embedded.autopilot.flying.state import State
 from worlds.frames import quat_from_euler
 
 Builder = Callable[[State], Any]

@@ -2,15 +2,15 @@
 
 import math
 
-from vehicles.embedded.autopilot.guidance import (
+from vehicles.embedded.autopilot.flying.guidance import (
     Land,
     LandProfile,
     ReturnHome,
     Speeds,
     TakeOff,
 )
-from vehicles.embedded.autopilot.parameters import Parameters
-from vehicles.embedded.autopilot.state import State
+from vehicles.embedded.autopilot.flying.state import State
+from vehicles.embedded.autopilot.services.parameters import Parameters
 
 
 def speeds(p: Parameters) -> Speeds:

@@ -8,25 +8,27 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import px4_flying, px4_telemetry, telemetry
 from vehicles.embedded.autopilot.base import EmbeddedAutopilot
-from vehicles.embedded.autopilot.commands import (
+from vehicles.embedded.autopilot.flying.flight import FlightStyle
+from vehicles.embedded.autopilot.flying.guidance import Behaviour, Follow, Hold
+from vehicles.embedded.autopilot.flying.state import Identity
+from vehicles.embedded.autopilot.px4 import flying as px4_flying
+from vehicles.embedded.autopilot.px4 import telemetry as px4_telemetry
+from vehicles.embedded.autopilot.px4.modes import Px4Mode, px4_mode
+from vehicles.embedded.autopilot.services import telemetry
+from vehicles.embedded.autopilot.services.commands import (
     ACCEPTED,
     DENIED,
     FORCE_DISARM,
     TEMPORARILY_REJECTED,
     Command,
 )
-from vehicles.embedded.autopilot.flight import FlightStyle
-from vehicles.embedded.autopilot.guidance import Behaviour, Follow, Hold
-from vehicles.embedded.autopilot.outbox import CRITICAL, EMERGENCY, INFO
-from vehicles.embedded.autopilot.parameters import load_parameters
-from vehicles.embedded.autopilot.px4_modes import Px4Mode, px4_mode
-from vehicles.embedded.autopilot.state import Identity
+from vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
+from vehicles.embedded.autopilot.services.parameters import load_parameters
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.controller import Gains
 
-_FILE = Path(__file__).with_name("px4_parameters.yaml")
+_FILE = Path(__file__).with_name("parameters.yaml")
 _GCS_SILENT_AFTER_S = 2.5
 """A ground station whose heartbeat is older is gone (mavlink_receiver.cpp)."""
 

@@ -1,0 +1,1 @@
+"""The embedded ArduCopter: its modes, failsafes, telemetry and parameters."""

@@ -1,0 +1,1 @@
+"""How an autopilot flies: state, behaviours, setpoints, mission items, fences."""

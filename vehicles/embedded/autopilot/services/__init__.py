@@ -1,0 +1,1 @@
+"""MAVLink services that both autopilots offer: commands, parameters, missions, logs, streams."""
