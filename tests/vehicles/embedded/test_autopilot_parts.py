@@ -12,11 +12,11 @@ from shapely.geometry import Polygon as ShapelyPolygon
 
 from vehicles.embedded.autopilot.flying.fence import Circle, Fence, Polygon
 from vehicles.embedded.autopilot.flying.guidance import LandProfile
+from vehicles.embedded.autopilot.flying.parameter_table import Parameter, Parameters
 from vehicles.embedded.autopilot.flying.setpoints import local_setpoint
 from vehicles.embedded.autopilot.px4.modes import Px4Mode, px4_mode
 from vehicles.embedded.autopilot.services.commands import marked, on_command
 from vehicles.embedded.autopilot.services.outbox import Outbox
-from vehicles.embedded.autopilot.services.parameters import Parameter, Parameters
 from vehicles.embedded.autopilot.services.streams import Streams
 from vehicles.embedded.states import AT_REST
 

@@ -9,13 +9,15 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.ardupilot.avoidance import SimpleAvoidance, stopping_speed
-from vehicles.embedded.autopilot.ardupilot.core import _FILE
-from vehicles.embedded.autopilot.services.parameters import load_parameters
+from vehicles.embedded.autopilot.ardupilot.core import CopterCore
+from vehicles.embedded.autopilot.flying.parameter_table import load_parameters
 
 
 def avoidance(**changed: float) -> SimpleAvoidance:
     overrides = {"PRX1_TYPE": 2.0, "AVOID_MARGIN": 1.0, **changed}
-    return SimpleAvoidance(load_parameters(_FILE, bytewise=False, overrides=overrides))
+    return SimpleAvoidance(
+        load_parameters(CopterCore.parameter_file, bytewise=False, overrides=overrides)
+    )
 
 
 def ring(distances_m: dict[int, float], *, longest_m: float = 10.0) -> Any:

@@ -11,6 +11,7 @@ from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.autopilot.flying.fence import Fence, FenceError, fence_of
 from vehicles.embedded.autopilot.flying.flight import Flight, FlightStyle
 from vehicles.embedded.autopilot.flying.items import Item
+from vehicles.embedded.autopilot.flying.parameter_table import Parameters
 from vehicles.embedded.autopilot.flying.state import Identity, State
 from vehicles.embedded.autopilot.services import missions, telemetry
 from vehicles.embedded.autopilot.services.commands import (
@@ -29,7 +30,7 @@ from vehicles.embedded.autopilot.services.commands import (
 from vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
 from vehicles.embedded.autopilot.services.logs import FlightLogs
 from vehicles.embedded.autopilot.services.outbox import Outbox
-from vehicles.embedded.autopilot.services.parameters import Parameters, ParameterServer
+from vehicles.embedded.autopilot.services.parameters import ParameterServer
 from vehicles.embedded.autopilot.services.streams import Streams
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.states import Motion, Thrusts
@@ -85,14 +86,11 @@ class EmbeddedAutopilot(ABC):
         self._parameter_server = ParameterServer(parameters, strict=self.is_px4)
         self._commands = marked(type(self), "mav_commands")
         self._messages = marked(type(self), "mav_messages")
+        self._requests = marked(type(self), "mav_requests")
         self.gcs_heard_s = -math.inf
         """When a ground station's heartbeat last came."""
 
     # What each autopilot does in its own way.
-
-    @abstractmethod
-    def message(self, message_id: int) -> Any | None:
-        """Return a message that depends on modes and readiness; None when it has no such."""
 
     @abstractmethod
     def supervise(self) -> None:
@@ -177,8 +175,11 @@ class EmbeddedAutopilot(ABC):
 
     def _send_id(self, message_id: int) -> bool:
         """Queue a message by id; False when there is no such message here, or not yet."""
-        builder = self.builders.get(message_id)
-        message = builder(self.state) if builder is not None else self.message(message_id)
+        builder, name = self.builders.get(message_id), self._requests.get(message_id)
+        if builder is not None:
+            message = builder(self.state)
+        else:
+            message = getattr(self, name)() if name is not None else None
         self.outbox.send(message)
         return message is not None
 

@@ -7,8 +7,8 @@ import math
 from typing import NamedTuple
 
 from vehicles.embedded.autopilot.ardupilot.modes import CopterMode
+from vehicles.embedded.autopilot.flying.parameter_table import Parameters
 from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
-from vehicles.embedded.autopilot.services.parameters import Parameters
 from vehicles.embedded.battery import Charge
 
 _R, _L, _B, _S = CopterMode.RTL, CopterMode.LAND, CopterMode.BRAKE, CopterMode.SMART_RTL
