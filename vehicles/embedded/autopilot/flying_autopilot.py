@@ -9,18 +9,18 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot.base import EmbeddedAutopilot
-from vehicles.embedded.autopilot.flying.guidance import Behaviour, Follow, Wanted
-from vehicles.embedded.autopilot.flying.manoeuvres import Manoeuvres
-from vehicles.embedded.autopilot.flying.mission_flight import FlyMission, steps_of
-from vehicles.embedded.autopilot.flying.parameter_table import load_parameters
-from vehicles.embedded.autopilot.flying.setpoints import (
+from vehicles.embedded.autopilot.emulated_autopilot import EmbeddedAutopilot
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, Wanted
+from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
+from vehicles.embedded.autopilot.flight.mission_flight import FlyMission, steps_of
+from vehicles.embedded.autopilot.flight.parameter_table import load_parameters
+from vehicles.embedded.autopilot.flight.setpoint_targets import (
     RELATIVE_ALTITUDE_FRAMES,
     global_setpoint,
 )
-from vehicles.embedded.autopilot.flying.state import Identity
-from vehicles.embedded.autopilot.services import missions
-from vehicles.embedded.autopilot.services.commands import (
+from vehicles.embedded.autopilot.services import mission_service
+from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     Command,
     on_command,
@@ -226,7 +226,7 @@ class FlyingAutopilot(EmbeddedAutopilot, Generic[Mode]):
     def _mission(self) -> Behaviour | None:
         """Return the flight of the uploaded mission; None when nothing in it is flown."""
         state = self.state
-        items = self.missions.items(missions.MISSION)
+        items = self.missions.items(mission_service.MISSION)
         first = max(self.first_mission_item, state.mission_seq)
         steps = steps_of(
             items,

@@ -1,1 +1,1 @@
-"""The embedded PX4: its modes, failsafes, telemetry and parameters."""
+"""The emulated PX4."""

@@ -1,1 +1,1 @@
-"""MAVLink services that both autopilots offer: commands, parameters, missions, logs, streams."""
+"""MAVLink services of an emulated autopilot: parameters, missions, fences, logs."""

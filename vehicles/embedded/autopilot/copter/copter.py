@@ -7,16 +7,16 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot.ardupilot import boot
-from vehicles.embedded.autopilot.ardupilot import telemetry as copter_telemetry
-from vehicles.embedded.autopilot.ardupilot.core import CopterCore
-from vehicles.embedded.autopilot.ardupilot.failsafes import Failsafes, View
-from vehicles.embedded.autopilot.ardupilot.modes import CopterMode
-from vehicles.embedded.autopilot.flying.flight import TiltWatch
-from vehicles.embedded.autopilot.flying.guidance import Behaviour, ReturnHome, Wanted
-from vehicles.embedded.autopilot.flying.setpoints import local_setpoint
-from vehicles.embedded.autopilot.flying.state import Identity
-from vehicles.embedded.autopilot.services.commands import (
+from vehicles.embedded.autopilot.copter import copter_boot as boot
+from vehicles.embedded.autopilot.copter import copter_telemetry
+from vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from vehicles.embedded.autopilot.copter.copter_failsafes import Failsafes, View
+from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import TiltWatch
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome, Wanted
+from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,

@@ -3,7 +3,8 @@
 import math
 from abc import ABC, abstractmethod
 
-from vehicles.embedded.autopilot.flying.guidance import (
+from vehicles.embedded.autopilot.flight.autopilot_state import State
+from vehicles.embedded.autopilot.flight.guidance import (
     Behaviour,
     GoTo,
     Hold,
@@ -13,8 +14,7 @@ from vehicles.embedded.autopilot.flying.guidance import (
     Speeds,
     TakeOff,
 )
-from vehicles.embedded.autopilot.flying.parameter_table import Parameters
-from vehicles.embedded.autopilot.flying.state import State
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
 from worlds.frames import Vec3
 
 

@@ -4,9 +4,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.ardupilot import boot
-from vehicles.embedded.autopilot.flying.state import Identity, State
-from vehicles.embedded.autopilot.services import telemetry
+from vehicles.embedded.autopilot.copter import copter_boot as boot
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
 
 _CAPABILITIES = 64495
 _FLIGHT_VERSION = 0x04070000

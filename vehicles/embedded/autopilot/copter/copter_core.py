@@ -8,17 +8,17 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot.ardupilot import boot
-from vehicles.embedded.autopilot.ardupilot import telemetry as copter_telemetry
-from vehicles.embedded.autopilot.ardupilot.avoidance import SimpleAvoidance
-from vehicles.embedded.autopilot.ardupilot.flying import CopterManoeuvres
-from vehicles.embedded.autopilot.ardupilot.modes import CopterMode, copter_mode
-from vehicles.embedded.autopilot.flying.flight import FlightStyle
-from vehicles.embedded.autopilot.flying.guidance import Behaviour, Follow, ReturnHome
-from vehicles.embedded.autopilot.flying.state import Identity
+from vehicles.embedded.autopilot.copter import copter_boot as boot
+from vehicles.embedded.autopilot.copter import copter_telemetry
+from vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance
+from vehicles.embedded.autopilot.copter.copter_behaviors import CopterManoeuvres
+from vehicles.embedded.autopilot.copter.copter_modes import CopterMode, copter_mode
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import FlightStyle
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, ReturnHome
 from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, StandardModes
-from vehicles.embedded.autopilot.services import telemetry
-from vehicles.embedded.autopilot.services.commands import (
+from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     FAILED,
     FORCE_ARM,
@@ -48,7 +48,7 @@ class CopterCore(FlyingAutopilot[CopterMode]):
 
     is_px4: ClassVar[bool] = False
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-    parameter_file: ClassVar[Path] = Path(__file__).with_name("parameters.yaml")
+    parameter_file: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
     first_mission_item: ClassVar[int] = 1
     refused: ClassVar[int] = FAILED
     standard = StandardModes(CopterMode.AUTO, CopterMode.RTL, CopterMode.LAND)

@@ -8,8 +8,8 @@ import yaml
 from vehicles.autopilots.base import AutopilotName
 
 _FILES: dict[AutopilotName, str] = {
-    "px4": "px4/parameters.yaml",
-    "ardupilot": "ardupilot/parameters.yaml",
+    "px4": "px4/px4_parameters.yaml",
+    "ardupilot": "copter/copter_parameters.yaml",
 }
 
 

@@ -8,15 +8,15 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot.flying.flight import FlightStyle
-from vehicles.embedded.autopilot.flying.guidance import Behaviour, Follow
-from vehicles.embedded.autopilot.flying.state import Identity
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import FlightStyle
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow
 from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, StandardModes
-from vehicles.embedded.autopilot.px4 import telemetry as px4_telemetry
-from vehicles.embedded.autopilot.px4.flying import Px4Manoeuvres
-from vehicles.embedded.autopilot.px4.modes import Px4Mode, px4_mode
-from vehicles.embedded.autopilot.services import telemetry
-from vehicles.embedded.autopilot.services.commands import (
+from vehicles.embedded.autopilot.px4 import px4_telemetry
+from vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
+from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode, px4_mode
+from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FORCE_DISARM,
@@ -46,7 +46,7 @@ class Px4Core(FlyingAutopilot[Px4Mode]):
 
     is_px4: ClassVar[bool] = True
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
-    parameter_file: ClassVar[Path] = Path(__file__).with_name("parameters.yaml")
+    parameter_file: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
     first_mission_item: ClassVar[int] = 0
     refused: ClassVar[int] = TEMPORARILY_REJECTED
     standard = StandardModes(Px4Mode.MISSION, Px4Mode.RTL, Px4Mode.LAND)

@@ -2,8 +2,8 @@
 
 import math
 
-from vehicles.embedded.autopilot.flying.guidance import GoTo, LandProfile, Speeds, TakeOff
-from vehicles.embedded.autopilot.flying.manoeuvres import Manoeuvres
+from vehicles.embedded.autopilot.flight.guidance import GoTo, LandProfile, Speeds, TakeOff
+from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
 from worlds.frames import Vec3
 
 _RADIUS_M = 0.3

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flying.state import State
+from vehicles.embedded.autopilot.flight.autopilot_state import State
 from worlds.frames import quat_from_euler
 
 Builder = Callable[[State], Any]

@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flying.parameter_table import Parameters
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
 
 NO_INDEX = 65535
 """What ArduPilot gives as the index of a parameter that was not asked for by index."""

@@ -6,8 +6,8 @@ Sources: ArduCopter/events.cpp, ArduCopter/fence.cpp, AP_BattMonitor (4.7); para
 import math
 from typing import NamedTuple
 
-from vehicles.embedded.autopilot.ardupilot.modes import CopterMode
-from vehicles.embedded.autopilot.flying.parameter_table import Parameters
+from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
 from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 from vehicles.embedded.battery import Charge
 

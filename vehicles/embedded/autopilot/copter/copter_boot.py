@@ -3,7 +3,7 @@
 All times and texts are those of the reference trace.
 """
 
-from vehicles.embedded.autopilot.services.telemetry import SensorMasks
+from vehicles.embedded.autopilot.flight.telemetry import SensorMasks
 
 INITIALISED_S = 2.42
 HOME_SET_S = 20.02

@@ -5,8 +5,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flying.state import Identity, State
-from vehicles.embedded.autopilot.services import telemetry
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
 from worlds.frames import quat_conjugate, quat_from_euler, rotate
 
 _CAPABILITIES = 59647

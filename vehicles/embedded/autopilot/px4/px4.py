@@ -7,16 +7,21 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot.flying.fence import Fence
-from vehicles.embedded.autopilot.flying.flight import TiltWatch
-from vehicles.embedded.autopilot.flying.guidance import Behaviour, Hold, TakeOff, Wanted
-from vehicles.embedded.autopilot.flying.setpoints import local_setpoint
-from vehicles.embedded.autopilot.flying.state import Identity
-from vehicles.embedded.autopilot.px4.core import Px4Core
-from vehicles.embedded.autopilot.px4.failsafes import WARNINGS, Action, Decision, Failsafes, View
-from vehicles.embedded.autopilot.px4.modes import Px4Mode
-from vehicles.embedded.autopilot.services import missions
-from vehicles.embedded.autopilot.services.commands import (
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import TiltWatch
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, TakeOff, Wanted
+from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.autopilot.px4.px4_core import Px4Core
+from vehicles.embedded.autopilot.px4.px4_failsafes import (
+    WARNINGS,
+    Action,
+    Decision,
+    Failsafes,
+    View,
+)
+from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode
+from vehicles.embedded.autopilot.services import mission_service
+from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     UNSUPPORTED,
@@ -24,6 +29,7 @@ from vehicles.embedded.autopilot.services.commands import (
     on_command,
     on_message,
 )
+from vehicles.embedded.autopilot.services.fence_items import Fence
 from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 from vehicles.embedded.battery import Charge
 from worlds.frames import Vec3, quat_from_euler, rotate
@@ -225,7 +231,7 @@ class Px4(Px4Core):
         if int(self.parameters["GF_ACTION"]) > 1 and breached:
             self.outbox.say(CRITICAL, "Geofence invalid, doesn't contain Home position\t")
             return int(mavlink.MAV_MISSION_DENIED)
-        return missions.ACCEPTED
+        return mission_service.ACCEPTED
 
     def _disarm_delay_s(self, *, after_flight: bool) -> float:
         return self.parameters["COM_DISARM_LAND" if after_flight else "COM_DISARM_PRFLT"]

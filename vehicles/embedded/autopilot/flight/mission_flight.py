@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flying.guidance import Behaviour
-from vehicles.embedded.autopilot.flying.items import Item
-from vehicles.embedded.autopilot.flying.manoeuvres import Manoeuvres
-from vehicles.embedded.autopilot.flying.setpoints import RELATIVE_ALTITUDE_FRAMES
-from vehicles.embedded.autopilot.flying.state import State
+from vehicles.embedded.autopilot.flight.autopilot_state import State
+from vehicles.embedded.autopilot.flight.guidance import Behaviour
+from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
+from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.setpoint_targets import RELATIVE_ALTITUDE_FRAMES
 from vehicles.embedded.controller import Target
 from vehicles.embedded.states import Motion
 from worlds.frames import Vec3

@@ -1,1 +1,0 @@
-"""The embedded ArduCopter: its modes, failsafes, telemetry and parameters."""

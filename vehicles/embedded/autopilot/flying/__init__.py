@@ -1,1 +1,0 @@
-"""How an autopilot flies: state, behaviours, setpoints, mission items, fences."""
