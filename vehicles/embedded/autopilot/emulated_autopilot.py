@@ -11,7 +11,7 @@ from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
 from vehicles.embedded.autopilot.flight.flight import Flight, FlightStyle
-from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.mission_items import Item, ItemRules
 from vehicles.embedded.autopilot.flight.parameter_table import Parameters
 from vehicles.embedded.autopilot.services import mission_service
 from vehicles.embedded.autopilot.services.command_registry import (
@@ -37,6 +37,8 @@ from vehicles.embedded.battery import Charge
 from vehicles.embedded.states import Motion, Thrusts
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+_HIGHEST_INTERVAL_ID = 65535
+"""MESSAGE_INTERVAL carries ids of 16 bits."""
 
 
 class EmbeddedAutopilot(ABC):
@@ -48,6 +50,7 @@ class EmbeddedAutopilot(ABC):
 
     builders: ClassVar[dict[int, telemetry.Builder]]
     style: ClassVar[FlightStyle]
+    item_rules: ClassVar[ItemRules]
     is_px4: ClassVar[bool]
     """PX4's conventions of the wire rather than ArduPilot's: parameters, texts, missions."""
 
@@ -72,6 +75,8 @@ class EmbeddedAutopilot(ABC):
             send=self.outbox.send,
             accept=self._accept_items,
             home=None if self.is_px4 else self._home_item,
+            rules=self.item_rules,
+            go_to=self._go_to_item,
         )
         log_format = ULog if self.is_px4 else DataFlash
         self.logs = FlightLogs(
@@ -128,6 +133,10 @@ class EmbeddedAutopilot(ABC):
     def _fence_result(self, fence: Fence) -> int:  # noqa: ARG002 - subclasses look at it
         """Return the MAV_MISSION_RESULT of an uploaded fence."""
         return mission_service.ACCEPTED
+
+    def _go_to_item(self, item: Item) -> int:  # noqa: ARG002 - ArduCopter looks at it
+        """Fly a MISSION_ITEM that is to be flown now; return a MAV_MISSION_RESULT."""
+        return int(mavlink.MAV_MISSION_ERROR)
 
     # The loop.
 
@@ -233,12 +242,6 @@ class EmbeddedAutopilot(ABC):
     def _on_mission(self, message: Any) -> None:
         self.missions.handle(message, self.t_s)
 
-    @on_message("MISSION_SET_CURRENT")
-    def _on_mission_set_current(self, message: Any) -> None:
-        if message.seq < len(self.missions.items(mission_service.MISSION)):
-            self.state.mission_seq = message.seq
-        self.outbox.send(telemetry.mission_current(self.state))
-
     @on_message("COMMAND_LONG")
     def _on_command_long(self, message: Any) -> None:
         self._do(from_long(message))
@@ -250,8 +253,15 @@ class EmbeddedAutopilot(ABC):
     @on_message("SET_MODE")
     def _on_set_mode(self, message: Any) -> None:
         """Take the message that old ground stations send instead of the command."""
-        if message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-            self.set_mode(*self._split_mode(message.custom_mode))
+        custom = message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        result = self.set_mode(*self._split_mode(message.custom_mode)) if custom else DENIED
+        # PX4 makes the command of it; ArduPilot acknowledges the message by its own number.
+        number = mavlink.MAV_CMD_DO_SET_MODE if self.is_px4 else mavlink.MAVLINK_MSG_ID_SET_MODE
+        self.outbox.send(
+            mavlink.MAVLink_command_ack_message(
+                number, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
+            )
+        )
 
     def _do(self, command: Command) -> None:
         name = self._commands.get(command.number)
@@ -266,19 +276,21 @@ class EmbeddedAutopilot(ABC):
 
     @on_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
     def _set_interval(self, command: Command) -> int:
-        number, interval_us = command.params[0], command.params[1]
-        if number not in mavlink.mavlink_map:
+        number, interval_us = command.whole(0), command.params[1]
+        if number not in mavlink.mavlink_map or math.isnan(interval_us):
             return DENIED
         if interval_us == 0.0:
-            self.streams.reset_rate(int(number), now_s=self.t_s)
+            self.streams.reset_rate(number, now_s=self.t_s)
         else:
             rate_hz = 1e6 / interval_us if interval_us > 0.0 else 0.0
-            self.streams.set_rate(int(number), rate_hz, now_s=self.t_s)
+            self.streams.set_rate(number, rate_hz, now_s=self.t_s)
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL)
     def _get_interval(self, command: Command) -> int:
-        message_id = int(command.params[0])
+        message_id = command.whole(0)
+        if not 0 <= message_id <= _HIGHEST_INTERVAL_ID:
+            return DENIED
         interval_s = self.streams.interval_s(message_id)
         interval_us = -1 if interval_s is None else round(interval_s * 1e6)
         self.outbox.send(mavlink.MAVLink_message_interval_message(message_id, interval_us))
@@ -286,7 +298,7 @@ class EmbeddedAutopilot(ABC):
 
     @on_command(mavlink.MAV_CMD_REQUEST_MESSAGE)
     def _request_message(self, command: Command) -> int:
-        return ACCEPTED if self._send_id(int(command.params[0])) else FAILED
+        return ACCEPTED if self._send_id(command.whole(0)) else FAILED
 
     @on_command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES)
     def _request_capabilities(self, _: Command) -> int:
@@ -295,10 +307,9 @@ class EmbeddedAutopilot(ABC):
 
     @on_command(mavlink.MAV_CMD_DO_SET_MODE)
     def _set_mode(self, command: Command) -> int:
-        base_mode, mode, submode, _ = command.params
-        if not int(base_mode) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        if not command.whole(0) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return DENIED
-        return self.set_mode(int(mode), int(submode))
+        return self.set_mode(command.whole(1), command.whole(2))
 
     @on_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
     def _arm_disarm(self, command: Command) -> int:
@@ -317,7 +328,7 @@ class EmbeddedAutopilot(ABC):
     def _set_home(self, command: Command) -> int:
         if command.params[0] == 1.0:
             self.state.home_ned_m = self.state.now.position_ned_m
-        elif math.isfinite(command.x + command.y + command.z):
+        elif command.has_place:
             self.state.home_ned_m = self.state.frame.to_ned(command.x, command.y, command.z)
         else:
             return DENIED

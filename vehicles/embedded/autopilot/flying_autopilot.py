@@ -13,13 +13,11 @@ from vehicles.embedded.autopilot.emulated_autopilot import EmbeddedAutopilot
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, Wanted
 from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
-from vehicles.embedded.autopilot.flight.mission_flight import FlyMission, steps_of
 from vehicles.embedded.autopilot.flight.parameter_table import load_parameters
 from vehicles.embedded.autopilot.flight.setpoint_targets import (
     RELATIVE_ALTITUDE_FRAMES,
     global_setpoint,
 )
-from vehicles.embedded.autopilot.services import mission_service
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     Command,
@@ -47,8 +45,6 @@ class FlyingAutopilot(EmbeddedAutopilot, Generic[Mode]):
 
     parameter_file: ClassVar[Path]
     mav_autopilot: ClassVar[int]
-    first_mission_item: ClassVar[int]
-    """Of the user's: ArduPilot's item 0 is home."""
     refused: ClassVar[int]
     """MAV_RESULT of an arm or disarm command that the checks refuse."""
     standard: StandardModes[Mode]
@@ -139,6 +135,8 @@ class FlyingAutopilot(EmbeddedAutopilot, Generic[Mode]):
 
     def enter(self, mode: Mode) -> None:
         """Fly a mode from now on."""
+        if mode != self.mode:
+            self.manoeuvres.forget_speeds()
         self.mode = mode
         if self.flight.armed:
             self.flight.fly(self._behaviour(mode))
@@ -221,25 +219,5 @@ class FlyingAutopilot(EmbeddedAutopilot, Generic[Mode]):
             altitude_m if math.isfinite(altitude_m) else here.altitude_m,
         )
 
-    # Missions.
-
-    def _mission(self) -> Behaviour | None:
-        """Return the flight of the uploaded mission; None when nothing in it is flown."""
-        state = self.state
-        items = self.missions.items(mission_service.MISSION)
-        first = max(self.first_mission_item, state.mission_seq)
-        steps = steps_of(
-            items,
-            first=first,
-            state=state,
-            manoeuvres=self.manoeuvres,
-            go_home=self._return_home,
-        )
-        return FlyMission(steps=steps, reached=self._reached) if steps else None
-
     def _return_home(self) -> Behaviour:
         return self.manoeuvres.go_home()
-
-    def _reached(self, seq: int) -> None:
-        self.outbox.send(mavlink.MAVLink_mission_item_reached_message(seq))
-        self.state.mission_seq = min(seq + 1, self.state.mission_total - 1)

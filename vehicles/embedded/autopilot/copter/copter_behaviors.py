@@ -19,7 +19,7 @@ _LEAST_SLOPE = 0.5
 class CopterManoeuvres(Manoeuvres):
     """Behaviours by WP_*, LAND_* and RTL_*."""
 
-    def speeds(self) -> Speeds:
+    def default_speeds(self) -> Speeds:
         """Return the limits of the automatic modes."""
         p = self._p
         return Speeds(p["WP_SPD"], p["WP_SPD_UP"], p["WP_SPD_DN"])

@@ -12,12 +12,15 @@ from vehicles.embedded.autopilot.copter import copter_boot as boot
 from vehicles.embedded.autopilot.copter import copter_telemetry
 from vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance
 from vehicles.embedded.autopilot.copter.copter_behaviors import CopterManoeuvres
+from vehicles.embedded.autopilot.copter.copter_missions import RULES
 from vehicles.embedded.autopilot.copter.copter_modes import CopterMode, copter_mode
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import FlightStyle
 from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, ReturnHome
-from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, StandardModes
+from vehicles.embedded.autopilot.flight.mission_items import ItemRules
+from vehicles.embedded.autopilot.flying_autopilot import StandardModes
+from vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     FAILED,
@@ -43,10 +46,11 @@ _GAINS = Gains(
 )
 
 
-class CopterCore(FlyingAutopilot[CopterMode]):
+class CopterCore(MissionAutopilot[CopterMode]):
     """ArduCopter's modes and arming; what it does on messages and in time is in the subclass."""
 
     is_px4: ClassVar[bool] = False
+    item_rules: ClassVar[ItemRules] = RULES
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
     parameter_file: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
     first_mission_item: ClassVar[int] = 1
@@ -168,6 +172,7 @@ class CopterCore(FlyingAutopilot[CopterMode]):
         """Fly a mode from now on."""
         self.taking_off = False
         if mode is not self.mode:
+            self.manoeuvres.forget_speeds()
             self.mode = mode
             # ArduPilot tells a new mode at once, beside its heartbeat of every second.
             self.outbox.send_later(self._heartbeat())

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.flight.autopilot_state import State
+from vehicles.embedded.autopilot.flight.places import FARTHEST_M, bounded
 from worlds.frames import quat_from_euler
 
 Builder = Callable[[State], Any]
@@ -136,11 +137,6 @@ def scaled_pressure(s: State) -> Any:
     return mavlink.MAVLink_scaled_pressure_message(s.boot_ms, pressure_hpa(altitude_m), 0.0, 1500)
 
 
-def mission_current(s: State) -> Any:
-    """Return MISSION_CURRENT."""
-    return mavlink.MAVLink_mission_current_message(s.mission_seq, s.mission_total)
-
-
 def position_target_local_ned(s: State) -> Any | None:
     """Return POSITION_TARGET_LOCAL_NED, what the controller is flying; None when idle."""
     target = s.target
@@ -156,7 +152,7 @@ def position_target_local_ned(s: State) -> Any | None:
         s.boot_ms,
         mavlink.MAV_FRAME_LOCAL_NED,
         mask,
-        *position,
+        *(bounded(each, FARTHEST_M) for each in position),
         *target.velocity_ned_m_s,
         0.0,
         0.0,
@@ -278,7 +274,6 @@ COMMON: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
-    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: position_target_local_ned,
     mavlink.MAVLINK_MSG_ID_VIBRATION: vibration,

@@ -12,7 +12,7 @@ _RADIUS_M = 0.3
 class Px4Manoeuvres(Manoeuvres):
     """Behaviours by MPC_*, MIS_*, NAV_* and RTL_*."""
 
-    def speeds(self) -> Speeds:
+    def default_speeds(self) -> Speeds:
         """Return the limits of the automatic modes."""
         p = self._p
         return Speeds(p["MPC_XY_CRUISE"], p["MPC_Z_V_AUTO_UP"], p["MPC_Z_V_AUTO_DN"])

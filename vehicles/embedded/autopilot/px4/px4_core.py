@@ -12,9 +12,12 @@ from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import FlightStyle
 from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow
-from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, StandardModes
+from vehicles.embedded.autopilot.flight.mission_items import ItemRules
+from vehicles.embedded.autopilot.flying_autopilot import StandardModes
+from vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
 from vehicles.embedded.autopilot.px4 import px4_telemetry
 from vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
+from vehicles.embedded.autopilot.px4.px4_missions import RULES
 from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode, px4_mode
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
@@ -41,10 +44,11 @@ _PREARM_BIT_OFF_S = 0.18
 """How long the pre-arm bit falls when a failsafe begins."""
 
 
-class Px4Core(FlyingAutopilot[Px4Mode]):
+class Px4Core(MissionAutopilot[Px4Mode]):
     """PX4's modes and arming; what it does on messages and in time is in the subclass."""
 
     is_px4: ClassVar[bool] = True
+    item_rules: ClassVar[ItemRules] = RULES
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
     parameter_file: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
     first_mission_item: ClassVar[int] = 0
@@ -101,6 +105,8 @@ class Px4Core(FlyingAutopilot[Px4Mode]):
         if self.never_ready or self.t_s < _CHECKS_PASS_S or self.terminated:
             return False
         if self.mode is Px4Mode.OFFBOARD and not self.setpoints_stream:
+            return False
+        if self.mode is Px4Mode.MISSION and not self.has_mission:
             return False
         return not (self.mode.prevents_arming or self.mode.is_manual)
 
@@ -196,7 +202,7 @@ class Px4Core(FlyingAutopilot[Px4Mode]):
         if mode is Px4Mode.OFFBOARD:
             return self.setpoints_stream
         if mode is Px4Mode.MISSION:
-            return self.state.mission_total > 0
+            return self.has_mission
         return self.position_valid
 
     def fail(self, mode: Px4Mode) -> None:
