@@ -13,7 +13,7 @@ from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
 from vehicles.embedded.autopilot.flight.flight import Flight, FlightStyle
 from vehicles.embedded.autopilot.flight.mission_items import Item, ItemRules
 from vehicles.embedded.autopilot.flight.parameter_table import Parameters
-from vehicles.embedded.autopilot.services import mission_service
+from vehicles.embedded.autopilot.services import discovery, mission_service
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
@@ -37,6 +37,8 @@ from vehicles.embedded.battery import Charge
 from vehicles.embedded.states import Motion, Thrusts
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+_EARLIEST_UNIX_US, _LATEST_UNIX_US = 1_230_768_000_000_000, 1 << 62
+"""Of 2009 on: what is earlier is a clock that was never set."""
 _HIGHEST_INTERVAL_ID = 65535
 """MESSAGE_INTERVAL carries ids of 16 bits."""
 
@@ -121,6 +123,10 @@ class EmbeddedAutopilot(ABC):
     @abstractmethod
     def _is_forced(self, command: Command) -> bool:
         """Return whether an arm or disarm command skips the checks."""
+
+    @abstractmethod
+    def _mode_entries(self) -> tuple[discovery.ModeEntry, ...]:
+        """Return the modes as AVAILABLE_MODES lists them."""
 
     def _hears_texts(self) -> bool:
         """Return whether the peer is one that is sent STATUSTEXT."""
@@ -212,6 +218,16 @@ class EmbeddedAutopilot(ABC):
             peer = (message.get_srcSystem(), message.get_srcComponent())
             self.outbox.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *peer))
 
+    @on_message("SYSTEM_TIME")
+    def _on_system_time(self, message: Any) -> None:
+        """Take the time of day from a companion computer or a ground station."""
+        if _EARLIEST_UNIX_US < message.time_unix_usec < _LATEST_UNIX_US:
+            self.state.unix_offset_us = message.time_unix_usec - self.state.boot_us
+
+    @on_message("FILE_TRANSFER_PROTOCOL")
+    def _on_file_transfer(self, message: Any) -> None:
+        self.outbox.send(discovery.file_answer(message))
+
     @on_message("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_REQUEST_END", "LOG_ERASE")
     def _on_logs(self, message: Any) -> None:
         self.logs.handle(message)
@@ -298,7 +314,13 @@ class EmbeddedAutopilot(ABC):
 
     @on_command(mavlink.MAV_CMD_REQUEST_MESSAGE)
     def _request_message(self, command: Command) -> int:
-        return ACCEPTED if self._send_id(command.whole(0)) else FAILED
+        message_id = command.whole(0)
+        if message_id == discovery.AVAILABLE_MODES:
+            modes = discovery.available_modes(self._mode_entries(), command.whole(1))
+            for message in modes:
+                self.outbox.send_later(message)
+            return ACCEPTED if modes else FAILED
+        return ACCEPTED if self._send_id(message_id) else FAILED
 
     @on_command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES)
     def _request_capabilities(self, _: Command) -> int:

@@ -14,11 +14,19 @@ from vehicles.embedded.autopilot.copter.copter_failsafes import Failsafes, View
 from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import TiltWatch
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, GoTo, ReturnHome, Wanted
+from vehicles.embedded.autopilot.flight.guidance import (
+    Behaviour,
+    Follow,
+    GoTo,
+    ReturnHome,
+    TakeOff,
+    Wanted,
+)
 from vehicles.embedded.autopilot.flight.mission_flight import place_of, starts_with_takeoff
 from vehicles.embedded.autopilot.flight.mission_items import Item, item_fault
 from vehicles.embedded.autopilot.flight.places import is_altitude
 from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.autopilot.flight.sticks import sticks_of_pulses
 from vehicles.embedded.autopilot.services import mission_service
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
@@ -84,6 +92,11 @@ class ArduCopter(CopterCore):
 
     def _takes_global_setpoints(self) -> bool:
         return self.mode is CopterMode.GUIDED
+
+    @on_message("RC_CHANNELS_OVERRIDE")
+    def _on_override(self, message: Any) -> None:
+        pulses_us = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
+        self._take_sticks(sticks_of_pulses(pulses_us, self.fresh_sticks(), at_s=self.t_s))
 
     @on_message("OBSTACLE_DISTANCE")
     def _on_obstacles(self, message: Any) -> None:
@@ -209,6 +222,9 @@ class ArduCopter(CopterCore):
         if relative == 1.0:
             yaw_rad = self.state.now.euler_rad[2] + (direction or 1.0) * abs(yaw_rad)
         behaviour = self.flight.behaviour
+        if isinstance(behaviour, TakeOff) and not self.taking_off:
+            behaviour = self.manoeuvres.go_to(behaviour.goal_ned_m, radius_m=0.3)
+            self.flight.fly(behaviour)
         if isinstance(behaviour, Follow | GoTo):
             behaviour.face(yaw_rad)
         return ACCEPTED

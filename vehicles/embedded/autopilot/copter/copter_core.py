@@ -13,12 +13,13 @@ from vehicles.embedded.autopilot.copter import copter_telemetry
 from vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance
 from vehicles.embedded.autopilot.copter.copter_behaviors import CopterManoeuvres
 from vehicles.embedded.autopilot.copter.copter_missions import RULES
-from vehicles.embedded.autopilot.copter.copter_modes import CopterMode, copter_mode
+from vehicles.embedded.autopilot.copter.copter_modes import ENTRIES, CopterMode, copter_mode
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import FlightStyle
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, ReturnHome
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, ReturnHome, speed_limits
 from vehicles.embedded.autopilot.flight.mission_items import ItemRules
+from vehicles.embedded.autopilot.flight.sticks import StickLimits
 from vehicles.embedded.autopilot.flying_autopilot import StandardModes
 from vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
 from vehicles.embedded.autopilot.services.command_registry import (
@@ -29,6 +30,7 @@ from vehicles.embedded.autopilot.services.command_registry import (
     Command,
     on_request,
 )
+from vehicles.embedded.autopilot.services.discovery import ModeEntry
 from vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.controller import Gains
@@ -193,7 +195,24 @@ class CopterCore(MissionAutopilot[CopterMode]):
             return self.manoeuvres.land()
         if mode in {CopterMode.RTL, CopterMode.SMART_RTL}:
             return self.manoeuvres.go_home()
+        if mode.is_manual and self.sticks is not None:
+            return self._by_sticks()
         return self.manoeuvres.hold()
+
+    def _is_flown_by_hand(self, mode: CopterMode) -> bool:
+        return mode.is_manual
+
+    def _stick_limits(self) -> StickLimits:
+        p = self.parameters
+        down_m_s = p["PILOT_SPD_DN"] or p["PILOT_SPD_UP"]
+        speeds = speed_limits(p["LOIT_SPEED_MS"], p["PILOT_SPD_UP"], down_m_s)
+        return StickLimits(speeds, math.radians(p["PILOT_Y_RATE"]))
+
+    def _sticks_last_s(self) -> float:
+        return self.parameters["RC_OVERRIDE_TIME"]
+
+    def _mode_entries(self) -> tuple[ModeEntry, ...]:
+        return ENTRIES
 
     def _new_follow(self) -> Follow:
         speeds = self.manoeuvres.speeds()

@@ -29,6 +29,11 @@ class Speeds(NamedTuple):
     down: float
 
 
+def speed_limits(across: float, up: float, down: float) -> Speeds:
+    """Return limits from parameters, which may be set to anything: none is below zero."""
+    return Speeds(max(0.0, across), max(0.0, up), max(0.0, down))
+
+
 Limit = Callable[[Vec3, float, float], Vec3]
 """From velocity, heading and time to the velocity that may be flown."""
 

@@ -42,7 +42,7 @@ def global_position_int(s: State) -> Any:
         round(here.latitude_deg * 1e7),
         round(here.longitude_deg * 1e7),
         round(here.altitude_m * 1e3),
-        round((s.home_down_m - s.now.position_ned_m[2]) * 1e3),
+        _int32((s.home_down_m - s.now.position_ned_m[2]) * 1e3),
         _centi(north),
         _centi(east),
         _centi(down),
@@ -80,8 +80,11 @@ def gps_global_origin(s: State) -> Any:
 
 
 def system_time(s: State) -> Any:
-    """Return SYSTEM_TIME; the vehicle does not know the time of day."""
-    return mavlink.MAVLink_system_time_message(0, s.boot_ms)
+    """Return SYSTEM_TIME; the time of day is 0 until somebody has said it."""
+    offset_us = s.unix_offset_us
+    return mavlink.MAVLink_system_time_message(
+        0 if offset_us is None else s.boot_us + offset_us, s.boot_ms
+    )
 
 
 def battery_status(s: State) -> Any:
@@ -288,6 +291,10 @@ def _magnetic_field_gauss(s: State) -> tuple[float, float, float]:
 
 def _centi(value: float) -> int:
     return max(-32768, min(32767, round(value * 100.0)))
+
+
+def _int32(value: float) -> int:
+    return max(-(2**31), min(2**31 - 1, round(value)))
 
 
 def _int16(value: float) -> int:

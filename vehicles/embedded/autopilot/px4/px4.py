@@ -47,6 +47,10 @@ _FAILSAFE_MODES = {
 }
 
 
+_STICKS_LOST = {1: Px4Mode.HOLD, 2: Px4Mode.RTL, 3: Px4Mode.LAND}
+"""NAV_RCL_ACT."""
+
+
 class Px4(Px4Core):
     """PX4 on the wire: setpoints, commands, missions, failsafes."""
 
@@ -198,6 +202,9 @@ class Px4(Px4Core):
             self._end_takeoff()
             if self._tilt.tumbling(self.state.now, self.t_s) and self._may_terminate():
                 self.terminate("Critical failure detected: terminate flight")
+            if self.mode.is_manual and self.fresh_sticks() is None:
+                self.outbox.say(WARNING, "Manual control lost\t")
+                self.fail(_STICKS_LOST.get(int(self.parameters["NAV_RCL_ACT"]), Px4Mode.RTL))
             decision = self._failsafes.check(self._view())
             if decision is not None:
                 self._act(decision)
