@@ -19,8 +19,6 @@ from campaigns.schema import (
     CampaignPart,
     GoalPart,
     Mode,
-    PreflightPart,
-    RecordPart,
     SyncPart,
     VehicleName,
 )
@@ -28,11 +26,7 @@ from campaigns.schema.links import LinkPart, LinksPart
 from campaigns.schema.operator import GcsPart
 from campaigns.setup import (
     GoalSetup,
-    GpsSetup,
     GuardingSetup,
-    OwnFenceSetup,
-    PreflightSetup,
-    RecordSetup,
     Setup,
     SyncSetup,
 )
@@ -73,8 +67,8 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         guarding=_guarding(part),
         oracles=uses,
         links=_links(part.links),
-        preflight=_preflight(part.preflight),
-        record=_record(part.record),
+        preflight=part.preflight,
+        record=part.record,
         outside=outside_setup(files.campaign, part, problems),
         limits=None if part.limits is None else part.limits.limits(),
         gcs=_gcs(part.operator.gcs),
@@ -138,27 +132,6 @@ def _goal(part: GoalPart) -> GoalSetup:
         altitude_m=part.altitude_m,
         gates=tuple(part.gates),
         position_ned_m=None if place is None else (place.north_m, place.east_m, -place.up_m),
-    )
-
-
-def _record(part: RecordPart) -> RecordSetup:
-    return RecordSetup(pictures=part.pictures, quality=part.quality, vehicle_logs=part.vehicle_logs)
-
-
-def _preflight(part: PreflightPart) -> PreflightSetup:
-    fence = None if part.fence is None else OwnFenceSetup(margin_m=part.fence.margin_m)
-    gps = part.gps
-    return PreflightSetup(
-        fence=fence,
-        gps=None if gps is None else GpsSetup(**gps.model_dump()),
-        min_mocap_hz=part.min_mocap_hz,
-        failsafe=part.failsafe,
-        min_battery=part.min_battery,
-        min_disk_mb=part.min_disk_mb,
-        start_tolerance_m=part.start_tolerance_m,
-        pair_tolerance_m=part.pair_tolerance_m,
-        max_clock_error_s=part.max_clock_error_s,
-        override=dict(part.override),
     )
 
 

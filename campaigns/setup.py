@@ -2,11 +2,10 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 from campaigns.link_setups import LinkSetup
 from campaigns.outside_setups import OutsideSetup
-from campaigns.schema import Mode, PictureFormat, VehicleName
+from campaigns.schema import Mode, PreflightPart, RecordPart, VehicleName
 from campaigns.sensor_setups import CameraSetup, SensorSetup
 from campaigns.under_test import UnderTest
 from campaigns.vehicle_setups import VehicleSetup
@@ -15,7 +14,6 @@ from safety.geofence import Fence
 from safety.guard.events import GuardSettings
 from safety.guard.limits import SetpointLimits
 from safety.judge import OracleUse
-from safety.preflight import Check
 from worlds.documents import Path
 from worlds.frames import Vec3
 from worlds.world import World
@@ -27,9 +25,6 @@ __all__ = [
     "GoalSetup",
     "GuardingSetup",
     "LinkSetup",
-    "OwnFenceSetup",
-    "PreflightSetup",
-    "RecordSetup",
     "SensorSetup",
     "Setup",
     "SyncSetup",
@@ -70,49 +65,6 @@ class GoalSetup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecordSetup:
-    """What run.mcap holds of pictures. quality: of JPEG, 1 to 100.
-
-    vehicle_logs: whether the vehicles' own logs are fetched.
-    """
-
-    pictures: PictureFormat = "jpeg"
-    quality: int = 85
-    vehicle_logs: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OwnFenceSetup:
-    """The autopilot's own fence. margin_m: by how much it is wider than the guard's."""
-
-    margin_m: float = 1.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GpsSetup:
-    """What the GPS receiver must have, see `GpsPart`."""
-
-    min_satellites: int = 6
-    max_hdop: float = 2.5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PreflightSetup:
-    """What is looked at and set before arming, see `PreflightPart`."""
-
-    fence: OwnFenceSetup | None = OwnFenceSetup()
-    failsafe: Literal["set", "check"] | None = None
-    min_battery: float = 0.3
-    min_disk_mb: float = 200.0
-    start_tolerance_m: float = 0.5
-    pair_tolerance_m: float = 0.5
-    gps: GpsSetup | None = GpsSetup()
-    min_mocap_hz: float = 10.0
-    max_clock_error_s: float = 0.25
-    override: Mapping[Check, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class GuardingSetup:
     """How the guard keeps vehicles inside of their fences; see `GuardSettings`."""
 
@@ -140,8 +92,8 @@ class Setup:
     fences: Mapping[VehicleName, Fence]
     oracles: tuple[OracleUse, ...]
     links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
-    preflight: PreflightSetup = field(default_factory=PreflightSetup)
-    record: RecordSetup = RecordSetup()
+    preflight: PreflightPart = field(default_factory=PreflightPart)
+    record: RecordPart = field(default_factory=RecordPart)
     guarding: GuardingSetup = GuardingSetup()
     outside: OutsideSetup = field(default_factory=OutsideSetup)
     limits: SetpointLimits | None = None

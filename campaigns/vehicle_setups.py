@@ -1,6 +1,7 @@
 """Vehicles as a run needs them, from what a campaign file says of them."""
 
 import math
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -29,7 +30,7 @@ from vehicles.links.conditions import KeySource
 from vehicles.links.parse import LinkAddress, parse_link
 from vehicles.telemetry_fit import RadioTooSlowError, fitted
 from vehicles.voices import DriverName
-from worlds.documents import Document, Problem, closest
+from worlds.documents import BadInput, Document, Problem, closest
 from worlds.documents import Path as KeyPath
 from worlds.frames import Pose
 
@@ -236,11 +237,20 @@ def _key_source(folder: Path, part: SigningPart) -> KeySource:
 def _profile(
     campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
 ) -> str:
-    profile = part.profile
+    path: KeyPath = ("vehicles", name, "profile")
+    profile, shown_as = part.profile, None
     if profile.endswith((".yaml", ".yml")):
-        profile = str((campaign.path.parent / profile).resolve())
+        file = campaign.path.parent / profile
+        if not file.exists():
+            said = f"there is no file '{profile}' beside the campaign"
+            problems.append(campaign.problem(path, said))
+            return profile
+        shown_as = os.path.normpath(Path(campaign.name).parent / profile)
+        profile = str(file.resolve())
     try:
-        load_profile(profile)
+        load_profile(profile, shown_as=shown_as)
     except ProfileError as error:
-        problems.append(campaign.problem(("vehicles", name, "profile"), str(error)))
+        problems.append(campaign.problem(path, str(error), error.suggestion))
+    except BadInput as error:
+        problems += error.problems
     return profile

@@ -17,7 +17,7 @@ class OwnFencePart(Part):
     margin_m: Annotated[float, Field(ge=0, le=1000)] = 1.0
 
 
-class GpsPart(Part):
+class GpsCheckPart(Part):
     """What the GPS receiver must have of a vehicle whose poses are its own estimates.
 
     min_satellites, max_hdop: what both autopilots want by default (EKF2_REQ_NSATS; ArduPilot's
@@ -47,7 +47,7 @@ class PreflightPart(Part):
     min_disk_mb: Annotated[float, Field(ge=0)] = 200.0
     start_tolerance_m: Annotated[float, Field(gt=0, le=1000)] = 0.5
     pair_tolerance_m: Annotated[float, Field(gt=0, le=1000)] = 0.5
-    gps: GpsPart | None = GpsPart()
+    gps: GpsCheckPart | None = GpsCheckPart()
     min_mocap_hz: Annotated[float, Field(ge=0, le=10_000)] = 10.0
     max_clock_error_s: Annotated[float, Field(gt=0, le=10)] = 0.25
     override: dict[Check, Annotated[str, Field(min_length=1)]] = Field(default_factory=dict)

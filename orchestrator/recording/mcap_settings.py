@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from campaigns.schema import PictureFormat
-from campaigns.setup import RecordSetup
+from campaigns.schema import PictureFormat, RecordPart
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +54,7 @@ REPLAYABLE = RecordingSettings(real=EXACT, twin=EXACT, mixed=Pictures())
 """The inputs of the mixing to the bit, its results for the eye."""
 
 
-def recording_settings(record: RecordSetup) -> RecordingSettings:
+def recording_settings(record: RecordPart) -> RecordingSettings:
     """Return what a campaign wants to be recorded.
 
     Depth and ids are in a reading only where the recipe needs them, and then a replay does too.

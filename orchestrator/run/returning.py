@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from campaigns.expansion import RunPlan
 from campaigns.outside_setups import OutsideSetup
-from campaigns.setup import GoalSetup, RecordSetup
+from campaigns.schema import RecordPart
+from campaigns.setup import GoalSetup
 from campaigns.under_test import UnderTest
 from orchestrator.run.setup import RunSetup
 from orchestrator.way_back import WayBack
@@ -40,7 +41,7 @@ def returning(setup: RunSetup, way: WayBack) -> RunSetup:
         goal=GoalSetup(altitude_m=way.altitude_m),
         oracles=(),
         links={},
-        record=RecordSetup(),
+        record=RecordPart(),
         outside=OutsideSetup(),
     )
     return replace(

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from vehicles.embedded import profile
 from vehicles.launch.ardupilot import ArduPilotLaunch
 from vehicles.launch.px4 import Px4Launch
 from vehicles.links.conditions import KeySource
@@ -201,6 +202,17 @@ def test_parameters_that_the_embedded_autopilot_does_not_have(files: Any) -> Non
     assert (
         "the embedded px4 has no parameter 'COM_OF_LOST_T'; did you mean 'COM_OF_LOSS_T'" in fault
     )
+
+
+def test_faults_of_a_profile_are_reported_in_its_own_file(files: Any) -> None:
+    cage = (Path(profile.__file__).parent / "profiles" / "cage.yaml").read_text()
+    (files.folder / "hall.yaml").write_text(cage.replace("spread: 0.02", "spread: 2"))
+    files.change("    profile: cage\n", "    profile: hall.yaml\n")
+    (fault,) = files.faults()
+    assert "hall.yaml:16:11: must be at most 0.2, is 2" in fault
+    files.change("    profile: hall.yaml\n", "    profile: hull.yaml\n")
+    (fault,) = files.faults()
+    assert "campaign.yaml:7:14: there is no file 'hull.yaml' beside the campaign" in fault
 
 
 def test_one_link_for_two(files: Any) -> None:

@@ -23,7 +23,6 @@ from vehicles.embedded.feed import (
     pace_of,
     truth_datagram,
 )
-from vehicles.embedded.profile import ProfileError
 from vehicles.embedded.settings import ProcessSettings, Surround
 from vehicles.embedded.states import TruthSample
 from vehicles.embedded.vehicle import EmbeddedVehicle
@@ -34,6 +33,7 @@ from vehicles.pace import PacedLoop
 from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 from vehicles.readings import PoseReading
 from vehicles.steering import Segment
+from worlds.documents import BadInput
 
 BAD_SETTINGS, FAILED = 2, 1
 """Exit codes; 0 after SIGTERM, SIGINT, a kill fault, or the end of stdin."""
@@ -94,7 +94,7 @@ class FeedEnd(asyncio.DatagramProtocol):
 
 
 async def fly(settings: ProcessSettings, stop: asyncio.Event) -> None:
-    """Run the vehicle until `stop` is set. Raises LinkError, ProfileError, or what it died of."""
+    """Run the vehicle until `stop` is set. Raises LinkError, BadInput, or what stopped it."""
     vehicle = EmbeddedVehicle(
         config=settings.config(),
         link=open_link(parse_link(settings.link)),
@@ -135,7 +135,7 @@ def main(arguments: list[str]) -> int:
             die_with_parent(signal.SIGTERM)
         with asyncio.Runner(loop_factory=lambda: PacedLoop(settings.speed)) as runner:
             runner.run(_until_told(settings))
-    except (LinkError, ProfileError, ValueError, UnsupportedSystemError) as error:
+    except (LinkError, BadInput, ValueError, UnsupportedSystemError) as error:
         sys.stderr.write(f"{error}\n")
         return FAILED
     return 0

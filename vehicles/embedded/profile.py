@@ -6,8 +6,9 @@ A profile describes a vehicle and a place; it is never tuned per campaign.
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
+
+from worlds.documents import Part, check, closest, load
 
 _FOLDER = Path(__file__).parent / "profiles"
 
@@ -18,28 +19,28 @@ Pair = tuple[Nonnegative, Nonnegative]
 
 
 class ProfileError(ValueError):
-    """A profile that cannot be had; says which, and what is wrong in it."""
+    """No profile has this name. suggestion: the name that was probably meant; empty without."""
+
+    def __init__(self, message: str, suggestion: str = "") -> None:
+        super().__init__(message)
+        self.suggestion = suggestion
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class AirMovement(_Part):
+class AirMovement(Part):
     """First-order Gauss-Markov movement of the air, NED, of zero mean."""
 
     sigma_m_s: tuple[Nonnegative, Nonnegative, Nonnegative]
     time_constant_s: Positive
 
 
-class Motors(_Part):
+class Motors(Part):
     """Lag of thrust behind its command, and the spread (standard deviation) between motors."""
 
     lag_s: Positive
     spread: Annotated[float, Field(ge=0.0, le=0.2)]
 
 
-class Battery(_Part):
+class Battery(Part):
     """A pack that sags under load; `thrust_loss`: part of thrust that is gone when empty."""
 
     full_v: Positive
@@ -50,7 +51,7 @@ class Battery(_Part):
     thrust_loss: Annotated[float, Field(ge=0.0, le=0.5)]
 
 
-class EstimatorNoise(_Part):
+class EstimatorNoise(Part):
     """First-order Gauss-Markov errors of the vehicle's own estimate, and its delay."""
 
     position_sigma_m: Pair
@@ -63,7 +64,7 @@ class EstimatorNoise(_Part):
     delay_s: Annotated[float, Field(ge=0.0, le=0.2)]
 
 
-class MotionCapture(_Part):
+class MotionCapture(Part):
     """White noise, rate and latency of the motion-capture feed."""
 
     rate_hz: Annotated[int, Field(ge=1, le=250)]
@@ -72,7 +73,7 @@ class MotionCapture(_Part):
     latency_s: Nonnegative
 
 
-class CameraFaults(_Part):
+class CameraFaults(Part):
     """What the camera does to a picture.
 
     noise_std and offset in grey levels of 8 bits, gain a factor. exposure_s: open shutter, blurs
@@ -88,14 +89,14 @@ class CameraFaults(_Part):
     jitter_s: Nonnegative
 
 
-class VehicleClock(_Part):
+class VehicleClock(Part):
     """The autopilot's clock: its reading when the vehicle starts, and its drift."""
 
     boot_offset_s: Nonnegative
     drift_ppm: Annotated[float, Field(ge=-500.0, le=500.0)]
 
 
-class Profile(_Part):
+class Profile(Part):
     """A vehicle and a place.
 
     sensors: what lidars, GPS, IMU and the like are: `ideal`, with the reach of their data sheets
@@ -119,22 +120,21 @@ def list_profiles() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.yaml")))
 
 
-def load_profile(name_or_path: str | Path) -> Profile:
-    """Return a profile by name, or from a YAML file. Raises ProfileError."""
+def load_profile(name_or_path: str | Path, *, shown_as: str | None = None) -> Profile:
+    """Return a profile by name, or from a YAML file. shown_as: what messages call the file.
+
+    Raises ProfileError for an unknown name, and BadInput with every fault at its place for a file
+    that cannot be read or is wrong.
+    """
     text = str(name_or_path)
-    path = Path(text) if text.endswith((".yaml", ".yml")) else _FOLDER / f"{text}.yaml"
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        known = ", ".join(list_profiles())
-        raise ProfileError(f"no profile {text!r}; there are {known}, or give a file") from error
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ProfileError(f"profile {text!r} cannot be read: {error}") from error
-    try:
-        return Profile.model_validate(data)
-    except ValidationError as error:
-        faults = "; ".join(
-            f"{'.'.join(str(part) for part in fault['loc'])}: {fault['msg']}"
-            for fault in error.errors()
+    if text.endswith((".yaml", ".yml")):
+        path = Path(text)
+    elif text in list_profiles():
+        path = _FOLDER / f"{text}.yaml"
+    else:
+        known = list_profiles()
+        raise ProfileError(
+            f"no profile {text!r}; there are {', '.join(known)}, or give a file",
+            closest(text, known),
         )
-        raise ProfileError(f"profile {text!r}: {faults}") from error
+    return check(load(path, name=shown_as), Profile)

@@ -64,7 +64,7 @@ class ProcessSettings(_Part):
     refuse_arm: str | None = None
 
     def config(self) -> EmbeddedConfig:
-        """Return the vehicle's configuration. Raises ProfileError."""
+        """Return the vehicle's configuration. Raises ProfileError, BadInput."""
         start = self.start
         return EmbeddedConfig(
             autopilot=self.autopilot,

@@ -12,7 +12,8 @@ from typing import Any, cast
 import pytest
 
 from campaigns.outside_setups import InjectionSetup
-from campaigns.setup import PreflightSetup, VehicleSetup
+from campaigns.schema import PreflightPart
+from campaigns.setup import VehicleSetup
 from orchestrator.clock import run_virtual
 from orchestrator.outside.honesty import NotHonouredError, prove
 from orchestrator.run.aboard import Aboard
@@ -58,7 +59,7 @@ class Rig:
 
     def aboard(
         self,
-        preflight: PreflightSetup = PreflightSetup(fence=None),  # noqa: B008 - frozen
+        preflight: PreflightPart = PreflightPart(fence=None),  # noqa: B008 - frozen
         fences: Mapping[str, Fence] = MappingProxyType({}),
     ) -> Aboard:
         campaign = SimpleNamespace(preflight=preflight, fences=fences)
@@ -210,7 +211,7 @@ def test_an_attached_vehicle_has_its_own_fence_again(
         await driver.onboard.fences.upload((circle,))
         ceiling = "GF_MAX_VER_DIST" if autopilot == "px4" else "FENCE_ALT_MAX"
         before = rig.has(ceiling)
-        aboard = rig.aboard(PreflightSetup(failsafe="set"), {"real": first})
+        aboard = rig.aboard(PreflightPart(failsafe="set"), {"real": first})
         await aboard.put(rig.station)
         assert rig.has(ceiling) == 10.0
         await aboard.fences.offer({"real": second})

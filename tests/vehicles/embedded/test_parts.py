@@ -19,6 +19,7 @@ from vehicles.embedded.noise import GaussMarkov
 from vehicles.embedded.plant import Plant, PlantError
 from vehicles.embedded.profile import ProfileError, list_profiles, load_profile
 from vehicles.embedded.states import AT_REST, STOPPED, TruthSample
+from worlds.documents import BadInput
 from worlds.frames import Pose, angle_between
 
 AIRFRAME = Airframe()
@@ -176,15 +177,23 @@ def test_both_profiles_are_there_and_say_why() -> None:
         assert numbers > 5
 
 
-def test_a_wrong_profile_says_what_is_wrong(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="there are cage, nominal"):
-        load_profile("cafe")
+def test_a_wrong_profile_is_reported_at_the_place_of_each_fault(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError, match="there are cage, nominal") as unknown:
+        load_profile("caeg")
+    assert unknown.value.suggestion == "cage"
     file = tmp_path / "mine.yaml"
-    file.write_text("schema: wil/profile/1\nair: {sigma_m_s: [1, 2]}\nextra: 1\n", encoding="utf-8")
-    with pytest.raises(ProfileError, match=r"air\.sigma_m_s.*extra"):
-        load_profile(file)
+    cage = (Path(load_profile.__code__.co_filename).parent / "profiles/cage.yaml").read_text()
+    wrong = cage.replace("lag_s: 0.06", 'lag_s: "0.06"').replace("spread: 0.02", "spred: 0.02")
+    file.write_text(wrong, encoding="utf-8")
+    with pytest.raises(BadInput) as error:
+        load_profile(file, shown_as="mine.yaml")
+    lag, spread = error.value.problems
+    assert lag.headline == (
+        "mine.yaml:14:10: must be a number, is the text '0.06' (leave out the quotes)"
+    )
+    assert spread.headline == "mine.yaml:16:3: unknown key 'spred'; did you mean 'spread'?"
     file.write_bytes(b"\xff\xfe: [")
-    with pytest.raises(ProfileError, match="cannot be read"):
+    with pytest.raises(BadInput, match=r"mine\.yaml:1:1: is not UTF-8"):
         load_profile(file)
 
 
