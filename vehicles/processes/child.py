@@ -188,8 +188,9 @@ class ChildProcess:
         """Keep the end of stderr, and the pipe empty."""
         stderr = None if self._process is None else self._process.stderr
         while self._process is not None and stderr is not None:
-            data = stderr.read(_READ_BYTES)
-            if data is None:
+            try:
+                data = os.read(stderr.fileno(), _READ_BYTES)
+            except BlockingIOError:
                 return
             if not data:
                 asyncio.get_running_loop().remove_reader(stderr.fileno())
