@@ -29,7 +29,8 @@ from render import cage
 from orchestrator.delivery.base import Delivery
 from orchestrator.delivery.rtp import rtp_delivery
 from orchestrator.delivery.sdp import RtpAddress
-from orchestrator.run.mixing import Frame, MixingLoop
+from orchestrator.run.mixing import MixingLoop
+from orchestrator.run.mixtures import Frame
 from orchestrator.run.seeing import WorldPictures
 from orchestrator.run.sensing import in_thread
 from recipes.language import load_recipe

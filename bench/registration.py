@@ -18,7 +18,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from orchestrator.clock import run_virtual
-from orchestrator.run.mixing import Frame, MixingLoop, Registered
+from orchestrator.run.mixing import MixingLoop, Registered
+from orchestrator.run.mixtures import Frame
 from orchestrator.run.registration import box_corners, registration_error_px
 from orchestrator.run.seeing import WorldPictures
 from recipes.language import load_recipe

@@ -19,9 +19,8 @@ from orchestrator.recording.mcap_writer import McapRecorder, RecordingReport
 from orchestrator.recording.runlog import RunLog
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from orchestrator.recording.video import VideoWriter
-from orchestrator.run.arranging import Shown
 from orchestrator.run.course import Course
-from orchestrator.run.mixing import Frame
+from orchestrator.run.mixtures import Frame, Shown
 from orchestrator.run.station import Station
 from safety.guard.events import GuardEvent
 from safety.results import Flag

@@ -10,7 +10,8 @@ from campaigns.setup import VehicleSetup
 from orchestrator.outside.outside import Outside
 from orchestrator.run.budgeting import BudgetWatch
 from orchestrator.run.course import Course
-from orchestrator.run.mixing import Frame, MixingLoop, Registration
+from orchestrator.run.mixing import MixingLoop, Registration
+from orchestrator.run.mixtures import Frame, Shown
 from orchestrator.run.opening import Pair
 from orchestrator.run.perceiving import Perception, SensorSource, Take
 from orchestrator.run.pilots import AnyPilot
@@ -28,15 +29,6 @@ _SILENT_S = 0.3
 """Telemetry comes 50 times a second: a vehicle that says nothing for so long may be dead."""
 _MOCAP_HZ = 100.0
 """Where a campaign does not say how often motion capture comes."""
-
-
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """Pictures for people: what the subject perceives, and what that was mixed of."""
-
-    perceived: CameraReading
-    real: CameraReading | None = None
-    twin: CameraReading | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

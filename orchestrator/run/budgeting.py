@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from orchestrator.run.course import Course, Stage
-from orchestrator.run.mixing import Frame, MixingLoop
+from orchestrator.run.mixing import MixingLoop
+from orchestrator.run.mixtures import Frame
 from recipes.budgets import RateWatch, breach_of
 
 STALLED_S = 1.0

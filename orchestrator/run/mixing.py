@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from orchestrator.run.mixtures import Frame
 from orchestrator.run.statistics import MixingStatistics
 from recipes.alignment import align_pose
 from recipes.mixed import Mixed
@@ -41,17 +42,6 @@ class Registered:
 
 Registration = Callable[[Reading, float], Registered]
 """The twin's reading, and the exposure of the real one that it was laid over."""
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """One mixture with the readings behind it. name: of the combination."""
-
-    name: str
-    sensor: str
-    real: Reading | None
-    twin: Reading | None
-    mixed: Mixed[Reading]
 
 
 class MixingLoop:

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 
 from orchestrator.run.budgeting import BudgetWatch
 from orchestrator.run.course import Course
-from orchestrator.run.mixing import Frame, MixingLoop
+from orchestrator.run.mixing import MixingLoop
+from orchestrator.run.mixtures import Frame
 from orchestrator.run.pilots import AnyPilot
 from orchestrator.run.statistics import MixingStatistics
 from recipes.working import StepError

@@ -11,7 +11,8 @@ import pytest
 from orchestrator.clock import run_virtual
 from orchestrator.run.budgeting import BudgetWatch
 from orchestrator.run.course import Course
-from orchestrator.run.mixing import Frame, MixingLoop, Registered, Registration
+from orchestrator.run.mixing import MixingLoop, Registered, Registration
+from orchestrator.run.mixtures import Frame
 from recipes.language import load_recipe
 from recipes.pipeline import compile_recipe
 from recipes.working import StepError

@@ -1,0 +1,26 @@
+"""What mixing hands on: each mixture with its readings, and the images of it for people."""
+
+from dataclasses import dataclass
+
+from recipes.mixed import Mixed
+from vehicles.readings import CameraReading, Reading
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One mixture with the readings behind it. name: of the combination."""
+
+    name: str
+    sensor: str
+    real: Reading | None
+    twin: Reading | None
+    mixed: Mixed[Reading]
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Pictures for people: what the subject perceives, and what that was mixed of."""
+
+    perceived: CameraReading
+    real: CameraReading | None = None
+    twin: CameraReading | None = None
