@@ -43,7 +43,6 @@ from safety.guard.messages import (
     Failed,
     Follow,
     GoDark,
-    Message,
     NewFences,
     OnWire,
     Opened,
@@ -53,7 +52,9 @@ from safety.guard.messages import (
     Start,
     Started,
     Status,
+    ToGuard,
     Told,
+    to_guard,
 )
 from safety.guard.operator_orders import OperatorOrders
 from safety.guard.operator_socket import POINTER, OperatorSocket
@@ -88,7 +89,7 @@ class GuardProcess:
     """Runs one guard from its charter to the end of its last child."""
 
     def __init__(self, *, end: socket.socket, lifeline: int) -> None:
-        self._channel = Channel(end, take=self._take, closed=self._orphaned)
+        self._channel = Channel(end, receives=to_guard, take=self._take, closed=self._orphaned)
         self._lifeline = lifeline
         self._chartered: asyncio.Future[CharterMessage | None]
         self._over = asyncio.Event()
@@ -113,7 +114,7 @@ class GuardProcess:
         if message is None:
             return 1
         try:
-            await self._guard(GuardCharter.from_plain(message.plain))
+            await self._guard(GuardCharter.unpacked(message.packed))
         except (CharterError, VehicleError, OSError) as error:
             self._channel.send(Failed(f"the guard cannot begin: {error}"))
             return 1
@@ -244,7 +245,7 @@ class GuardProcess:
         self._channel.send(Status(core.latched, core.all_down, rest, tuple(core.phases.values())))
         call_wall_later(STATUS_S, self._tell_status)
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: ToGuard) -> None:
         match message:
             case Bytes(index, _, data) if index < len(self._links):
                 self._links[index].arrive(data, asyncio.get_running_loop().time())
@@ -256,7 +257,7 @@ class GuardProcess:
             case _:
                 self._take_rare(message)
 
-    def _take_rare(self, message: Message) -> None:
+    def _take_rare(self, message: ToGuard) -> None:
         match message:
             case CharterMessage() if not self._chartered.done():
                 self._chartered.set_result(message)
