@@ -21,7 +21,7 @@ from campaigns.schema.vehicles import (
 from campaigns.sensor_setups import CameraSetup, SensorSetup
 from vehicles.autopilots.base import AutopilotName, TelemetryRates
 from vehicles.autopilots.registry import autopilot_named
-from vehicles.embedded.autopilot.known import known_parameters
+from vehicles.embedded.autopilot.known_parameters import known_parameters
 from vehicles.embedded.profile import ProfileError, load_profile
 from vehicles.launch.ardupilot import ArduPilotLaunch
 from vehicles.launch.plan import LaunchError

@@ -8,8 +8,13 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import missions, telemetry
-from vehicles.embedded.autopilot.commands import (
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from vehicles.embedded.autopilot.flight.flight import Flight, FlightStyle
+from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from vehicles.embedded.autopilot.services import mission_service
+from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,
@@ -22,14 +27,12 @@ from vehicles.embedded.autopilot.commands import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.fence import Fence, FenceError, fence_of
-from vehicles.embedded.autopilot.flight import Flight, FlightStyle
-from vehicles.embedded.autopilot.log_formats import DataFlash, ULog
-from vehicles.embedded.autopilot.logs import FlightLogs
-from vehicles.embedded.autopilot.outbox import Outbox
-from vehicles.embedded.autopilot.parameters import Parameters, ParameterServer
-from vehicles.embedded.autopilot.state import Identity, State
-from vehicles.embedded.autopilot.streams import Streams
+from vehicles.embedded.autopilot.services.fence_items import Fence, FenceError, fence_of
+from vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
+from vehicles.embedded.autopilot.services.log_service import FlightLogs
+from vehicles.embedded.autopilot.services.outbox import Outbox
+from vehicles.embedded.autopilot.services.parameter_service import ParameterServer
+from vehicles.embedded.autopilot.services.stream_intervals import Streams
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.states import Motion, Thrusts
 
@@ -65,7 +68,7 @@ class EmbeddedAutopilot(ABC):
         self.streams = Streams(rates_hz, shortest_s=dt_s)
         self.outbox = Outbox(count_all=self.is_px4)
         self.fence = Fence()
-        self.missions = missions.MissionServer(
+        self.missions = mission_service.MissionServer(
             send=self.outbox.send,
             accept=self._accept_items,
             home=None if self.is_px4 else self._home_item,
@@ -84,14 +87,11 @@ class EmbeddedAutopilot(ABC):
         self._parameter_server = ParameterServer(parameters, strict=self.is_px4)
         self._commands = marked(type(self), "mav_commands")
         self._messages = marked(type(self), "mav_messages")
+        self._requests = marked(type(self), "mav_requests")
         self.gcs_heard_s = -math.inf
         """When a ground station's heartbeat last came."""
 
     # What each autopilot does in its own way.
-
-    @abstractmethod
-    def message(self, message_id: int) -> Any | None:
-        """Return a message that depends on modes and readiness; None when it has no such."""
 
     @abstractmethod
     def supervise(self) -> None:
@@ -127,7 +127,7 @@ class EmbeddedAutopilot(ABC):
 
     def _fence_result(self, fence: Fence) -> int:  # noqa: ARG002 - subclasses look at it
         """Return the MAV_MISSION_RESULT of an uploaded fence."""
-        return missions.ACCEPTED
+        return mission_service.ACCEPTED
 
     # The loop.
 
@@ -176,8 +176,11 @@ class EmbeddedAutopilot(ABC):
 
     def _send_id(self, message_id: int) -> bool:
         """Queue a message by id; False when there is no such message here, or not yet."""
-        builder = self.builders.get(message_id)
-        message = builder(self.state) if builder is not None else self.message(message_id)
+        builder, name = self.builders.get(message_id), self._requests.get(message_id)
+        if builder is not None:
+            message = builder(self.state)
+        else:
+            message = getattr(self, name)() if name is not None else None
         self.outbox.send(message)
         return message is not None
 
@@ -232,7 +235,7 @@ class EmbeddedAutopilot(ABC):
 
     @on_message("MISSION_SET_CURRENT")
     def _on_mission_set_current(self, message: Any) -> None:
-        if message.seq < len(self.missions.items(missions.MISSION)):
+        if message.seq < len(self.missions.items(mission_service.MISSION)):
             self.state.mission_seq = message.seq
         self.outbox.send(telemetry.mission_current(self.state))
 
@@ -332,25 +335,25 @@ class EmbeddedAutopilot(ABC):
 
     # Missions and fences.
 
-    def _accept_items(self, kind: int, items: tuple[missions.Item, ...]) -> int:
-        if kind == missions.FENCE:
+    def _accept_items(self, kind: int, items: tuple[Item, ...]) -> int:
+        if kind == mission_service.FENCE:
             try:
                 fence = fence_of(items, self.state.frame)
             except FenceError:
                 return int(mavlink.MAV_MISSION_INVALID)
             result = self._fence_result(fence)
-            if result == missions.ACCEPTED:
+            if result == mission_service.ACCEPTED:
                 self.fence = fence
             return result
-        if kind == missions.MISSION:
+        if kind == mission_service.MISSION:
             self.state.mission_seq = 0
             self.state.mission_total = len(items)
-        return missions.ACCEPTED
+        return mission_service.ACCEPTED
 
-    def _home_item(self) -> missions.Item:
+    def _home_item(self) -> Item:
         frame, home = self.state.frame, self.state.home_ned_m
         here = frame.to_geodetic(home or (0.0, 0.0, 0.0))
-        return missions.Item(
+        return Item(
             mavlink.MAV_FRAME_GLOBAL,
             mavlink.MAV_CMD_NAV_WAYPOINT,
             (0.0, 0.0, 0.0, 0.0),

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.missions import Item
+from vehicles.embedded.autopilot.flight.mission_items import Item
 from worlds.geodesy import LocalFrame
 
 Point = tuple[float, float]

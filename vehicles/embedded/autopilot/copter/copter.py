@@ -7,9 +7,16 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import copter_boot as boot
-from vehicles.embedded.autopilot import copter_flying, copter_telemetry, missions
-from vehicles.embedded.autopilot.commands import (
+from vehicles.embedded.autopilot.copter import copter_boot as boot
+from vehicles.embedded.autopilot.copter import copter_telemetry
+from vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from vehicles.embedded.autopilot.copter.copter_failsafes import Failsafes, View
+from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import TiltWatch
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome, Wanted
+from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,
@@ -17,19 +24,7 @@ from vehicles.embedded.autopilot.commands import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.copter_core import CopterCore
-from vehicles.embedded.autopilot.copter_failsafes import Failsafes, View
-from vehicles.embedded.autopilot.copter_modes import CopterMode
-from vehicles.embedded.autopilot.flight import TiltWatch
-from vehicles.embedded.autopilot.guidance import Behaviour, ReturnHome, Wanted
-from vehicles.embedded.autopilot.mission_flight import FlyMission, Kit, steps_of
-from vehicles.embedded.autopilot.outbox import INFO
-from vehicles.embedded.autopilot.setpoints import (
-    RELATIVE_ALTITUDE_FRAMES,
-    global_setpoint,
-    local_setpoint,
-)
-from vehicles.embedded.autopilot.state import Identity
+from vehicles.embedded.autopilot.services.outbox import INFO
 from vehicles.embedded.battery import Charge
 
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
@@ -38,7 +33,7 @@ _ALTITUDE_FENCE, _CIRCLE_FENCE, _POLYGON_FENCE, _FLOOR_FENCE = 1, 2, 4, 8
 """Bits of FENCE_TYPE."""
 _CRASH_TILT_RAD, _CRASH_AFTER_S = math.radians(60.0), 2.0
 """ATC_ANGLE_MAX of 30 degrees and 30 degrees of error beyond it, for 2 s (crash_check.cpp)."""
-_DISARM_AFTER_LANDING_S = 0.4
+_AFTER_LANDING_S = 0.4
 
 
 class ArduCopter(CopterCore):
@@ -81,11 +76,8 @@ class ArduCopter(CopterCore):
         if self.mode is CopterMode.GUIDED:
             self._take_setpoint(local_setpoint(message, self.state.now))
 
-    @on_message("SET_POSITION_TARGET_GLOBAL_INT")
-    def _on_global_setpoint(self, message: Any) -> None:
-        if self.mode is CopterMode.GUIDED:
-            state = self.state
-            self._take_setpoint(global_setpoint(message, state.frame, state.home_down_m))
+    def _takes_global_setpoints(self) -> bool:
+        return self.mode is CopterMode.GUIDED
 
     @on_message("OBSTACLE_DISTANCE")
     def _on_obstacles(self, message: Any) -> None:
@@ -106,16 +98,14 @@ class ArduCopter(CopterCore):
 
     # Commands.
 
-    def arm(self, *, force: bool) -> int:
-        """Arm if the checks pass."""
-        if not self.flight.armed:
-            self._failsafes.reset()
-        return super().arm(force=force)
+    def _begin_flight(self) -> None:
+        super()._begin_flight()
+        self._failsafes.reset()
 
     def _arming_fault(self, *, force: bool) -> str | None:
         fault = super()._arming_fault(force=force)
         if fault is None and not force and self._broken_fences():
-            return "vehicle outside fence"
+            return "Arm: vehicle outside fence"
         return fault
 
     @on_command(mavlink.MAV_CMD_NAV_TAKEOFF)
@@ -126,21 +116,9 @@ class ArduCopter(CopterCore):
         if not command.z > 0.0:
             return FAILED
         down_m = self.state.home_down_m - command.z
-        flight.fly(copter_flying.take_off(self.parameters, down_m))
+        flight.fly(self.manoeuvres.take_off(down_m))
         self.taking_off = True
         return ACCEPTED
-
-    @on_command(mavlink.MAV_CMD_NAV_LAND)
-    def _land(self, _: Command) -> int:
-        return self.choose(CopterMode.LAND)
-
-    @on_command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-    def _return(self, _: Command) -> int:
-        return self.choose(CopterMode.RTL)
-
-    @on_command(mavlink.MAV_CMD_MISSION_START)
-    def _start_mission(self, _: Command) -> int:
-        return self.choose(CopterMode.AUTO)
 
     @on_command(mavlink.MAV_CMD_DO_REPOSITION)
     def _reposition(self, command: Command) -> int:
@@ -152,20 +130,16 @@ class ArduCopter(CopterCore):
                 return DENIED
             if self.choose(CopterMode.GUIDED) != ACCEPTED:
                 return FAILED
-        state, altitude_m = self.state, command.z
-        if command.frame in RELATIVE_ALTITUDE_FRAMES:
-            altitude_m += state.frame.altitude_m - state.home_down_m
         if self.flight.armed and not self.flight.landed:
             self.velocity_at_s = None
-            position = state.frame.to_ned(command.x, command.y, altitude_m)
-            self.flight.fly(copter_flying.go_to(self.parameters, state, position, radius_m=0.3))
+            self.flight.fly(self.manoeuvres.go_to(self._place_of(command), radius_m=0.3))
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION)
     def _terminate(self, command: Command) -> int:
         if command.params[0] <= 0.5:
             return FAILED
-        self.stop_motors()
+        self.stop_motors("command")
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_DO_FENCE_ENABLE)
@@ -186,22 +160,6 @@ class ArduCopter(CopterCore):
         if mode is CopterMode.AUTO:
             return self._mission() or super()._behaviour(CopterMode.LOITER)
         return super()._behaviour(mode)
-
-    def _mission(self) -> Behaviour | None:
-        p, state = self.parameters, self.state
-        kit = Kit(
-            take_off=lambda down_m: copter_flying.take_off(p, down_m),
-            go_to=lambda position: copter_flying.go_to(p, state, position, p["WP_RADIUS_M"]),
-            land=lambda: copter_flying.land(p, state),
-            go_home=lambda: copter_flying.return_home(p, state),
-        )
-        items = self.missions.items(missions.MISSION)
-        steps = steps_of(items, first=max(1, state.mission_seq), state=state, kit=kit)
-        return FlyMission(steps=steps, reached=self._reached) if steps else None
-
-    def _reached(self, seq: int) -> None:
-        self.outbox.send(mavlink.MAVLink_mission_item_reached_message(seq))
-        self.state.mission_seq = min(seq + 1, self.state.mission_total - 1)
 
     # Supervision.
 
@@ -263,7 +221,7 @@ class ArduCopter(CopterCore):
         if decision.mode is None:
             return
         if self.flight.landed:
-            self.stop_motors()
+            self.stop_motors("failsafe")
         elif self.mode is not CopterMode.LAND:
             self.fail(decision.mode)
 
@@ -273,15 +231,11 @@ class ArduCopter(CopterCore):
         if not p["FENCE_ENABLE"]:
             return ()
         kinds = int(p["FENCE_TYPE"])
-        north, east, down = self.state.home_ned_m or (0.0, 0.0, 0.0)
-        height_m = down - here[2]
+        far_m, height_m = self.manoeuvres.from_home_m()
         broken: list[str] = []
         if kinds & _ALTITUDE_FENCE and height_m > p["FENCE_ALT_MAX"]:
             broken.append("Max Alt")
-        if (
-            kinds & _CIRCLE_FENCE
-            and math.hypot(here[0] - north, here[1] - east) > p["FENCE_RADIUS"]
-        ):
+        if kinds & _CIRCLE_FENCE and far_m > p["FENCE_RADIUS"]:
             broken.append("Circle")
         if kinds & _POLYGON_FENCE and self.fence.breached(here[0], here[1]):
             broken.append("Polygon")
@@ -289,16 +243,11 @@ class ArduCopter(CopterCore):
             broken.append("Min Alt")
         return tuple(broken)
 
-    def _disarm_when_due(self) -> None:
-        flight, t_s = self.flight, self.t_s
-        if not flight.armed or not flight.landed or self.taking_off:
-            return
-        landed_at_s, delay_s = flight.landed_at_s, self.parameters["DISARM_DELAY"]
+    def _stays_armed(self) -> bool:
+        return self.taking_off
+
+    def _disarm_delay_s(self, *, after_flight: bool) -> float:
         lands = self.mode in {CopterMode.LAND, CopterMode.AUTO} or isinstance(
-            flight.behaviour, ReturnHome
+            self.flight.behaviour, ReturnHome
         )
-        if landed_at_s is not None and lands:
-            delay_s = _DISARM_AFTER_LANDING_S
-        since_s = landed_at_s if landed_at_s is not None else flight.armed_at_s
-        if 0.0 < delay_s <= t_s - since_s:
-            self.stop_motors()
+        return _AFTER_LANDING_S if after_flight and lands else self.parameters["DISARM_DELAY"]

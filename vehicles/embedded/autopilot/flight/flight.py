@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot.guidance import Behaviour
+from vehicles.embedded.autopilot.flight.guidance import Behaviour
 from vehicles.embedded.controller import Controller, Gains, Target
 from vehicles.embedded.states import STOPPED, Motion, Thrusts
 

@@ -7,7 +7,7 @@ https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 import struct
 from typing import Protocol
 
-from vehicles.embedded.autopilot.parameters import Parameters
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
 from vehicles.embedded.states import Motion
 
 _POSITION_FIELDS = ("x", "y", "z", "vx", "vy", "vz", "heading")

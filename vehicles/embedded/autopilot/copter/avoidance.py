@@ -8,7 +8,7 @@ What it does not: sliding along fences, backing away (AVOID_BACKUP_SPD), OBSTACL
 import math
 from typing import Any
 
-from vehicles.embedded.autopilot.parameters import Parameters
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
 from worlds.frames import Vec3
 
 _MAVLINK = 2

@@ -4,15 +4,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot import copter_boot as boot
-from vehicles.embedded.autopilot import telemetry
-from vehicles.embedded.autopilot.state import Identity, State
+from vehicles.embedded.autopilot.copter import copter_boot as boot
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
 
 _CAPABILITIES = 64495
 _FLIGHT_VERSION = 0x04070000
 _COMMIT = b"90700977"
 _SITL_UID2 = b"3d1219c7c4c5404aa"
-_PREARM: int = mavlink.MAV_SYS_STATUS_PREARM_CHECK
 
 
 def autopilot_version(identity: Identity) -> Any:
@@ -36,18 +35,8 @@ def autopilot_version(identity: Identity) -> Any:
 
 def sys_status(s: State, *, prearm: bool) -> Any:
     """Return SYS_STATUS."""
-    masks = boot.sensors(s.clock_s)
-    charge = s.charge
-    return mavlink.MAVLink_sys_status_message(
-        masks.present,
-        masks.enabled,
-        masks.health | (_PREARM if prearm else 0),
-        0,
-        round(charge.voltage_v * 1e3),
-        round(charge.current_a * 100.0),
-        round(charge.remaining * 100.0),
-        0, 0, 0, 0, 0, 0,
-    )  # fmt: skip
+    report = telemetry.LoadReport(0, round(s.charge.current_a * 100.0), 0)
+    return telemetry.sys_status(s, boot.sensors(s.clock_s), report, prearm=prearm)
 
 
 def ekf_status_report(s: State) -> Any:
@@ -62,23 +51,7 @@ def gps_raw_int(s: State) -> Any:
     fix, satellites = boot.gps(s.clock_s)
     if fix == 0:
         return mavlink.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
-    here = s.frame.to_geodetic(s.now.position_ned_m)
-    altitude_mm = round(here.altitude_m * 1e3)
-    return mavlink.MAVLink_gps_raw_int_message(
-        s.boot_us,
-        fix,
-        round(here.latitude_deg * 1e7),
-        round(here.longitude_deg * 1e7),
-        altitude_mm,
-        121,
-        200,
-        round(telemetry.ground_speed_m_s(s) * 100.0),
-        telemetry.heading_deg(s) * 100,
-        satellites,
-        altitude_mm,
-        300,
-        300,
-    )
+    return telemetry.gps_raw_int(s, telemetry.Fix(fix, satellites, 121, 200, (300, 300)))
 
 
 def local_position_ned(s: State) -> Any | None:
@@ -91,19 +64,6 @@ def global_position_int(s: State) -> Any:
     if s.clock_s < boot.HOME_SET_S:
         return mavlink.MAVLink_global_position_int_message(s.boot_ms, 0, 0, 0, 0, 0, 0, 0, 0)
     return telemetry.global_position_int(s)
-
-
-def vfr_hud(s: State, throttle: float) -> Any:
-    """Return VFR_HUD; the altitude is above mean sea level."""
-    speed = telemetry.ground_speed_m_s(s)
-    return mavlink.MAVLink_vfr_hud_message(
-        speed,
-        speed,
-        telemetry.heading_deg(s),
-        round(throttle * 100.0),
-        s.frame.altitude_m - s.now.position_ned_m[2],
-        -s.now.velocity_ned_m_s[2],
-    )
 
 
 def timesync(s: State) -> Any:

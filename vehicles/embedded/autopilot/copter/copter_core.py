@@ -1,34 +1,35 @@
 """ArduCopter's state machine: readiness, arming, modes, and what it says of itself."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import copter_boot as boot
-from vehicles.embedded.autopilot import copter_flying, copter_telemetry, telemetry
-from vehicles.embedded.autopilot.avoidance import SimpleAvoidance
-from vehicles.embedded.autopilot.base import EmbeddedAutopilot
-from vehicles.embedded.autopilot.commands import (
+from vehicles.embedded.autopilot.copter import copter_boot as boot
+from vehicles.embedded.autopilot.copter import copter_telemetry
+from vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance
+from vehicles.embedded.autopilot.copter.copter_behaviors import CopterManoeuvres
+from vehicles.embedded.autopilot.copter.copter_modes import CopterMode, copter_mode
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import FlightStyle
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, ReturnHome
+from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, StandardModes
+from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     FAILED,
     FORCE_ARM,
     FORCE_DISARM,
     Command,
+    on_request,
 )
-from vehicles.embedded.autopilot.copter_modes import CopterMode, copter_mode
-from vehicles.embedded.autopilot.flight import FlightStyle
-from vehicles.embedded.autopilot.guidance import Behaviour, Follow, Hold, ReturnHome
-from vehicles.embedded.autopilot.outbox import CRITICAL, EMERGENCY, INFO, WARNING
-from vehicles.embedded.autopilot.parameters import load_parameters
-from vehicles.embedded.autopilot.state import Identity
+from vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.controller import Gains
 
-_FILE = Path(__file__).with_name("copter_parameters.yaml")
 _GAINS = Gains(
     # PSC_NE_POS_P, PSC_D_POS_P; PSC_NE_VEL_P, PSC_D_VEL_P; PSC_NE_VEL_I; WP_ACC, WP_ACC_Z;
     # ATC_ANG_YAW_P; ATC_ANGLE_MAX. Roll and pitch stiffer than ATC_ANG_RLL_P of 4.5, for the
@@ -42,14 +43,20 @@ _GAINS = Gains(
 )
 
 
-class CopterCore(EmbeddedAutopilot):
+class CopterCore(FlyingAutopilot[CopterMode]):
     """ArduCopter's modes and arming; what it does on messages and in time is in the subclass."""
 
     is_px4: ClassVar[bool] = False
+    mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    parameter_file: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
+    first_mission_item: ClassVar[int] = 1
+    refused: ClassVar[int] = FAILED
+    standard = StandardModes(CopterMode.AUTO, CopterMode.RTL, CopterMode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | copter_telemetry.BUILDERS
     style: ClassVar[FlightStyle] = FlightStyle(
         gains=_GAINS, spool_s=2.0, lift_s=1.15, noticed_s=1.15, touch_s=1.65
     )
+    manoeuvres: CopterManoeuvres
 
     def __init__(
         self,
@@ -65,13 +72,12 @@ class CopterCore(EmbeddedAutopilot):
             airframe=airframe,
             dt_s=dt_s,
             charge=charge,
-            parameters=load_parameters(_FILE, bytewise=False, overrides=overrides),
+            overrides=overrides,
             rates_hz=copter_telemetry.RATES_HZ,
+            mode=CopterMode.STABILIZE,
         )
-        self.mode = CopterMode.STABILIZE
-        self.failsafe = False
+        self.manoeuvres = CopterManoeuvres(self.parameters, self.state)
         self.taking_off = False
-        self._makers = self._makers_by_id()
         self.avoidance = SimpleAvoidance(self.parameters)
         self.follow = self._new_follow()
         self.velocity_at_s: float | None = None
@@ -90,57 +96,45 @@ class CopterCore(EmbeddedAutopilot):
 
     # What it says of itself.
 
-    def message(self, message_id: int) -> Any | None:
-        """Return a message that depends on modes and readiness."""
-        make = self._makers.get(message_id)
-        return make() if make is not None else None
+    def _custom_mode(self) -> int:
+        return self.mode.value
 
-    def _makers_by_id(self) -> dict[int, Callable[[], Any]]:
-        flight, state = self.flight, self.state
-        return {
-            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
-            mavlink.MAVLINK_MSG_ID_SYS_STATUS: lambda: copter_telemetry.sys_status(
-                state, prearm=self._prearm_bit()
-            ),
-            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda: (
-                mavlink.MAVLink_extended_sys_state_message(
-                    mavlink.MAV_VTOL_STATE_MC, self._landed_state()
-                )
-            ),
-            mavlink.MAVLINK_MSG_ID_VFR_HUD: lambda: copter_telemetry.vfr_hud(
-                state, flight.throttle
-            ),
-            mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda: copter_telemetry.autopilot_version(
-                self.identity
-            ),
-        }
-
-    def _heartbeat(self) -> Any:
-        flight, booting = self.flight, self.t_s < boot.INITIALISED_S
-        base_mode = (
+    def _base_mode(self) -> int:
+        base_mode: int = (
             mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
             | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
             | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
         )
         # The flag shows that the horizontal position controller runs; at boot it seems to.
-        if booting or self.mode.controls_position:
+        if self.t_s < boot.INITIALISED_S or self.mode.controls_position:
             base_mode |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
-        if flight.armed:
-            base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        if booting:
-            status = mavlink.MAV_STATE_BOOT
-        elif self.failsafe:
-            status = mavlink.MAV_STATE_CRITICAL
-        else:
-            status = mavlink.MAV_STATE_STANDBY if flight.landed else mavlink.MAV_STATE_ACTIVE
-        return mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_QUADROTOR,
-            mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
-            base_mode,
-            self.mode.value,
-            status,
-            3,
+        return base_mode
+
+    def _system_status(self) -> int:
+        if self.t_s < boot.INITIALISED_S:
+            return int(mavlink.MAV_STATE_BOOT)
+        if self.failsafe:
+            return int(mavlink.MAV_STATE_CRITICAL)
+        return int(mavlink.MAV_STATE_STANDBY if self.flight.landed else mavlink.MAV_STATE_ACTIVE)
+
+    @on_request(mavlink.MAVLINK_MSG_ID_SYS_STATUS)
+    def _sys_status(self) -> Any:
+        return copter_telemetry.sys_status(self.state, prearm=self._prearm_bit())
+
+    @on_request(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
+    def _extended_sys_state(self) -> Any:
+        return mavlink.MAVLink_extended_sys_state_message(
+            mavlink.MAV_VTOL_STATE_MC, self._landed_state()
         )
+
+    @on_request(mavlink.MAVLINK_MSG_ID_VFR_HUD)
+    def _vfr_hud(self) -> Any:
+        speed_m_s = telemetry.ground_speed_m_s(self.state)
+        return telemetry.vfr_hud(self.state, self.flight.throttle, airspeed_m_s=speed_m_s)
+
+    @on_request(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    def _autopilot_version(self) -> Any:
+        return copter_telemetry.autopilot_version(self.identity)
 
     def _landed_state(self) -> int:
         if self.flight.landed:
@@ -178,8 +172,7 @@ class CopterCore(EmbeddedAutopilot):
             # ArduPilot tells a new mode at once, beside its heartbeat of every second.
             self.outbox.send_later(self._heartbeat())
         self.velocity_at_s = None
-        if self.flight.armed:
-            self.flight.fly(self._behaviour(mode))
+        super().enter(mode)
 
     def fail(self, mode: CopterMode) -> None:
         """Begin a failsafe: fly this mode until the user chooses another."""
@@ -187,19 +180,18 @@ class CopterCore(EmbeddedAutopilot):
         self.failsafe = True
 
     def _behaviour(self, mode: CopterMode) -> Behaviour:
-        p, state = self.parameters, self.state
         if mode is CopterMode.GUIDED:
             self.follow = self._new_follow()
-            self.follow.stand(state.now)
+            self.follow.stand(self.state.now)
             return self.follow
         if mode is CopterMode.LAND:
-            return copter_flying.land(p, state)
+            return self.manoeuvres.land()
         if mode in {CopterMode.RTL, CopterMode.SMART_RTL}:
-            return copter_flying.return_home(p, state)
-        return Hold(speeds=copter_flying.speeds(p), yaw_rad=state.now.euler_rad[2])
+            return self.manoeuvres.go_home()
+        return self.manoeuvres.hold()
 
     def _new_follow(self) -> Follow:
-        speeds = copter_flying.speeds(self.parameters)
+        speeds = self.manoeuvres.speeds()
         limit = self.avoidance.limited if self.avoidance.listens else None
         return Follow(speeds=speeds, yaw_rad=0.0, may_lift=False, limit=limit)
 
@@ -208,21 +200,10 @@ class CopterCore(EmbeddedAutopilot):
     def _is_forced(self, command: Command) -> bool:
         return command.params[1] == (FORCE_ARM if command.params[0] == 1.0 else FORCE_DISARM)
 
-    def arm(self, *, force: bool) -> int:
-        """Arm if the checks pass; by force they are skipped."""
-        if self.flight.armed:
-            return ACCEPTED
-        fault = self._arming_fault(force=force)
-        if fault is not None:
-            self.outbox.say(CRITICAL, f"Arm: {fault}")
-            return FAILED
-        self.flight.arm(self.t_s)
-        self.failsafe = False
+    def _begin_flight(self) -> None:
         if self.t_s >= boot.HOME_SET_S:
             self.set_home()
         self.outbox.say(INFO, "Arming motors")
-        self.enter(self.mode)
-        return ACCEPTED
 
     def set_home(self) -> None:
         """Let home be here, and say so."""
@@ -231,6 +212,11 @@ class CopterCore(EmbeddedAutopilot):
         self.outbox.send_later(telemetry.home_position(self.state))
 
     def _arming_fault(self, *, force: bool) -> str | None:
+        fault = self._unready(force=force)
+        return None if fault is None else f"Arm: {fault}"
+
+    def _unready(self, *, force: bool) -> str | None:
+        """Return the first check that does not pass; None when all do."""
         if self.refusal is not None:
             return self.refusal
         if self.t_s < boot.INITIALISED_S:
@@ -243,16 +229,7 @@ class CopterCore(EmbeddedAutopilot):
             return "Need Position Estimate"
         return self.avoidance.arming_fault(self.t_s)
 
-    def disarm(self, *, force: bool) -> int:
-        """Disarm on the ground, in the air only by force."""
-        if not self.flight.armed:
-            return ACCEPTED
-        if not (self.flight.landed or force):
-            return FAILED
-        self.stop_motors()
-        return ACCEPTED
-
-    def stop_motors(self) -> None:
+    def stop_motors(self, by: str) -> None:  # noqa: ARG002 - ArduCopter does not say by what
         """Disarm now."""
         self.flight.disarm()
         self.taking_off = False
@@ -263,4 +240,4 @@ class CopterCore(EmbeddedAutopilot):
         """Disarm: ArduCopter's crash check sees the attitude leave what was asked."""
         if self.flight.armed:
             self.outbox.say(EMERGENCY, f"Crash: Disarming ({thing})")
-            self.stop_motors()
+            self.stop_motors("crash check")

@@ -1,32 +1,33 @@
 """PX4's state machine: readiness, arming, modes, and what it says of itself."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import px4_flying, px4_telemetry, telemetry
-from vehicles.embedded.autopilot.base import EmbeddedAutopilot
-from vehicles.embedded.autopilot.commands import (
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import FlightStyle
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow
+from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, StandardModes
+from vehicles.embedded.autopilot.px4 import px4_telemetry
+from vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
+from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode, px4_mode
+from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FORCE_DISARM,
     TEMPORARILY_REJECTED,
     Command,
+    on_request,
 )
-from vehicles.embedded.autopilot.flight import FlightStyle
-from vehicles.embedded.autopilot.guidance import Behaviour, Follow, Hold
-from vehicles.embedded.autopilot.outbox import CRITICAL, EMERGENCY, INFO
-from vehicles.embedded.autopilot.parameters import load_parameters
-from vehicles.embedded.autopilot.px4_modes import Px4Mode, px4_mode
-from vehicles.embedded.autopilot.state import Identity
+from vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
 from vehicles.embedded.battery import Charge
 from vehicles.embedded.controller import Gains
 
-_FILE = Path(__file__).with_name("px4_parameters.yaml")
 _GCS_SILENT_AFTER_S = 2.5
 """A ground station whose heartbeat is older is gone (mavlink_receiver.cpp)."""
 
@@ -40,14 +41,20 @@ _PREARM_BIT_OFF_S = 0.18
 """How long the pre-arm bit falls when a failsafe begins."""
 
 
-class Px4Core(EmbeddedAutopilot):
+class Px4Core(FlyingAutopilot[Px4Mode]):
     """PX4's modes and arming; what it does on messages and in time is in the subclass."""
 
     is_px4: ClassVar[bool] = True
+    mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
+    parameter_file: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
+    first_mission_item: ClassVar[int] = 0
+    refused: ClassVar[int] = TEMPORARILY_REJECTED
+    standard = StandardModes(Px4Mode.MISSION, Px4Mode.RTL, Px4Mode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | px4_telemetry.BUILDERS
     style: ClassVar[FlightStyle] = FlightStyle(
         gains=Gains(), spool_s=1.0, lift_s=2.5, noticed_s=0.88, touch_s=1.0
     )
+    manoeuvres: Px4Manoeuvres
 
     def __init__(
         self,
@@ -64,19 +71,16 @@ class Px4Core(EmbeddedAutopilot):
             airframe=airframe,
             dt_s=dt_s,
             charge=charge,
-            parameters=load_parameters(_FILE, bytewise=True, overrides=overrides),
+            overrides=overrides,
             rates_hz=px4_telemetry.FULL_HZ if full_streams else px4_telemetry.LEAN_HZ,
+            mode=Px4Mode.HOLD,
         )
-        self.mode = Px4Mode.HOLD
-        self.failsafe = False
+        self.manoeuvres = Px4Manoeuvres(self.parameters, self.state)
         self.terminated = False
         self.flying = False
         """Whether takeoff was detected, and landing not yet."""
         self.setpoint_at_s = -math.inf
-        self.follow = Follow(
-            speeds=px4_flying.offboard_speeds(self.parameters), yaw_rad=0.0, may_lift=True
-        )
-        self._makers = self._makers_by_id()
+        self.follow = Follow(speeds=self.manoeuvres.offboard_speeds(), yaw_rad=0.0, may_lift=True)
         self._mode_after_disarm = Px4Mode.HOLD
         self._failsafe_at_s = -math.inf
 
@@ -113,54 +117,46 @@ class Px4Core(EmbeddedAutopilot):
 
     # What it says of itself.
 
-    def message(self, message_id: int) -> Any | None:
-        """Return a message that depends on modes and readiness."""
-        make = self._makers.get(message_id)
-        return make() if make is not None else None
+    def _custom_mode(self) -> int:
+        return self.mode.custom_mode
 
-    def _makers_by_id(self) -> dict[int, Callable[[], Any]]:
-        flight, state = self.flight, self.state
-        return {
-            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
-            mavlink.MAVLINK_MSG_ID_SYS_STATUS: lambda: px4_telemetry.sys_status(
-                state, prearm=self._prearm_bit()
-            ),
-            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda: (
-                mavlink.MAVLink_extended_sys_state_message(
-                    mavlink.MAV_VTOL_STATE_UNDEFINED, self._landed_state()
-                )
-            ),
-            mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: lambda: px4_telemetry.estimator_status(
-                state,
-                armed=flight.armed,
-                landed_after_flight=flight.landed
-                and flight.landed_at_s is not None
-                and self.t_s - flight.landed_at_s > _TERRAIN_LOST_S,
-            ),
-            mavlink.MAVLINK_MSG_ID_VFR_HUD: lambda: px4_telemetry.vfr_hud(state, flight.throttle),
-            mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: lambda: px4_telemetry.autopilot_version(
-                self.identity
-            ),
-        }
+    def _base_mode(self) -> int:
+        return self.mode.base_mode
 
-    def _heartbeat(self) -> Any:
-        base_mode = self.mode.base_mode
+    def _system_status(self) -> int:
         if self.terminated:
-            status = mavlink.MAV_STATE_FLIGHT_TERMINATION
-        elif self.flight.armed:
-            status = mavlink.MAV_STATE_CRITICAL if self.failsafe else mavlink.MAV_STATE_ACTIVE
-        else:
-            status = mavlink.MAV_STATE_STANDBY if self._can_arm() else mavlink.MAV_STATE_UNINIT
+            return int(mavlink.MAV_STATE_FLIGHT_TERMINATION)
         if self.flight.armed:
-            base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        return mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_QUADROTOR,
-            mavlink.MAV_AUTOPILOT_PX4,
-            base_mode,
-            self.mode.custom_mode,
-            status,
-            3,
+            return int(mavlink.MAV_STATE_CRITICAL if self.failsafe else mavlink.MAV_STATE_ACTIVE)
+        return int(mavlink.MAV_STATE_STANDBY if self._can_arm() else mavlink.MAV_STATE_UNINIT)
+
+    @on_request(mavlink.MAVLINK_MSG_ID_SYS_STATUS)
+    def _sys_status(self) -> Any:
+        return px4_telemetry.sys_status(self.state, prearm=self._prearm_bit())
+
+    @on_request(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
+    def _extended_sys_state(self) -> Any:
+        return mavlink.MAVLink_extended_sys_state_message(
+            mavlink.MAV_VTOL_STATE_UNDEFINED, self._landed_state()
         )
+
+    @on_request(mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS)
+    def _estimator_status(self) -> Any:
+        landed_at_s = self.flight.landed_at_s if self.flight.landed else None
+        return px4_telemetry.estimator_status(
+            self.state,
+            armed=self.flight.armed,
+            landed_after_flight=landed_at_s is not None
+            and self.t_s - landed_at_s > _TERRAIN_LOST_S,
+        )
+
+    @on_request(mavlink.MAVLINK_MSG_ID_VFR_HUD)
+    def _vfr_hud(self) -> Any:
+        return telemetry.vfr_hud(self.state, self.flight.throttle, airspeed_m_s=math.nan)
+
+    @on_request(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    def _autopilot_version(self) -> Any:
+        return px4_telemetry.autopilot_version(self.identity)
 
     def _landed_state(self) -> int:
         if not self.flight.armed or not self.flying:
@@ -203,12 +199,6 @@ class Px4Core(EmbeddedAutopilot):
             return self.state.mission_total > 0
         return self.position_valid
 
-    def enter(self, mode: Px4Mode) -> None:
-        """Fly a mode from now on."""
-        self.mode = mode
-        if self.flight.armed:
-            self.flight.fly(self._behaviour(mode))
-
     def fail(self, mode: Px4Mode) -> None:
         """Begin a failsafe: fly this mode until the user chooses another."""
         self.failsafe = True
@@ -217,50 +207,39 @@ class Px4Core(EmbeddedAutopilot):
         self.enter(mode)
 
     def _behaviour(self, mode: Px4Mode) -> Behaviour:
-        p, state = self.parameters, self.state
         if mode is Px4Mode.OFFBOARD:
             return self.follow
         if mode is Px4Mode.LAND:
-            return px4_flying.land(p, state)
+            return self.manoeuvres.land()
         if mode is Px4Mode.RTL:
-            height_m = px4_flying.return_height_m(p, state)
-            amsl_m = state.frame.altitude_m - state.home_down_m + height_m
-            self.outbox.say(
-                INFO,
-                f"RTL: start return at {amsl_m:.0f} m ({height_m:.0f} m above destination)\t",
-            )
-            return px4_flying.return_home(p, state, height_m)
-        return Hold(speeds=px4_flying.speeds(p), yaw_rad=state.now.euler_rad[2])
+            return self._return_home()
+        return self.manoeuvres.hold()
+
+    def _return_home(self) -> Behaviour:
+        state, height_m = self.state, self.manoeuvres.return_height_m()
+        amsl_m = state.frame.altitude_m - state.home_down_m + height_m
+        self.outbox.say(
+            INFO, f"RTL: start return at {amsl_m:.0f} m ({height_m:.0f} m above destination)\t"
+        )
+        return self.manoeuvres.go_home()
 
     # Arming.
 
     def _is_forced(self, command: Command) -> bool:
         return command.params[1] == FORCE_DISARM
 
-    def arm(self, *, force: bool) -> int:
-        """Arm if the checks pass, by force in any case."""
-        if self.flight.armed:
-            return ACCEPTED
-        if self.refusal is not None or not (self._can_arm() or force):
-            reason = self.refusal or "Resolve system health failures first"
-            self.outbox.say(CRITICAL, f"Arming denied: {reason}\t")
-            return TEMPORARILY_REJECTED
-        self.flight.arm(self.t_s)
-        self.state.home_ned_m = self.state.now.position_ned_m
-        self.failsafe = False
-        self.outbox.say(INFO, "Armed by external command\t")
-        self.enter(self.mode)
-        return ACCEPTED
+    def _arming_fault(self, *, force: bool) -> str | None:
+        if self.refusal is None and (self._can_arm() or force):
+            return None
+        return f"Arming denied: {self.refusal or 'Resolve system health failures first'}\t"
 
-    def disarm(self, *, force: bool) -> int:
-        """Disarm on the ground, in the air only by force."""
-        if not self.flight.armed:
-            return ACCEPTED
-        if not (self.flight.landed or force):
-            self.outbox.say(CRITICAL, "Disarming denied: not landed\t")
-            return TEMPORARILY_REJECTED
-        self.stop_motors("external command")
-        return ACCEPTED
+    def _begin_flight(self) -> None:
+        self.state.home_ned_m = self.state.now.position_ned_m
+        self.outbox.say(INFO, "Armed by external command\t")
+        self.flying = False
+
+    def _say_not_landed(self) -> None:
+        self.outbox.say(CRITICAL, "Disarming denied: not landed\t")
 
     def stop_motors(self, by: str) -> None:
         """Disarm now; the mode becomes the last one of the user's in which it can be armed."""

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.state import State
+from vehicles.embedded.autopilot.flight.autopilot_state import State
 from worlds.frames import quat_from_euler
 
 Builder = Callable[[State], Any]
@@ -178,6 +178,80 @@ def altitude(s: State) -> Any:
 def vibration(s: State) -> Any:
     """Return VIBRATION: none."""
     return mavlink.MAVLink_vibration_message(s.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)
+
+
+class SensorMasks(NamedTuple):
+    """Masks of SYS_STATUS; health without the pre-arm bit."""
+
+    present: int
+    enabled: int
+    health: int
+
+
+class LoadReport(NamedTuple):
+    """What else SYS_STATUS holds: load in 0.1 %, current in cA, the last of its extensions."""
+
+    load: int
+    current_ca: int
+    health_extended: int
+
+
+def sys_status(s: State, masks: SensorMasks, report: LoadReport, *, prearm: bool) -> Any:
+    """Return SYS_STATUS."""
+    charge = s.charge
+    return mavlink.MAVLink_sys_status_message(
+        masks.present,
+        masks.enabled,
+        masks.health | (mavlink.MAV_SYS_STATUS_PREARM_CHECK if prearm else 0),
+        report.load,
+        round(charge.voltage_v * 1e3),
+        report.current_ca,
+        round(charge.remaining * 100.0),
+        0, 0, 0, 0, 0, 0, 0, 0, report.health_extended,
+    )  # fmt: skip
+
+
+class Fix(NamedTuple):
+    """What GPS_RAW_INT says of the fix: its quality as MAVLink scales it."""
+
+    kind: int
+    satellites: int
+    eph: int
+    epv: int
+    accuracies: tuple[int, ...]
+    """Horizontal and vertical in mm, and of velocity in mm/s where it is given."""
+
+
+def gps_raw_int(s: State, fix: Fix) -> Any:
+    """Return GPS_RAW_INT at the estimate."""
+    here = s.frame.to_geodetic(s.now.position_ned_m)
+    altitude_mm = round(here.altitude_m * 1e3)
+    return mavlink.MAVLink_gps_raw_int_message(
+        s.boot_us,
+        fix.kind,
+        round(here.latitude_deg * 1e7),
+        round(here.longitude_deg * 1e7),
+        altitude_mm,
+        fix.eph,
+        fix.epv,
+        round(ground_speed_m_s(s) * 100.0),
+        heading_deg(s) * 100,
+        fix.satellites,
+        altitude_mm,
+        *fix.accuracies,
+    )
+
+
+def vfr_hud(s: State, throttle: float, *, airspeed_m_s: float) -> Any:
+    """Return VFR_HUD; the altitude is above mean sea level."""
+    return mavlink.MAVLink_vfr_hud_message(
+        airspeed_m_s,
+        ground_speed_m_s(s),
+        heading_deg(s),
+        round(throttle * 100.0),
+        s.frame.altitude_m - s.now.position_ned_m[2],
+        -s.now.velocity_ned_m_s[2],
+    )
 
 
 def pressure_hpa(altitude_m: float) -> float:

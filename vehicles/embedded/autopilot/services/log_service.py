@@ -5,7 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.log_formats import LogWriter
+from vehicles.embedded.autopilot.services.log_formats import LogWriter
 from vehicles.embedded.states import Motion
 
 _PIECE = 90

@@ -6,9 +6,9 @@ Sources: ArduCopter/events.cpp, ArduCopter/fence.cpp, AP_BattMonitor (4.7); para
 import math
 from typing import NamedTuple
 
-from vehicles.embedded.autopilot.copter_modes import CopterMode
-from vehicles.embedded.autopilot.outbox import CRITICAL, INFO, WARNING
-from vehicles.embedded.autopilot.parameters import Parameters
+from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 from vehicles.embedded.battery import Charge
 
 _R, _L, _B, _S = CopterMode.RTL, CopterMode.LAND, CopterMode.BRAKE, CopterMode.SMART_RTL

@@ -5,7 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.guidance import Wanted
+from vehicles.embedded.autopilot.flight.guidance import Wanted
 from vehicles.embedded.states import Motion
 from worlds.frames import Vec3, add, quat_from_euler, rotate
 from worlds.geodesy import LocalFrame

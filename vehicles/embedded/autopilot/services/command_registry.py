@@ -87,6 +87,16 @@ def on_message(*names: str) -> Callable[[Handler], Handler]:
     return mark
 
 
+def on_request(*message_ids: int) -> Callable[[Handler], Handler]:
+    """Mark a method of an autopilot as the one that makes these messages, by stream or request."""
+
+    def mark(handler: Handler) -> Handler:
+        handler.__dict__["mav_requests"] = message_ids
+        return handler
+
+    return mark
+
+
 def marked(kind: type, mark: str) -> dict[Any, str]:
     """Return what was marked in a class and its bases: key to name of the method.
 

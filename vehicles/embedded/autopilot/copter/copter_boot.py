@@ -3,7 +3,7 @@
 All times and texts are those of the reference trace.
 """
 
-from typing import NamedTuple
+from vehicles.embedded.autopilot.flight.telemetry import SensorMasks
 
 INITIALISED_S = 2.42
 HOME_SET_S = 20.02
@@ -33,19 +33,11 @@ TEXTS: tuple[tuple[float, str], ...] = (
 )
 
 
-class Sensors(NamedTuple):
-    """Masks of SYS_STATUS, without the pre-arm bit."""
-
-    present: int
-    enabled: int
-    health: int
-
-
-_SENSORS: tuple[tuple[float, Sensors], ...] = (
-    (41.45, Sensors(1399979055, 1398930479, 1198652463)),
-    (22.5, Sensors(1399979055, 1382128687, 1198627887)),
-    (10.0, Sensors(1399979055, 1380031535, 1196530735)),
-    (0.0, Sensors(1399979023, 1380031503, 1196530703)),
+_SENSORS: tuple[tuple[float, SensorMasks], ...] = (
+    (41.45, SensorMasks(1399979055, 1398930479, 1198652463)),
+    (22.5, SensorMasks(1399979055, 1382128687, 1198627887)),
+    (10.0, SensorMasks(1399979055, 1380031535, 1196530735)),
+    (0.0, SensorMasks(1399979023, 1380031503, 1196530703)),
 )
 
 _EKF_FLAGS: tuple[tuple[float, int], ...] = (
@@ -62,7 +54,7 @@ _GPS: tuple[tuple[float, tuple[int, int]], ...] = (
 )
 
 
-def sensors(t_s: float) -> Sensors:
+def sensors(t_s: float) -> SensorMasks:
     """Return the sensor masks at a time since boot."""
     return next(masks for since_s, masks in _SENSORS if t_s >= since_s)
 

@@ -5,8 +5,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot import telemetry
-from vehicles.embedded.autopilot.state import Identity, State
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
 from worlds.frames import quat_conjugate, quat_from_euler, rotate
 
 _CAPABILITIES = 59647
@@ -47,17 +47,8 @@ def autopilot_version(identity: Identity) -> Any:
 def sys_status(s: State, *, prearm: bool) -> Any:
     """Return SYS_STATUS."""
     health = _HEALTHY if s.clock_s >= _HEADING_S else _BEFORE_HEADING
-    charge = s.charge
-    return mavlink.MAVLink_sys_status_message(
-        _SENSORS,
-        _ENABLED,
-        health | (_PREARM if prearm else 0),
-        100,
-        round(charge.voltage_v * 1e3),
-        -1,
-        round(charge.remaining * 100.0),
-        0, 0, 0, 0, 0, 0, 0, 0, 1,
-    )  # fmt: skip
+    masks = telemetry.SensorMasks(_SENSORS, _ENABLED, health)
+    return telemetry.sys_status(s, masks, telemetry.LoadReport(100, -1, 1), prearm=prearm)
 
 
 def estimator_status(s: State, *, armed: bool, landed_after_flight: bool) -> Any:
@@ -77,24 +68,7 @@ def estimator_status(s: State, *, armed: bool, landed_after_flight: bool) -> Any
 
 def gps_raw_int(s: State) -> Any:
     """Return GPS_RAW_INT: a 3D fix of 10 satellites from the start."""
-    here = s.frame.to_geodetic(s.now.position_ned_m)
-    altitude_mm = round(here.altitude_m * 1e3)
-    return mavlink.MAVLink_gps_raw_int_message(
-        s.boot_us,
-        3,
-        round(here.latitude_deg * 1e7),
-        round(here.longitude_deg * 1e7),
-        altitude_mm,
-        70,
-        110,
-        round(telemetry.ground_speed_m_s(s) * 100.0),
-        telemetry.heading_deg(s) * 100,
-        10,
-        altitude_mm,
-        900,
-        1780,
-        400,
-    )
+    return telemetry.gps_raw_int(s, telemetry.Fix(3, 10, 70, 110, (900, 1780, 400)))
 
 
 def global_position_int(s: State) -> Any | None:
@@ -119,18 +93,6 @@ def odometry(s: State) -> Any:
         4,
         8,
         0,
-    )
-
-
-def vfr_hud(s: State, throttle: float) -> Any:
-    """Return VFR_HUD; the altitude is above mean sea level."""
-    return mavlink.MAVLink_vfr_hud_message(
-        math.nan,
-        telemetry.ground_speed_m_s(s),
-        telemetry.heading_deg(s),
-        round(throttle * 100.0),
-        s.frame.altitude_m - s.now.position_ned_m[2],
-        -s.now.velocity_ned_m_s[2],
     )
 
 

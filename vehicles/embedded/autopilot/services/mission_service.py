@@ -4,9 +4,11 @@ https://mavlink.io/en/services/mission.html
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.autopilot.flight.mission_items import Item
 
 MISSION: int = mavlink.MAV_MISSION_TYPE_MISSION
 FENCE: int = mavlink.MAV_MISSION_TYPE_FENCE
@@ -16,18 +18,6 @@ ACCEPTED: int = mavlink.MAV_MISSION_ACCEPTED
 _ASK_AGAIN_S = 0.5
 _GIVE_UP_S = 5.0
 _MOST_ITEMS = 700
-
-
-class Item(NamedTuple):
-    """One item; x and y as they travel (1e-7 degrees or 1e-4 m), z in metres."""
-
-    frame: int
-    command: int
-    params: tuple[float, float, float, float]
-    x: int
-    y: int
-    z: float
-    autocontinue: int = 1
 
 
 class _Upload:

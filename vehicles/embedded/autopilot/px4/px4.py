@@ -7,8 +7,21 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot import missions, px4_flying
-from vehicles.embedded.autopilot.commands import (
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import TiltWatch
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, TakeOff, Wanted
+from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.autopilot.px4.px4_core import Px4Core
+from vehicles.embedded.autopilot.px4.px4_failsafes import (
+    WARNINGS,
+    Action,
+    Decision,
+    Failsafes,
+    View,
+)
+from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode
+from vehicles.embedded.autopilot.services import mission_service
+from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     UNSUPPORTED,
@@ -16,25 +29,12 @@ from vehicles.embedded.autopilot.commands import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.fence import Fence
-from vehicles.embedded.autopilot.flight import TiltWatch
-from vehicles.embedded.autopilot.guidance import Behaviour, GoTo, Hold, TakeOff, Wanted
-from vehicles.embedded.autopilot.mission_flight import FlyMission, Kit, steps_of
-from vehicles.embedded.autopilot.outbox import CRITICAL, INFO, WARNING
-from vehicles.embedded.autopilot.px4_core import Px4Core
-from vehicles.embedded.autopilot.px4_failsafes import WARNINGS, Action, Decision, Failsafes, View
-from vehicles.embedded.autopilot.px4_modes import Px4Mode
-from vehicles.embedded.autopilot.setpoints import (
-    RELATIVE_ALTITUDE_FRAMES,
-    global_setpoint,
-    local_setpoint,
-)
-from vehicles.embedded.autopilot.state import Identity
+from vehicles.embedded.autopilot.services.fence_items import Fence
+from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 from vehicles.embedded.battery import Charge
 from worlds.frames import Vec3, quat_from_euler, rotate
 
 _HEADING_TEXT_S = 2.55
-_RADIUS_M = 0.3
 _TILT_FOR_S = 0.3
 """FD_FAIL_R_TTRI, FD_FAIL_P_TTRI."""
 _BREAKER_CLOSED = 121212
@@ -92,11 +92,8 @@ class Px4(Px4Core):
         message.coordinate_frame = mavlink.MAV_FRAME_LOCAL_NED
         self._take_setpoint(local_setpoint(message, now))
 
-    @on_message("SET_POSITION_TARGET_GLOBAL_INT")
-    def _on_global_setpoint(self, message: Any) -> None:
-        if self.position_valid:
-            state = self.state
-            self._take_setpoint(global_setpoint(message, state.frame, state.home_down_m))
+    def _takes_global_setpoints(self) -> bool:
+        return self.position_valid
 
     def _take_setpoint(self, wanted: Wanted | None) -> None:
         if wanted is None:
@@ -113,14 +110,9 @@ class Px4(Px4Core):
             self._failsafes.user_took_over()
         return result
 
-    def arm(self, *, force: bool) -> int:
-        """Arm if the checks pass."""
-        was_armed = self.flight.armed
-        result = super().arm(force=force)
-        if self.flight.armed and not was_armed:
-            self._failsafes.reset()
-            self.flying = False
-        return result
+    def _begin_flight(self) -> None:
+        super()._begin_flight()
+        self._failsafes.reset()
 
     @on_command(mavlink.MAV_CMD_NAV_TAKEOFF)
     def _take_off(self, command: Command) -> int:
@@ -128,36 +120,15 @@ class Px4(Px4Core):
         self._takeoff_down_m = origin_m - command.z if math.isfinite(command.z) else None
         return self.choose(Px4Mode.TAKEOFF)
 
-    @on_command(mavlink.MAV_CMD_NAV_LAND)
-    def _land(self, _: Command) -> int:
-        return self.choose(Px4Mode.LAND)
-
-    @on_command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-    def _return(self, _: Command) -> int:
-        return self.choose(Px4Mode.RTL)
-
-    @on_command(mavlink.MAV_CMD_MISSION_START)
-    def _start_mission(self, _: Command) -> int:
-        return self.choose(Px4Mode.MISSION)
-
     @on_command(mavlink.MAV_CMD_DO_REPOSITION)
     def _reposition(self, command: Command) -> int:
         if not self.position_valid:
             return DENIED
-        state, here = self.state, self.state.now
-        present = state.frame.to_geodetic(here.position_ned_m)
-        altitude_m = command.z
-        if command.frame in RELATIVE_ALTITUDE_FRAMES:
-            altitude_m += state.frame.altitude_m - state.home_down_m
-        position = state.frame.to_ned(
-            command.x if math.isfinite(command.x) else present.latitude_deg,
-            command.y if math.isfinite(command.y) else present.longitude_deg,
-            altitude_m if math.isfinite(altitude_m) else present.altitude_m,
-        )
+        position = self._place_of(command)
         result = self.choose(Px4Mode.HOLD)
         if result == ACCEPTED and not self.flight.landed:
             speed, _, _, yaw = command.params
-            self.flight.fly(self._go_to(position, speed_m_s=speed, yaw_rad=yaw))
+            self.flight.fly(self.manoeuvres.go_to(position, speed_m_s=speed, yaw_rad=yaw))
         return result
 
     @on_command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION)
@@ -177,37 +148,10 @@ class Px4(Px4Core):
                 down_m = self.state.home_down_m - height_m
                 self.outbox.say(INFO, f"Using default takeoff altitude: {height_m:.1f} m\t")
             self._takeoff_down_m = None
-            return px4_flying.take_off(self.parameters, self.state, down_m)
+            return self.manoeuvres.take_off(down_m)
         if mode is Px4Mode.MISSION:
             return self._mission() or super()._behaviour(Px4Mode.HOLD)
         return super()._behaviour(mode)
-
-    def _mission(self) -> Behaviour | None:
-        p, state = self.parameters, self.state
-        kit = Kit(
-            take_off=lambda down_m: px4_flying.take_off(p, state, down_m),
-            go_to=self._go_to,
-            land=lambda: px4_flying.land(p, state),
-            go_home=lambda: super(Px4, self)._behaviour(Px4Mode.RTL),
-        )
-        items = self.missions.items(missions.MISSION)
-        steps = steps_of(items, first=state.mission_seq, state=state, kit=kit)
-        return FlyMission(steps=steps, reached=self._reached) if steps else None
-
-    def _reached(self, seq: int) -> None:
-        self.outbox.send(mavlink.MAVLink_mission_item_reached_message(seq))
-        self.state.mission_seq = min(seq + 1, self.state.mission_total - 1)
-
-    def _go_to(
-        self, position_ned_m: Vec3, speed_m_s: float = -1.0, yaw_rad: float = math.nan
-    ) -> Behaviour:
-        limits = px4_flying.speeds(self.parameters)
-        return GoTo(
-            position_ned_m=position_ned_m,
-            yaw_rad=yaw_rad if math.isfinite(yaw_rad) else self.state.now.euler_rad[2],
-            speeds=limits._replace(across=speed_m_s) if speed_m_s > 0.0 else limits,
-            radius_m=_RADIUS_M,
-        )
 
     # Supervision.
 
@@ -246,7 +190,7 @@ class Px4(Px4Core):
             self.choose(Px4Mode.HOLD)
             self.flight.fly(
                 Hold(
-                    speeds=px4_flying.speeds(self.parameters),
+                    speeds=self.manoeuvres.speeds(),
                     yaw_rad=behaviour.yaw_rad,
                     position_ned_m=behaviour.goal_ned_m,
                 )
@@ -274,11 +218,10 @@ class Px4(Px4Core):
             self.fail(_FAILSAFE_MODES[action])
 
     def _outside(self, fence: Fence) -> bool:
-        p, here, home = self.parameters, self.state.now.position_ned_m, self.state.home_ned_m
-        north, east, down = home if home is not None else (0.0, 0.0, 0.0)
-        far_m, high_m = p["GF_MAX_HOR_DIST"], p["GF_MAX_VER_DIST"]
-        too_far = 0.0 < far_m < math.hypot(here[0] - north, here[1] - east)
-        too_high = 0.0 < high_m < down - here[2]
+        p, here = self.parameters, self.state.now.position_ned_m
+        far_m, high_m = self.manoeuvres.from_home_m()
+        too_far = 0.0 < p["GF_MAX_HOR_DIST"] < far_m
+        too_high = 0.0 < p["GF_MAX_VER_DIST"] < high_m
         return too_far or too_high or (bool(fence.areas) and fence.breached(here[0], here[1]))
 
     def _fence_result(self, fence: Fence) -> int:
@@ -288,14 +231,7 @@ class Px4(Px4Core):
         if int(self.parameters["GF_ACTION"]) > 1 and breached:
             self.outbox.say(CRITICAL, "Geofence invalid, doesn't contain Home position\t")
             return int(mavlink.MAV_MISSION_DENIED)
-        return missions.ACCEPTED
+        return mission_service.ACCEPTED
 
-    def _disarm_when_due(self) -> None:
-        flight, t_s, p = self.flight, self.t_s, self.parameters
-        if not flight.armed or not flight.landed or flight.lifting:
-            return
-        if flight.landed_at_s is not None:
-            if 0.0 < p["COM_DISARM_LAND"] <= t_s - flight.landed_at_s:
-                self.stop_motors("landing")
-        elif 0.0 < p["COM_DISARM_PRFLT"] <= t_s - flight.armed_at_s:
-            self.stop_motors("auto preflight disarming")
+    def _disarm_delay_s(self, *, after_flight: bool) -> float:
+        return self.parameters["COM_DISARM_LAND" if after_flight else "COM_DISARM_PRFLT"]

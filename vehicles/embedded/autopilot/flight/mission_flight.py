@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.guidance import Behaviour
-from vehicles.embedded.autopilot.missions import Item
-from vehicles.embedded.autopilot.setpoints import RELATIVE_ALTITUDE_FRAMES
-from vehicles.embedded.autopilot.state import State
+from vehicles.embedded.autopilot.flight.autopilot_state import State
+from vehicles.embedded.autopilot.flight.guidance import Behaviour
+from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
+from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.setpoint_targets import RELATIVE_ALTITUDE_FRAMES
 from vehicles.embedded.controller import Target
 from vehicles.embedded.states import Motion
 from worlds.frames import Vec3
@@ -78,34 +79,31 @@ class FlyMission(Behaviour):
             self.done = True
 
 
-class Kit(NamedTuple):
-    """How an autopilot makes the behaviours of a mission; called when an item's turn comes."""
-
-    take_off: Callable[[float], Behaviour]
-    """To a local height (down, m)."""
-    go_to: Callable[[Vec3], Behaviour]
-    land: Callable[[], Behaviour]
-    go_home: Callable[[], Behaviour]
-
-
-def steps_of(items: tuple[Item, ...], *, first: int, state: State, kit: Kit) -> tuple[Step, ...]:
+def steps_of(
+    items: tuple[Item, ...],
+    *,
+    first: int,
+    state: State,
+    manoeuvres: Manoeuvres,
+    go_home: Callable[[], Behaviour],
+) -> tuple[Step, ...]:
     """Return the steps of a mission from item `first` on; items that are not flown are left out."""
+
+    def behaviour(item: Item) -> Behaviour:
+        if item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            return go_home()
+        if item.command == mavlink.MAV_CMD_NAV_LAND:
+            return manoeuvres.land()
+        north, east, down = _place(item, state)
+        if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
+            return manoeuvres.take_off(down)
+        return manoeuvres.waypoint((north, east, down))
+
     return tuple(
-        Step(seq, partial(_behaviour, item, state, kit), stay_s(item))
+        Step(seq, partial(behaviour, item), stay_s(item))
         for seq, item in enumerate(items)
         if seq >= first and item.command in FLOWN
     )
-
-
-def _behaviour(item: Item, state: State, kit: Kit) -> Behaviour:
-    if item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-        return kit.go_home()
-    if item.command == mavlink.MAV_CMD_NAV_LAND:
-        return kit.land()
-    north, east, down = _place(item, state)
-    if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
-        return kit.take_off(down)
-    return kit.go_to((north, east, down))
 
 
 def _place(item: Item, state: State) -> Vec3:
