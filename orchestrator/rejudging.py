@@ -12,6 +12,7 @@ from orchestrator.results_reading import ResultError, read_result
 from orchestrator.run.oracles import build_judge
 from orchestrator.run.outcome import also_of
 from orchestrator.run.setup import RunOrder, RunSetup
+from safety.evidence.evidence import SOURCE
 from safety.tape import TapeError, judge_tape, read_tape
 from safety.verdict import DecisiveEvent, DecisiveKind, decide, source_of
 
@@ -81,6 +82,7 @@ def rejudge_run(plan: RunPlan, folder: Path) -> Rejudged:
         also=also_of(decision),
         required=plan.required,
         oracles=oracles,
+        evidence=judge.evidence,
     )
     return Rejudged(before, now)
 
@@ -92,7 +94,7 @@ def _told_by_others(log: Path, before: RunResult) -> Iterator[DecisiveEvent]:
         lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
         for line in lines:
             source = line.get("source", "")
-            judged = source in own or source.startswith("pose/")
+            judged = source in own or source.startswith(SOURCE)
             if line["event"] == "decisive" and not judged:
                 yield DecisiveEvent(line["t_s"], _KINDS[line["kind"]], line["reason"], source)
     except (OSError, ValueError, KeyError, AttributeError) as error:

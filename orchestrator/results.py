@@ -11,7 +11,7 @@ from typing import Literal
 from campaigns.acceptance import Requirement, Share, Standing, standings
 from orchestrator.outside.results import OutsideResult
 from safety.preflight import Item
-from safety.results import Flag, OracleResult, Verdict
+from safety.results import EvidenceResult, Flag, OracleResult, Verdict
 
 Clock = Literal["virtual", "wall", "scaled"]
 VehicleKind = Literal["embedded", "sitl", "hardware", "unknown"]
@@ -131,6 +131,7 @@ class RunResult:
     has nothing outside of its own processes. artifacts: files, relative to the campaign's folder.
     attempts: those before this one, oldest first; a PASS after any is no clean one. preflight: what
     was checked before arming, and who overrode what. fence_changes: in flight, oldest first.
+    evidence: what the judged signals showed; on this the verdict rests.
     """
 
     case: str
@@ -152,6 +153,7 @@ class RunResult:
     attempts: tuple[Attempt, ...] = ()
     preflight: tuple[Item, ...] = ()
     fence_changes: tuple[FenceChange, ...] = ()
+    evidence: tuple[EvidenceResult, ...] = ()
 
     @property
     def subject(self) -> str:

@@ -28,6 +28,31 @@ class OracleResult:
     detail: str = ""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvidenceResult:
+    """What one signal showed over the time in which it was judged.
+
+    signal, vehicle, source: "pose" of "real" from "mocap". required: whether a required oracle
+    rests on it. first_s, last_s: stamps of its samples within the window, None without any; count:
+    how many. largest_gap_s, gap_at_s: the longest time without a sample, and when that began.
+    limit_s: the longest gap that is accepted. verdict: INVALID where the signal cannot show what
+    happened; reason: why, and when. Times are on the run clock.
+    """
+
+    signal: str
+    vehicle: str
+    source: str
+    required: bool
+    first_s: float | None
+    last_s: float | None
+    count: int
+    largest_gap_s: float
+    gap_at_s: float | None
+    limit_s: float
+    verdict: Literal["PASS", "INVALID"]
+    reason: str = ""
+
+
 @dataclass(frozen=True, slots=True)
 class Flag:
     """Something decisive seen at a moment: a contact, a breach. Published when it happens."""

@@ -6,11 +6,20 @@ from typing import cast, get_args
 
 from orchestrator.results import FenceChange
 from orchestrator.run.course import Course, Stage
+from orchestrator.run.evidence import JUDGED_EVERY_S
 from orchestrator.run.station import Station
 from safety.geofence import Fence
 from safety.judge import Judge
 from safety.results import Flag
-from safety.samples import FenceSample, HeardSample, PoseSample, StageSample, StateSample
+from safety.samples import (
+    DoubtSample,
+    FenceSample,
+    HeardSample,
+    PoseSample,
+    ReportSample,
+    StageSample,
+    StateSample,
+)
 from safety.samples import Stage as JudgedStage
 from safety.tape import Taped, Tick
 from vehicles.cameras import sleep_until
@@ -19,10 +28,6 @@ from vehicles.embedded.states import TruthSample
 
 TICK_HZ = 10.0
 _JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
-
-_JUDGED_EVERY_S = 0.018
-"""50 poses a second are judged: between two, a vehicle that brakes at 3 m/s^2 leaves the straight
-way that is swept by a dt^2 / 8 = 0.15 mm, less than the tolerance of 1 mm of a clearance."""
 _CLEARANCE_KINDS = frozenset({"collision", "clearance"})
 
 FlagWatcher = Callable[[Flag], None]
@@ -97,6 +102,18 @@ class Bench:
             self._tape(changed)
             self._take(self._judge.fence(changed))
 
+    def report(self, sample: ReportSample) -> None:
+        """Take that a sample of a signal has arrived."""
+        self._tape(sample)
+        self._judge.report(sample)
+        self._take(())
+
+    def doubt(self, sample: DoubtSample) -> None:
+        """Take that a signal cannot be believed from a moment on: the run is INVALID."""
+        self._tape(sample)
+        self._judge.doubt(sample)
+        self._take(())
+
     def last_state(self, t_s: float) -> None:
         """Take every vehicle's last word."""
         for station in self._stations:
@@ -106,7 +123,7 @@ class Bench:
         due_s = self._due_s.get(sample.vehicle, 0.0)
         if sample.t_s < due_s:
             return
-        self._due_s[sample.vehicle] = sample.t_s + _JUDGED_EVERY_S
+        self._due_s[sample.vehicle] = sample.t_s + JUDGED_EVERY_S
         self._tape(sample)
         self._take(self._judge.pose(sample))
 

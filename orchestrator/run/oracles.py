@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from functools import partial
 
+from orchestrator.run.evidence import signal_terms
 from orchestrator.run.hangar import BODY
 from orchestrator.run.setup import RunSetup
+from safety.evidence.evidence import Evidence
 from safety.judge import Judge, build_oracles
 from safety.oracles.base import OracleContext
 from safety.oracles.gates import gates_of
@@ -35,7 +37,8 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
         )
         for vehicle in setup.vehicles
     }
-    return Judge(build_oracles(setup.campaign.oracles, contexts))
+    oracles = build_oracles(setup.campaign.oracles, contexts)
+    return Judge(oracles, Evidence(signal_terms(setup, oracles)))
 
 
 def _probe_of(scene: Scene, name: str) -> ClearanceProbe:

@@ -64,6 +64,7 @@ def result_of(
         artifacts=artifacts,
         preflight=preflight,
         fence_changes=fence_changes,
+        evidence=judge.evidence,
     )
 
 

@@ -1,5 +1,7 @@
 """How well the pair kept together: the skews of a run, measured and held to their limits."""
 
+from collections.abc import Iterable
+
 from campaigns.setup import SyncSetup
 from orchestrator.results import SyncResult
 from orchestrator.run.course import Course, Stage
@@ -42,9 +44,15 @@ class Synchronisation:
         self._check("t0", self.result().t0_skew_s, self._setup.max_t0_skew_s)
 
     def check_takeoff(self) -> None:
-        """Hold what was measured of the takeoff to its limits; called once both are at height."""
+        """Hold the takeoff of a pair to its limits; called once both are at height.
+
+        A skew that was not measured is not shown to be small: INVALID too.
+        """
         result = self.result()
+        lifted = [station.name for station in self._stations if station.lift.lifted_s is not None]
+        self._require("command", self._command_s, "takeoff command to")
         self._check("command", result.command_skew_s, self._setup.max_command_skew_s)
+        self._require("takeoff", lifted, "liftoff of")
         self._check("takeoff", result.takeoff_skew_s, self._setup.max_takeoff_skew_s)
 
     def result(self) -> SyncResult:
@@ -67,6 +75,15 @@ class Synchronisation:
         if len(self._stations) < 2 or len(times_s) < len(self._stations):
             return None
         return max(times_s.values()) - min(times_s.values())
+
+    def _require(self, what: str, known: Iterable[str], event: str) -> None:
+        missing = [s.name for s in self._stations if s.name not in set(known)]
+        if len(self._stations) > 1 and missing:
+            self._course.decide(
+                "INVALID",
+                f"{what} skew was not measured: no {event} {' and '.join(missing)}",
+                source=f"sync/{what}",
+            )
 
     def _check(self, what: str, skew_s: float | None, limit_s: float) -> None:
         if skew_s is not None and skew_s > limit_s:

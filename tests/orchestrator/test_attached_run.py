@@ -68,17 +68,19 @@ async def test_an_attached_px4_and_a_launched_arducopter_fly_the_gate(tmp_path: 
         sync__takeoff_tolerance_m="0.3",
         preflight__failsafe="set",
     )
-    arguments = ("--mode", "wil", "--json", "--arm-real", *sets)
+    # What is tested are the links and the onboard configuration, not how fast this machine mixes.
+    recipe = (ROOT / "recipes" / "gate.yaml").read_text()
+    assert recipe.count("max_skew_ms: 60") == 1
+    (tmp_path / "gate.yaml").write_text(recipe.replace("max_skew_ms: 60", "max_skew_ms: 800"))
+    recipe_set = words(recipe=str(tmp_path / "gate.yaml"))
+    arguments = ("--mode", "wil", "--json", "--arm-real", *sets, *recipe_set)
     async with outside(f"udpout://127.0.0.1:{port}", "px4"):
         async with Program(tmp_path / "out", *arguments) as program:
             landed = await program.end(150.0)
         summary = json.loads(landed.out)
         folder = program.run_folder()
         (run,) = summary["runs"]
-        # A machine that others keep busy mixes too late; what flies is the same.
-        late = run["verdict"] == "INVALID" and run["reason"].startswith("mixing of camera")
-        assert late or (run["verdict"], run["reason"]) == ("PASS", "")
-        assert landed.code == (3 if late else 0)
+        assert (run["verdict"], run["reason"], landed.code) == ("PASS", "", 0)
         await _is_as_before(port)
     assert (summary["real_kind"], summary["surrogate"]) == ("sitl", False)
     assert summary["runs"][0]["mixing"]["registration_error_px"] is None

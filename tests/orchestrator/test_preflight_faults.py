@@ -16,9 +16,9 @@ from orchestrator.run.course import Course
 from orchestrator.run.opening import Pair
 from tests.orchestrator.conftest import Fly
 from tests.orchestrator.flights import log_of
-from vehicles.embedded.autopilot import px4_telemetry
-from vehicles.embedded.autopilot.copter_core import CopterCore
-from vehicles.embedded.autopilot.px4_core import Px4Core
+from vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from vehicles.embedded.autopilot.px4 import px4_telemetry
+from vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from vehicles.embedded.config import EmbeddedConfig
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from worlds.frames import Pose

@@ -146,7 +146,7 @@ def test_silence_is_judged_by_what_is_heard() -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 @pytest.mark.parametrize("where", ["position", "attitude", "velocity"])
-def test_a_pose_that_is_not_finite_is_an_error_and_judged_by_nobody(bad: float, where: str) -> None:
+def test_a_pose_that_is_not_finite_is_invalid_and_judged_by_nobody(bad: float, where: str) -> None:
     judge = Judge(build_oracles([use("geofence")], contexts("real")))
     judge.stage(StageSample(0.0, "takeoff"))
     sample = PoseSample(
@@ -160,7 +160,7 @@ def test_a_pose_that_is_not_finite_is_an_error_and_judged_by_nobody(bad: float, 
     )
     assert judge.pose(sample) == ()
     assert judge.pose(sample) == ()
-    assert [(e.t_s, e.kind) for e in judge.decisive] == [(1.0, "ERROR")]
+    assert [(e.t_s, e.kind) for e in judge.decisive] == [(1.0, "INVALID")]
     assert judge.results(2.0)[0].detail == "no pose seen"
 
 

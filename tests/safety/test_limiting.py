@@ -293,3 +293,16 @@ def test_without_limits_every_byte_passes_as_it_came() -> None:
     core = GuardCore(vehicles={"real": GuardedVehicle(autopilot=Px4(), target=Target(1))})
     raw = velocity_frame(Px4(), (99.0, 0.0, 0.0))
     assert core.from_orchestrator("real", raw, 0.0) == (ToVehicle("real", (raw,)),)
+
+
+@pytest.mark.parametrize("speed_m_s", [2.0, math.nextafter(2.0, 0.0)])
+def test_a_speed_at_its_limit_is_not_limited(speed_m_s: float) -> None:
+    asked = VelocitySetpoint((0.0, -speed_m_s, 0.0), yaw_rad=0.3)
+    assert limiter(speed_m_s=2.0).limit(asked, AT, 0.0) == (asked, ())
+
+
+def test_a_speed_above_its_limit_is_limited_and_reported() -> None:
+    got, (limiting,) = limiter(speed_m_s=2.0).limit(VelocitySetpoint((0.0, 2.01, 0.0)), AT, 0.0)
+    assert isinstance(got, VelocitySetpoint)
+    assert got.velocity_ned_m_s == pytest.approx((0.0, 2.0, 0.0))
+    assert (limiting.what, limiting.given) == ("speed", 2.0)

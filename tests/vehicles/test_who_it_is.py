@@ -9,8 +9,8 @@ from vehicles.autopilots.base import Target
 from vehicles.autopilots.px4 import Px4
 from vehicles.driver.identity import Identity, identity_of, same_vehicle
 from vehicles.driver.session import Heard
-from vehicles.embedded.autopilot import px4_telemetry
-from vehicles.embedded.autopilot.state import Identity as Embedded
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity as Embedded
+from vehicles.embedded.autopilot.px4 import px4_telemetry
 
 CONSTANT = 0x4954414C44494E4F
 

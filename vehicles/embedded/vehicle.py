@@ -8,10 +8,10 @@ from typing import Self
 
 import numpy as np
 
-from vehicles.embedded.autopilot.base import COMPONENT, EmbeddedAutopilot
-from vehicles.embedded.autopilot.copter import ArduCopter
-from vehicles.embedded.autopilot.px4 import Px4
-from vehicles.embedded.autopilot.state import Identity
+from vehicles.embedded.autopilot.copter.copter import ArduCopter
+from vehicles.embedded.autopilot.emulated_autopilot import COMPONENT, EmbeddedAutopilot
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.px4.px4 import Px4
 from vehicles.embedded.body import PHYSICS_HZ, Body
 from vehicles.embedded.config import EmbeddedConfig, HearsEvents, Surroundings
 from vehicles.embedded.mocap import MotionCaptureFeed

@@ -29,6 +29,9 @@ topic write wil/gate/operator/hold
 """
 """anna may abort and hold, and not resume: the broker lets no such message through."""
 
+UNNAMED = "127.0.0.2"
+"""Where the broker listens too, and which its certificate does not name."""
+
 
 def openssl(folder: Path, *arguments: str) -> None:
     subprocess.run(["openssl", *arguments], cwd=folder, check=True, capture_output=True)  # noqa: S603, S607
@@ -75,10 +78,14 @@ def mosquitto(folder: Path, port: int) -> Iterator[None]:
     (folder / "acl").write_text(ACL)
     for name in ("passwords", "acl"):
         (folder / name).chmod(0o600)
-    (folder / "mosquitto.conf").write_text(
-        f"listener {port} 127.0.0.1\nallow_anonymous false\nrequire_certificate true\n"
+    listeners = "".join(
+        f"listener {port} {address}\nrequire_certificate true\n"
         f"cafile {folder}/ca.pem\ncertfile {folder}/broker.pem\nkeyfile {folder}/broker.key\n"
-        f"password_file {passwords}\nacl_file {folder}/acl\nuser root\n"
+        for address in ("127.0.0.1", UNNAMED)
+    )
+    (folder / "mosquitto.conf").write_text(
+        f"allow_anonymous false\npassword_file {passwords}\nacl_file {folder}/acl\nuser root\n"
+        + listeners
     )
     arguments = [str(MOSQUITTO), "-c", str(folder / "mosquitto.conf")]
     with subprocess.Popen(arguments, stderr=subprocess.DEVNULL) as process:  # noqa: S603

@@ -17,6 +17,7 @@ from orchestrator.operating.mqtt import MqttSecrets, mqtt_operating
 from tests.orchestrator.operating.desks import FakeFleet, make_desk
 from tests.orchestrator.operating.mosquitto import (
     PASSWORD,
+    UNNAMED,
     USER,
     free_port,
     make_certificates,
@@ -138,10 +139,15 @@ async def test_what_the_broker_or_we_do_not_trust_is_an_error_at_the_start(
 
 
 @pytest.mark.filterwarnings(UNCLOSED)
-async def test_a_name_that_the_certificate_does_not_bear_is_refused(
+async def test_an_address_that_the_certificate_does_not_name_is_refused(
     setup: MqttSetup, tmp_path: Path
 ) -> None:
-    elsewhere = replace(setup, broker=replace(setup.broker, host="127.0.0.2"))
-    with pytest.raises(OperatingError):
-        async with mqtt_operating(elsewhere, SECRETS, make_desk(tmp_path, FakeFleet())):
+    def at(host: str) -> MqttSetup:
+        return replace(setup, broker=replace(setup.broker, host=host))
+
+    desk = make_desk(tmp_path, FakeFleet())
+    with pytest.raises(OperatingError, match=f"(?i)certificate.*{UNNAMED}"):
+        async with mqtt_operating(at(UNNAMED), SECRETS, desk):
             pass
+    async with mqtt_operating(at("127.0.0.1"), SECRETS, desk):
+        pass

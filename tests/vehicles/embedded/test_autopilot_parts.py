@@ -10,14 +10,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry import Polygon as ShapelyPolygon
 
-from vehicles.embedded.autopilot.commands import marked, on_command
-from vehicles.embedded.autopilot.fence import Circle, Fence, Polygon
-from vehicles.embedded.autopilot.guidance import LandProfile
-from vehicles.embedded.autopilot.outbox import Outbox
-from vehicles.embedded.autopilot.parameters import Parameter, Parameters
-from vehicles.embedded.autopilot.px4_modes import Px4Mode, px4_mode
-from vehicles.embedded.autopilot.setpoints import local_setpoint
-from vehicles.embedded.autopilot.streams import Streams
+from vehicles.embedded.autopilot.flight.guidance import LandProfile
+from vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
+from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode, px4_mode
+from vehicles.embedded.autopilot.services.command_registry import marked, on_command
+from vehicles.embedded.autopilot.services.fence_items import Circle, Fence, Polygon
+from vehicles.embedded.autopilot.services.outbox import Outbox
+from vehicles.embedded.autopilot.services.stream_intervals import Streams
 from vehicles.embedded.states import AT_REST
 
 finite = st.floats(-100.0, 100.0)

@@ -8,14 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.avoidance import SimpleAvoidance, stopping_speed
-from vehicles.embedded.autopilot.copter_core import _FILE
-from vehicles.embedded.autopilot.parameters import load_parameters
+from vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance, stopping_speed
+from vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from vehicles.embedded.autopilot.flight.parameter_table import load_parameters
 
 
 def avoidance(**changed: float) -> SimpleAvoidance:
     overrides = {"PRX1_TYPE": 2.0, "AVOID_MARGIN": 1.0, **changed}
-    return SimpleAvoidance(load_parameters(_FILE, bytewise=False, overrides=overrides))
+    return SimpleAvoidance(
+        load_parameters(CopterCore.parameter_file, bytewise=False, overrides=overrides)
+    )
 
 
 def ring(distances_m: dict[int, float], *, longest_m: float = 10.0) -> Any:

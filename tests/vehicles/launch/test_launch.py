@@ -260,7 +260,7 @@ def test_all_end_when_we_are_killed(sims: Any) -> None:
 
 
 def test_leftovers_are_found_named_and_ended(sims: Any) -> None:
-    # The worst: owner and keeper are killed at once, and what the simulator started lives on.
+    # The worst: owner and supervisor are killed at once, and what the simulator started lives on.
     binary = sims.program(STUBBORN + sims.ardupilot)
     folder = sims.folder / "real"
     owner, supervisor = _owner(binary, folder, sims.locks)

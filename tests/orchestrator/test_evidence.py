@@ -1,0 +1,68 @@
+"""What a run's positions have to show: one that touches something never passes for want of it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from campaigns.expansion import Options, RunPlan, load_campaign
+from orchestrator.rejudging import rejudge_run
+from orchestrator.results import RunResult
+from orchestrator.run.run import Disturb, fly
+from orchestrator.run.setup import RunOrder, RunSetup
+from orchestrator.writing import to_json, write_whole
+from tests.faults.relay import Change, frozen, relay, stopped
+from tests.orchestrator.conftest import NoCommands
+from tests.orchestrator.wall import write_wall
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> RunPlan:
+    return load_campaign(write_wall(tmp_path), Options()).runs[0]
+
+
+def flown(plan: RunPlan, folder: Path, disturb: Disturb | None = None) -> RunResult:
+    folder.mkdir()
+    order = RunOrder(plan=plan, folder=folder, clock="virtual")
+    return fly(RunSetup.of(order), lambda _: None, NoCommands(), disturb=disturb)
+
+
+def test_the_wall_is_touched(plan: RunPlan, tmp_path: Path) -> None:
+    result = flown(plan, tmp_path / "run")
+    assert (result.verdict, result.reason) == ("FAIL", "twin touched wall.box")
+    assert [(one.signal, one.verdict) for one in result.evidence] == [("pose", "PASS")]
+
+
+def test_positions_that_freeze_before_a_wall_prove_nothing(plan: RunPlan, tmp_path: Path) -> None:
+    disturb = relay("twin", frozen(), stage="goal", after_s=1.5)
+    result = flown(plan, tmp_path / "run", disturb)
+    assert result.verdict == "INVALID"
+    assert result.reason.startswith("pose of twin from mavlink: it repeats one position from ")
+    (pose,) = result.evidence
+    assert (pose.verdict, pose.required, pose.reason) == ("INVALID", True, result.reason)
+
+
+def test_positions_that_stop_before_a_wall_prove_nothing(plan: RunPlan, tmp_path: Path) -> None:
+    disturb = relay("twin", stopped(), stage="goal", after_s=1.5)
+    result = flown(plan, tmp_path / "run", disturb)
+    assert result.verdict == "INVALID"
+    assert result.reason.startswith("pose of twin from mavlink: no sample since ")
+
+
+TABLE = (
+    "world.objects.wall.shape={box: {size_m: [3, 3, 0.6]}}",
+    "world.objects.wall.pose={north_m: 6.5, east_m: 0, up_m: 0.3}",
+)
+"""Where it lands."""
+
+
+@pytest.mark.parametrize("change", [frozen, stopped])
+def test_a_table_touched_while_landing_unseen_is_no_pass_and_judged_again_alike(
+    tmp_path: Path, change: Callable[[], Change]
+) -> None:
+    plan = load_campaign(write_wall(tmp_path), Options(sets=TABLE)).runs[0]
+    folder = tmp_path / "run"
+    result = flown(plan, folder, relay("twin", change(), stage="land", after_s=0.2))
+    assert result.verdict == "INVALID"
+    write_whole(folder / "result.json", to_json(result))
+    assert rejudge_run(plan, folder).now == result

@@ -1,0 +1,253 @@
+"""An autopilot that behaves to the outside as ArduCopter 4.7 in SITL does."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.airframe import Airframe
+from vehicles.embedded.autopilot.copter import copter_boot as boot
+from vehicles.embedded.autopilot.copter import copter_telemetry
+from vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from vehicles.embedded.autopilot.copter.copter_failsafes import Failsafes, View
+from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import TiltWatch
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome, Wanted
+from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.autopilot.services.command_registry import (
+    ACCEPTED,
+    DENIED,
+    FAILED,
+    Command,
+    on_command,
+    on_message,
+)
+from vehicles.embedded.autopilot.services.outbox import INFO
+from vehicles.embedded.battery import Charge
+
+_IN_FLIGHT_YAW_HEIGHT_M = 2.5
+"""EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""
+_ALTITUDE_FENCE, _CIRCLE_FENCE, _POLYGON_FENCE, _FLOOR_FENCE = 1, 2, 4, 8
+"""Bits of FENCE_TYPE."""
+_CRASH_TILT_RAD, _CRASH_AFTER_S = math.radians(60.0), 2.0
+"""ATC_ANGLE_MAX of 30 degrees and 30 degrees of error beyond it, for 2 s (crash_check.cpp)."""
+_AFTER_LANDING_S = 0.4
+
+
+class ArduCopter(CopterCore):
+    """ArduCopter on the wire: setpoints, commands, missions, failsafes."""
+
+    def __init__(
+        self,
+        *,
+        identity: Identity,
+        airframe: Airframe,
+        dt_s: float,
+        charge: Charge,
+        overrides: Mapping[str, float],
+    ) -> None:
+        super().__init__(
+            identity=identity, airframe=airframe, dt_s=dt_s, charge=charge, overrides=overrides
+        )
+        self._failsafes = Failsafes(self.parameters)
+        self._tilt = TiltWatch(limit_rad=_CRASH_TILT_RAD, for_s=_CRASH_AFTER_S)
+        self._texts_said = 0
+        self._yaw_aligned = False
+        self._on_ground = True
+        self._sink_m_s = 0.0
+
+    # Messages.
+
+    @on_message("REQUEST_DATA_STREAM")
+    def _on_data_stream(self, message: Any) -> None:
+        rate_hz = float(message.req_message_rate) if message.start_stop else 0.0
+        groups = copter_telemetry.STREAMS
+        if message.req_stream_id == mavlink.MAV_DATA_STREAM_ALL:
+            ids = [message_id for group in groups.values() for message_id in group]
+        else:
+            ids = list(groups.get(message.req_stream_id, ()))
+        for message_id in ids:
+            self.streams.set_rate(message_id, rate_hz, now_s=self.t_s)
+
+    @on_message("SET_POSITION_TARGET_LOCAL_NED")
+    def _on_local_setpoint(self, message: Any) -> None:
+        if self.mode is CopterMode.GUIDED:
+            self._take_setpoint(local_setpoint(message, self.state.now))
+
+    def _takes_global_setpoints(self) -> bool:
+        return self.mode is CopterMode.GUIDED
+
+    @on_message("OBSTACLE_DISTANCE")
+    def _on_obstacles(self, message: Any) -> None:
+        self.avoidance.obstacle_distance(message, self.t_s)
+
+    @on_message("DISTANCE_SENSOR")
+    def _on_distance(self, message: Any) -> None:
+        self.avoidance.distance_sensor(message, self.t_s)
+
+    def _take_setpoint(self, wanted: Wanted | None) -> None:
+        flight = self.flight
+        if wanted is None or not flight.armed or flight.landed or self.taking_off:
+            return
+        self.velocity_at_s = self.t_s if wanted.has_velocity else None
+        self.follow.set(wanted, keep_yaw_rad=flight.controller.yaw_setpoint_rad)
+        if flight.behaviour is not self.follow:
+            flight.fly(self.follow)
+
+    # Commands.
+
+    def _begin_flight(self) -> None:
+        super()._begin_flight()
+        self._failsafes.reset()
+
+    def _arming_fault(self, *, force: bool) -> str | None:
+        fault = super()._arming_fault(force=force)
+        if fault is None and not force and self._broken_fences():
+            return "Arm: vehicle outside fence"
+        return fault
+
+    @on_command(mavlink.MAV_CMD_NAV_TAKEOFF)
+    def _take_off(self, command: Command) -> int:
+        flight = self.flight
+        if self.mode is not CopterMode.GUIDED or not flight.armed or not flight.landed:
+            return FAILED
+        if not command.z > 0.0:
+            return FAILED
+        down_m = self.state.home_down_m - command.z
+        flight.fly(self.manoeuvres.take_off(down_m))
+        self.taking_off = True
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_DO_REPOSITION)
+    def _reposition(self, command: Command) -> int:
+        change_mode = int(command.params[1]) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+        if not math.isfinite(command.x + command.y + command.z):
+            return DENIED
+        if self.mode is not CopterMode.GUIDED:
+            if not change_mode:
+                return DENIED
+            if self.choose(CopterMode.GUIDED) != ACCEPTED:
+                return FAILED
+        if self.flight.armed and not self.flight.landed:
+            self.velocity_at_s = None
+            self.flight.fly(self.manoeuvres.go_to(self._place_of(command), radius_m=0.3))
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION)
+    def _terminate(self, command: Command) -> int:
+        if command.params[0] <= 0.5:
+            return FAILED
+        self.stop_motors("command")
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_DO_FENCE_ENABLE)
+    def _enable_fence(self, command: Command) -> int:
+        self.parameters.set("FENCE_ENABLE", 1.0 if command.params[0] == 1.0 else 0.0)
+        return ACCEPTED
+
+    # Flying.
+
+    def choose(self, mode: CopterMode) -> int:
+        """Switch to the user's mode if it can run; AUTO needs a mission."""
+        if mode is CopterMode.AUTO and self.state.mission_total < 2:
+            self.outbox.say(INFO, "Mode change to Auto failed: init failed")
+            return FAILED
+        return super().choose(mode)
+
+    def _behaviour(self, mode: CopterMode) -> Behaviour:
+        if mode is CopterMode.AUTO:
+            return self._mission() or super()._behaviour(CopterMode.LOITER)
+        return super()._behaviour(mode)
+
+    # Supervision.
+
+    def supervise(self) -> None:
+        """Say what is due; check modes and failsafes."""
+        self._boot()
+        self._say_phases()
+        flight, t_s = self.flight, self.t_s
+        if not flight.armed:
+            return
+        if self.taking_off and flight.behaviour is not None and flight.behaviour.done:
+            self.taking_off = False
+        timeout_s = self.parameters["GUID_TIMEOUT"]
+        if self.velocity_at_s is not None and t_s - self.velocity_at_s > timeout_s:
+            self.velocity_at_s = None
+            self.follow.stand(self.state.now)
+        self._check_failsafes()
+        if self._tilt.tumbling(self.state.now, t_s):
+            self.strike("tumbling")
+        self._disarm_when_due()
+
+    def _boot(self) -> None:
+        while self._texts_said < len(boot.TEXTS):
+            due_s, text = boot.TEXTS[self._texts_said]
+            if due_s > self.t_s or (self.never_ready and due_s >= boot.POSITION_S):
+                break
+            field_m = self.state.frame.altitude_m
+            self.outbox.say(INFO, text.format(field_m=field_m))
+            self._texts_said += 1
+        if self.state.home_ned_m is None and self.t_s >= boot.HOME_SET_S:
+            self.set_home()
+
+    def _say_phases(self) -> None:
+        flight, now = self.flight, self.state.now
+        height_m = self.state.home_down_m - now.position_ned_m[2]
+        if not self._yaw_aligned and not flight.landed and height_m > _IN_FLIGHT_YAW_HEIGHT_M:
+            self._yaw_aligned = True
+            for imu in (0, 1):
+                self.outbox.say(INFO, f"EKF3 IMU{imu} MAG0 in-flight yaw alignment complete")
+        touching = self.state.touching
+        if touching and not self._on_ground:
+            sink_m_s = max(0.0, self._sink_m_s)
+            self.outbox.say(INFO, f"SIM Hit ground at {sink_m_s:f} m/s")
+        if not touching:
+            self._sink_m_s = now.velocity_ned_m_s[2]
+        if touching or height_m > 0.3:
+            self._on_ground = touching
+
+    def _check_failsafes(self) -> None:
+        view = View(
+            gcs_age_s=self.t_s - self.gcs_heard_s,
+            charge=self.state.charge,
+            broken_fences=self._broken_fences(),
+        )
+        decision = self._failsafes.check(view)
+        if decision is None:
+            return
+        self.outbox.say(decision.severity, decision.text)
+        if decision.mode is None:
+            return
+        if self.flight.landed:
+            self.stop_motors("failsafe")
+        elif self.mode is not CopterMode.LAND:
+            self.fail(decision.mode)
+
+    def _broken_fences(self) -> tuple[str, ...]:
+        """Return the names of the fences that are broken here; none when fences are off."""
+        p, here = self.parameters, self.state.now.position_ned_m
+        if not p["FENCE_ENABLE"]:
+            return ()
+        kinds = int(p["FENCE_TYPE"])
+        far_m, height_m = self.manoeuvres.from_home_m()
+        broken: list[str] = []
+        if kinds & _ALTITUDE_FENCE and height_m > p["FENCE_ALT_MAX"]:
+            broken.append("Max Alt")
+        if kinds & _CIRCLE_FENCE and far_m > p["FENCE_RADIUS"]:
+            broken.append("Circle")
+        if kinds & _POLYGON_FENCE and self.fence.breached(here[0], here[1]):
+            broken.append("Polygon")
+        if kinds & _FLOOR_FENCE and not self.flight.landed and height_m < p["FENCE_ALT_MIN"]:
+            broken.append("Min Alt")
+        return tuple(broken)
+
+    def _stays_armed(self) -> bool:
+        return self.taking_off
+
+    def _disarm_delay_s(self, *, after_flight: bool) -> float:
+        lands = self.mode in {CopterMode.LAND, CopterMode.AUTO} or isinstance(
+            self.flight.behaviour, ReturnHome
+        )
+        return _AFTER_LANDING_S if after_flight and lands else self.parameters["DISARM_DELAY"]

@@ -1,0 +1,80 @@
+"""How ArduCopter flies its modes: behaviours from its parameters and the state."""
+
+import math
+
+from vehicles.embedded.autopilot.flight.guidance import GoTo, LandProfile, Speeds, TakeOff
+from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
+from worlds.frames import Vec3
+
+_FACES_WAYPOINT = {1, 2}
+"""WP_YAW_BEHAVIOR: the nose turns to the next waypoint."""
+_FACE_BEYOND_M = 2.0
+_TAKEOFF_RADIUS_M = 0.22
+_CLIMB_AT_LEAST_M = 2.5
+"""RTL_ABS_MIN_CLIMB."""
+_LEAST_SLOPE = 0.5
+"""RTL_MIN_CONE_SLOPE: shallower cones are none."""
+
+
+class CopterManoeuvres(Manoeuvres):
+    """Behaviours by WP_*, LAND_* and RTL_*."""
+
+    def speeds(self) -> Speeds:
+        """Return the limits of the automatic modes."""
+        p = self._p
+        return Speeds(p["WP_SPD"], p["WP_SPD_UP"], p["WP_SPD_DN"])
+
+    def return_speeds(self) -> Speeds:
+        """Return the limits of RTL, which may have a speed of its own."""
+        limits = self.speeds()
+        return limits._replace(across=self._p["RTL_SPEED_MS"] or limits.across)
+
+    def return_height_m(self) -> float:
+        """Return how high above home to fly back (ModeRTL::compute_return_target)."""
+        p = self._p
+        distance_m, height_m = self.from_home_m()
+        target_m = max(height_m + max(0.0, p["RTL_CLIMB_MIN_M"]), p["RTL_ALT_M"])
+        slope = p["RTL_CONE_SLOPE"]
+        if slope >= _LEAST_SLOPE:
+            target_m = min(target_m, max(distance_m * slope, height_m + _CLIMB_AT_LEAST_M))
+        return max(height_m, target_m)
+
+    def return_wait_s(self) -> float:
+        """Return how long to loiter above home."""
+        return self._p["RTL_LOIT_TIME"] / 1e3
+
+    def land_profile(self) -> LandProfile:
+        """Return fast above LAND_ALT_LOW_M, slow below."""
+        p = self._p
+        fast = p["LAND_SPD_HIGH_MS"] or p["WP_SPD_DN"]
+        low_m = p["LAND_ALT_LOW_M"]
+        return LandProfile(((low_m + 0.01, fast), (low_m, p["LAND_SPD_MS"])))
+
+    def take_off(self, down_m: float) -> TakeOff:
+        """Return the climb to a local height."""
+        limits = self.speeds()
+        return TakeOff(
+            down_m=down_m,
+            climb_m_s=limits.up,
+            ramp_s=0.0,
+            radius_m=_TAKEOFF_RADIUS_M,
+            speeds=limits,
+        )
+
+    def waypoint(self, position_ned_m: Vec3) -> GoTo:
+        """Return the flight to a place of a mission."""
+        return self.go_to(position_ned_m, radius_m=self._p["WP_RADIUS_M"])
+
+    def go_to(self, position_ned_m: Vec3, *, radius_m: float) -> GoTo:
+        """Return the flight to a place, facing it when it is some way off."""
+        here, yaw_rad = self._state.now.position_ned_m, self._state.now.euler_rad[2]
+        north, east = position_ned_m[0] - here[0], position_ned_m[1] - here[1]
+        faces = int(self._p["WP_YAW_BEHAVIOR"]) in _FACES_WAYPOINT
+        if faces and math.hypot(north, east) > _FACE_BEYOND_M:
+            yaw_rad = math.atan2(east, north)
+        return GoTo(
+            position_ned_m=position_ned_m,
+            yaw_rad=yaw_rad,
+            speeds=self.speeds(),
+            radius_m=radius_m,
+        )

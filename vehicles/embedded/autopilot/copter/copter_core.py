@@ -1,0 +1,243 @@
+"""ArduCopter's state machine: readiness, arming, modes, and what it says of itself."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.airframe import Airframe
+from vehicles.embedded.autopilot.copter import copter_boot as boot
+from vehicles.embedded.autopilot.copter import copter_telemetry
+from vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance
+from vehicles.embedded.autopilot.copter.copter_behaviors import CopterManoeuvres
+from vehicles.embedded.autopilot.copter.copter_modes import CopterMode, copter_mode
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import FlightStyle
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, ReturnHome
+from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, StandardModes
+from vehicles.embedded.autopilot.services.command_registry import (
+    ACCEPTED,
+    FAILED,
+    FORCE_ARM,
+    FORCE_DISARM,
+    Command,
+    on_request,
+)
+from vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
+from vehicles.embedded.battery import Charge
+from vehicles.embedded.controller import Gains
+
+_GAINS = Gains(
+    # PSC_NE_POS_P, PSC_D_POS_P; PSC_NE_VEL_P, PSC_D_VEL_P; PSC_NE_VEL_I; WP_ACC, WP_ACC_Z;
+    # ATC_ANG_YAW_P; ATC_ANGLE_MAX. Roll and pitch stiffer than ATC_ANG_RLL_P of 4.5, for the
+    # rate feed-forward that ArduCopter has and this controller has not.
+    position=(1.0, 1.0),
+    velocity=(2.0, 5.0),
+    integral=(1.0, 2.0),
+    acceleration_m_s2=(2.5, 1.0),
+    attitude=(7.0, 4.5),
+    max_tilt_rad=math.radians(30.0),
+)
+
+
+class CopterCore(FlyingAutopilot[CopterMode]):
+    """ArduCopter's modes and arming; what it does on messages and in time is in the subclass."""
+
+    is_px4: ClassVar[bool] = False
+    mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    parameter_file: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
+    first_mission_item: ClassVar[int] = 1
+    refused: ClassVar[int] = FAILED
+    standard = StandardModes(CopterMode.AUTO, CopterMode.RTL, CopterMode.LAND)
+    builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | copter_telemetry.BUILDERS
+    style: ClassVar[FlightStyle] = FlightStyle(
+        gains=_GAINS, spool_s=2.0, lift_s=1.15, noticed_s=1.15, touch_s=1.65
+    )
+    manoeuvres: CopterManoeuvres
+
+    def __init__(
+        self,
+        *,
+        identity: Identity,
+        airframe: Airframe,
+        dt_s: float,
+        charge: Charge,
+        overrides: Mapping[str, float],
+    ) -> None:
+        super().__init__(
+            identity=identity,
+            airframe=airframe,
+            dt_s=dt_s,
+            charge=charge,
+            overrides=overrides,
+            rates_hz=copter_telemetry.RATES_HZ,
+            mode=CopterMode.STABILIZE,
+        )
+        self.manoeuvres = CopterManoeuvres(self.parameters, self.state)
+        self.taking_off = False
+        self.avoidance = SimpleAvoidance(self.parameters)
+        self.follow = self._new_follow()
+        self.velocity_at_s: float | None = None
+        """When the velocity setpoint came that is being flown; None when none is."""
+
+    # Readiness.
+
+    @property
+    def position_valid(self) -> bool:
+        """Return whether EKF3 uses GPS."""
+        return self.t_s >= boot.POSITION_S and not self.never_ready
+
+    def _prearm_bit(self) -> bool:
+        """Return the bit of SYS_STATUS: true long before GUIDED can be had."""
+        return self.t_s >= boot.PREARM_BIT_S and not self.never_ready
+
+    # What it says of itself.
+
+    def _custom_mode(self) -> int:
+        return self.mode.value
+
+    def _base_mode(self) -> int:
+        base_mode: int = (
+            mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+            | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+            | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+        )
+        # The flag shows that the horizontal position controller runs; at boot it seems to.
+        if self.t_s < boot.INITIALISED_S or self.mode.controls_position:
+            base_mode |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+        return base_mode
+
+    def _system_status(self) -> int:
+        if self.t_s < boot.INITIALISED_S:
+            return int(mavlink.MAV_STATE_BOOT)
+        if self.failsafe:
+            return int(mavlink.MAV_STATE_CRITICAL)
+        return int(mavlink.MAV_STATE_STANDBY if self.flight.landed else mavlink.MAV_STATE_ACTIVE)
+
+    @on_request(mavlink.MAVLINK_MSG_ID_SYS_STATUS)
+    def _sys_status(self) -> Any:
+        return copter_telemetry.sys_status(self.state, prearm=self._prearm_bit())
+
+    @on_request(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
+    def _extended_sys_state(self) -> Any:
+        return mavlink.MAVLink_extended_sys_state_message(
+            mavlink.MAV_VTOL_STATE_MC, self._landed_state()
+        )
+
+    @on_request(mavlink.MAVLINK_MSG_ID_VFR_HUD)
+    def _vfr_hud(self) -> Any:
+        speed_m_s = telemetry.ground_speed_m_s(self.state)
+        return telemetry.vfr_hud(self.state, self.flight.throttle, airspeed_m_s=speed_m_s)
+
+    @on_request(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    def _autopilot_version(self) -> Any:
+        return copter_telemetry.autopilot_version(self.identity)
+
+    def _landed_state(self) -> int:
+        if self.flight.landed:
+            return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
+        if self.taking_off:
+            return int(mavlink.MAV_LANDED_STATE_TAKEOFF)
+        behaviour = self.flight.behaviour
+        if self.mode is CopterMode.LAND or (
+            isinstance(behaviour, ReturnHome) and behaviour.landing
+        ):
+            return int(mavlink.MAV_LANDED_STATE_LANDING)
+        return int(mavlink.MAV_LANDED_STATE_IN_AIR)
+
+    # Modes.
+
+    def set_mode(self, mode: int, submode: int) -> int:  # noqa: ARG002 - PX4 alone has submodes
+        """Change to a mode that the user wants, if it can run."""
+        wanted = copter_mode(mode)
+        return self.choose(wanted) if wanted is not None else FAILED
+
+    def choose(self, mode: CopterMode) -> int:
+        """Switch to the user's mode if it can run."""
+        if mode.needs_position and not self.position_valid:
+            self.outbox.say(WARNING, f"Mode change to {mode.words} failed: requires position")
+            return FAILED
+        self.failsafe = False
+        self.enter(mode)
+        return ACCEPTED
+
+    def enter(self, mode: CopterMode) -> None:
+        """Fly a mode from now on."""
+        self.taking_off = False
+        if mode is not self.mode:
+            self.mode = mode
+            # ArduPilot tells a new mode at once, beside its heartbeat of every second.
+            self.outbox.send_later(self._heartbeat())
+        self.velocity_at_s = None
+        super().enter(mode)
+
+    def fail(self, mode: CopterMode) -> None:
+        """Begin a failsafe: fly this mode until the user chooses another."""
+        self.enter(mode if self.position_valid else CopterMode.LAND)
+        self.failsafe = True
+
+    def _behaviour(self, mode: CopterMode) -> Behaviour:
+        if mode is CopterMode.GUIDED:
+            self.follow = self._new_follow()
+            self.follow.stand(self.state.now)
+            return self.follow
+        if mode is CopterMode.LAND:
+            return self.manoeuvres.land()
+        if mode in {CopterMode.RTL, CopterMode.SMART_RTL}:
+            return self.manoeuvres.go_home()
+        return self.manoeuvres.hold()
+
+    def _new_follow(self) -> Follow:
+        speeds = self.manoeuvres.speeds()
+        limit = self.avoidance.limited if self.avoidance.listens else None
+        return Follow(speeds=speeds, yaw_rad=0.0, may_lift=False, limit=limit)
+
+    # Arming.
+
+    def _is_forced(self, command: Command) -> bool:
+        return command.params[1] == (FORCE_ARM if command.params[0] == 1.0 else FORCE_DISARM)
+
+    def _begin_flight(self) -> None:
+        if self.t_s >= boot.HOME_SET_S:
+            self.set_home()
+        self.outbox.say(INFO, "Arming motors")
+
+    def set_home(self) -> None:
+        """Let home be here, and say so."""
+        self.state.home_ned_m = self.state.now.position_ned_m
+        self.outbox.send_later(telemetry.gps_global_origin(self.state))
+        self.outbox.send_later(telemetry.home_position(self.state))
+
+    def _arming_fault(self, *, force: bool) -> str | None:
+        fault = self._unready(force=force)
+        return None if fault is None else f"Arm: {fault}"
+
+    def _unready(self, *, force: bool) -> str | None:
+        """Return the first check that does not pass; None when all do."""
+        if self.refusal is not None:
+            return self.refusal
+        if self.t_s < boot.INITIALISED_S:
+            return "System not initialised"
+        if not self.mode.allows_arming:
+            return f"{self.mode.words} mode not armable"
+        if force:
+            return None
+        if not self._prearm_bit() or (self.mode.needs_position and not self.position_valid):
+            return "Need Position Estimate"
+        return self.avoidance.arming_fault(self.t_s)
+
+    def stop_motors(self, by: str) -> None:  # noqa: ARG002 - ArduCopter does not say by what
+        """Disarm now."""
+        self.flight.disarm()
+        self.taking_off = False
+        self.failsafe = False
+        self.outbox.say(INFO, "Disarming motors")
+
+    def strike(self, thing: str) -> None:
+        """Disarm: ArduCopter's crash check sees the attitude leave what was asked."""
+        if self.flight.armed:
+            self.outbox.say(EMERGENCY, f"Crash: Disarming ({thing})")
+            self.stop_motors("crash check")

@@ -1,0 +1,113 @@
+"""What ArduCopter 4.7 fills in its own way, and the streams of REQUEST_DATA_STREAM."""
+
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.autopilot.copter import copter_boot as boot
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+
+_CAPABILITIES = 64495
+_FLIGHT_VERSION = 0x04070000
+_COMMIT = b"90700977"
+_SITL_UID2 = b"3d1219c7c4c5404aa"
+
+
+def autopilot_version(identity: Identity) -> Any:
+    """Return AUTOPILOT_VERSION; SITL has no uid, and its uid2 is the machine's."""
+    uid2 = _SITL_UID2 if identity.uid2 is None else identity.uid2
+    return mavlink.MAVLink_autopilot_version_message(
+        _CAPABILITIES,
+        _FLIGHT_VERSION,
+        0,
+        0,
+        0,
+        tuple(_COMMIT),
+        (0,) * 8,
+        (0,) * 8,
+        0,
+        0,
+        identity.uid or 0,
+        tuple(uid2.ljust(18, b"\0")[:18]),
+    )
+
+
+def sys_status(s: State, *, prearm: bool) -> Any:
+    """Return SYS_STATUS."""
+    report = telemetry.LoadReport(0, round(s.charge.current_a * 100.0), 0)
+    return telemetry.sys_status(s, boot.sensors(s.clock_s), report, prearm=prearm)
+
+
+def ekf_status_report(s: State) -> Any:
+    """Return EKF_STATUS_REPORT."""
+    return mavlink.MAVLink_ekf_status_report_message(
+        boot.ekf_flags(s.clock_s), 0.01, 0.003, 0.001, 0.005, 0.0, 0.0
+    )
+
+
+def gps_raw_int(s: State) -> Any:
+    """Return GPS_RAW_INT: nothing for 10 s, then an RTK fix of 10 satellites as SITL has."""
+    fix, satellites = boot.gps(s.clock_s)
+    if fix == 0:
+        return mavlink.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
+    return telemetry.gps_raw_int(s, telemetry.Fix(fix, satellites, 121, 200, (300, 300)))
+
+
+def local_position_ned(s: State) -> Any | None:
+    """Return LOCAL_POSITION_NED; None before the estimator uses GPS."""
+    return telemetry.local_position_ned(s) if s.clock_s >= boot.POSITION_S else None
+
+
+def global_position_int(s: State) -> Any:
+    """Return GLOBAL_POSITION_INT: zeros before home is set."""
+    if s.clock_s < boot.HOME_SET_S:
+        return mavlink.MAVLink_global_position_int_message(s.boot_ms, 0, 0, 0, 0, 0, 0, 0, 0)
+    return telemetry.global_position_int(s)
+
+
+def timesync(s: State) -> Any:
+    """Return a TIMESYNC request; ArduPilot sends one each 10 s."""
+    return mavlink.MAVLink_timesync_message(0, s.boot_us * 1000 + 1)
+
+
+BUILDERS: dict[int, telemetry.Builder] = {
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ekf_status_report,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw_int,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
+    mavlink.MAVLINK_MSG_ID_RAW_IMU: telemetry.raw_imu,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: timesync,
+}
+
+RATES_HZ: dict[int, float] = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: 0.1,
+}
+"""By itself ArduPilot in SITL sends nothing else: streams are asked for."""
+
+STREAMS: dict[int, tuple[int, ...]] = {
+    mavlink.MAV_DATA_STREAM_RAW_SENSORS: (
+        mavlink.MAVLINK_MSG_ID_RAW_IMU,
+        mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE,
+    ),
+    mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: (
+        mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+        mavlink.MAVLINK_MSG_ID_MISSION_CURRENT,
+        mavlink.MAVLINK_MSG_ID_GPS_RAW_INT,
+        mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED,
+    ),
+    mavlink.MAV_DATA_STREAM_POSITION: (
+        mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    ),
+    mavlink.MAV_DATA_STREAM_EXTRA1: (mavlink.MAVLINK_MSG_ID_ATTITUDE,),
+    mavlink.MAV_DATA_STREAM_EXTRA2: (mavlink.MAVLINK_MSG_ID_VFR_HUD,),
+    mavlink.MAV_DATA_STREAM_EXTRA3: (
+        mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
+        mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
+        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+        mavlink.MAVLINK_MSG_ID_VIBRATION,
+    ),
+}
+"""What MAV_DATA_STREAM groups hold (ArduCopter/GCS_MAVLink_Copter.cpp), as far as it is here."""

@@ -1,0 +1,363 @@
+"""What both autopilots have in common: MAVLink in and out, commands, and the parts they use."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.airframe import Airframe
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from vehicles.embedded.autopilot.flight.flight import Flight, FlightStyle
+from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from vehicles.embedded.autopilot.services import mission_service
+from vehicles.embedded.autopilot.services.command_registry import (
+    ACCEPTED,
+    DENIED,
+    FAILED,
+    TEMPORARILY_REJECTED,
+    UNSUPPORTED,
+    Command,
+    from_int,
+    from_long,
+    marked,
+    on_command,
+    on_message,
+)
+from vehicles.embedded.autopilot.services.fence_items import Fence, FenceError, fence_of
+from vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
+from vehicles.embedded.autopilot.services.log_service import FlightLogs
+from vehicles.embedded.autopilot.services.outbox import Outbox
+from vehicles.embedded.autopilot.services.parameter_service import ParameterServer
+from vehicles.embedded.autopilot.services.stream_intervals import Streams
+from vehicles.embedded.battery import Charge
+from vehicles.embedded.states import Motion, Thrusts
+
+COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+
+
+class EmbeddedAutopilot(ABC):
+    """An autopilot between MAVLink messages and motor thrusts.
+
+    Pure: `handle` takes messages, `step` takes the estimate and gives thrusts; what is to be sent
+    stands in `outbox`. Times are the vehicle's own clock, s since start.
+    """
+
+    builders: ClassVar[dict[int, telemetry.Builder]]
+    style: ClassVar[FlightStyle]
+    is_px4: ClassVar[bool]
+    """PX4's conventions of the wire rather than ArduPilot's: parameters, texts, missions."""
+
+    def __init__(
+        self,
+        *,
+        identity: Identity,
+        airframe: Airframe,
+        dt_s: float,
+        charge: Charge,
+        parameters: Parameters,
+        rates_hz: Mapping[int, float],
+    ) -> None:
+        self.identity = identity
+        self.parameters = parameters
+        self.state = State(frame=identity.origin, charge=charge, max_thrust_n=airframe.max_thrust_n)
+        self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s)
+        self.streams = Streams(rates_hz, shortest_s=dt_s)
+        self.outbox = Outbox(count_all=self.is_px4)
+        self.fence = Fence()
+        self.missions = mission_service.MissionServer(
+            send=self.outbox.send,
+            accept=self._accept_items,
+            home=None if self.is_px4 else self._home_item,
+        )
+        log_format = ULog if self.is_px4 else DataFlash
+        self.logs = FlightLogs(
+            send=self.outbox.send,
+            begin=lambda t_us: log_format(t_us, parameters),
+            first=0 if self.is_px4 else 1,
+        )
+        self.never_ready = False
+        self.refusal: str | None = None
+        """Faults for tests: it never becomes ready, it refuses to arm for this reason."""
+        self.reboot_asked = False
+        self._arrived_s = 0.0
+        self._parameter_server = ParameterServer(parameters, strict=self.is_px4)
+        self._commands = marked(type(self), "mav_commands")
+        self._messages = marked(type(self), "mav_messages")
+        self._requests = marked(type(self), "mav_requests")
+        self.gcs_heard_s = -math.inf
+        """When a ground station's heartbeat last came."""
+
+    # What each autopilot does in its own way.
+
+    @abstractmethod
+    def supervise(self) -> None:
+        """Check modes, failsafes and readiness; called at 50 Hz."""
+
+    @abstractmethod
+    def set_mode(self, mode: int, submode: int) -> int:
+        """Do MAV_CMD_DO_SET_MODE; return a MAV_RESULT."""
+
+    @abstractmethod
+    def arm(self, *, force: bool) -> int:
+        """Arm; return a MAV_RESULT."""
+
+    @abstractmethod
+    def disarm(self, *, force: bool) -> int:
+        """Disarm; return a MAV_RESULT."""
+
+    @abstractmethod
+    def strike(self, thing: str) -> None:
+        """Take note that the airframe has hit something: its motors stand."""
+
+    @abstractmethod
+    def _is_forced(self, command: Command) -> bool:
+        """Return whether an arm or disarm command skips the checks."""
+
+    def _hears_texts(self) -> bool:
+        """Return whether the peer is one that is sent STATUSTEXT."""
+        return True
+
+    def _split_mode(self, custom_mode: int) -> tuple[int, int]:
+        """Return (mode, submode) of a custom_mode."""
+        return custom_mode, 0
+
+    def _fence_result(self, fence: Fence) -> int:  # noqa: ARG002 - subclasses look at it
+        """Return the MAV_MISSION_RESULT of an uploaded fence."""
+        return mission_service.ACCEPTED
+
+    # The loop.
+
+    def handle(self, message: Any, arrived_s: float) -> None:
+        """Take one MAVLink message; what is for others is left alone.
+
+        arrived_s: when it came, which is after the last step and before the next.
+        """
+        system = getattr(message, "target_system", 0)
+        component = getattr(message, "target_component", 0)
+        if system not in {0, self.identity.system_id} or component not in {0, COMPONENT}:
+            return
+        name = self._messages.get(message.get_type())
+        if name is not None:
+            self._arrived_s = arrived_s
+            getattr(self, name)(message)
+            self.outbox.release()
+
+    def step(
+        self, now: Motion, clock_s: float, *, touching: bool, charge: Charge, turn: bool
+    ) -> Thrusts:
+        """Return the thrusts for this estimate; `turn` marks every 20 ms, for what is slow."""
+        state = self.state
+        state.now = now
+        state.clock_s = clock_s
+        state.touching = touching
+        state.charge = charge
+        if turn:
+            self.supervise()
+            self.missions.turn(clock_s)
+            self.logs.turn(clock_s, armed=self.flight.armed, now=now)
+            for message in self._parameter_server.due():
+                self.outbox.send(message)
+            self.outbox.turn(texts_heard=self._hears_texts())
+        thrusts = state.thrusts = self.flight.step(now, clock_s, touching=touching)
+        state.target = self.flight.target
+        if clock_s >= self.streams.next_due_s:
+            for message_id in self.streams.due(clock_s):
+                self._send_id(message_id)
+        return thrusts
+
+    @property
+    def t_s(self) -> float:
+        """Return the vehicle's clock."""
+        return self.state.clock_s
+
+    def _send_id(self, message_id: int) -> bool:
+        """Queue a message by id; False when there is no such message here, or not yet."""
+        builder, name = self.builders.get(message_id), self._requests.get(message_id)
+        if builder is not None:
+            message = builder(self.state)
+        else:
+            message = getattr(self, name)() if name is not None else None
+        self.outbox.send(message)
+        return message is not None
+
+    # Messages that both take alike.
+
+    @on_message("HEARTBEAT")
+    def _on_heartbeat(self, message: Any) -> None:
+        if message.type == mavlink.MAV_TYPE_GCS:
+            self.gcs_heard_s = self.t_s
+
+    @on_message("TIMESYNC")
+    def _on_timesync(self, message: Any) -> None:
+        if message.tc1 == 0:
+            now_ns = self.state.stamp_us(self._arrived_s) * 1000
+            self.outbox.send(mavlink.MAVLink_timesync_message(now_ns, message.ts1))
+
+    @on_message("PING")
+    def _on_ping(self, message: Any) -> None:
+        if message.target_system == 0:
+            peer = (message.get_srcSystem(), message.get_srcComponent())
+            self.outbox.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *peer))
+
+    @on_message("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_REQUEST_END", "LOG_ERASE")
+    def _on_logs(self, message: Any) -> None:
+        self.logs.handle(message)
+
+    @on_message("PARAM_REQUEST_LIST")
+    def _on_parameter_list(self, _: Any) -> None:
+        self._parameter_server.request_list()
+
+    @on_message("PARAM_REQUEST_READ")
+    def _on_parameter_read(self, message: Any) -> None:
+        for answer in self._parameter_server.read(message):
+            self.outbox.send(answer)
+
+    @on_message("PARAM_SET")
+    def _on_parameter_set(self, message: Any) -> None:
+        for answer in self._parameter_server.write(message):
+            self.outbox.send(answer)
+
+    @on_message(
+        "MISSION_COUNT",
+        "MISSION_ITEM_INT",
+        "MISSION_ITEM",
+        "MISSION_REQUEST_LIST",
+        "MISSION_REQUEST_INT",
+        "MISSION_REQUEST",
+        "MISSION_CLEAR_ALL",
+    )
+    def _on_mission(self, message: Any) -> None:
+        self.missions.handle(message, self.t_s)
+
+    @on_message("MISSION_SET_CURRENT")
+    def _on_mission_set_current(self, message: Any) -> None:
+        if message.seq < len(self.missions.items(mission_service.MISSION)):
+            self.state.mission_seq = message.seq
+        self.outbox.send(telemetry.mission_current(self.state))
+
+    @on_message("COMMAND_LONG")
+    def _on_command_long(self, message: Any) -> None:
+        self._do(from_long(message))
+
+    @on_message("COMMAND_INT")
+    def _on_command_int(self, message: Any) -> None:
+        self._do(from_int(message))
+
+    @on_message("SET_MODE")
+    def _on_set_mode(self, message: Any) -> None:
+        """Take the message that old ground stations send instead of the command."""
+        if message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            self.set_mode(*self._split_mode(message.custom_mode))
+
+    def _do(self, command: Command) -> None:
+        name = self._commands.get(command.number)
+        result = getattr(self, name)(command) if name is not None else UNSUPPORTED
+        self.outbox.send(
+            mavlink.MAVLink_command_ack_message(
+                command.number, result, 0, 0, command.from_system, command.from_component
+            )
+        )
+
+    # Commands that both do alike.
+
+    @on_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
+    def _set_interval(self, command: Command) -> int:
+        number, interval_us = command.params[0], command.params[1]
+        if number not in mavlink.mavlink_map:
+            return DENIED
+        if interval_us == 0.0:
+            self.streams.reset_rate(int(number), now_s=self.t_s)
+        else:
+            rate_hz = 1e6 / interval_us if interval_us > 0.0 else 0.0
+            self.streams.set_rate(int(number), rate_hz, now_s=self.t_s)
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL)
+    def _get_interval(self, command: Command) -> int:
+        message_id = int(command.params[0])
+        interval_s = self.streams.interval_s(message_id)
+        interval_us = -1 if interval_s is None else round(interval_s * 1e6)
+        self.outbox.send(mavlink.MAVLink_message_interval_message(message_id, interval_us))
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_REQUEST_MESSAGE)
+    def _request_message(self, command: Command) -> int:
+        return ACCEPTED if self._send_id(int(command.params[0])) else FAILED
+
+    @on_command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES)
+    def _request_capabilities(self, _: Command) -> int:
+        self._send_id(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_DO_SET_MODE)
+    def _set_mode(self, command: Command) -> int:
+        base_mode, mode, submode, _ = command.params
+        if not int(base_mode) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return DENIED
+        return self.set_mode(int(mode), int(submode))
+
+    @on_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
+    def _arm_disarm(self, command: Command) -> int:
+        forced = self._is_forced(command)
+        if command.params[0] == 1.0:
+            return self.arm(force=forced)
+        if command.params[0] == 0.0:
+            return self.disarm(force=forced)
+        return UNSUPPORTED
+
+    @on_command(mavlink.MAV_CMD_GET_HOME_POSITION)
+    def _get_home(self, _: Command) -> int:
+        return ACCEPTED if self._send_id(mavlink.MAVLINK_MSG_ID_HOME_POSITION) else FAILED
+
+    @on_command(mavlink.MAV_CMD_DO_SET_HOME)
+    def _set_home(self, command: Command) -> int:
+        if command.params[0] == 1.0:
+            self.state.home_ned_m = self.state.now.position_ned_m
+        elif math.isfinite(command.x + command.y + command.z):
+            self.state.home_ned_m = self.state.frame.to_ned(command.x, command.y, command.z)
+        else:
+            return DENIED
+        self.outbox.send_later(telemetry.home_position(self.state))
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN)
+    def _reboot(self, command: Command) -> int:
+        if self.flight.armed:
+            return TEMPORARILY_REJECTED
+        if command.params[0] != 1.0:
+            return UNSUPPORTED
+        self.reboot_asked = True
+        return ACCEPTED
+
+    # Missions and fences.
+
+    def _accept_items(self, kind: int, items: tuple[Item, ...]) -> int:
+        if kind == mission_service.FENCE:
+            try:
+                fence = fence_of(items, self.state.frame)
+            except FenceError:
+                return int(mavlink.MAV_MISSION_INVALID)
+            result = self._fence_result(fence)
+            if result == mission_service.ACCEPTED:
+                self.fence = fence
+            return result
+        if kind == mission_service.MISSION:
+            self.state.mission_seq = 0
+            self.state.mission_total = len(items)
+        return mission_service.ACCEPTED
+
+    def _home_item(self) -> Item:
+        frame, home = self.state.frame, self.state.home_ned_m
+        here = frame.to_geodetic(home or (0.0, 0.0, 0.0))
+        return Item(
+            mavlink.MAV_FRAME_GLOBAL,
+            mavlink.MAV_CMD_NAV_WAYPOINT,
+            (0.0, 0.0, 0.0, 0.0),
+            round(here.latitude_deg * 1e7),
+            round(here.longitude_deg * 1e7),
+            here.altitude_m,
+        )

@@ -1,0 +1,1 @@
+"""How an emulated autopilot flies: behaviours, missions, telemetry of its state."""

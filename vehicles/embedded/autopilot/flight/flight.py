@@ -1,0 +1,150 @@
+"""From arming to landing: motors, behaviours, and what the autopilot knows of the ground."""
+
+import math
+from dataclasses import dataclass
+
+from vehicles.embedded.airframe import Airframe
+from vehicles.embedded.autopilot.flight.guidance import Behaviour
+from vehicles.embedded.controller import Controller, Gains, Target
+from vehicles.embedded.states import STOPPED, Motion, Thrusts
+
+_IDLE_SHARE = 0.08
+_LIFT_SHARE = 0.92
+"""Parts of hover thrust: armed on the ground, and just before the ground is left."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlightStyle:
+    """The times by which the autopilots differ, s.
+
+    spool: from arming until thrust may rise. lift: from then until the ground is left. noticed:
+    from the rise of thrust until the autopilot says that it takes off. touch: how long the ground
+    is felt until it counts as landed.
+    """
+
+    gains: Gains
+    spool_s: float
+    lift_s: float
+    noticed_s: float
+    touch_s: float
+
+
+class Flight:
+    """Motors and motion of one armed or disarmed vehicle."""
+
+    def __init__(self, *, style: FlightStyle, airframe: Airframe, dt_s: float) -> None:
+        self._style = style
+        self._hover_n = airframe.hover_thrust_n
+        self._top_n = airframe.max_thrust_n
+        self.controller = Controller(airframe=airframe, gains=style.gains, dt_s=dt_s)
+        self.behaviour: Behaviour | None = None
+        self.armed = False
+        self.landed = True
+        self.lifting = False
+        """Off the ground, or thrust has risen so far that the autopilot says so."""
+        self.armed_at_s = 0.0
+        self.landed_at_s: float | None = None
+        """When it last landed since arming; None before the first takeoff."""
+        self.motors_cut = False
+        self.target: Target | None = None
+        """What the controller flies; None on the ground."""
+        self._lift_began_s: float | None = None
+        self._touch_began_s: float | None = None
+        self._commanded: Thrusts = STOPPED
+
+    @property
+    def throttle(self) -> float:
+        """Return the mean thrust commanded, 0 to 1."""
+        return sum(self._commanded) / (4.0 * self._top_n)
+
+    def arm(self, t_s: float) -> None:
+        """Start the motors, idling."""
+        self.armed = True
+        self.armed_at_s = t_s
+        self.landed_at_s = None
+        self._lift_began_s = None
+
+    def disarm(self) -> None:
+        """Stop the motors."""
+        self.armed = False
+        self.lifting = False
+        self._commanded = STOPPED
+
+    def fly(self, behaviour: Behaviour) -> None:
+        """Fly this from now on."""
+        self.behaviour = behaviour
+
+    def step(self, now: Motion, t_s: float, *, touching: bool) -> Thrusts:
+        """Return the thrusts of this step."""
+        if not self.armed or self.motors_cut or self.behaviour is None:
+            self._commanded = STOPPED
+            self.target = None
+            if touching and not self.landed:
+                self._land(t_s)
+            return STOPPED
+        if self.landed:
+            self.target = None
+            thrusts = self._on_ground(self.behaviour, now, t_s)
+        else:
+            self.target = target = self.behaviour.update(now, t_s)
+            thrusts = self.controller.run(now, target)
+            self._feel_ground(self.behaviour, t_s, touching=touching)
+        self._commanded = thrusts
+        return thrusts
+
+    def _on_ground(self, behaviour: Behaviour, now: Motion, t_s: float) -> Thrusts:
+        """Idle; once a behaviour lifts, let thrust rise until the vehicle is nearly carried."""
+        style = self._style
+        share = _IDLE_SHARE
+        if behaviour.lifts and t_s >= self.armed_at_s + style.spool_s:
+            if self._lift_began_s is None:
+                self._lift_began_s = t_s
+            rising_s = t_s - self._lift_began_s
+            self.lifting = rising_s >= style.noticed_s
+            if rising_s >= style.lift_s:
+                self._leave_ground(now)
+            share = _IDLE_SHARE + (_LIFT_SHARE - _IDLE_SHARE) * min(1.0, rising_s / style.lift_s)
+        else:
+            self._lift_began_s = None
+            self.lifting = False
+        thrust_n = share * self._hover_n
+        return (thrust_n, thrust_n, thrust_n, thrust_n)
+
+    def _leave_ground(self, now: Motion) -> None:
+        self.landed = False
+        self.lifting = True
+        self._lift_began_s = None
+        self._touch_began_s = None
+        self.controller.reset(yaw_rad=now.euler_rad[2])
+
+    def _feel_ground(self, behaviour: Behaviour, t_s: float, *, touching: bool) -> None:
+        if not (touching and behaviour.descends):
+            self._touch_began_s = None
+        elif self._touch_began_s is None:
+            self._touch_began_s = t_s
+        elif t_s - self._touch_began_s >= self._style.touch_s:
+            self._land(t_s)
+
+    def _land(self, t_s: float) -> None:
+        self.landed = True
+        self.lifting = False
+        self.landed_at_s = t_s
+
+
+class TiltWatch:
+    """Tells when the body has been tilted beyond a limit for some time: nobody flies so."""
+
+    def __init__(self, *, limit_rad: float, for_s: float) -> None:
+        self._cosine = math.cos(limit_rad)
+        self._for_s = for_s
+        self._since_s: float | None = None
+
+    def tumbling(self, now: Motion, t_s: float) -> bool:
+        """Take the present attitude; return whether the time is up."""
+        roll, pitch, _ = now.euler_rad
+        if math.cos(roll) * math.cos(pitch) >= self._cosine:
+            self._since_s = None
+            return False
+        if self._since_s is None:
+            self._since_s = t_s
+        return t_s - self._since_s >= self._for_s

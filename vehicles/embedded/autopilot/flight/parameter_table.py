@@ -1,0 +1,106 @@
+"""The table of an autopilot's parameters, and their two encodings on the wire."""
+
+import struct
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import yaml
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+_KINDS = {
+    "int8": mavlink.MAV_PARAM_TYPE_INT8,
+    "int16": mavlink.MAV_PARAM_TYPE_INT16,
+    "int32": mavlink.MAV_PARAM_TYPE_INT32,
+    "float": mavlink.MAV_PARAM_TYPE_REAL32,
+}
+_BYTEWISE_FORMATS = {mavlink.MAV_PARAM_TYPE_INT32: "<i", mavlink.MAV_PARAM_TYPE_REAL32: "<f"}
+_REAL32: int = mavlink.MAV_PARAM_TYPE_REAL32
+
+
+class Parameter(NamedTuple):
+    """A parameter: its MAV_PARAM_TYPE, and its value as a number."""
+
+    name: str
+    kind: int
+    value: float
+
+
+class Parameters:
+    """The table, in the order of names; values as plain numbers.
+
+    bytewise: PX4's convention, where an integer's bits travel in the float field; otherwise
+    ArduPilot's, where the value is cast to float.
+    """
+
+    def __init__(self, table: tuple[Parameter, ...], *, bytewise: bool) -> None:
+        self._entries = {entry.name: entry for entry in sorted(table)}
+        self._names = tuple(self._entries)
+        self._bytewise = bytewise
+
+    def __getitem__(self, name: str) -> float:
+        return self._entries[name].value
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._entries
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def kind(self, name: str) -> int:
+        """Return the MAV_PARAM_TYPE."""
+        return self._entries[name].kind
+
+    def is_whole(self, name: str) -> bool:
+        """Return whether it is an integer."""
+        kind = self._entries[name].kind
+        return kind != _REAL32
+
+    def index(self, name: str) -> int:
+        """Return the place in the list."""
+        return self._names.index(name)
+
+    def name_at(self, index: int) -> str | None:
+        """Return the name at a place of the list; None beyond its end."""
+        return self._names[index] if 0 <= index < len(self._names) else None
+
+    def set(self, name: str, value: float) -> None:
+        """Set a value; integers drop their fraction. Raises KeyError for an unknown name."""
+        entry = self._entries[name]
+        if entry.kind != mavlink.MAV_PARAM_TYPE_REAL32:
+            value = float(int(value))
+        self._entries[name] = entry._replace(value=value)
+
+    def to_wire(self, name: str) -> float:
+        """Return the value as it travels in a float field."""
+        entry = self._entries[name]
+        if not self._bytewise or entry.kind == mavlink.MAV_PARAM_TYPE_REAL32:
+            return entry.value
+        return float(struct.unpack("<f", struct.pack("<i", int(entry.value)))[0])
+
+    def from_wire(self, kind: int, value: float) -> float:
+        """Return the number that a float field carries for this MAV_PARAM_TYPE."""
+        if not self._bytewise or kind == mavlink.MAV_PARAM_TYPE_REAL32:
+            return value
+        return float(struct.unpack(_BYTEWISE_FORMATS[kind], struct.pack("<f", value))[0])
+
+
+def load_parameters(file: Path, *, bytewise: bool, overrides: Mapping[str, float]) -> Parameters:
+    """Return the table of a YAML file (`NAME: [kind, value]`), with some values replaced.
+
+    Raises ValueError for an override that the table does not have.
+    """
+    rows: dict[str, tuple[str, float]] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    table = tuple(
+        Parameter(name, _KINDS[kind], float(value)) for name, (kind, value) in rows.items()
+    )
+    parameters = Parameters(table, bytewise=bytewise)
+    unknown = [name for name in overrides if name not in parameters]
+    if unknown:
+        raise ValueError(f"the autopilot has no parameter {', '.join(sorted(unknown))}")
+    for name, value in overrides.items():
+        parameters.set(name, value)
+    return parameters

@@ -1,0 +1,81 @@
+"""SET_POSITION_TARGET_* to what a vehicle flies: frames and masks, MAVLink's common.xml."""
+
+import math
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.autopilot.flight.guidance import Wanted
+from vehicles.embedded.states import Motion
+from worlds.frames import Vec3, add, quat_from_euler, rotate
+from worlds.geodesy import LocalFrame
+
+_VELOCITY_BITS = 0b111 << 3
+_YAW_BIT = 1 << 10
+_YAW_RATE_BIT = 1 << 11
+
+_BODY_FRAMES = {
+    mavlink.MAV_FRAME_BODY_NED,
+    mavlink.MAV_FRAME_BODY_OFFSET_NED,
+    mavlink.MAV_FRAME_BODY_FRD,
+}
+_OFFSET_FRAMES = {*_BODY_FRAMES, mavlink.MAV_FRAME_LOCAL_OFFSET_NED}
+
+
+def local_setpoint(message: Any, now: Motion) -> Wanted | None:
+    """Return what a SET_POSITION_TARGET_LOCAL_NED asks for; None when it asks for nothing to fly.
+
+    Offsets count from the present position; body frames turn with the heading alone (ArduPilot's
+    BODY_NED and BODY_OFFSET_NED).
+    """
+    position: Vec3 = (message.x, message.y, message.z)
+    velocity: Vec3 = (message.vx, message.vy, message.vz)
+    frame, yaw = message.coordinate_frame, message.yaw
+    if frame in _BODY_FRAMES:
+        heading = quat_from_euler(0.0, 0.0, now.euler_rad[2])
+        position, velocity = rotate(heading, position), rotate(heading, velocity)
+        yaw += now.euler_rad[2]
+    if frame in _OFFSET_FRAMES:
+        position = add(position, now.position_ned_m)
+    return _wanted(message, position, velocity, yaw)
+
+
+def global_setpoint(message: Any, frame: LocalFrame, home_down_m: float) -> Wanted | None:
+    """Return what a SET_POSITION_TARGET_GLOBAL_INT asks for; None for nothing to fly."""
+    altitude_m = message.alt
+    if message.coordinate_frame in RELATIVE_ALTITUDE_FRAMES:
+        altitude_m += frame.altitude_m - home_down_m
+    position = frame.to_ned(message.lat_int * 1e-7, message.lon_int * 1e-7, altitude_m)
+    return _wanted(message, position, (message.vx, message.vy, message.vz), message.yaw)
+
+
+RELATIVE_ALTITUDE_FRAMES = {
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
+}
+
+
+def _wanted(message: Any, position: Vec3, velocity: Vec3, yaw_rad: float) -> Wanted | None:
+    mask = message.type_mask
+    axes = [
+        None if mask >> i & 1 or not math.isfinite(position[i]) else position[i] for i in range(3)
+    ]
+    speeds = [
+        0.0 if mask >> (3 + i) & 1 or not math.isfinite(velocity[i]) else velocity[i]
+        for i in range(3)
+    ]
+    has_position = any(axis is not None for axis in axes)
+    has_velocity = mask & _VELOCITY_BITS != _VELOCITY_BITS
+    has_yaw = not mask & _YAW_BIT and math.isfinite(yaw_rad)
+    has_rate = not mask & _YAW_RATE_BIT and math.isfinite(message.yaw_rate)
+    if not (has_position or has_velocity):
+        return None
+    return Wanted(
+        (axes[0], axes[1], axes[2]),
+        (speeds[0], speeds[1], speeds[2]),
+        yaw_rad if has_yaw else None,
+        message.yaw_rate if has_rate and not has_yaw else 0.0,
+        has_velocity,
+    )

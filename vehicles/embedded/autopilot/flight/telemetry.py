@@ -1,0 +1,303 @@
+"""Telemetry that both autopilots send alike: one function per message, from the state."""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.autopilot.flight.autopilot_state import State
+from worlds.frames import quat_from_euler
+
+Builder = Callable[[State], Any]
+NO_QUATERNION = (math.nan, math.nan, math.nan, math.nan)
+_UNKNOWN_VOLTAGE = 65535
+
+
+def attitude(s: State) -> Any:
+    """Return ATTITUDE."""
+    return mavlink.MAVLink_attitude_message(s.boot_ms, *s.now.euler_rad, *s.now.rates_rad_s)
+
+
+def attitude_quaternion(s: State) -> Any:
+    """Return ATTITUDE_QUATERNION."""
+    q = quat_from_euler(*s.now.euler_rad)
+    return mavlink.MAVLink_attitude_quaternion_message(s.boot_ms, *q, *s.now.rates_rad_s)
+
+
+def local_position_ned(s: State) -> Any:
+    """Return LOCAL_POSITION_NED, relative to the estimator's origin."""
+    return mavlink.MAVLink_local_position_ned_message(
+        s.boot_ms, *s.now.position_ned_m, *s.now.velocity_ned_m_s
+    )
+
+
+def global_position_int(s: State) -> Any:
+    """Return GLOBAL_POSITION_INT."""
+    here = s.frame.to_geodetic(s.now.position_ned_m)
+    north, east, down = s.now.velocity_ned_m_s
+    return mavlink.MAVLink_global_position_int_message(
+        s.boot_ms,
+        round(here.latitude_deg * 1e7),
+        round(here.longitude_deg * 1e7),
+        round(here.altitude_m * 1e3),
+        round((s.home_down_m - s.now.position_ned_m[2]) * 1e3),
+        _centi(north),
+        _centi(east),
+        _centi(down),
+        _centidegrees(s.now.euler_rad[2]),
+    )
+
+
+def home_position(s: State) -> Any | None:
+    """Return HOME_POSITION; None before home is known."""
+    if s.home_ned_m is None:
+        return None
+    here = s.frame.to_geodetic(s.home_ned_m)
+    return mavlink.MAVLink_home_position_message(
+        round(here.latitude_deg * 1e7),
+        round(here.longitude_deg * 1e7),
+        round(here.altitude_m * 1e3),
+        *s.home_ned_m,
+        NO_QUATERNION,
+        0.0,
+        0.0,
+        0.0,
+        s.boot_us,
+    )
+
+
+def gps_global_origin(s: State) -> Any:
+    """Return GPS_GLOBAL_ORIGIN."""
+    origin = s.frame
+    return mavlink.MAVLink_gps_global_origin_message(
+        round(origin.latitude_deg * 1e7),
+        round(origin.longitude_deg * 1e7),
+        round(origin.altitude_m * 1e3),
+        s.boot_us,
+    )
+
+
+def system_time(s: State) -> Any:
+    """Return SYSTEM_TIME; the vehicle does not know the time of day."""
+    return mavlink.MAVLink_system_time_message(0, s.boot_ms)
+
+
+def battery_status(s: State) -> Any:
+    """Return BATTERY_STATUS, the whole pack as one cell, as SITL gives it."""
+    charge = s.charge
+    return mavlink.MAVLink_battery_status_message(
+        0,
+        mavlink.MAV_BATTERY_FUNCTION_ALL,
+        mavlink.MAV_BATTERY_TYPE_LIPO,
+        32767,
+        (round(charge.voltage_v * 1e3), *(_UNKNOWN_VOLTAGE,) * 9),
+        round(charge.current_a * 100.0),
+        round(charge.consumed_mah),
+        -1,
+        round(charge.remaining * 100.0),
+        0,
+        mavlink.MAV_BATTERY_CHARGE_STATE_OK,
+    )
+
+
+def highres_imu(s: State) -> Any:
+    """Return HIGHRES_IMU: accelerations, rates, and the pressure of the altitude."""
+    altitude_m = s.frame.altitude_m - s.now.position_ned_m[2]
+    return mavlink.MAVLink_highres_imu_message(
+        s.boot_us,
+        *s.now.specific_force_m_s2,
+        *s.now.rates_rad_s,
+        *_magnetic_field_gauss(s),
+        pressure_hpa(altitude_m),
+        0.0,
+        altitude_m,
+        15.0,
+        0b1_1111_1111_1111,
+    )
+
+
+def raw_imu(s: State) -> Any:
+    """Return RAW_IMU with ArduPilot's scaling: mg, mrad/s, mgauss."""
+    force, rates, field = s.now.specific_force_m_s2, s.now.rates_rad_s, _magnetic_field_gauss(s)
+    return mavlink.MAVLink_raw_imu_message(
+        s.boot_us,
+        *(_int16(f / 9.80665 * 1e3) for f in force),
+        *(_int16(r * 1e3) for r in rates),
+        *(_int16(b * 1e3) for b in field),
+        0,
+        4500,
+    )
+
+
+def scaled_pressure(s: State) -> Any:
+    """Return SCALED_PRESSURE."""
+    altitude_m = s.frame.altitude_m - s.now.position_ned_m[2]
+    return mavlink.MAVLink_scaled_pressure_message(s.boot_ms, pressure_hpa(altitude_m), 0.0, 1500)
+
+
+def mission_current(s: State) -> Any:
+    """Return MISSION_CURRENT."""
+    return mavlink.MAVLink_mission_current_message(s.mission_seq, s.mission_total)
+
+
+def position_target_local_ned(s: State) -> Any | None:
+    """Return POSITION_TARGET_LOCAL_NED, what the controller is flying; None when idle."""
+    target = s.target
+    if target is None:
+        return None
+    mask, position = 0b111 << 6, []
+    for axis, value in enumerate(target.position_ned_m):
+        if value is None:
+            mask |= 1 << axis
+        position.append(value if value is not None else 0.0)
+    mask |= 1 << 10 if target.yaw_rad is None else 1 << 11
+    return mavlink.MAVLink_position_target_local_ned_message(
+        s.boot_ms,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        mask,
+        *position,
+        *target.velocity_ned_m_s,
+        0.0,
+        0.0,
+        0.0,
+        target.yaw_rad if target.yaw_rad is not None else 0.0,
+        target.yaw_rate_rad_s,
+    )
+
+
+def altitude(s: State) -> Any:
+    """Return ALTITUDE."""
+    up = -s.now.position_ned_m[2]
+    amsl = s.frame.altitude_m + up
+    return mavlink.MAVLink_altitude_message(
+        s.boot_us, amsl, amsl, up, s.home_down_m + up, math.nan, math.nan
+    )
+
+
+def vibration(s: State) -> Any:
+    """Return VIBRATION: none."""
+    return mavlink.MAVLink_vibration_message(s.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)
+
+
+class SensorMasks(NamedTuple):
+    """Masks of SYS_STATUS; health without the pre-arm bit."""
+
+    present: int
+    enabled: int
+    health: int
+
+
+class LoadReport(NamedTuple):
+    """What else SYS_STATUS holds: load in 0.1 %, current in cA, the last of its extensions."""
+
+    load: int
+    current_ca: int
+    health_extended: int
+
+
+def sys_status(s: State, masks: SensorMasks, report: LoadReport, *, prearm: bool) -> Any:
+    """Return SYS_STATUS."""
+    charge = s.charge
+    return mavlink.MAVLink_sys_status_message(
+        masks.present,
+        masks.enabled,
+        masks.health | (mavlink.MAV_SYS_STATUS_PREARM_CHECK if prearm else 0),
+        report.load,
+        round(charge.voltage_v * 1e3),
+        report.current_ca,
+        round(charge.remaining * 100.0),
+        0, 0, 0, 0, 0, 0, 0, 0, report.health_extended,
+    )  # fmt: skip
+
+
+class Fix(NamedTuple):
+    """What GPS_RAW_INT says of the fix: its quality as MAVLink scales it."""
+
+    kind: int
+    satellites: int
+    eph: int
+    epv: int
+    accuracies: tuple[int, ...]
+    """Horizontal and vertical in mm, and of velocity in mm/s where it is given."""
+
+
+def gps_raw_int(s: State, fix: Fix) -> Any:
+    """Return GPS_RAW_INT at the estimate."""
+    here = s.frame.to_geodetic(s.now.position_ned_m)
+    altitude_mm = round(here.altitude_m * 1e3)
+    return mavlink.MAVLink_gps_raw_int_message(
+        s.boot_us,
+        fix.kind,
+        round(here.latitude_deg * 1e7),
+        round(here.longitude_deg * 1e7),
+        altitude_mm,
+        fix.eph,
+        fix.epv,
+        round(ground_speed_m_s(s) * 100.0),
+        heading_deg(s) * 100,
+        fix.satellites,
+        altitude_mm,
+        *fix.accuracies,
+    )
+
+
+def vfr_hud(s: State, throttle: float, *, airspeed_m_s: float) -> Any:
+    """Return VFR_HUD; the altitude is above mean sea level."""
+    return mavlink.MAVLink_vfr_hud_message(
+        airspeed_m_s,
+        ground_speed_m_s(s),
+        heading_deg(s),
+        round(throttle * 100.0),
+        s.frame.altitude_m - s.now.position_ned_m[2],
+        -s.now.velocity_ned_m_s[2],
+    )
+
+
+def pressure_hpa(altitude_m: float) -> float:
+    """Return the pressure of the standard atmosphere below 11 km (ISO 2533)."""
+    return float(1013.25 * (1.0 - 2.25577e-5 * altitude_m) ** 5.25588)
+
+
+def ground_speed_m_s(s: State) -> float:
+    """Return the horizontal speed."""
+    return math.hypot(s.now.velocity_ned_m_s[0], s.now.velocity_ned_m_s[1])
+
+
+def heading_deg(s: State) -> int:
+    """Return the heading in whole degrees, 0 to 359."""
+    return round(math.degrees(s.now.euler_rad[2])) % 360
+
+
+COMMON: dict[int, Builder] = {
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: attitude,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude_quaternion,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: position_target_local_ned,
+    mavlink.MAVLINK_MSG_ID_VIBRATION: vibration,
+}
+
+
+def _magnetic_field_gauss(s: State) -> tuple[float, float, float]:
+    """Return the horizontal field of central Europe (0.21 G north, 0.43 G down), level body."""
+    yaw = s.now.euler_rad[2]
+    return (0.21 * math.cos(yaw), -0.21 * math.sin(yaw), 0.43)
+
+
+def _centi(value: float) -> int:
+    return max(-32768, min(32767, round(value * 100.0)))
+
+
+def _int16(value: float) -> int:
+    return max(-32768, min(32767, round(value)))
+
+
+def _centidegrees(angle_rad: float) -> int:
+    return round(math.degrees(angle_rad) * 100.0) % 36000

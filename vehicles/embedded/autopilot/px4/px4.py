@@ -1,0 +1,237 @@
+"""An autopilot that behaves to the outside as PX4 1.18 in SITL (SIH quadrotor) does."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.airframe import Airframe
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import TiltWatch
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, TakeOff, Wanted
+from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.autopilot.px4.px4_core import Px4Core
+from vehicles.embedded.autopilot.px4.px4_failsafes import (
+    WARNINGS,
+    Action,
+    Decision,
+    Failsafes,
+    View,
+)
+from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode
+from vehicles.embedded.autopilot.services import mission_service
+from vehicles.embedded.autopilot.services.command_registry import (
+    ACCEPTED,
+    DENIED,
+    UNSUPPORTED,
+    Command,
+    on_command,
+    on_message,
+)
+from vehicles.embedded.autopilot.services.fence_items import Fence
+from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
+from vehicles.embedded.battery import Charge
+from worlds.frames import Vec3, quat_from_euler, rotate
+
+_HEADING_TEXT_S = 2.55
+_TILT_FOR_S = 0.3
+"""FD_FAIL_R_TTRI, FD_FAIL_P_TTRI."""
+_BREAKER_CLOSED = 121212
+"""Of CBRK_FLIGHTTERM: the failure detector does not terminate by itself."""
+_FAILSAFE_MODES = {
+    Action.HOLD: Px4Mode.HOLD,
+    Action.RETURN: Px4Mode.RTL,
+    Action.LAND: Px4Mode.LAND,
+}
+
+
+class Px4(Px4Core):
+    """PX4 on the wire: setpoints, commands, missions, failsafes."""
+
+    def __init__(
+        self,
+        *,
+        identity: Identity,
+        airframe: Airframe,
+        dt_s: float,
+        charge: Charge,
+        overrides: Mapping[str, float],
+        full_streams: bool = False,
+    ) -> None:
+        super().__init__(
+            identity=identity,
+            airframe=airframe,
+            dt_s=dt_s,
+            charge=charge,
+            overrides=overrides,
+            full_streams=full_streams,
+        )
+        self._failsafes = Failsafes(self.parameters)
+        self._tilt = TiltWatch(
+            limit_rad=math.radians(self.parameters["FD_FAIL_R"]), for_s=_TILT_FOR_S
+        )
+        self._takeoff_down_m: float | None = None
+        self._heading_text_said = False
+
+    # Setpoints.
+
+    @on_message("SET_POSITION_TARGET_LOCAL_NED")
+    def _on_local_setpoint(self, message: Any) -> None:
+        frame, now = message.coordinate_frame, self.state.now
+        if frame == mavlink.MAV_FRAME_BODY_NED:
+            # PX4 turns body velocities with the whole attitude, and takes no body positions.
+            body: Vec3 = (message.vx, message.vy, message.vz)
+            message.vx, message.vy, message.vz = rotate(quat_from_euler(*now.euler_rad), body)
+            message.type_mask |= 0b111
+        elif frame != mavlink.MAV_FRAME_LOCAL_NED:
+            self.outbox.say(
+                CRITICAL, f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported\t"
+            )
+            return
+        message.coordinate_frame = mavlink.MAV_FRAME_LOCAL_NED
+        self._take_setpoint(local_setpoint(message, now))
+
+    def _takes_global_setpoints(self) -> bool:
+        return self.position_valid
+
+    def _take_setpoint(self, wanted: Wanted | None) -> None:
+        if wanted is None:
+            return
+        self.setpoint_at_s = self.t_s
+        self.follow.set(wanted, keep_yaw_rad=self.flight.controller.yaw_setpoint_rad)
+
+    # Commands.
+
+    def choose(self, mode: Px4Mode) -> int:
+        """Switch to the user's mode; a failsafe that was pending is dropped."""
+        result = super().choose(mode)
+        if result == ACCEPTED:
+            self._failsafes.user_took_over()
+        return result
+
+    def _begin_flight(self) -> None:
+        super()._begin_flight()
+        self._failsafes.reset()
+
+    @on_command(mavlink.MAV_CMD_NAV_TAKEOFF)
+    def _take_off(self, command: Command) -> int:
+        origin_m = self.state.frame.altitude_m
+        self._takeoff_down_m = origin_m - command.z if math.isfinite(command.z) else None
+        return self.choose(Px4Mode.TAKEOFF)
+
+    @on_command(mavlink.MAV_CMD_DO_REPOSITION)
+    def _reposition(self, command: Command) -> int:
+        if not self.position_valid:
+            return DENIED
+        position = self._place_of(command)
+        result = self.choose(Px4Mode.HOLD)
+        if result == ACCEPTED and not self.flight.landed:
+            speed, _, _, yaw = command.params
+            self.flight.fly(self.manoeuvres.go_to(position, speed_m_s=speed, yaw_rad=yaw))
+        return result
+
+    @on_command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION)
+    def _terminate(self, command: Command) -> int:
+        if command.params[0] > 0.5 and self.flight.armed:
+            self.terminate("Flight termination by command")
+            return ACCEPTED
+        return UNSUPPORTED
+
+    # Flying.
+
+    def _behaviour(self, mode: Px4Mode) -> Behaviour:
+        if mode is Px4Mode.TAKEOFF:
+            down_m = self._takeoff_down_m
+            if down_m is None:
+                height_m = self.parameters["MIS_TAKEOFF_ALT"]
+                down_m = self.state.home_down_m - height_m
+                self.outbox.say(INFO, f"Using default takeoff altitude: {height_m:.1f} m\t")
+            self._takeoff_down_m = None
+            return self.manoeuvres.take_off(down_m)
+        if mode is Px4Mode.MISSION:
+            return self._mission() or super()._behaviour(Px4Mode.HOLD)
+        return super()._behaviour(mode)
+
+    # Supervision.
+
+    def supervise(self) -> None:
+        """Say what is due; check modes and failsafes."""
+        if self.state.home_ned_m is None and self.position_valid:
+            self.state.home_ned_m = self.state.now.position_ned_m
+        if not self._heading_text_said and self.t_s >= _HEADING_TEXT_S:
+            self._heading_text_said = True
+            self.outbox.say(CRITICAL, "Preflight Fail: no heading reference\t")
+        if not self.flight.armed:
+            return
+        self._say_phases()
+        if not self.terminated:
+            self._end_takeoff()
+            if self._tilt.tumbling(self.state.now, self.t_s) and self._may_terminate():
+                self.terminate("Critical failure detected: terminate flight")
+            decision = self._failsafes.check(self._view())
+            if decision is not None:
+                self._act(decision)
+        self._disarm_when_due()
+
+    def _may_terminate(self) -> bool:
+        return int(self.parameters["CBRK_FLIGHTTERM"]) != _BREAKER_CLOSED
+
+    def _say_phases(self) -> None:
+        flying = self.flight.lifting or not self.flight.landed
+        if flying is not self.flying:
+            self.flying = flying
+            self.outbox.say(INFO, "Takeoff detected\t" if flying else "Landing detected\t")
+
+    def _end_takeoff(self) -> None:
+        """Go from TAKEOFF to HOLD at its height, when near it."""
+        behaviour = self.flight.behaviour
+        if self.mode is Px4Mode.TAKEOFF and isinstance(behaviour, TakeOff) and behaviour.done:
+            self.choose(Px4Mode.HOLD)
+            self.flight.fly(
+                Hold(
+                    speeds=self.manoeuvres.speeds(),
+                    yaw_rad=behaviour.yaw_rad,
+                    position_ned_m=behaviour.goal_ned_m,
+                )
+            )
+
+    def _view(self) -> View:
+        return View(
+            t_s=self.t_s,
+            offboard=self.mode is Px4Mode.OFFBOARD,
+            setpoint_age_s=self.t_s - self.setpoint_at_s,
+            gcs_age_s=self.t_s - self.gcs_heard_s,
+            battery=self.state.charge.remaining,
+            outside_fence=self._outside(self.fence),
+        )
+
+    def _act(self, decision: Decision) -> None:
+        action = decision.action
+        if action is Action.WARN:
+            self.outbox.say(WARNING, WARNINGS[decision.cause])
+        elif action is Action.DISARM:
+            self.stop_motors("failsafe")
+        elif action is Action.TERMINATE:
+            self.terminate("Failsafe activated: terminate")
+        elif not self.flight.landed or decision.cause == "offboard":
+            self.fail(_FAILSAFE_MODES[action])
+
+    def _outside(self, fence: Fence) -> bool:
+        p, here = self.parameters, self.state.now.position_ned_m
+        far_m, high_m = self.manoeuvres.from_home_m()
+        too_far = 0.0 < p["GF_MAX_HOR_DIST"] < far_m
+        too_high = 0.0 < p["GF_MAX_VER_DIST"] < high_m
+        return too_far or too_high or (bool(fence.areas) and fence.breached(here[0], here[1]))
+
+    def _fence_result(self, fence: Fence) -> int:
+        """Refuse a fence that would be breached at once, or that leaves home out."""
+        home = self.state.home_ned_m
+        breached = self._outside(fence) or (home is not None and fence.breached(home[0], home[1]))
+        if int(self.parameters["GF_ACTION"]) > 1 and breached:
+            self.outbox.say(CRITICAL, "Geofence invalid, doesn't contain Home position\t")
+            return int(mavlink.MAV_MISSION_DENIED)
+        return mission_service.ACCEPTED
+
+    def _disarm_delay_s(self, *, after_flight: bool) -> float:
+        return self.parameters["COM_DISARM_LAND" if after_flight else "COM_DISARM_PRFLT"]

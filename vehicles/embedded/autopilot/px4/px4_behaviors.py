@@ -1,0 +1,87 @@
+"""How PX4 flies its modes: behaviours from its parameters and the state."""
+
+import math
+
+from vehicles.embedded.autopilot.flight.guidance import GoTo, LandProfile, Speeds, TakeOff
+from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
+from worlds.frames import Vec3
+
+_RADIUS_M = 0.3
+
+
+class Px4Manoeuvres(Manoeuvres):
+    """Behaviours by MPC_*, MIS_*, NAV_* and RTL_*."""
+
+    def speeds(self) -> Speeds:
+        """Return the limits of the automatic modes."""
+        p = self._p
+        return Speeds(p["MPC_XY_CRUISE"], p["MPC_Z_V_AUTO_UP"], p["MPC_Z_V_AUTO_DN"])
+
+    def offboard_speeds(self) -> Speeds:
+        """Return the limits of OFFBOARD."""
+        p = self._p
+        return Speeds(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
+
+    def return_speeds(self) -> Speeds:
+        """Return the limits of the automatic modes."""
+        return self.speeds()
+
+    def return_height_m(self) -> float:
+        """Return how high above home to fly back: a cone near home (rtl.cpp, RTL_CONE_ANG)."""
+        p = self._p
+        distance_m, above_m = self.from_home_m()
+        near_m, cone_deg = p["NAV_ACC_RAD"], p["RTL_CONE_ANG"]
+        height_m = p["RTL_RETURN_ALT"]
+        if distance_m <= near_m:
+            height_m = 2.0 * distance_m
+        elif cone_deg > 0.0 and distance_m <= p["RTL_MIN_DIST"]:
+            cone_rad = math.radians(min(max(cone_deg, 1.0), 89.0))
+            height_m = max(min(distance_m / math.tan(cone_rad), height_m), 2.0 * near_m)
+        return max(height_m, above_m)
+
+    def return_wait_s(self) -> float:
+        """Return how long to loiter above home; PX4 waits for ever when it is negative."""
+        return max(0.0, self._p["RTL_LAND_DELAY"])
+
+    def land_profile(self) -> LandProfile:
+        """Return slower below 5 m, a crawl below 1 m (FlightTaskAuto.cpp).
+
+        PX4 crawls only with a distance sensor, as SIH has.
+        """
+        p = self._p
+        crawl_m = p["MPC_LAND_ALT3"]
+        return LandProfile(
+            (
+                (p["MPC_LAND_ALT1"], p["MPC_Z_V_AUTO_DN"]),
+                (p["MPC_LAND_ALT2"], p["MPC_LAND_SPEED"]),
+                (crawl_m, p["MPC_LAND_SPEED"]),
+                (crawl_m, p["MPC_LAND_CRWL"]),
+            )
+        )
+
+    def take_off(self, down_m: float) -> TakeOff:
+        """Return the climb to a height, no lower than the present one."""
+        p = self._p
+        return TakeOff(
+            down_m=min(down_m, self._state.now.position_ned_m[2]),
+            climb_m_s=p["MPC_TKO_SPEED"],
+            ramp_s=p["MPC_TKO_RAMP_T"],
+            radius_m=p["NAV_MC_ALT_RAD"],
+            speeds=self.speeds(),
+        )
+
+    def waypoint(self, position_ned_m: Vec3) -> GoTo:
+        """Return the flight to a place of a mission."""
+        return self.go_to(position_ned_m)
+
+    def go_to(
+        self, position_ned_m: Vec3, *, speed_m_s: float = -1.0, yaw_rad: float = math.nan
+    ) -> GoTo:
+        """Return the flight to a place. speed_m_s: below 0 for the usual one; yaw NaN: keep it."""
+        limits = self.speeds()
+        return GoTo(
+            position_ned_m=position_ned_m,
+            yaw_rad=yaw_rad if math.isfinite(yaw_rad) else self._state.now.euler_rad[2],
+            speeds=limits._replace(across=speed_m_s) if speed_m_s > 0.0 else limits,
+            radius_m=_RADIUS_M,
+        )

@@ -1,0 +1,259 @@
+"""PX4's state machine: readiness, arming, modes, and what it says of itself."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.airframe import Airframe
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from vehicles.embedded.autopilot.flight.flight import FlightStyle
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow
+from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, StandardModes
+from vehicles.embedded.autopilot.px4 import px4_telemetry
+from vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
+from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode, px4_mode
+from vehicles.embedded.autopilot.services.command_registry import (
+    ACCEPTED,
+    DENIED,
+    FORCE_DISARM,
+    TEMPORARILY_REJECTED,
+    Command,
+    on_request,
+)
+from vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
+from vehicles.embedded.battery import Charge
+from vehicles.embedded.controller import Gains
+
+_GCS_SILENT_AFTER_S = 2.5
+"""A ground station whose heartbeat is older is gone (mavlink_receiver.cpp)."""
+
+# Seconds since boot, from the reference trace.
+_POSITION_S = 3.2
+_CHECKS_PASS_S = 4.9
+_PREARM_BIT_S = 6.3
+_TERRAIN_LOST_S = 0.7
+"""After landing the estimator's height above ground is gone."""
+_PREARM_BIT_OFF_S = 0.18
+"""How long the pre-arm bit falls when a failsafe begins."""
+
+
+class Px4Core(FlyingAutopilot[Px4Mode]):
+    """PX4's modes and arming; what it does on messages and in time is in the subclass."""
+
+    is_px4: ClassVar[bool] = True
+    mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
+    parameter_file: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
+    first_mission_item: ClassVar[int] = 0
+    refused: ClassVar[int] = TEMPORARILY_REJECTED
+    standard = StandardModes(Px4Mode.MISSION, Px4Mode.RTL, Px4Mode.LAND)
+    builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | px4_telemetry.BUILDERS
+    style: ClassVar[FlightStyle] = FlightStyle(
+        gains=Gains(), spool_s=1.0, lift_s=2.5, noticed_s=0.88, touch_s=1.0
+    )
+    manoeuvres: Px4Manoeuvres
+
+    def __init__(
+        self,
+        *,
+        identity: Identity,
+        airframe: Airframe,
+        dt_s: float,
+        charge: Charge,
+        overrides: Mapping[str, float],
+        full_streams: bool,
+    ) -> None:
+        super().__init__(
+            identity=identity,
+            airframe=airframe,
+            dt_s=dt_s,
+            charge=charge,
+            overrides=overrides,
+            rates_hz=px4_telemetry.FULL_HZ if full_streams else px4_telemetry.LEAN_HZ,
+            mode=Px4Mode.HOLD,
+        )
+        self.manoeuvres = Px4Manoeuvres(self.parameters, self.state)
+        self.terminated = False
+        self.flying = False
+        """Whether takeoff was detected, and landing not yet."""
+        self.setpoint_at_s = -math.inf
+        self.follow = Follow(speeds=self.manoeuvres.offboard_speeds(), yaw_rad=0.0, may_lift=True)
+        self._mode_after_disarm = Px4Mode.HOLD
+        self._failsafe_at_s = -math.inf
+
+    # Readiness.
+
+    @property
+    def position_valid(self) -> bool:
+        """Return whether the estimator has a position."""
+        return self.t_s >= _POSITION_S
+
+    @property
+    def setpoints_stream(self) -> bool:
+        """Return whether offboard setpoints are fresh."""
+        return self.t_s - self.setpoint_at_s <= self.parameters["COM_OF_LOSS_T"]
+
+    def _can_arm(self) -> bool:
+        """Return whether the checks pass in the present mode."""
+        if self.never_ready or self.t_s < _CHECKS_PASS_S or self.terminated:
+            return False
+        if self.mode is Px4Mode.OFFBOARD and not self.setpoints_stream:
+            return False
+        return not (self.mode.prevents_arming or self.mode.is_manual)
+
+    def _prearm_bit(self) -> bool:
+        """Return the bit of SYS_STATUS: later than the checks, and off as a failsafe begins."""
+        if self.never_ready or self.t_s < _PREARM_BIT_S or self.terminated:
+            return False
+        if self.flight.armed:
+            return self.t_s - self._failsafe_at_s > _PREARM_BIT_OFF_S
+        return self._can_arm()
+
+    def _hears_texts(self) -> bool:
+        return self.t_s - self.gcs_heard_s <= _GCS_SILENT_AFTER_S
+
+    # What it says of itself.
+
+    def _custom_mode(self) -> int:
+        return self.mode.custom_mode
+
+    def _base_mode(self) -> int:
+        return self.mode.base_mode
+
+    def _system_status(self) -> int:
+        if self.terminated:
+            return int(mavlink.MAV_STATE_FLIGHT_TERMINATION)
+        if self.flight.armed:
+            return int(mavlink.MAV_STATE_CRITICAL if self.failsafe else mavlink.MAV_STATE_ACTIVE)
+        return int(mavlink.MAV_STATE_STANDBY if self._can_arm() else mavlink.MAV_STATE_UNINIT)
+
+    @on_request(mavlink.MAVLINK_MSG_ID_SYS_STATUS)
+    def _sys_status(self) -> Any:
+        return px4_telemetry.sys_status(self.state, prearm=self._prearm_bit())
+
+    @on_request(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
+    def _extended_sys_state(self) -> Any:
+        return mavlink.MAVLink_extended_sys_state_message(
+            mavlink.MAV_VTOL_STATE_UNDEFINED, self._landed_state()
+        )
+
+    @on_request(mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS)
+    def _estimator_status(self) -> Any:
+        landed_at_s = self.flight.landed_at_s if self.flight.landed else None
+        return px4_telemetry.estimator_status(
+            self.state,
+            armed=self.flight.armed,
+            landed_after_flight=landed_at_s is not None
+            and self.t_s - landed_at_s > _TERRAIN_LOST_S,
+        )
+
+    @on_request(mavlink.MAVLINK_MSG_ID_VFR_HUD)
+    def _vfr_hud(self) -> Any:
+        return telemetry.vfr_hud(self.state, self.flight.throttle, airspeed_m_s=math.nan)
+
+    @on_request(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    def _autopilot_version(self) -> Any:
+        return px4_telemetry.autopilot_version(self.identity)
+
+    def _landed_state(self) -> int:
+        if not self.flight.armed or not self.flying:
+            return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
+        if self.mode is Px4Mode.TAKEOFF:
+            return int(mavlink.MAV_LANDED_STATE_TAKEOFF)
+        if self.mode is Px4Mode.LAND:
+            return int(mavlink.MAV_LANDED_STATE_LANDING)
+        return int(mavlink.MAV_LANDED_STATE_IN_AIR)
+
+    def _split_mode(self, custom_mode: int) -> tuple[int, int]:
+        return custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+
+    # Modes.
+
+    def set_mode(self, mode: int, submode: int) -> int:
+        """Change to a mode that the user wants, if it can run."""
+        wanted = px4_mode(mode, submode)
+        return self.choose(wanted) if wanted is not None else DENIED
+
+    def choose(self, mode: Px4Mode) -> int:
+        """Switch to the user's mode; while armed only if it can run. Ends a failsafe."""
+        if self.flight.armed and not self._can_run(mode):
+            self.outbox.say(
+                CRITICAL, f"Switching to mode '{mode.words}' is currently not possible\t"
+            )
+            return TEMPORARILY_REJECTED
+        self.failsafe = False
+        if not mode.prevents_arming:
+            self._mode_after_disarm = mode
+        self.enter(mode)
+        return ACCEPTED
+
+    def _can_run(self, mode: Px4Mode) -> bool:
+        if mode.is_manual or self.terminated:
+            return False
+        if mode is Px4Mode.OFFBOARD:
+            return self.setpoints_stream
+        if mode is Px4Mode.MISSION:
+            return self.state.mission_total > 0
+        return self.position_valid
+
+    def fail(self, mode: Px4Mode) -> None:
+        """Begin a failsafe: fly this mode until the user chooses another."""
+        self.failsafe = True
+        self._failsafe_at_s = self.t_s
+        self.outbox.say(CRITICAL, "Failsafe activated\t")
+        self.enter(mode)
+
+    def _behaviour(self, mode: Px4Mode) -> Behaviour:
+        if mode is Px4Mode.OFFBOARD:
+            return self.follow
+        if mode is Px4Mode.LAND:
+            return self.manoeuvres.land()
+        if mode is Px4Mode.RTL:
+            return self._return_home()
+        return self.manoeuvres.hold()
+
+    def _return_home(self) -> Behaviour:
+        state, height_m = self.state, self.manoeuvres.return_height_m()
+        amsl_m = state.frame.altitude_m - state.home_down_m + height_m
+        self.outbox.say(
+            INFO, f"RTL: start return at {amsl_m:.0f} m ({height_m:.0f} m above destination)\t"
+        )
+        return self.manoeuvres.go_home()
+
+    # Arming.
+
+    def _is_forced(self, command: Command) -> bool:
+        return command.params[1] == FORCE_DISARM
+
+    def _arming_fault(self, *, force: bool) -> str | None:
+        if self.refusal is None and (self._can_arm() or force):
+            return None
+        return f"Arming denied: {self.refusal or 'Resolve system health failures first'}\t"
+
+    def _begin_flight(self) -> None:
+        self.state.home_ned_m = self.state.now.position_ned_m
+        self.outbox.say(INFO, "Armed by external command\t")
+        self.flying = False
+
+    def _say_not_landed(self) -> None:
+        self.outbox.say(CRITICAL, "Disarming denied: not landed\t")
+
+    def stop_motors(self, by: str) -> None:
+        """Disarm now; the mode becomes the last one of the user's in which it can be armed."""
+        self.flight.disarm()
+        self.failsafe = False
+        self.mode = self._mode_after_disarm
+        self.outbox.say(INFO, f"Disarmed by {by}\t")
+
+    def terminate(self, text: str) -> None:
+        """Cut the motors for good."""
+        self.terminated = self.flight.motors_cut = True
+        self.outbox.say(EMERGENCY, f"{text}\t")
+
+    def strike(self, thing: str) -> None:
+        """Terminate: PX4's failure detector sees the attitude leave its limits."""
+        if self.flight.armed and not self.terminated:
+            self.terminate(f"Critical failure detected: terminate flight ({thing})")

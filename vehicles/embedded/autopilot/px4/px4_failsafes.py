@@ -1,0 +1,139 @@
+"""PX4's failsafes: what went wrong, and what its parameters say to do about it.
+
+Source: src/modules/commander/failsafe/failsafe.cpp (v1.18); parameters by their names.
+"""
+
+import math
+from enum import Enum
+from typing import NamedTuple
+
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
+
+
+class Action(Enum):
+    """What a failsafe does, mildest first."""
+
+    NONE = 0
+    WARN = 1
+    HOLD = 2
+    RETURN = 3
+    LAND = 4
+    DISARM = 5
+    TERMINATE = 6
+
+
+class View(NamedTuple):
+    """What the failsafes look at; ages in s, battery 0 to 1."""
+
+    t_s: float
+    offboard: bool
+    setpoint_age_s: float
+    gcs_age_s: float
+    battery: float
+    outside_fence: bool
+
+
+class Decision(NamedTuple):
+    """An action to begin now, and whether the hold that precedes it has yet to be flown."""
+
+    cause: str
+    action: Action
+
+
+_OFFBOARD_LOST = {
+    3: Action.RETURN,
+    4: Action.LAND,
+    5: Action.HOLD,
+    6: Action.TERMINATE,
+    7: Action.DISARM,
+}
+"""COM_OBL_RC_ACT; the manual modes 0 to 2 cannot run without sticks: PX4 returns."""
+_LINK_LOST = {
+    1: Action.HOLD,
+    2: Action.RETURN,
+    3: Action.LAND,
+    5: Action.TERMINATE,
+    6: Action.DISARM,
+}
+"""NAV_DLL_ACT."""
+_FENCE = {
+    1: Action.WARN,
+    2: Action.HOLD,
+    3: Action.RETURN,
+    4: Action.TERMINATE,
+    5: Action.LAND,
+}
+"""GF_ACTION."""
+_DELAYED = {Action.RETURN, Action.LAND}
+
+
+class Failsafes:
+    """Says once per cause what to do; a cause that ended may begin again."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._p = parameters
+        self._active: dict[str, Action] = {}
+        self._pending: tuple[float, Decision] | None = None
+
+    def reset(self) -> None:
+        """Forget all causes: the vehicle was armed."""
+        self._active.clear()
+        self._pending = None
+
+    def user_took_over(self) -> None:
+        """Drop what was pending: the user chose a mode."""
+        self._pending = None
+
+    def check(self, view: View) -> Decision | None:
+        """Return what to begin now; None when nothing new is wrong."""
+        if self._pending is not None and view.t_s >= self._pending[0]:
+            decision, self._pending = self._pending[1], None
+            return decision
+        # Lost setpoints act each time the mode is flown without them, and at once.
+        if view.offboard and view.setpoint_age_s > self._p["COM_OF_LOSS_T"]:
+            action = _OFFBOARD_LOST.get(int(self._p["COM_OBL_RC_ACT"]), Action.RETURN)
+            return Decision("offboard", action)
+        for cause, action in self._causes(view).items():
+            if action is Action.NONE:
+                self._active.pop(cause, None)
+            elif self._active.get(cause) is not action:
+                self._active[cause] = action
+                return self._begin(Decision(cause, action), view.t_s)
+        return None
+
+    def _begin(self, decision: Decision, t_s: float) -> Decision:
+        """Hold first for COM_FAIL_ACT_T, so that the user can step in."""
+        delay_s = self._p["COM_FAIL_ACT_T"]
+        if decision.action not in _DELAYED or delay_s <= 0.0:
+            return decision
+        self._pending = (t_s + delay_s, decision)
+        return Decision(decision.cause, Action.HOLD)
+
+    def _causes(self, view: View) -> dict[str, Action]:
+        p = self._p
+        link = view.gcs_age_s > p["COM_DL_LOSS_T"] and math.isfinite(view.gcs_age_s)
+        return {
+            "link": _LINK_LOST.get(int(p["NAV_DLL_ACT"]), Action.NONE) if link else Action.NONE,
+            "fence": _FENCE.get(int(p["GF_ACTION"]), Action.NONE)
+            if view.outside_fence
+            else Action.NONE,
+            "battery": self._battery(view.battery),
+        }
+
+    def _battery(self, remaining: float) -> Action:
+        """Return what COM_LOW_BAT_ACT does: 0 warns, 2 lands when critical, 3 returns first."""
+        p = self._p
+        policy = int(p["COM_LOW_BAT_ACT"])
+        if remaining < p["BAT_EMERGEN_THR"] and policy in {2, 3}:
+            return Action.LAND
+        if remaining < p["BAT_CRIT_THR"] and policy in {2, 3}:
+            return Action.LAND if policy == 2 else Action.RETURN
+        return Action.WARN if remaining < p["BAT_LOW_THR"] else Action.NONE
+
+
+WARNINGS = {
+    "battery": "Low battery level, return advised\t",
+    "fence": "Geofence exceeded\t",
+    "link": "Connection to ground control station lost\t",
+}
+"""What is said when a cause only warns."""

@@ -1,0 +1,183 @@
+"""What PX4 1.18 fills in its own way, and how often it sends. Numbers from the reference trace."""
+
+import math
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.autopilot.flight import telemetry
+from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from worlds.frames import quat_conjugate, quat_from_euler, rotate
+
+_CAPABILITIES = 59647
+_FLIGHT_VERSION = 0x01120080
+_OS_VERSION = 0x06122CFF
+_COMMIT = (0, 0, 0, 128, 229, 244, 196, 131)
+_SITL_UID = 0x4954414C44494E4F
+_PREARM: int = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+_SENSORS = 50380847
+_ENABLED = 50446383
+_HEALTHY = 320915519 & ~_PREARM
+_BEFORE_HEADING = 50364479
+_HEADING_S = 3.2
+
+
+def autopilot_version(identity: Identity) -> Any:
+    """Return AUTOPILOT_VERSION of PX4 SITL: a constant uid, and the system id less one added."""
+    others = identity.system_id - 1
+    uid2 = tuple(
+        (bytes([others]) if identity.uid2 is None else identity.uid2).ljust(18, b"\0")[:18]
+    )
+    return mavlink.MAVLink_autopilot_version_message(
+        _CAPABILITIES,
+        _FLIGHT_VERSION,
+        _FLIGHT_VERSION,
+        _OS_VERSION,
+        1,
+        _COMMIT,
+        _COMMIT,
+        (0,) * 8,
+        0,
+        0,
+        _SITL_UID + others if identity.uid is None else identity.uid,
+        uid2,
+    )
+
+
+def sys_status(s: State, *, prearm: bool) -> Any:
+    """Return SYS_STATUS."""
+    health = _HEALTHY if s.clock_s >= _HEADING_S else _BEFORE_HEADING
+    masks = telemetry.SensorMasks(_SENSORS, _ENABLED, health)
+    return telemetry.sys_status(s, masks, telemetry.LoadReport(100, -1, 1), prearm=prearm)
+
+
+def estimator_status(s: State, *, armed: bool, landed_after_flight: bool) -> Any:
+    """Return ESTIMATOR_STATUS: flags by the time since boot and the phase of flight."""
+    if s.clock_s < 2.0:
+        flags = 164
+    elif s.clock_s < _HEADING_S:
+        flags = 229
+    elif landed_after_flight:
+        flags = 831
+    else:
+        flags = 895 if armed else 1023
+    return mavlink.MAVLink_estimator_status_message(
+        s.boot_us, flags, 0.04, 0.014, 0.012, 0.1, 0.01, math.nan, 0.3, 0.13
+    )
+
+
+def gps_raw_int(s: State) -> Any:
+    """Return GPS_RAW_INT: a 3D fix of 10 satellites from the start."""
+    return telemetry.gps_raw_int(s, telemetry.Fix(3, 10, 70, 110, (900, 1780, 400)))
+
+
+def global_position_int(s: State) -> Any | None:
+    """Return GLOBAL_POSITION_INT, once the estimator has a position."""
+    return telemetry.global_position_int(s) if s.clock_s >= _HEADING_S else None
+
+
+def odometry(s: State) -> Any:
+    """Return ODOMETRY: local position, velocity in body axes, as PX4 sends it (frame 1, 1)."""
+    q = quat_from_euler(*s.now.euler_rad)
+    velocity = rotate(quat_conjugate(q), s.now.velocity_ned_m_s)
+    return mavlink.MAVLink_odometry_message(
+        s.boot_us,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        *s.now.position_ned_m,
+        q,
+        *velocity,
+        *s.now.rates_rad_s,
+        _COVARIANCE,
+        _COVARIANCE,
+        4,
+        8,
+        0,
+    )
+
+
+def timesync(s: State) -> Any:
+    """Return a TIMESYNC request, as PX4 sends ten times a second."""
+    return mavlink.MAVLink_timesync_message(0, s.boot_us * 1000)
+
+
+def ping(s: State) -> Any:
+    """Return a PING to everybody, as PX4 sends each second."""
+    return mavlink.MAVLink_ping_message(s.boot_us, 0, 0, 0)
+
+
+def distance_sensor(s: State) -> Any:
+    """Return DISTANCE_SENSOR: the height above the start in cm, looking down."""
+    height_cm = round(max(0.0, -s.now.position_ned_m[2]) * 100.0)
+    return mavlink.MAVLink_distance_sensor_message(
+        s.boot_ms,
+        0,
+        10000,
+        min(height_cm, 10000),
+        mavlink.MAV_DISTANCE_SENSOR_LASER,
+        0,
+        mavlink.MAV_SENSOR_ROTATION_PITCH_270,
+        0,
+    )
+
+
+def servo_output_raw(s: State) -> Any:
+    """Return SERVO_OUTPUT_RAW: 900 us stopped, 1000 to 2000 us with the thrust."""
+    pulses = [
+        round(1000.0 + 1000.0 * thrust_n / s.max_thrust_n) if thrust_n > 0.0 else 900
+        for thrust_n in s.thrusts
+    ]
+    return mavlink.MAVLink_servo_output_raw_message(
+        s.boot_us & 0xFFFFFFFF, 0, *pulses, 900, 900, 900, 900
+    )
+
+
+_COVARIANCE = (0.04,) + (0.0,) * 20
+
+BUILDERS: dict[int, telemetry.Builder] = {
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw_int,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: odometry,
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: telemetry.highres_imu,
+    mavlink.MAVLINK_MSG_ID_ALTITUDE: telemetry.altitude,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: timesync,
+    mavlink.MAVLINK_MSG_ID_PING: ping,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: distance_sensor,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: servo_output_raw,
+}
+
+LEAN_HZ: dict[int, float] = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 5.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 20.0,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 20.0,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 4.0,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: 1.0,
+}
+"""What a run needs, and little more: virtual time pays for each message."""
+
+FULL_HZ: dict[int, float] = LEAN_HZ | {
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: 50.0,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 50.0,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: 30.0,
+    mavlink.MAVLINK_MSG_ID_ALTITUDE: 10.0,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 10.0,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 8.0,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 10.0,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC: 10.0,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: 1.0,
+    mavlink.MAVLINK_MSG_ID_VIBRATION: 0.5,
+    mavlink.MAVLINK_MSG_ID_PING: 1.0,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 10.0,
+}
+"""What PX4 sends to an onboard computer (mavlink mode onboard), as counted in the trace."""

@@ -1,0 +1,1 @@
+"""MAVLink services of an emulated autopilot: parameters, missions, fences, logs."""

@@ -1,0 +1,115 @@
+"""Commands: COMMAND_LONG and COMMAND_INT as one thing, and the registry of who does what."""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
+TEMPORARILY_REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+DENIED: int = mavlink.MAV_RESULT_DENIED
+UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
+FAILED: int = mavlink.MAV_RESULT_FAILED
+
+FORCE_ARM = 2989.0
+"""ArduPilot's param2 of an arm command that skips the checks (AP_Arming)."""
+FORCE_DISARM = 21196.0
+"""param2 that disarms in flight (common.xml); PX4 takes it for arming by force as well."""
+
+_LOCAL_FRAMES = {mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED}
+_INT_UNSET = 2**31 - 1
+
+
+class Command(NamedTuple):
+    """A command; x and y are degrees for a place on the globe, NaN where nothing is given."""
+
+    number: int
+    params: tuple[float, float, float, float]
+    x: float
+    y: float
+    z: float
+    frame: int | None
+    """MAV_FRAME of a COMMAND_INT; None of a COMMAND_LONG."""
+    from_system: int
+    from_component: int
+
+
+def from_long(message: Any) -> Command:
+    """Return the command of a COMMAND_LONG."""
+    return Command(
+        message.command,
+        (message.param1, message.param2, message.param3, message.param4),
+        message.param5,
+        message.param6,
+        message.param7,
+        None,
+        message.get_srcSystem(),
+        message.get_srcComponent(),
+    )
+
+
+def from_int(message: Any) -> Command:
+    """Return the command of a COMMAND_INT."""
+    scale = 1e-4 if message.frame in _LOCAL_FRAMES else 1e-7
+    return Command(
+        message.command,
+        (message.param1, message.param2, message.param3, message.param4),
+        math.nan if message.x == _INT_UNSET else message.x * scale,
+        math.nan if message.y == _INT_UNSET else message.y * scale,
+        message.z,
+        message.frame,
+        message.get_srcSystem(),
+        message.get_srcComponent(),
+    )
+
+
+Handler = TypeVar("Handler", bound=Callable[..., Any])
+
+
+def on_command(*numbers: int) -> Callable[[Handler], Handler]:
+    """Mark a method of an autopilot as the one that does these commands."""
+
+    def mark(handler: Handler) -> Handler:
+        handler.__dict__["mav_commands"] = numbers
+        return handler
+
+    return mark
+
+
+def on_message(*names: str) -> Callable[[Handler], Handler]:
+    """Mark a method of an autopilot as the one that takes these messages."""
+
+    def mark(handler: Handler) -> Handler:
+        handler.__dict__["mav_messages"] = names
+        return handler
+
+    return mark
+
+
+def on_request(*message_ids: int) -> Callable[[Handler], Handler]:
+    """Mark a method of an autopilot as the one that makes these messages, by stream or request."""
+
+    def mark(handler: Handler) -> Handler:
+        handler.__dict__["mav_requests"] = message_ids
+        return handler
+
+    return mark
+
+
+def marked(kind: type, mark: str) -> dict[Any, str]:
+    """Return what was marked in a class and its bases: key to name of the method.
+
+    A subclass overrides by marking the same key. Raises ValueError when one class marks a key
+    twice.
+    """
+    found: dict[Any, str] = {}
+    for base in reversed(kind.__mro__):
+        here: dict[Any, str] = {}
+        for name, member in vars(base).items():
+            for key in getattr(member, "__dict__", {}).get(mark, ()):
+                if key in here:
+                    raise ValueError(f"{base.__name__} takes {key} twice: {here[key]}, {name}")
+                here[key] = name
+        found.update(here)
+    return found

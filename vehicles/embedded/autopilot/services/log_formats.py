@@ -1,0 +1,110 @@
+"""Flight logs as the autopilots write them: small, and whole to the tools that read them.
+
+DataFlash: libraries/AP_Logger/LogStructure.h of ArduPilot. ULog:
+https://docs.px4.io/main/en/dev_log/ulog_file_format.html
+"""
+
+import struct
+from typing import Protocol
+
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from vehicles.embedded.states import Motion
+
+_POSITION_FIELDS = ("x", "y", "z", "vx", "vy", "vz", "heading")
+
+
+class LogWriter(Protocol):
+    """One log that grows."""
+
+    def text(self, t_us: int, text: str) -> None:
+        """Add words."""
+
+    def position(self, t_us: int, now: Motion) -> None:
+        """Add the estimate: local NED."""
+
+    def data(self) -> bytes:
+        """Return the log so far."""
+
+
+class DataFlash:
+    """ArduPilot's .bin: each message type is described by an FMT message before its first use."""
+
+    _HEAD = b"\xa3\x95"
+    _FORMATS = (
+        (128, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"), "BB4s16s64s"),
+        (129, "PARM", "QNff", ("TimeUS", "Name", "Value", "Default"), "Q16sff"),
+        (130, "MSG", "QZ", ("TimeUS", "Message"), "Q64s"),
+        (131, "XKF1", "Qfffffff", ("TimeUS", "PN", "PE", "PD", "VN", "VE", "VD", "Yaw"), "Q7f"),
+    )
+
+    def __init__(self, t_us: int, parameters: Parameters) -> None:
+        self._layouts = {name: (number, struct.Struct("<" + packed))
+                         for number, name, _, _, packed in self._FORMATS}  # fmt: skip
+        self._data = bytearray()
+        for number, name, codes, columns, _ in self._FORMATS:
+            length = 3 + self._layouts[name][1].size
+            described = (name.encode(), codes.encode(), ",".join(columns).encode())
+            self._add("FMT", number, length, *described)
+        for name in parameters:
+            self._add("PARM", t_us, name.encode(), parameters[name], parameters[name])
+
+    def text(self, t_us: int, text: str) -> None:
+        """Add words."""
+        self._add("MSG", t_us, text.encode()[:64])
+
+    def position(self, t_us: int, now: Motion) -> None:
+        """Add the estimate."""
+        yaw = now.euler_rad[2]
+        self._add("XKF1", t_us, *now.position_ned_m, *now.velocity_ned_m_s, yaw)
+
+    def data(self) -> bytes:
+        """Return the log so far."""
+        return bytes(self._data)
+
+    def _add(self, name: str, *fields: float | bytes) -> None:
+        number, layout = self._layouts[name]
+        self._data += self._HEAD + bytes([number]) + layout.pack(*fields)
+
+
+class ULog:
+    """PX4's .ulg: definitions, then data of one topic, and logged strings."""
+
+    _TOPIC = "vehicle_local_position"
+    _TOPIC_ID = 0
+
+    def __init__(self, t_us: int, parameters: Parameters) -> None:
+        # The magic and version 1, then the time of the start.
+        self._data = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", t_us))
+        self._add("B", bytes(40))
+        fields = "".join(f"float {name};" for name in _POSITION_FIELDS)
+        self._add("F", f"{self._TOPIC}:uint64_t timestamp;{fields}".encode())
+        self._info("char[3] sys_name", b"PX4")
+        for name in parameters:
+            self._parameter(name, parameters)
+        self._add("A", struct.pack("<BH", 0, self._TOPIC_ID) + self._TOPIC.encode())
+
+    def text(self, t_us: int, text: str) -> None:
+        """Add words, at the level of information."""
+        self._add("L", b"6" + struct.pack("<Q", t_us) + text.encode())
+
+    def position(self, t_us: int, now: Motion) -> None:
+        """Add the estimate."""
+        values = (*now.position_ned_m, *now.velocity_ned_m_s, now.euler_rad[2])
+        self._add("D", struct.pack("<HQ7f", self._TOPIC_ID, t_us, *values))
+
+    def data(self) -> bytes:
+        """Return the log so far."""
+        return bytes(self._data)
+
+    def _parameter(self, name: str, parameters: Parameters) -> None:
+        whole = parameters.is_whole(name)
+        key = f"{'int32_t' if whole else 'float'} {name}".encode()
+        value = parameters[name]
+        packed = struct.pack("<i", int(value)) if whole else struct.pack("<f", value)
+        self._add("P", bytes([len(key)]) + key + packed)
+
+    def _info(self, key: str, value: bytes) -> None:
+        self._add("I", bytes([len(key)]) + key.encode() + value)
+
+    def _add(self, kind: str, body: bytes) -> None:
+        self._data += struct.pack("<H", len(body)) + kind.encode() + body

@@ -1,0 +1,67 @@
+"""The MAVLink service that lists, gives and sets parameters."""
+
+import math
+from collections import deque
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters
+
+NO_INDEX = 65535
+"""What ArduPilot gives as the index of a parameter that was not asked for by index."""
+
+
+class ParameterServer:
+    """Answers PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET.
+
+    strict: PX4's way, which refuses a PARAM_SET of the wrong type and gives the parameter's index
+    in its answer; otherwise ArduPilot's.
+    """
+
+    _PER_TURN = 8
+    """How many of a list go out per turn of 20 ms, so that a radio is not flooded."""
+
+    def __init__(self, parameters: Parameters, *, strict: bool) -> None:
+        self._parameters = parameters
+        self._strict = strict
+        self._queue: deque[str] = deque()
+
+    def request_list(self) -> None:
+        """Begin to send all of them."""
+        self._queue = deque(self._parameters)
+
+    def due(self) -> list[Any]:
+        """Return the next few of a list under way."""
+        count = min(self._PER_TURN, len(self._queue))
+        return [self._value(self._queue.popleft(), indexed=True) for _ in range(count)]
+
+    def read(self, message: Any) -> list[Any]:
+        """Answer a PARAM_REQUEST_READ; nothing for an unknown parameter."""
+        index = message.param_index
+        name = self._parameters.name_at(index) if index >= 0 else message.param_id
+        if name is None or name not in self._parameters:
+            return []
+        return [self._value(name, indexed=True)]
+
+    def write(self, message: Any) -> list[Any]:
+        """Take a PARAM_SET and return the answer: the value as it now is, or nothing."""
+        name = message.param_id
+        parameters = self._parameters
+        if name not in parameters:
+            return []
+        if not self._strict or message.param_type == parameters.kind(name):
+            value = parameters.from_wire(message.param_type, message.param_value)
+            if math.isfinite(value):
+                parameters.set(name, value)
+        return [self._value(name, indexed=self._strict)]
+
+    def _value(self, name: str, *, indexed: bool) -> Any:
+        parameters = self._parameters
+        return mavlink.MAVLink_param_value_message(
+            name.encode(),
+            parameters.to_wire(name),
+            parameters.kind(name),
+            len(parameters),
+            parameters.index(name) if indexed else NO_INDEX,
+        )
