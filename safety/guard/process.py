@@ -243,7 +243,9 @@ class GuardProcess:
             # Who is busy with other things on the ground endangers nobody by its silence.
             self._shell.alive()
         self._channel.send(Status(core.latched, core.all_down, rest, tuple(core.phases.values())))
-        call_wall_later(STATUS_S, self._tell_status)
+        # With a tick of the shell's, so that the process wakes once for both.
+        since_s = time.monotonic() - self._shell.started_s
+        call_wall_later(STATUS_S - since_s % STATUS_S, self._tell_status)
 
     def _take(self, message: ToGuard) -> None:
         match message:

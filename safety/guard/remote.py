@@ -58,7 +58,7 @@ _CHECK_S = 0.2
 _CHECKS_WITHOUT_A_WORD = 10
 """Of our own turns, not of time: a machine that was asleep must not make us kill our guard."""
 _POLL_S = 0.1
-_LATEST_S = 0.04
+_LATEST_S = 0.06
 """How long positions well inside the fence, and signs of life, wait for a packet to ride with."""
 
 

@@ -77,6 +77,11 @@ class GuardShell:
         self._start_s = 0.0
 
     @property
+    def started_s(self) -> float:
+        """Return the loop's time at which the ticks began."""
+        return self._start_s
+
+    @property
     def phases(self) -> dict[str, Phase]:
         """Return where each vehicle's contingency stands."""
         return self.core.phases
