@@ -19,8 +19,9 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
-from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.operator import Inbox
 from orchestrator.progress import News, Report
+from safety.guard.operator_command import OperatorCommand
 
 _FIRST_WORD_S = 600.0
 """Until its first word a worker imports and compiles."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from campaigns.expansion import Campaign, RunPlan
+from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.judged import FILE_NAME
 from orchestrator.results import RunResult
 from orchestrator.results_reading import ResultError, read_result
@@ -22,10 +23,6 @@ _KINDS: dict[str, DecisiveKind] = {
     "FAIL": "FAIL",
     "ABORTED": "ABORTED",
 }
-
-
-class RecordingError(Exception):
-    """A recorded run that cannot be judged again; says which file and why."""
 
 
 @dataclass(frozen=True, slots=True)

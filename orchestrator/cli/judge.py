@@ -10,7 +10,8 @@ from cyclopts import Parameter
 from campaigns.expansion import Options, load_campaign
 from orchestrator.cli.streams import err, out
 from orchestrator.cli.text import table
-from orchestrator.rejudging import RecordingError, Rejudged, rejudge
+from orchestrator.recording.errors import RecordingError
+from orchestrator.rejudging import Rejudged, rejudge
 from orchestrator.results import exit_code
 
 

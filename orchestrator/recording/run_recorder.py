@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 from orchestrator.clock import Clock
-from orchestrator.operator import OperatorCommand
 from orchestrator.recording.judged import FILE_NAME as JUDGED
 from orchestrator.recording.judged import JudgedWriter
 from orchestrator.recording.mcap_settings import RecordingSettings
@@ -23,6 +22,7 @@ from orchestrator.run.course import Course
 from orchestrator.run.mixtures import Frame, Shown
 from orchestrator.run.station import Station
 from safety.guard.events import GuardEvent
+from safety.guard.operator_command import OperatorCommand
 from safety.results import Flag
 from safety.tape import Taped
 from safety.verdict import DecisiveEvent

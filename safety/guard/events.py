@@ -83,15 +83,6 @@ Output = ToVehicle | ToOrchestrator | ToGcs | GuardEvent
 Outputs = tuple[Output, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class OperatorCommand:
-    """What an operator asks; who: a name for the record ("Ctrl-C", "mqtt:anna")."""
-
-    kind: Literal["abort", "hold", "resume"]
-    who: str
-    t_s: float
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardedVehicle:
     """A vehicle in the guard's care.

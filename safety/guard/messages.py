@@ -5,7 +5,7 @@ in the charter. Times are CLOCK_MONOTONIC, which all processes share; under the 
 clock, as Pace lays it down.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 
@@ -13,9 +13,9 @@ from safety.fence_plain import fence_of_plain, plain_fence
 from safety.geofence import Fence
 from safety.guard.contingency import Phase
 from safety.guard.events import Cause, GuardEvent
+from safety.guard.operator_command import OperatorCommand
 from vehicles.processes.codec import Codec, Finite, Message, Plain
 
-OrderKind = Literal["abort", "hold", "resume", "bring_down"]
 FiniteVec3 = tuple[Finite, Finite, Finite]
 
 
@@ -55,11 +55,16 @@ class Alive(Message, frozen=True):
     """A sign of life of the orchestrator's event loop."""
 
 
-class Order(Message, frozen=True):
-    """A command; text: who gave it, or for bring_down the reason."""
+class Operate(Message, frozen=True):
+    """An operator's abort, hold or resume."""
 
-    kind: OrderKind
-    text: str
+    command: OperatorCommand
+
+
+class BringDown(Message, frozen=True):
+    """Bring all down for a reason of the orchestrator's own."""
+
+    reason: str
 
 
 class NewFences(Message, frozen=True):
@@ -164,7 +169,8 @@ ToGuard = (
     | Bytes
     | Position
     | Alive
-    | Order
+    | Operate
+    | BringDown
     | NewFences
     | AnchorAt
     | GoDark

@@ -36,6 +36,7 @@ from safety.guard.leftovers import (
 from safety.guard.messages import (
     Alive,
     AnchorAt,
+    BringDown,
     Bytes,
     CharterMessage,
     End,
@@ -46,7 +47,7 @@ from safety.guard.messages import (
     NewFences,
     OnWire,
     Opened,
-    Order,
+    Operate,
     Pace,
     Position,
     Start,
@@ -263,8 +264,10 @@ class GuardProcess:
         match message:
             case CharterMessage() if not self._chartered.done():
                 self._chartered.set_result(message)
-            case Order() if self._links:
-                self._order(message)
+            case Operate(command) if self._links and command.kind != "geofence":
+                self._shell.command(command)
+            case BringDown(reason) if self._links:
+                self._shell.bring_down(reason)
             case NewFences(who, fences, proposed) if self._links and set(fences) <= {*self._names}:
                 (self._shell.propose_fences if proposed else self._shell.change_fences)(fences, who)
             case AnchorAt(name, origin, turn) if name in self._names:
@@ -281,17 +284,6 @@ class GuardProcess:
                 self._over.set()
             case _:
                 self._note("refused", text=f"{type(message).__name__} makes no sense now")
-
-    def _order(self, order: Order) -> None:
-        match order.kind:
-            case "abort":
-                self._shell.abort(order.text)
-            case "hold":
-                self._shell.hold(order.text)
-            case "resume":
-                self._shell.resume(order.text)
-            case "bring_down":
-                self._shell.bring_down(order.text)
 
     async def _start(self, start: Start) -> None:
         """Start a vehicle's process; its death is told as soon as it is seen."""

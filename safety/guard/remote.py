@@ -19,6 +19,7 @@ from safety.guard.lost_links import LostLinks, link_maker
 from safety.guard.messages import (
     Alive,
     AnchorAt,
+    BringDown,
     Bytes,
     CharterMessage,
     End,
@@ -29,8 +30,7 @@ from safety.guard.messages import (
     NewFences,
     OnWire,
     Opened,
-    Order,
-    OrderKind,
+    Operate,
     Pace,
     Position,
     Start,
@@ -40,6 +40,7 @@ from safety.guard.messages import (
     ToOrchestrator,
     to_orchestrator,
 )
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.shell import Record
 from safety.guard.spawning import spawn_guard
 from safety.guard.waits import happens
@@ -207,17 +208,9 @@ class RemoteGuard:
         """Give a sign of life; from the start on this is done by itself, from the event loop."""
         self._channel.send_soon(Alive(), within_s=_LATEST_S)
 
-    def abort(self, who: str) -> None:
-        """Bring all down because an operator says so."""
-        self._order("abort", who)
-
-    def hold(self, who: str) -> None:
-        """Have all vehicles hold until `resume`."""
-        self._order("hold", who)
-
-    def resume(self, who: str) -> None:
-        """Give the vehicles back to the orchestrator after a hold."""
-        self._order("resume", who)
+    def command(self, command: OperatorCommand) -> None:
+        """Follow an operator's abort, hold or resume; an event says what comes of it."""
+        self._channel.send(Operate(command))
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Ask whether vehicles could be given new fences; an event says so, or why not."""
@@ -231,7 +224,7 @@ class RemoteGuard:
 
     def bring_down(self, reason: str) -> None:
         """Bring all down for a reason of the orchestrator's own."""
-        self._order("bring_down", reason)
+        self._channel.send(BringDown(reason))
 
     async def all_down(self, timeout_s: float) -> bool:
         """Wait until all were brought down; False when they are not after `timeout_s`."""
@@ -303,9 +296,6 @@ class RemoteGuard:
             )
             for fence in self._fences[sample.vehicle]
         )
-
-    def _order(self, kind: OrderKind, text: str) -> None:
-        self._channel.send(Order(kind, text))
 
     def _beat(self) -> None:
         self.alive()

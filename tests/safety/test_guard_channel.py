@@ -9,7 +9,8 @@ import pytest
 
 from safety.geofence import Fence
 from safety.guard.channel import Channel, channel_pair
-from safety.guard.messages import Alive, Order, Position, ToGuard, to_guard
+from safety.guard.messages import Alive, Operate, Position, ToGuard, to_guard
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.remote import RemoteGuard
 from safety.samples import PoseSample
 from tests.safety.remote_rigs import charter
@@ -48,9 +49,9 @@ async def test_what_waits_goes_before_what_does_not() -> None:
         ends.sender.send_soon(message, within_s=30.0)
     await asyncio.sleep(0.05)
     assert ends.received == []
-    ends.sender.send(Order("abort", "anna"))
+    ends.sender.send(Operate(OperatorCommand("abort", "anna")))
     await asyncio.sleep(0.05)
-    assert ends.received == [*sent, Order("abort", "anna")]
+    assert ends.received == [*sent, Operate(OperatorCommand("abort", "anna"))]
     ends.close()
 
 
