@@ -154,6 +154,7 @@ class RunResult:
     preflight: tuple[Item, ...] = ()
     fence_changes: tuple[FenceChange, ...] = ()
     evidence: tuple[EvidenceResult, ...] = ()
+    exceptions: tuple[str, ...] = ()
 
     @property
     def subject(self) -> str:
@@ -312,6 +313,7 @@ def exit_code(
         return 130
     if stopped == "command" or any(run.verdict == "ABORTED" for run in runs):
         return 4
+    broken = broken or any(run.exceptions for run in runs)
     if broken or any(run.verdict in {"ERROR", "INVALID"} for run in required):
         return 3
     if not required:

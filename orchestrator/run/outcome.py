@@ -65,7 +65,35 @@ def result_of(
         preflight=preflight,
         fence_changes=fence_changes,
         evidence=judge.evidence,
+        exceptions=exceptions_of(course),
     )
+
+
+def broken_result(setup: RunSetup, course: Course, *, end_s: float, wall_s: float) -> RunResult:
+    """Return what a run came to of which an exception of ours left no more than that it was."""
+    plan = setup.order.plan
+    decision = decide(course.decisive, (), end_s=end_s, completed=False)
+    return RunResult(
+        case=plan.case,
+        mode=plan.mode,
+        rep=plan.repetition,
+        seed=plan.seed,
+        verdict=decision.verdict,
+        reason=decision.reason,
+        also=also_of(decision),
+        required=plan.required,
+        duration_s=None,
+        wall_s=wall_s,
+        oracles=(),
+        sync=SyncResult(),
+        mixing=None,
+        exceptions=exceptions_of(course),
+    )
+
+
+def exceptions_of(course: Course) -> tuple[str, ...]:
+    """Return the exceptions of ours, each in a line."""
+    return tuple(fault.text for fault in course.faults)
 
 
 def also_of(decision: Decision) -> tuple[Also, ...]:
