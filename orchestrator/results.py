@@ -132,6 +132,7 @@ class RunResult:
     attempts: those before this one, oldest first; a PASS after any is no clean one. preflight: what
     was checked before arming, and who overrode what. fence_changes: in flight, oldest first.
     evidence: what the judged signals showed; on this the verdict rests.
+    exceptions: of ours, each in a line: then it is no PASS, and the program's exit code never 0.
     """
 
     case: str
