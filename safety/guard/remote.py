@@ -166,7 +166,7 @@ class RemoteGuard:
                 await self._end_process()
             finally:
                 await self._reap()
-        if (self._process.poll() or 0) > 0:
+        if (self._process.exit_code or 0) > 0:
             report(GuardFailedError(last_words(self._charter.folder)), "the guard")
 
     def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
