@@ -129,7 +129,9 @@ def _matched(pair: PicturePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameV
         if found is None or (found.correlation < _MATCHED and not pair.is_like):
             why = "the recipe changes the whole picture, and the twin's is not drawn by us"
             return FrameVisibility(pair.t_s, changed=float(changed.mean()), not_measured=why)
-        is_shown = found.correlation >= _MATCHED
+        # A hole of its shape in what was changed shows the real world, not the object.
+        is_there = float(changed[own].mean()) >= SHOWN_SHARE
+        is_shown = is_there and found.correlation >= _MATCHED
         offset = found.samples * pair.expected.px_per_sample if is_shown else None
         shown = max(0.0, found.correlation)
         objects.append(ObjectVisibility(name, True, extent, shown, is_shown, offset, limit, "px"))
@@ -141,7 +143,7 @@ def _floor_px(pair: PicturePair) -> float:
     per_sample = pair.expected.px_per_sample
     if pair.limit_px is not None:
         return pair.limit_px + per_sample
-    return LIMIT_SHARE_OF_WIDTH * pair.expected.ids.shape[1] * per_sample
+    return float(LIMIT_SHARE_OF_WIDTH * pair.expected.ids.shape[1] * per_sample)
 
 
 def _limit_px(own: Mask, pair: PicturePair) -> float:

@@ -188,6 +188,14 @@ def test_a_whole_picture_without_the_gate_does_not_show_it(scene: Scene) -> None
     assert gate_of(scene.compare(drawn(ring()), is_like=False)).is_shown
 
 
+def test_a_hole_in_the_shape_of_the_gate_does_not_show_it(scene: Scene) -> None:
+    """What a recipe makes that isolates all but the gate."""
+    dark = Scene(room(0, 90.0), ring())
+    mixed = np.where(ring()[:, :, None], dark.real, room(5, 180.0))
+    gate = gate_of(dark.compare(mixed))
+    assert (gate.in_view, gate.is_shown, gate.offset) == (True, False, None)
+
+
 def test_two_objects_are_told_apart() -> None:
     left, right = ring(40.0, half=15.0), ring(120.0, half=15.0)
     ids = np.where(left, np.uint8(2), np.where(right, np.uint8(3), np.uint8(1)))
