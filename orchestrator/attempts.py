@@ -11,7 +11,12 @@ _RETRIED: frozenset[Verdict] = frozenset({"ERROR", "INVALID"})
 
 
 def retry_due(result: RunResult, *, retries: int) -> bool:
-    """Return whether a run is flown again by the campaign's `retries`."""
+    """Return whether a run is flown again by the campaign's `retries`.
+
+    A control that ended as it must is not, also where that is INVALID or ERROR.
+    """
+    if result.control is not None and result.control.met:
+        return False
     spent = sum(one.verdict in _RETRIED for one in result.attempts)
     return result.verdict in _RETRIED and spent < retries
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from campaigns.expansion import Campaign, RunPlan
+from orchestrator.control_results import control_result
 from orchestrator.recording.judged import FILE_NAME
 from orchestrator.results import RunResult
 from orchestrator.results_reading import ResultError, read_result
@@ -13,6 +14,7 @@ from orchestrator.run.oracles import build_judge
 from orchestrator.run.outcome import also_of
 from orchestrator.run.setup import RunOrder, RunSetup
 from safety.evidence.evidence import SOURCE
+from safety.judge import COLLISION_ALWAYS
 from safety.tape import TapeError, judge_tape, read_tape
 from safety.verdict import DecisiveEvent, DecisiveKind, decide, source_of
 
@@ -43,11 +45,11 @@ def rejudge(campaign: Campaign, folder: Path) -> tuple[Rejudged, ...]:
     """
     found = tuple(
         rejudge_run(plan, folder / plan.name)
-        for plan in campaign.runs
+        for plan in campaign.plans
         if (folder / plan.name).is_dir()
     )
     if not found:
-        first = campaign.runs[0].name
+        first = campaign.plans[0].name
         raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
     return found
 
@@ -59,7 +61,8 @@ def rejudge_run(plan: RunPlan, folder: Path) -> Rejudged:
     except ResultError as error:
         raise RecordingError(str(error)) from error
     events: dict[str, float] = {}
-    judge = build_judge(RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual")), events)
+    setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
+    judge = build_judge(setup, events)
     try:
         with (folder / FILE_NAME).open("rb") as stream:
             played = judge_tape(read_tape(stream), judge, events)
@@ -74,15 +77,26 @@ def rejudge_run(plan: RunPlan, folder: Path) -> Rejudged:
         oracles,
         end_s=played.end_s,
         completed={"landed", "done"} <= played.stages,
+        timeouts=judge.timeouts,
     )
+    always = setup.campaign.collision_always
     now = replace(
         before,
+        not_judged=() if always else (COLLISION_ALWAYS.name,),
         verdict=decision.verdict,
         reason=decision.reason,
         also=also_of(decision),
         required=plan.required,
         oracles=oracles,
         evidence=judge.evidence,
+        decided_by=decision.source,
+        control=control_result(
+            plan.control,
+            verdict=decision.verdict,
+            reason=decision.reason,
+            decided_by=decision.source,
+            subject=before.subject,
+        ),
     )
     return Rejudged(before, now)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from orchestrator.run.course import Course
 from orchestrator.run.pilots import AnyPilot
+from safety.verdict import GOAL_TIMEOUT
 
 _OTHERS_S = 2.0
 """How long the twin may take longer than the real vehicle to say that it is done."""
@@ -50,7 +51,7 @@ class GoalFlight:
                 await done
         except TimeoutError:
             said = f"the autonomy of {self.subject} was not done {self.within_s:g} s after its goal"
-            self.course.decide("FAIL", f"{said} (sync.goal_timeout_s)", source="goal")
+            self.course.decide("FAIL", f"{said} (sync.goal_timeout_s)", source=GOAL_TIMEOUT)
         finally:
             for task in (done, *tasks):
                 task.cancel()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from orchestrator.control_results import control_result
 from orchestrator.outside.outside import Outside
 from orchestrator.outside.program import ProgramPilot
 from orchestrator.outside.results import OutsideResult
@@ -17,7 +18,7 @@ from orchestrator.run.course import Course
 from orchestrator.run.mixing import MixingLoop
 from orchestrator.run.perceiving import Perception
 from orchestrator.run.setup import RunSetup
-from safety.judge import Judge
+from safety.judge import COLLISION_ALWAYS, Judge
 from safety.preflight import Item
 from safety.results import Flag
 from safety.verdict import Decision, decide
@@ -42,7 +43,9 @@ def result_of(
     plan = setup.order.plan
     oracles = judge.results(end_s)
     completed = course.reached("landed") and course.reached("done")
-    decision = decide(course.decisive, oracles, end_s=end_s, completed=completed)
+    decision = decide(
+        course.decisive, oracles, end_s=end_s, completed=completed, timeouts=judge.timeouts
+    )
     takeoff_s, landed_s = course.entered_s.get("takeoff"), course.entered_s.get("landed")
     flown = takeoff_s is not None
     return RunResult(
@@ -65,6 +68,15 @@ def result_of(
         preflight=preflight,
         fence_changes=fence_changes,
         evidence=judge.evidence,
+        decided_by=decision.source,
+        not_judged=() if setup.campaign.collision_always else (COLLISION_ALWAYS.name,),
+        control=control_result(
+            plan.control,
+            verdict=decision.verdict,
+            reason=decision.reason,
+            decided_by=decision.source,
+            subject=setup.subject,
+        ),
     )
 
 

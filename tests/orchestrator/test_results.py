@@ -195,7 +195,7 @@ def fields(mapping: dict[str, Any]) -> str:
 def test_the_summary_has_the_fields_of_the_design() -> None:
     document = json.loads(to_json(summary([full_run()])))
     assert fields(document) == (
-        "campaign clock surrogate real_kind sensors runs totals accepted left_out"
+        "campaign clock surrogate real_kind sensors runs totals accepted left_out controls unmet caveats"
     )
     (run,) = document["runs"]
     assert fields(run) == (

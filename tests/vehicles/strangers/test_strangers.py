@@ -126,7 +126,5 @@ async def test_scripts_with_pymavlink(autopilot: str, over: str, url: str) -> No
 async def test_mavproxy(tmp_path: Path) -> None:
     port = free_port(socket.SOCK_STREAM)
     async with vehicle(f"tcpin://127.0.0.1:{port}", "ardupilot"):
-        await flown_by(
-            "mavproxy_client.py", f"tcp:127.0.0.1:{port}", "ardupilot", str(tmp_path)
-        )
+        await flown_by("mavproxy_client.py", f"tcp:127.0.0.1:{port}", "ardupilot", str(tmp_path))
         await is_down_in_the_north(f"tcp:127.0.0.1:{port}")
