@@ -119,9 +119,9 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     files = _files_of_cases(base, overrides, problems)
     of_controls = files_of_controls(base, part, overrides, problems)
     setups = _setups(files, tuple(part.modes) if part is not None else (), problems)
-    for name, one in of_controls.items() if part is not None else ():
-        setups |= _setups({name: one}, modes_of(part, part.controls[name]), problems)
     if part is not None:
+        for name, one in of_controls.items():
+            setups |= _setups({name: one}, modes_of(part, part.controls[name]), problems)
         problems += control_problems(base, part, setups)
     if part is None or problems:
         raise BadInput(unique(problems))

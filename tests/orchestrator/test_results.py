@@ -133,6 +133,8 @@ def test_every_verdict_has_its_place_in_the_totals() -> None:
         "error": 1,
         "aborted": 1,
         "retried": 0,
+        "controls": 0,
+        "controls_met": 0,
     }
 
 
@@ -195,12 +197,14 @@ def fields(mapping: dict[str, Any]) -> str:
 def test_the_summary_has_the_fields_of_the_design() -> None:
     document = json.loads(to_json(summary([full_run()])))
     assert fields(document) == (
-        "campaign clock surrogate real_kind sensors runs totals accepted left_out controls unmet caveats"
+        "campaign clock surrogate real_kind sensors runs totals accepted left_out controls unmet "
+        "caveats"
     )
     (run,) = document["runs"]
     assert fields(run) == (
         "case mode rep seed verdict reason also required duration_s wall_s oracles sync mixing"
-        " collisions outside artifacts attempts preflight fence_changes evidence"
+        " collisions outside artifacts attempts preflight fence_changes evidence decided_by control"
+        " not_judged note"
     )
     assert fields(run["oracles"][0]) == (
         "name vehicle required verdict actual limit unit margin at_s detail"
