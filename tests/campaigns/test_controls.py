@@ -83,7 +83,11 @@ def test_controls_that_the_command_line_leaves_out_are_told(files: Any) -> None:
         ("  blind:\n", "  large:\n", "'large' is a case already"),
         ("case: small", "case: smal", "there is no case 'smal'; did you mean 'small'?"),
         ("modes: [wil]", "modes: [real]", "mode 'real' is not flown"),
-        ("set: {recipe.combine.0.filter: [{isolate_color: {name: blue}}]}", "set: {}", "at least 1"),
+        (
+            "set: {recipe.combine.0.filter: [{isolate_color: {name: blue}}]}",
+            "set: {}",
+            "at least 1",
+        ),
         ("recipe.combine.0.filter: [{isolate_color: {name: blue}}]", "seed: 3", "is the same for"),
         ("with: {speed_m_s: 1.5}", "with: {sped_m_s: 1.5}", "unknown parameter 'sped_m_s'"),
     ],
