@@ -153,6 +153,7 @@ class Judge:
         """Return what the signals have shown so far."""
         return self._evidence.results()
 
+    @property
     def timeouts(self) -> frozenset[str]:
         """Return the sources of events that say only that time is up."""
         limits = (one for one in self.oracles if isinstance(one, TimeLimit))
