@@ -68,7 +68,7 @@ def _reported(runs: Iterable[RunResult]) -> list[tuple[str, RunResult]]:
         for run in runs
         if run.verdict == "PASS"
         for oracle in run.oracles
-        if oracle.verdict == "FAIL" and not oracle.required and oracle.vehicle == run.subject
+        if oracle.verdict != "PASS" and not oracle.required and oracle.vehicle == run.subject
     ]
 
 

@@ -11,6 +11,7 @@ Limit = float | tuple[float | None, float | None] | None
 class OracleResult:
     """One oracle's judgement of one run.
 
+    verdict: INVALID where what it needs to judge is missing; detail says what.
     actual: the worst value in its window, at_s when (run clock). limit: a number or (low, high).
     margin: signed distance to the nearest limit, positive is good; None for pure events.
     No value is ever NaN or infinite. detail: a sentence for people ("touched gate.left").
@@ -19,7 +20,7 @@ class OracleResult:
     name: str
     vehicle: str
     required: bool
-    verdict: Literal["PASS", "FAIL"]
+    verdict: Literal["PASS", "FAIL", "INVALID"]
     actual: float | None
     limit: Limit
     unit: str

@@ -57,15 +57,15 @@ def decide(
 ) -> Decision:
     """Return the verdict: the first decisive event wins, PASS only when there is none.
 
-    A required oracle's FAIL is an event at its `at_s`, at `end_s` when it has none, and no event
-    when its flag already is one. `completed`: the flight went from takeoff to the end of its
-    landing; one that did not is an ERROR, if nothing else says why. timeouts: the sources that say
-    only that time is up. What was not reached by then is the cause, and comes before them: an
+    A required oracle's FAIL or INVALID is an event at its `at_s`, at `end_s` when it has none, and
+    no event when its flag already is one. `completed`: the flight went from takeoff to the end of
+    its landing; one that did not is an ERROR, if nothing else says why. timeouts: the sources that
+    say only that time is up. What was not reached by then is the cause, and comes before them: an
     oracle that failed, and that only the end could fail.
     """
     known = list(events)
     told = {event.source for event in known if event.source}
-    failed = [r for r in results if r.required and r.verdict == "FAIL"]
+    failed = [r for r in results if r.required and r.verdict != "PASS"]
     known += [_event_of(r, end_s) for r in failed if source_of(r.name, r.vehicle) not in told]
     if not known and not completed:
         known.append(DecisiveEvent(end_s, "ERROR", "the flight was not completed"))
@@ -91,12 +91,14 @@ def _rank(event: DecisiveEvent) -> tuple[float, int]:
 
 def _event_of(result: OracleResult, end_s: float) -> DecisiveEvent:
     at_s = end_s if result.at_s is None else min(result.at_s, end_s)
-    text = f"{result.name} of {result.vehicle} failed"
+    kind: DecisiveKind = "INVALID" if result.verdict == "INVALID" else "FAIL"
+    said = "cannot be judged" if kind == "INVALID" else "failed"
+    text = f"{result.name} of {result.vehicle} {said}"
     if result.detail:
         text += f": {result.detail}"
     elif result.actual is not None:
         text += f": {result.actual:.3f} {result.unit} against {_limit(result)} {result.unit}"
-    return DecisiveEvent(at_s, "FAIL", text, source_of(result.name, result.vehicle))
+    return DecisiveEvent(at_s, kind, text, source_of(result.name, result.vehicle))
 
 
 def _limit(result: OracleResult) -> str:

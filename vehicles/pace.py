@@ -3,7 +3,8 @@
 import asyncio
 import selectors
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from heapq import heappop, heappush
 
 from vehicles.steering import Segment
@@ -85,3 +86,18 @@ def call_wall_later(delay_s: float, callback: Callable[[], object]) -> asyncio.H
     if isinstance(loop, PacedLoop):
         return loop.call_wall_later(delay_s, callback)
     return loop.call_later(delay_s, callback)
+
+
+@asynccontextmanager
+async def wall_timeout(delay_s: float | None) -> AsyncIterator[None]:
+    """Raise TimeoutError as asyncio.timeout does, by the wall's clock, whichever loop runs."""
+    loop = asyncio.get_running_loop()
+    async with asyncio.timeout(None) as limit:
+        if delay_s is None:
+            yield
+            return
+        timer = call_wall_later(delay_s, lambda: limit.reschedule(loop.time()))
+        try:
+            yield
+        finally:
+            timer.cancel()

@@ -4,9 +4,6 @@ import asyncio
 import contextlib
 import json
 import os
-import socket
-import struct
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -19,13 +16,13 @@ from safety.guard.operator_lines import (
     answer,
     parse_line,
 )
+from vehicles.processes.linux import UnsupportedSystemError, peer_uid
 
 POINTER = "operator.json"
 """The file in a results folder that says where the socket is: its own path may be too long."""
 _WATCH_S = 0.5
 _MOST_CLIENTS = 16
 _IDLE_S = 60.0
-_peer = struct.Struct("3i")
 
 Obey = Callable[[OperatorLine], str]
 """Does what abort, hold or resume says and returns what was done, for the answer."""
@@ -147,9 +144,8 @@ class OperatorSocket:
 
 def _is_ours(writer: asyncio.StreamWriter) -> bool:
     """Return whether the peer is of the same user, by the kernel's word (SO_PEERCRED)."""
-    if not sys.platform.startswith("linux"):
+    try:
+        uid = peer_uid(writer.get_extra_info("socket"))
+    except UnsupportedSystemError:
         return True  # The socket's mode has to do.
-    end = writer.get_extra_info("socket")
-    raw = end.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _peer.size)
-    _, uid, _ = _peer.unpack(raw)
     return uid in {os.getuid(), 0}

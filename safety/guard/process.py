@@ -28,7 +28,6 @@ from safety.guard.following import Following, Trouble
 from safety.guard.journal import Journal
 from safety.guard.leftovers import (
     GuardRecord,
-    ProcessId,
     reap_leftovers,
     remove_record,
     runtime_folder,
@@ -60,7 +59,6 @@ from safety.guard.operator_orders import OperatorOrders
 from safety.guard.operator_socket import POINTER, OperatorSocket
 from safety.guard.process_parts import (
     close_quietly,
-    how_it_ended,
     open_ports,
     spare_links,
     vehicle_link,
@@ -69,7 +67,6 @@ from safety.guard.shell import GuardLinks, GuardShell
 from safety.guard.spawning import SCALED
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
-from vehicles.child import ChildProcess
 from vehicles.errors import VehicleError
 from vehicles.links.base import Link
 from vehicles.links.conditions import under_conditions
@@ -77,6 +74,8 @@ from vehicles.links.opening import open_link
 from vehicles.links.parse import parse_link
 from vehicles.mavlink.tlog import TlogWriter
 from vehicles.pace import PacedLoop, call_wall_later
+from vehicles.processes.child import ChildProcess, how_it_ended
+from vehicles.processes.identity import ProcessId
 from worlds.frames import Pose
 
 STATUS_S = 0.1
@@ -198,7 +197,7 @@ class GuardProcess:
 
     async def _enlist(self, stack: AsyncExitStack, runtime: Path) -> None:
         """Open the operator's socket and say on this machine that we fly."""
-        me = ProcessId.of(os.getpid()) or ProcessId(os.getpid(), 0)
+        me = ProcessId.own()
         path = runtime / f"guard-{me.pid}.sock"
         path.unlink(missing_ok=True)
         orders = OperatorOrders(
@@ -294,18 +293,19 @@ class GuardProcess:
     async def _start(self, start: Start) -> None:
         """Start a vehicle's process; its death is told as soon as it is seen."""
         child = ChildProcess(
-            argv=start.argv, lifeline=self._lifeline, environment=start.environment
+            argv=start.argv,
+            stdin=self._lifeline,
+            environment={**os.environ, **start.environment},
         )
         try:
-            await child.start(lambda one: self._child_ended(start.vehicle, one))
+            child.start(lambda one: self._child_ended(start.vehicle, one))
         except OSError as error:
             self._channel.send(Ended(start.vehicle, None, str(error)))
             return
         self._children[start.vehicle] = child
         pid = child.pid or 0
-        known = ProcessId.of(pid)
-        if known is not None:
-            self._record = self._record.with_child(known)
+        if child.identity is not None:
+            self._record = self._record.with_child(child.identity)
             with contextlib.suppress(OSError):
                 write_record(self._runtime, self._record)
         self._note("started", vehicle=start.vehicle, pid=pid)
@@ -313,11 +313,11 @@ class GuardProcess:
 
     def _child_ended(self, name: str, child: ChildProcess) -> None:
         code = child.exit_code
-        how = how_it_ended(code)
+        how = f"its process {how_it_ended(code)}"
         self._note("ended", vehicle=name, text=how)
         if not self._ending:
             self._shell.vehicle_gone(name, f"{name} ended: {how}")
-        self._channel.send(Ended(name, code, child.last_words))
+        self._channel.send(Ended(name, code, child.stderr_tail))
 
     async def _reap(self) -> None:
         """End all children, at the same time."""

@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Self
@@ -15,7 +14,6 @@ from safety.guard.contingency import Phase
 from safety.guard.events import GuardEvent
 from safety.guard.last_words import last_words, remove_if_empty
 from safety.guard.led_clock import LedClock
-from safety.guard.leftovers import ProcessId, end_process
 from safety.guard.lost_links import LostLinks, link_maker
 from safety.guard.messages import (
     Alive,
@@ -47,6 +45,7 @@ from safety.samples import PoseSample
 from vehicles.anchor import Anchor
 from vehicles.links.base import Link, LinkError
 from vehicles.pace import call_wall_later
+from vehicles.processes.identity import ProcessId
 from vehicles.steering import Segment
 
 ALIVE_S = 0.1
@@ -103,7 +102,7 @@ class RemoteGuard:
     @property
     def pid(self) -> int:
         """Return the guard's process id."""
-        return self._process.pid
+        return self._process.pid or 0
 
     def link(self, name: str) -> Link:
         """Return the link to a vehicle through the guard."""
@@ -117,7 +116,7 @@ class RemoteGuard:
         """Start the guard's process and wait until its links are open. Raises LinkError."""
         opened: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
         self._waiting[""] = opened
-        spawned = await spawn_guard(self._charter.folder, scaled=self._charter.pace is not None)
+        spawned = spawn_guard(self._charter.folder, scaled=self._charter.pace is not None)
         self._process, self._hold, self._stderr = spawned.process, spawned.hold, spawned.stderr
         self._channel = Channel(spawned.end, take=self._take, closed=self._lost)
         for link in self._links.values():
@@ -366,12 +365,11 @@ class RemoteGuard:
 
     async def _end_process(self) -> None:
         """Wait for the guard; one that still has a vehicle in the air is left to it."""
-        try:
-            await asyncio.to_thread(self._process.wait, _END_S)
-        except subprocess.TimeoutExpired:
+        if await self._process.wait(_END_S) is None:
             now_s = asyncio.get_running_loop().time()
             text = "the guard goes on by itself: something is in the air still"
             self._tell(GuardEvent(now_s, "guard", "", text))
+        self._process.release()
         self._channel.close()
         os.close(self._hold)
         self._stderr.close()
@@ -379,8 +377,8 @@ class RemoteGuard:
 
     async def _reap(self) -> None:
         """End what a dead guard left over."""
-        if self._process.poll() is None:
+        if self._process.running:
             return
         left = [child for child in self._children.values() if child.lives]
         for child in left:
-            await asyncio.to_thread(end_process, child)
+            await asyncio.to_thread(child.end)

@@ -7,7 +7,7 @@ result. They read no clock, so that judging a recording gives what judging the f
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from safety.oracles.context import Gate, OracleContext, Probe, RunMode, Separation
@@ -136,6 +136,10 @@ class Oracle(ABC):
             at_s=at_s,
             detail=detail,
         )
+
+    def invalid(self, detail: str, *, at_s: float | None = None) -> OracleResult:
+        """Return that there is nothing to judge by. detail: which signal is missing, and when."""
+        return replace(self.verdict(passed=False, at_s=at_s, detail=detail), verdict="INVALID")
 
 
 Factory = Callable[[Terms, Any, OracleContext], Oracle]

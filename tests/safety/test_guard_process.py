@@ -10,7 +10,7 @@ from pymavlink import mavutil
 
 from safety.geofence import Fence
 from safety.guard.contingency import Phase
-from safety.guard.leftovers import ProcessId, reap_leftovers, records, runtime_folder
+from safety.guard.leftovers import reap_leftovers, records, runtime_folder
 from safety.guard.operator_socket import POINTER
 from safety.guard.remote import RemoteGuard
 from tests.safety.remote_rigs import (
@@ -23,6 +23,7 @@ from tests.safety.remote_rigs import (
     words,
 )
 from vehicles.links.base import LinkError
+from vehicles.processes.identity import ProcessId
 
 TOKEN = "of the test"  # noqa: S105 - opens nothing
 

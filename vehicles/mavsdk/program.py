@@ -6,7 +6,6 @@ call; orders, which may block for seconds, have threads of their own.
 """
 
 import contextlib
-import ctypes
 import os
 import queue
 import signal
@@ -31,6 +30,7 @@ from vehicles.mavsdk.messages import (
     decode_order,
     encode,
 )
+from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 
 BAD_USE, FAILED = 2, 1
 ALIVE_S = 0.2
@@ -38,7 +38,6 @@ ALIVE_S = 0.2
 STALE_S = 1.0
 """A message that waited longer is not said: setpoints are renewed, and commands said again."""
 _ORDERS = 4
-_PR_SET_PDEATHSIG = 1
 
 
 class Answers:
@@ -135,7 +134,12 @@ def main(arguments: list[str]) -> int:
     if len(arguments) != 1:
         sys.stderr.write("usage: python -m vehicles.mavsdk URL, with a socket as stdin\n")
         return BAD_USE
-    _die_with_parent()
+    try:
+        # Also while we are stopped.
+        die_with_parent(signal.SIGKILL)
+    except UnsupportedSystemError as error:
+        sys.stderr.write(f"{error}\n")
+        return FAILED
     try:
         end = socket.socket(fileno=os.dup(sys.stdin.fileno()))
     except OSError as error:
@@ -143,13 +147,3 @@ def main(arguments: list[str]) -> int:
         return BAD_USE
     end.setblocking(True)
     return serve(end, arguments[0])
-
-
-def _die_with_parent() -> None:
-    """Have the kernel kill us when the parent dies, also while we are stopped (Linux only)."""
-    if not sys.platform.startswith("linux"):
-        return
-    parent = os.getppid()
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(0)
