@@ -80,7 +80,8 @@ def decide(
 
 def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) -> str | None:
     """Return the source of the first oracle that waited in vain; None without one."""
-    sources = (source_of(one.name, one.vehicle) for one in failed if one.at_s is None)
+    waited = (one for one in failed if one.verdict == "FAIL" and one.at_s is None)
+    sources = (source_of(one.name, one.vehicle) for one in waited)
     return next((source for source in sources if source not in timeouts), None)
 
 
