@@ -11,7 +11,7 @@ from orchestrator.recording.judged import FILE_NAME
 from orchestrator.results import RunResult
 from orchestrator.results_reading import ResultError, read_result
 from orchestrator.run.oracles import build_judge
-from orchestrator.run.outcome import also_of
+from orchestrator.run.outcome import also_of, reason_of
 from orchestrator.run.setup import RunOrder, RunSetup
 from safety.evidence.evidence import SOURCE
 from safety.judge import COLLISION_ALWAYS
@@ -79,21 +79,23 @@ def rejudge_run(plan: RunPlan, folder: Path) -> Rejudged:
         completed={"landed", "done"} <= played.stages,
         timeouts=judge.timeouts,
     )
+    reason = reason_of(decision, decision.note or before.note)
     always = setup.campaign.collision_always
     now = replace(
         before,
         not_judged=() if always else (COLLISION_ALWAYS.name,),
         verdict=decision.verdict,
-        reason=decision.reason,
+        reason=reason,
         also=also_of(decision),
         required=plan.required,
         oracles=oracles,
         evidence=judge.evidence,
         decided_by=decision.source,
+        trace=decision.trace,
         control=control_result(
             plan.control,
             verdict=decision.verdict,
-            reason=decision.reason,
+            reason=reason,
             decided_by=decision.source,
             subject=before.subject,
         ),
@@ -110,6 +112,13 @@ def _told_by_others(log: Path, before: RunResult) -> Iterator[DecisiveEvent]:
             source = line.get("source", "")
             judged = source in own or source.startswith(SOURCE)
             if line["event"] == "decisive" and not judged:
-                yield DecisiveEvent(line["t_s"], _KINDS[line["kind"]], line["reason"], source)
+                yield DecisiveEvent(
+                    line["t_s"],
+                    _KINDS[line["kind"]],
+                    line["reason"],
+                    source,
+                    line.get("note", ""),
+                    line.get("trace", ""),
+                )
     except (OSError, ValueError, KeyError, AttributeError) as error:
         raise RecordingError(f"{log} cannot be read: {error}") from error

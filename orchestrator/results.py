@@ -135,7 +135,8 @@ class RunResult:
     evidence: what the judged signals showed; on this the verdict rests.
     decided_by: what made the verdict, as "reached/real"; empty for PASS. control: how a control
     ended against how it must; None for a run of the campaign itself. not_judged: what is judged
-    always, and was switched off by the campaign. note: the last of the judged vehicle's autonomy.
+    always, and was switched off by the campaign. note: what the judged vehicle's autonomy noted
+    last before that. trace: the traceback of an autonomy that crashed.
     """
 
     case: str
@@ -162,6 +163,7 @@ class RunResult:
     control: ControlResult | None = None
     not_judged: tuple[str, ...] = ()
     note: str = ""
+    trace: str = ""
 
     @property
     def subject(self) -> str:

@@ -21,25 +21,30 @@ class DecisiveEvent:
     """Something that alone settles the run's verdict, if nothing did before.
 
     source: who says so: "collision/real" for an oracle's flag (its result is then not told again).
+    note: the last of the judged vehicle's autonomy then. trace: a traceback, where there is one.
     """
 
     t_s: float
     kind: DecisiveKind
     text: str
     source: str = ""
+    note: str = ""
+    trace: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
     """The verdict, its reason in a sentence (empty for PASS), and what came later.
 
-    source: of the event that made the verdict; empty for PASS, and where it has none.
+    source, note, trace: of the event that made the verdict; empty for PASS, and where it has none.
     """
 
     verdict: Verdict
     reason: str
     also: tuple[DecisiveEvent, ...] = ()
     source: str = ""
+    note: str = ""
+    trace: str = ""
 
 
 def source_of(oracle: str, vehicle: str) -> str:
@@ -75,7 +80,7 @@ def decide(
     if ordered[0].source in timeouts and (cause := _first_unreached(failed, timeouts)):
         ordered.sort(key=lambda event: event.source != cause)
     first, *later = ordered
-    return Decision(first.kind, first.text, tuple(later), first.source)
+    return Decision(first.kind, first.text, tuple(later), first.source, first.note, first.trace)
 
 
 def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) -> str | None:

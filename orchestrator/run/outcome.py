@@ -46,6 +46,8 @@ def result_of(
     decision = decide(
         course.decisive, oracles, end_s=end_s, completed=completed, timeouts=judge.timeouts
     )
+    note = decision.note or course.last_note()
+    reason = reason_of(decision, note)
     takeoff_s, landed_s = course.entered_s.get("takeoff"), course.entered_s.get("landed")
     flown = takeoff_s is not None
     return RunResult(
@@ -54,7 +56,7 @@ def result_of(
         rep=plan.repetition,
         seed=plan.seed,
         verdict=decision.verdict,
-        reason=decision.reason,
+        reason=reason,
         also=also_of(decision),
         required=plan.required,
         duration_s=(landed_s or end_s) - takeoff_s if flown and takeoff_s is not None else None,
@@ -69,15 +71,24 @@ def result_of(
         fence_changes=fence_changes,
         evidence=judge.evidence,
         decided_by=decision.source,
+        note=note,
+        trace=decision.trace,
         not_judged=() if setup.campaign.collision_always else (COLLISION_ALWAYS.name,),
         control=control_result(
             plan.control,
             verdict=decision.verdict,
-            reason=decision.reason,
+            reason=reason,
             decided_by=decision.source,
             subject=setup.subject,
         ),
     )
+
+
+def reason_of(decision: Decision, note: str) -> str:
+    """Return the reason, with what the autonomy noted last where it is a FAIL."""
+    if decision.verdict != "FAIL" or not note:
+        return decision.reason
+    return f"{decision.reason}; the autonomy's last note was '{note}'"
 
 
 def also_of(decision: Decision) -> tuple[Also, ...]:
