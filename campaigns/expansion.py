@@ -81,7 +81,8 @@ class Campaign:
     modes. left_out: what the file requires and the options do not have flown, in words. mqtt: how
     operators reach it by a broker; None for not at all. between: how an attached vehicle comes back
     to its start; None where nothing is said. controls: the runs that must not pass. warnings: what
-    is legal in its files and probably not meant.
+    is legal in its files and probably not meant. caveats: those of them that a verdict has to be
+    read with, in words.
     """
 
     name: str
@@ -101,6 +102,7 @@ class Campaign:
     between: BetweenRunsPart | None = None
     controls: tuple[RunPlan, ...] = ()
     warnings: tuple[Problem, ...] = ()
+    caveats: tuple[str, ...] = ()
 
     @property
     def plans(self) -> tuple[RunPlan, ...]:

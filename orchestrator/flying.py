@@ -297,6 +297,8 @@ class _Flight:
             sensors=_sensors(self._campaign),
             left_out=self._campaign.left_out,
             controls_due=len(self._campaign.controls),
+            caveats=self._campaign.caveats,
+            not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )
         _write(self._folder / "summary.json", to_json(summary))
         junit = junit_xml(summary, self._campaign.requirements)

@@ -32,6 +32,7 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
     said = {
         "left_out": summary.left_out,
         "controls_unmet": summary.unmet,
+        "never_flown": summary.not_flown,
         "overridden": overridden_texts(summary.runs),
         "fence_changed": fence_texts(summary.runs),
         "reported_failed": reported_texts(summary.runs),

@@ -1,14 +1,15 @@
 """Judges recorded runs again, by the oracles that the campaign file has now."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from campaigns.expansion import Campaign, RunPlan
 from orchestrator.control_results import control_result
 from orchestrator.recording.judged import FILE_NAME
-from orchestrator.results import RunResult
+from orchestrator.results import RunResult, Summary, summarize
 from orchestrator.results_reading import ResultError, read_result
 from orchestrator.run.oracles import build_judge
 from orchestrator.run.outcome import also_of, reason_of
@@ -36,6 +37,37 @@ class Rejudged:
 
     before: RunResult
     now: RunResult
+
+
+def summary_of(campaign: Campaign, folder: Path, rejudged: Iterable[Rejudged]) -> Summary:
+    """Return the summary of recorded runs as they are judged now.
+
+    What the folder says of its vehicles and sensors is kept; what is not in it, was not flown.
+    """
+    runs = [each.now for each in rejudged]
+    found = {f"{run.case}/{run.mode}/{run.rep}" for run in runs}
+    before = _summary_before(folder)
+    return summarize(
+        runs,
+        campaign.requirements,
+        campaign=campaign.name,
+        clock=before.get("clock", "virtual"),
+        surrogate=before.get("surrogate") is True,
+        real_kind=before.get("real_kind", "unknown"),
+        sensors=before.get("sensors", {}),
+        left_out=campaign.left_out,
+        controls_due=len(campaign.controls),
+        caveats=campaign.caveats,
+        not_flown=tuple(plan.name for plan in campaign.plans if plan.name not in found),
+    )
+
+
+def _summary_before(folder: Path) -> dict[str, Any]:
+    try:
+        found = json.loads((folder / "summary.json").read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def rejudge(campaign: Campaign, folder: Path) -> tuple[Rejudged, ...]:

@@ -199,6 +199,7 @@ class Summary:
     flown and no control failed to do what it must. left_out: what the campaign requires and the
     command line left out, in words. controls: the runs that must not pass, which stand here alone.
     unmet: the controls that did not end as they must, in words. caveats: of the campaign itself.
+    not_flown: runs and controls that were never flown to a result, by name.
     """
 
     campaign: str
@@ -213,6 +214,7 @@ class Summary:
     controls: tuple[RunResult, ...] = ()
     unmet: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
+    not_flown: tuple[str, ...] = ()
 
 
 def percentiles(values: Sequence[float]) -> Percentiles:
@@ -239,6 +241,7 @@ def summarize(
     left_out: tuple[str, ...] = (),
     controls_due: int = 0,
     caveats: tuple[str, ...] = (),
+    not_flown: tuple[str, ...] = (),
 ) -> Summary:
     """Return the summary of the runs that were flown, in the order given.
 
@@ -260,6 +263,7 @@ def summarize(
         controls=controls,
         unmet=tuple(control_faults(controls)),
         caveats=caveats,
+        not_flown=not_flown,
     )
 
 

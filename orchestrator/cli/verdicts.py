@@ -69,10 +69,17 @@ def conclusions(summary: Summary) -> list[Text]:
 
     What a verdict has to be read with comes right before the last line, and in it.
     """
+    return [*_reasons(summary), *closing_lines(summary)]
+
+
+def closing_lines(summary: Summary) -> list[Text]:
+    """Return what comes beneath the reasons: what it has to be read with, and what it came to."""
     outside = [Text(line, style="dim") for line in outside_lines(summary.runs)]
     lines = [*reservations(summary.runs), *summary.caveats]
+    if summary.not_flown:
+        lines.append(f"never flown: {', '.join(summary.not_flown)}")
     reserved = [Text(line, style="yellow") for line in lines]
-    return [*_reasons(summary), *outside, *reserved, _conclusion(summary)]
+    return [*outside, *reserved, _conclusion(summary)]
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
@@ -154,6 +161,10 @@ def _reasons(summary: Summary) -> list[Text]:
     return lines + [Text(text, style="bold red") for text in summary.unmet]
 
 
+def _due(summary: Summary) -> int:
+    return len(summary.runs) + len(summary.controls) + len(summary.not_flown)
+
+
 def _conclusion(summary: Summary) -> Text:
     words = {True: ("accepted", "bold green"), False: ("not accepted", "bold red")}
     said, style = words.get(summary.accepted or False, ("", ""))
@@ -163,6 +174,8 @@ def _conclusion(summary: Summary) -> Text:
         said, style = f"{said}; {summary.totals.retried} not at the first attempt", "yellow"
     for reservation in in_short(summary):
         said, style = f"{said}; {reservation}", "yellow"
+    if summary.not_flown:
+        said += f"; never flown: {len(summary.not_flown)} of {_due(summary)}"
     if summary.left_out:
         style = "yellow" if summary.accepted else style
         said += "" if summary.accepted is None else " of what was flown"

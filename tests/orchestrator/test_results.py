@@ -198,13 +198,13 @@ def test_the_summary_has_the_fields_of_the_design() -> None:
     document = json.loads(to_json(summary([full_run()])))
     assert fields(document) == (
         "campaign clock surrogate real_kind sensors runs totals accepted left_out controls unmet "
-        "caveats"
+        "caveats not_flown"
     )
     (run,) = document["runs"]
     assert fields(run) == (
         "case mode rep seed verdict reason also required duration_s wall_s oracles sync mixing"
         " collisions outside artifacts attempts preflight fence_changes evidence decided_by control"
-        " not_judged note"
+        " not_judged note trace"
     )
     assert fields(run["oracles"][0]) == (
         "name vehicle required verdict actual limit unit margin at_s detail"
