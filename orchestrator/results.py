@@ -5,7 +5,7 @@ Beside `wall_s` nothing here depends on the machine: repeats of a seed are equal
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from campaigns.acceptance import Requirement, Share, Standing, standings
@@ -49,8 +49,26 @@ class SyncResult:
 
 
 @dataclass(frozen=True, slots=True)
+class ShownResult:
+    """How well the mixtures showed an object that stands only in the virtual world.
+
+    Of the mixtures that were measured while the goal was flown. frames_in_view: geometry says that
+    it was in view. frames_shown: of these, the mixture showed it. offset_px: how far from its
+    place in pictures; offset_m: by how much ranges were off; None for the other kind.
+    """
+
+    frames_in_view: int
+    frames_shown: int
+    offset_px: Percentiles | None = None
+    offset_m: Percentiles | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class CombinationResult:
     """What one combination of the recipe did.
+
+    frames_measured: mixtures in which the virtual objects were sought while the goal was flown;
+    shown: what came of it, by object. not_measured: why some or all mixtures could not be.
 
     name: of its sensor; with its receivers where a sensor is mixed several times. sensor: its type.
     publish: who perceives it. frames: mixtures delivered. dropped: why something of the twin, or
@@ -69,6 +87,9 @@ class CombinationResult:
     latency_ms: Percentiles
     registration_error_px: Percentiles | None = None
     registration_bound_px: Percentiles | None = None
+    frames_measured: int = 0
+    shown: dict[str, ShownResult] = field(default_factory=dict)
+    not_measured: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +109,9 @@ class MixingResult:
     registration_error_px: Percentiles | None = None
     registration_bound_px: Percentiles | None = None
     combinations: tuple[CombinationResult, ...] = ()
+    frames_measured: int = 0
+    shown: dict[str, ShownResult] = field(default_factory=dict)
+    not_measured: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +161,7 @@ class RunResult:
     ended against how it must; None for a run of the campaign itself. not_judged: what is judged
     always, and was switched off by the campaign. note: what the judged vehicle's autonomy noted
     last before that. trace: the traceback of an autonomy that crashed.
+    exceptions: of ours, each in a line: then it is no PASS, and the program's exit code never 0.
     """
 
     case: str
@@ -164,6 +189,7 @@ class RunResult:
     not_judged: tuple[str, ...] = ()
     note: str = ""
     trace: str = ""
+    exceptions: tuple[str, ...] = ()
 
     @property
     def subject(self) -> str:
@@ -360,6 +386,7 @@ def exit_code(
         return 130
     if stopped == "command" or any(run.verdict == "ABORTED" for run in runs):
         return 4
+    broken = broken or any(run.exceptions for run in runs)
     return 3 if broken else _code_of(runs, requirements, controls_due)
 
 

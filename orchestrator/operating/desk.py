@@ -12,6 +12,7 @@ from orchestrator.operator import OperatorCommand
 from orchestrator.progress import Happening, News, Progress
 from orchestrator.results import RunResult, Stop
 from safety.guard.operator_lines import OperatorLine, RefusedLineError
+from vehicles.tasks import Contained
 
 _MOST_ANSWERS = 20
 
@@ -145,7 +146,8 @@ class Desk:
         elif news.kind == "answer":
             self._take_answer(news)
         for follower in self._followers:
-            follower.news(news)
+            with Contained("news for operators"):
+                follower.news(news)
 
     def _take_answer(self, news: Happening) -> None:
         """Take what a run answers to a command that took it time."""
@@ -166,7 +168,8 @@ class Desk:
             self.stopped = "command"
             self._fleet.abort(OperatorCommand("abort", f"{name} ({run.reason})"))
         for follower in self._followers:
-            follower.finished(run)
+            with Contained("a verdict for operators"):
+                follower.finished(run)
         self._tell_status()
 
     def left(self, name: str) -> None:
@@ -202,7 +205,8 @@ class Desk:
 
     def _tell_status(self) -> None:
         for follower in self._followers:
-            follower.status()
+            with Contained("the status for operators"):
+                follower.status()
 
     def _do(self, command: OperatorCommand, stop: Stop) -> str:
         match command.kind:

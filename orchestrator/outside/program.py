@@ -26,6 +26,7 @@ from vehicles.links.udp import UdpLink
 from vehicles.mavlink.framing import FrameSplitter
 from vehicles.processes.supervisor import supervised
 from vehicles.readings import CameraReading, Reading
+from vehicles.tasks import start, stop
 
 _HOST = "127.0.0.1"
 _GRACE_S = 2.0
@@ -88,7 +89,7 @@ class ProgramPilot:
                 folder=self._under_test.folder,
             )
             await stack.enter_async_context(self._program)
-            self._ending = asyncio.create_task(self._program.ended(), name="program's end")
+            self._ending = start(self._program.ended(), name="program's end")
             self._ending.add_done_callback(self._ended)
             self._stack = stack.pop_all()
         return self
@@ -102,9 +103,10 @@ class ProgramPilot:
         """End it and all that it started."""
         if self._ending is not None:
             self._ending.remove_done_callback(self._ended)
-            self._ending.cancel()
-            await asyncio.wait([self._ending])
-        await self._stack.aclose()
+            try:
+                await stop(self._ending)
+            finally:
+                await self._stack.aclose()
 
     @property
     def result(self) -> ProgramResult:

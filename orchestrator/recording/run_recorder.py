@@ -199,6 +199,8 @@ class RunRecorder:
         """Record a mixture, or that there was none, with where it came from."""
         mixed = frame.mixed
         self._mcap.mixed(frame.name, mixed.reading, mixed.provenance, now_s=self._time())
+        if frame.visibility is not None:
+            self._mcap.visibility(frame.name, frame.visibility, now_s=self._time())
 
     def shown(self, shown: Shown) -> None:
         """Record a perceived picture, and one set of pictures for people."""

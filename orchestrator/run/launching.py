@@ -1,6 +1,5 @@
 """Simulators that a run launches: prepared before the guard opens its links, started by it."""
 
-import asyncio
 import math
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
@@ -12,6 +11,7 @@ from orchestrator.run.setup import RunSetup
 from safety.guard.remote import RemoteGuard
 from vehicles.launch.plan import Home
 from vehicles.launch.prepared import PreparedLaunch
+from vehicles.tasks import start, stop
 
 _READY_S = 60.0
 """A simulator on a loaded machine; an image that starts cold."""
@@ -41,14 +41,14 @@ def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, Pre
 
 async def start_launched(name: str, prepared: PreparedLaunch, guard: RemoteGuard) -> None:
     """Have the guard start a simulator, and wait until it runs. Raises LinkError, LaunchError."""
-    end = asyncio.create_task(guard.end_of(name), name=f"end of {name}")
+    end = start(guard.end_of(name), name=f"end of {name}")
     try:
         # It lives on the lifeline of guard and orchestrator, not on one of them alone.
         command = prepared.command(parent=0, grace_s=_GRACE_S)
         prepared.note(await guard.start(name, command, dict(prepared.plan.environment)))
         await prepared.until_ready(end, ready_s=_READY_S)
     finally:
-        end.cancel()
+        await stop(end)
 
 
 def _at_home(launch: SitlLaunch, setup: RunSetup, vehicle: VehicleSetup) -> SitlLaunch:

@@ -13,8 +13,10 @@ from vehicles.embedded.states import TruthSample
 from vehicles.pose_history import PoseHistory
 from vehicles.readings import PoseReading
 from vehicles.setpoints import PositionSetpoint, Setpoint
+from vehicles.tasks import Contained
 from worlds.frames import Pose, Vec3, scale, subtract
 
+_LISTENER = Contained("a listener to a vehicle's place")
 HISTORY_S = 2.0
 """How far back poses are kept: longer than any camera is late."""
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -92,7 +94,8 @@ class Station:
     def take_mocap(self, reading: PoseReading) -> None:
         """Take a pose of motion capture."""
         for listener in self._mocap_listeners:
-            listener(reading)
+            with _LISTENER:
+                listener(reading)
         if self.pose_source != "mocap":
             return
         velocity = reading.velocity_ned_m_s or self._mocap_velocity(reading)
@@ -104,14 +107,16 @@ class Station:
         if sample.contact is not None and self.contact is None:
             self.contact = sample.contact
             for told in self._contact_listeners:
-                told(sample)
+                with _LISTENER:
+                    told(sample)
 
     def _take_pose(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
         if not self.poses.add(t_s, pose, velocity_ned_m_s):
             return
         sample = PoseSample(t_s, self.name, pose, velocity_ned_m_s)
         for listener in self._listeners:
-            listener(sample)
+            with _LISTENER:
+                listener(sample)
 
     def _mocap_velocity(self, reading: PoseReading) -> Vec3:
         """Return the velocity over a tenth of a second: over one frame, noise would rule."""

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from contextlib import AsyncExitStack, ExitStack
 from functools import partial
 from pathlib import Path
+from traceback import format_exception
 from typing import Any
 
 from safety.guard.channel import Channel
@@ -76,6 +77,7 @@ from vehicles.mavlink.tlog import TlogWriter
 from vehicles.pace import PacedLoop, call_wall_later
 from vehicles.processes.child import ChildProcess, how_it_ended
 from vehicles.processes.identity import ProcessId
+from vehicles.tasks import TaskAccount, start
 from worlds.frames import Pose
 
 STATUS_S = 0.1
@@ -93,6 +95,8 @@ class GuardProcess:
         self._chartered: asyncio.Future[CharterMessage | None]
         self._over = asyncio.Event()
         self._ending = False
+        self._faults = 0
+        self._guarding = False
         self._lost = False
         self._children: dict[str, ChildProcess] = {}
         self._starts: set[asyncio.Task[None]] = set()
@@ -112,14 +116,17 @@ class GuardProcess:
             message = await self._chartered
         if message is None:
             return 1
+        account = TaskAccount(fault=self._fault, expected=(VehicleError, OSError))
         try:
-            await self._guard(GuardCharter.from_plain(message.plain))
+            with account.of(loop):
+                await self._guard(GuardCharter.from_plain(message.plain))
         except (CharterError, VehicleError, OSError) as error:
             self._channel.send(Failed(f"the guard cannot begin: {error}"))
             return 1
         finally:
             self._channel.close()
-        return 0
+        # Who waits for our end takes this for an error when nothing of it reached him.
+        return 1 if self._faults else 0
 
     async def _guard(self, charter: GuardCharter) -> None:
         self._charter = charter
@@ -136,6 +143,7 @@ class GuardProcess:
                     await self._open(stack, charter)
                     await self._over.wait()
                     await self._last()
+                    self._guarding = False
         finally:
             pace = None if self._following is None else self._following.pace
             if pace is not None:
@@ -175,6 +183,7 @@ class GuardProcess:
         self._shell.on_event(self._event)
         asyncio.get_running_loop().set_exception_handler(self._erred)
         await stack.enter_async_context(self._shell)
+        self._guarding = True
         stack.push_async_callback(self._reap)
         await self._enlist(stack, runtime)
         self._opened(raw)
@@ -269,7 +278,7 @@ class GuardProcess:
             case GoDark(name, duration_s) if name in self._names and self._links:
                 self._shell.black_out(name, duration_s)
             case Start() if message.vehicle in self._names:
-                task = asyncio.create_task(self._start(message), name=f"start {message.vehicle}")
+                task = start(self._start(message), name=f"start {message.vehicle}")
                 self._starts.add(task)
                 task.add_done_callback(self._starts.discard)
             case Follow() if self._following is not None:
@@ -362,11 +371,19 @@ class GuardProcess:
 
     def _erred(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Take an error of our own: whoever guards wrongly must not go on as if all were well."""
-        error = context.get("exception")
-        said = context.get("message", "") if error is None else f"{type(error).__name__}: {error}"
-        event = GuardEvent(asyncio.get_running_loop().time(), "guard", "", f"in the guard: {said}")
-        self._event(event)
-        self._shell.bring_down(event.text)
+        error, where = context.get("exception"), str(context.get("message", ""))
+        self._fault(error if isinstance(error, BaseException) else RuntimeError(where), where)
+
+    def _fault(self, error: BaseException, where: str) -> None:
+        self._faults += 1
+        said, trace = f"{type(error).__name__}: {error}", "".join(format_exception(error))
+        print(trace, file=sys.stderr, flush=True)  # noqa: T201 - the file of its last words
+        self._note("error", where=where, type=type(error).__name__, message=str(error), trace=trace)
+        if self._guarding:
+            now_s = asyncio.get_running_loop().time()
+            event = GuardEvent(now_s, "guard", "", f"in the guard: {said}")
+            self._event(event)
+            self._shell.bring_down(event.text)
 
     def _record_frame(self, name: str, t_s: float, frame: bytes) -> None:
         self._tlogs[name].write(t_s, frame)

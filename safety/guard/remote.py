@@ -47,6 +47,7 @@ from vehicles.links.base import Link, LinkError
 from vehicles.pace import call_wall_later
 from vehicles.processes.identity import ProcessId
 from vehicles.steering import Segment
+from vehicles.tasks import Contained, report, start, stop
 
 ALIVE_S = 0.1
 _OPEN_S = 20.0
@@ -56,6 +57,10 @@ _CHECK_S = 0.2
 _CHECKS_WITHOUT_A_WORD = 10
 """Of our own turns, not of time: a machine that was asleep must not make us kill our guard."""
 _POLL_S = 0.1
+
+
+class GuardFailedError(Exception):
+    """An exception came up in the guard's process; says what it wrote to stderr."""
 
 
 class RemoteGuard:
@@ -152,12 +157,17 @@ class RemoteGuard:
         for timer in (self._beating, self._checking):
             if timer is not None:
                 timer.cancel()
-        if self._aftermath is not None:
-            self._aftermath.cancel()
-            await asyncio.wait([self._aftermath])
-        self._channel.send(End())
-        await self._end_process()
-        await self._reap()
+        try:
+            if self._aftermath is not None:
+                await stop(self._aftermath)
+        finally:
+            self._channel.send(End())
+            try:
+                await self._end_process()
+            finally:
+                await self._reap()
+        if (self._process.exit_code or 0) > 0:
+            report(GuardFailedError(last_words(self._charter.folder)), "the guard")
 
     def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
         """Have every event told to `listener`, at once, from the event loop."""
@@ -247,13 +257,13 @@ class RemoteGuard:
     async def ended_or(self, name: str, sign: "asyncio.Task[object]", timeout_s: float) -> None:
         """Wait for a vehicle's sign of life. Raises LinkError when it ends or is too late."""
         end = self._endings.setdefault(name, asyncio.Event())
-        ended = asyncio.create_task(end.wait(), name=f"end of {name}")
+        ended = start(end.wait(), name=f"end of {name}")
         try:
             await asyncio.wait(
                 {sign, ended}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
             )
         finally:
-            ended.cancel()
+            await stop(ended)
         if sign.done():
             return
         how = self._ended.get(name)
@@ -323,7 +333,8 @@ class RemoteGuard:
     def _tell(self, event: GuardEvent) -> None:
         self.events.append(event)
         for listener in self._listeners:
-            listener(event)
+            with Contained(f"a listener to the guard ({event.kind})"):
+                listener(event)
 
     def _lost(self) -> None:
         """Take that the guard's process ended, which it should not have."""
@@ -336,7 +347,7 @@ class RemoteGuard:
         now_s = asyncio.get_running_loop().time()
         self._down.clear()
         self._rest.set()
-        self._aftermath = asyncio.create_task(self._watch_failsafes(), name="after the guard")
+        self._aftermath = start(self._watch_failsafes(), name="after the guard")
         text = "the guard's process ended; the autopilots' own failsafes have to act"
         self._tell(GuardEvent(now_s, "guard", "", text))
 

@@ -28,6 +28,7 @@ from safety.samples import PoseSample
 from vehicles.anchor import Anchor
 from vehicles.links.base import Link, Receiver
 from vehicles.links.impaired import ImpairedLink
+from vehicles.tasks import Contained
 
 TICK_HZ = 20.0
 _LOGGED = (ToOrchestrator, ToVehicle)
@@ -215,11 +216,13 @@ class GuardShell:
             else:
                 self._write(output)
         if self._record is not None:
-            events += self._write_down(self._record, outputs, t_s)
+            with Contained("the record of frames"):
+                events += self._write_down(self._record, outputs, t_s)
         for event in events:
             self.events.append(event)
             for listener in self._listeners:
-                listener(event)
+                with Contained(f"a listener to the guard ({event.kind})"):
+                    listener(event)
 
     def _write(self, output: ToOrchestrator | ToVehicle | ToGcs) -> None:
         ends, data = self._links[output.name], _joined(output.frames)

@@ -20,6 +20,7 @@ from vehicles.driver.state import (
 )
 from vehicles.driver.texts import TextPieces
 from vehicles.mavlink.names import enum_name
+from vehicles.tasks import Contained
 
 EventListener = Callable[[VehicleEvent], None]
 
@@ -75,7 +76,8 @@ class Status:
     def tell(self, event: VehicleEvent) -> None:
         """Tell an event to all listeners."""
         for listener in self._listeners:
-            listener(event)
+            with Contained(f"a listener to a vehicle ({event.kind})"):
+                listener(event)
 
     def set_link(self, *, up: bool, t_s: float, gap_s: float) -> None:
         """Note that the vehicle fell silent for `gap_s`, or is heard again after that."""

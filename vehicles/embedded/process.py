@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from typing import cast
+from typing import Any, cast
 
 from pydantic import ValidationError
 
@@ -153,7 +153,18 @@ async def _until_told(settings: ProcessSettings) -> None:
         loop.add_signal_handler(number, stop.set)
     if settings.end_with_stdin:
         loop.add_reader(sys.stdin.fileno(), _on_stdin, stop.set)
+    errors: list[BaseException] = []
+
+    def failed(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Take what a callback raised: a vehicle of which nothing more is known must not fly on."""
+        error = context.get("exception")
+        errors.append(error or RuntimeError(str(context.get("message"))))
+        stop.set()
+
+    loop.set_exception_handler(failed)
     await fly(settings, stop)
+    if errors:
+        raise errors[0]
 
 
 def _on_stdin(stop: Callable[[], None]) -> None:
