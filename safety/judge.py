@@ -17,6 +17,7 @@ from safety.samples import (
     FenceSample,
     HeardSample,
     PoseSample,
+    ReferenceSample,
     ReportSample,
     StageSample,
     StateSample,
@@ -176,6 +177,11 @@ class Judge:
         """Take that a vehicle was heard; returns new flags."""
         self._evidence.heard(sample)
         return self._feed(self._heards.get(sample.vehicle, ()), sample)
+
+    def reference(self, sample: ReferenceSample) -> None:
+        """Take where another source has a vehicle."""
+        self._evidence.reference(sample)
+        self._take_evidence()
 
     def report(self, sample: ReportSample) -> None:
         """Take that a sample of a signal has arrived."""

@@ -37,7 +37,8 @@ class EvidenceResult:
     rests on it. first_s, last_s: stamps of its samples within the window, None without any; count:
     how many. largest_gap_s, gap_at_s: the longest time without a sample, and when that began.
     limit_s: the longest gap that is accepted. verdict: INVALID where the signal cannot show what
-    happened; reason: why, and when. Times are on the run clock.
+    happened; reason: why, and when. compared_with: the other sources that agreed with it, or did
+    not. Times are on the run clock.
     """
 
     signal: str
@@ -52,6 +53,7 @@ class EvidenceResult:
     limit_s: float
     verdict: Literal["PASS", "INVALID"]
     reason: str = ""
+    compared_with: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,6 +56,16 @@ class HeardSample:
     vehicle: str
 
 
+class ReferenceSample(NamedTuple):
+    """Where another source than the judged one has a vehicle; a few of them in a second."""
+
+    t_s: float
+    vehicle: str
+    source: str
+    position_ned_m: Vec3
+    velocity_ned_m_s: Vec3
+
+
 class ReportSample(NamedTuple):
     """A sample of a signal arrived whose value travels elsewhere: a status, a mixed frame.
 

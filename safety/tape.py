@@ -9,6 +9,7 @@ cameras three percent of its speed):
     ["state", t_s, vehicle, armed, mode, mode_name, landed, fault, battery_fraction, battery_v,
      estimator_fault]; only t_s and vehicle when nothing else has changed
     ["heard", t_s, vehicle]
+    ["reference", t_s, vehicle, source, [n, e, d], [vn, ve, vd]]
     ["report", t_s, vehicle, signal]                      a sample whose value travels elsewhere
     ["doubt", t_s, vehicle, signal, source, reason]
     ["stage", t_s, stage, vehicle or nil]
@@ -31,6 +32,7 @@ from safety.samples import (
     FenceSample,
     HeardSample,
     PoseSample,
+    ReferenceSample,
     ReportSample,
     Stage,
     StageSample,
@@ -67,6 +69,7 @@ Taped = (
     PoseSample
     | StateSample
     | HeardSample
+    | ReferenceSample
     | ReportSample
     | DoubtSample
     | StageSample
@@ -109,6 +112,8 @@ class TapePacker:
                 return ("pose", t_s, vehicle, pose.position_ned_m, pose.q_wxyz, velocity)
             case StateSample():
                 return self._state(sample)
+            case ReferenceSample():
+                return ("reference", *sample)
             case ReportSample():
                 return ("report", *sample)
             case FenceSample(t_s, vehicle, fence):
@@ -189,6 +194,9 @@ _READERS: dict[str, Callable[..., Taped]] = {
     "state": StateSample,
     "heard": HeardSample,
     "report": ReportSample,
+    "reference": lambda t_s, vehicle, source, place, velocity: ReferenceSample(
+        t_s, vehicle, source, tuple(place), tuple(velocity)
+    ),
     "doubt": DoubtSample,
     "tick": Tick,
     "stage": lambda t_s, stage, vehicle: StageSample(t_s, _stage(stage), vehicle),
@@ -215,6 +223,8 @@ def judge_tape(tape: Iterable[Taped], judge: Judge, events: dict[str, float]) ->
         match sample:
             case PoseSample():
                 judge.pose(sample)
+            case ReferenceSample():
+                judge.reference(sample)
             case Tick(t_s):
                 judge.tick(t_s)
             case StageSample(t_s, stage):

@@ -16,6 +16,7 @@ from safety.samples import (
     FenceSample,
     HeardSample,
     PoseSample,
+    ReferenceSample,
     ReportSample,
     StageSample,
     StateSample,
@@ -58,6 +59,7 @@ class Bench:
         self._stations: list[Station] = []
         self._heard_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
+        self._reported_s: dict[tuple[str, str], float] = {}
         self._told = 0
         self.fence_changes: list[FenceChange] = []
         course.on_stage(self._stage)
@@ -66,6 +68,7 @@ class Bench:
         """Judge a vehicle by its pose source, its state and its silence from now on."""
         self._stations.append(station)
         station.on_pose(self._pose)
+        station.on_reference(self._reference)
         station.driver.on_event(lambda event: self._event(station, event))
         station.driver.on_failure(lambda error: self._course.decide("ERROR", str(error)))
         station.on_contact(lambda truth: self._contact(station, truth))
@@ -127,6 +130,11 @@ class Bench:
         self._tape(sample)
         self._take(self._judge.pose(sample))
 
+    def _reference(self, sample: ReferenceSample) -> None:
+        self._tape(sample)
+        self._judge.reference(sample)
+        self._take(())
+
     def _state(self, station: Station, t_s: float) -> None:
         state = station.driver.state
         if state.last_heard_s is None:
@@ -136,6 +144,10 @@ class Bench:
             heard = HeardSample(state.last_heard_s, station.name)
             self._tape(heard)
             self._take(self._judge.heard(heard))
+        for name, reported_s in station.driver.reported_s.items():
+            if reported_s > self._reported_s.get((station.name, name), -1.0):
+                self._reported_s[station.name, name] = reported_s
+                self.report(ReportSample(reported_s, station.name, name))
         self._judge_state(state_sample(station.name, state, t_s))
 
     def _judge_state(self, sample: StateSample) -> None:

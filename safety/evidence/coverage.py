@@ -117,7 +117,13 @@ class Coverage:
             limit_s=terms.limit_s,
             verdict="PASS" if self.fault is None else "INVALID",
             reason="" if self.fault is None else self.fault.reason,
+            compared_with=self.compared_with,
         )
+
+    @property
+    def compared_with(self) -> tuple[str, ...]:
+        """Return the other sources of the same that it was compared with."""
+        return ()
 
     @property
     def _since_s(self) -> float | None:

@@ -10,6 +10,7 @@ from safety.samples import (
     DoubtSample,
     HeardSample,
     PoseSample,
+    ReferenceSample,
     ReportSample,
     StageSample,
     StateSample,
@@ -52,6 +53,13 @@ class Evidence:
             return True
         self.doubt(DoubtSample(sample.t_s, sample.vehicle, POSE, "its source", NOT_A_NUMBER))
         return False
+
+    def reference(self, sample: ReferenceSample) -> None:
+        """Take where another source has a vehicle."""
+        known = self._poses.get(sample.vehicle)
+        if known is not None:
+            known.reference(sample)
+            self._settle((POSE, sample.vehicle), known)
 
     def report(self, sample: ReportSample) -> None:
         """Take that a sample of another signal has arrived."""

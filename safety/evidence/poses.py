@@ -2,9 +2,10 @@
 
 import math
 
+from safety.evidence.agreement import Agreement, Disagreement
 from safety.evidence.coverage import Coverage
 from safety.evidence.terms import SignalTerms
-from safety.samples import PoseSample, StageSample, StateSample
+from safety.samples import PoseSample, ReferenceSample, StageSample, StateSample
 from worlds.frames import Vec3
 
 NOT_A_NUMBER = "it is not a number"
@@ -20,6 +21,11 @@ class PoseCoverage(Coverage):
 
     def __init__(self, terms: SignalTerms) -> None:
         super().__init__(terms)
+        self._agreements = {
+            source: Agreement(judged=terms.accuracy, other=accuracy, source=source)
+            for source, accuracy in terms.references.items()
+            if terms.accuracy is not None
+        }
         self._landed: bool | None = None
         self._place: Vec3 | None = None
         self._still_since_s: float | None = None
@@ -29,10 +35,18 @@ class PoseCoverage(Coverage):
         """Return whether the vehicle flies: by its own word, and between the stages in the air."""
         return self.stages.open and (self._landed is False or not self.stages.near_ground)
 
+    @property
+    def compared_with(self) -> tuple[str, ...]:
+        """Return the sources that have shown where the vehicle is beside the judged one."""
+        return tuple(name for name, one in self._agreements.items() if one.count)
+
     def stage(self, sample: StageSample) -> None:
         """Take a stage."""
-        was_up = self.in_the_air
+        was_up, was_open = self.in_the_air, self.stages.open
         super().stage(sample)
+        if self.stages.open and not was_open:
+            for agreement in self._agreements.values():
+                agreement.restart()
         if self.in_the_air and not was_up:
             self._still_since_s = None
 
@@ -49,6 +63,8 @@ class PoseCoverage(Coverage):
             self.find(sample.t_s, f"{NOT_A_NUMBER} at {sample.t_s:.2f} s")
             return
         self.take(sample.t_s)
+        for agreement in self._agreements.values():
+            self._disagree(agreement.pose(sample))
         before, self._place = self._place, place
         if place != before or self._still_since_s is None or not self.in_the_air:
             self._still_since_s = sample.t_s
@@ -59,6 +75,16 @@ class PoseCoverage(Coverage):
                 f"it repeats one position from {since_s:.2f} s on while the vehicle is in the air"
             )
             self.find(since_s + limit_s, said)
+
+    def reference(self, sample: ReferenceSample) -> None:
+        """Take where another source has the vehicle."""
+        agreement = self._agreements.get(sample.source)
+        if agreement is not None:
+            self._disagree(agreement.reference(sample))
+
+    def _disagree(self, found: Disagreement | None) -> None:
+        if found is not None and self.stages.open:
+            self.find(found.at_s, found.text)
 
 
 def is_finite(sample: PoseSample) -> bool:

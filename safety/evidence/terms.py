@@ -1,8 +1,10 @@
 """What is expected of a signal: from where it comes, how often, and for how long."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+from safety.evidence.agreement import Accuracy
 from safety.oracles.terms import FLIGHT, Window
 
 MOST_GAP_S = 0.5
@@ -12,6 +14,9 @@ GAP_PERIODS = 3.0
 STAMP_S = 0.002
 """Stamps are whole milliseconds (time_boot_ms), at either end of a gap."""
 
+SILENCE_S = 1.5
+"""After how long without a byte a driver takes a vehicle for silent; its reports are no quicker."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignalTerms:
@@ -19,7 +24,8 @@ class SignalTerms:
 
     signal, source: as results name them ("pose", "mocap"). limit_s: the longest gap that is
     accepted. required: whether a required oracle rests on it: else its INVALID is only reported.
-    over_link: it arrives over the vehicle's link, and is silent when that is.
+    over_link: it arrives over the vehicle's link, and is silent when that is. accuracy: of a pose,
+    references: other sources of the same, by their names; with both they are compared.
     """
 
     signal: str
@@ -29,6 +35,8 @@ class SignalTerms:
     required: bool
     over_link: bool = False
     window: Window = FLIGHT
+    accuracy: Accuracy | None = None
+    references: Mapping[str, Accuracy] = field(default_factory=dict)
 
 
 def position_limit_s(rate_hz: float, *, judged_every_s: float = 0.0) -> float:
@@ -43,5 +51,5 @@ def position_limit_s(rate_hz: float, *, judged_every_s: float = 0.0) -> float:
 
 
 def status_limit_s(rate_hz: float) -> float:
-    """Return the longest gap that is accepted between reports that come once or twice a second."""
-    return max(GAP_PERIODS / rate_hz, MOST_GAP_S)
+    """Return the longest gap that is accepted between a vehicle's reports of its own state."""
+    return max(GAP_PERIODS / rate_hz, SILENCE_S)

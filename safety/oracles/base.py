@@ -14,6 +14,7 @@ from safety.oracles.context import Gate, OracleContext, Probe, RunMode, Separati
 from safety.oracles.terms import FLIGHT, Parameters, Stages, Terms, Window, Windowed
 from safety.results import Flag, Limit, OracleResult
 from safety.samples import FenceSample, HeardSample, PoseSample, StageSample, StateSample
+from vehicles.driver.state import ReportName
 
 __all__ = [
     "NO_FLAGS",
@@ -56,7 +57,12 @@ class OracleError(Exception):
 
 
 class Oracle(ABC):
-    """One judge of one vehicle (`watches`: whose samples it wants; most watch that one alone)."""
+    """One judge of one vehicle (`watches`: whose samples it wants; most watch that one alone).
+
+    reports: what it takes of a vehicle's state; its silence is the oracle's blindness.
+    """
+
+    reports: frozenset[ReportName] = frozenset()
 
     def __init__(self, terms: Terms) -> None:
         self.terms = terms

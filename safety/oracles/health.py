@@ -58,6 +58,8 @@ class ModesParameters(Windowed):
 class Estimator(Oracle):
     """Its estimator is sound, or unsound for no longer than the limit at a time."""
 
+    reports = frozenset({"estimator"})
+
     def __init__(self, terms: Terms, *, max_unsound_s: float) -> None:
         super().__init__(terms)
         self._max_s = max_unsound_s
@@ -123,6 +125,8 @@ class Estimator(Oracle):
 class Battery(Kept):
     """Keeps a least charge or voltage."""
 
+    reports = frozenset({"battery"})
+
     def __init__(self, terms: Terms, *, min_percent: float | None, min_v: float | None) -> None:
         self._in_percent = min_percent is not None
         self._least = min_v or 0.0 if min_percent is None else min_percent
@@ -152,6 +156,8 @@ class Battery(Kept):
 
 class Modes(Oracle):
     """Flies in the allowed modes only, and changes between them no more often than allowed."""
+
+    reports = frozenset({"heartbeat"})
 
     def __init__(
         self, terms: Terms, *, allowed: tuple[ModeName, ...], max_changes: int | None

@@ -14,7 +14,14 @@ from safety.oracles.base import (
     Windowed,
     oracle,
 )
-from safety.oracles.stl_signals import TWIN_DISTANCE_NAME, FenceMargin, Signal, Together, signals_of
+from safety.oracles.stl_signals import (
+    TWIN_DISTANCE_NAME,
+    FenceMargin,
+    Signal,
+    Together,
+    reports_of,
+    signals_of,
+)
 from safety.oracles.stl_trace import Trace
 from safety.oracles.terms import ON_GOAL
 from safety.results import OracleResult
@@ -51,6 +58,7 @@ class Stl(Oracle):
         self._kinds = {name: signal.kind for name, signal in self._signals.items()}
         names = tuple(dict.fromkeys(name.name for name in names_of(self._formula)))
         self._used = {name: self._signals[name] for name in names}
+        self.reports = reports_of(names)
         self._trace = Trace(names)
         mixed = has_several_units(self._formula, self._kinds)
         self._monitor = StlMonitor(self._formula, mixed=mixed)

@@ -25,6 +25,8 @@ class LinkParameters(Windowed):
 class VehicleFault(Oracle):
     """Reports no fault, and does not disarm in flight, by default from takeoff to the landing."""
 
+    reports = frozenset({"heartbeat", "landed_state", "estimator"})
+
     def __init__(self, terms: Terms) -> None:
         super().__init__(terms)
         self._seen = False
@@ -118,6 +120,8 @@ class Heard(Oracle):
 
 class Landed(Oracle):
     """Is on the ground and disarmed at the end, by its own last word."""
+
+    reports = frozenset({"heartbeat", "landed_state"})
 
     def __init__(self, terms: Terms) -> None:
         super().__init__(terms)

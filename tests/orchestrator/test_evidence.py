@@ -1,19 +1,27 @@
 """What a run's positions have to show: one that touches something never passes for want of it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from campaigns.expansion import Options, RunPlan, load_campaign
 from orchestrator.rejudging import rejudge_run
 from orchestrator.results import RunResult
+from orchestrator.run.course import Stage
 from orchestrator.run.run import Disturb, fly
 from orchestrator.run.setup import RunOrder, RunSetup
 from orchestrator.writing import to_json, write_whole
+from tests.faults.motion_capture import Alter, captured
 from tests.faults.relay import Change, frozen, relay, stopped
 from tests.orchestrator.conftest import NoCommands
 from tests.orchestrator.wall import write_wall
+from vehicles.readings import PoseReading
+from worlds.frames import Pose
+
+EXTENDED_SYS_STATE: int = mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
 
 
 @pytest.fixture
@@ -41,7 +49,7 @@ def test_positions_that_freeze_before_a_wall_prove_nothing(plan: RunPlan, tmp_pa
     result = flown(plan, tmp_path / "run", disturb)
     assert result.verdict == "INVALID"
     assert result.reason.startswith("pose of twin from mavlink: it repeats one position from ")
-    (pose,) = result.evidence
+    pose = result.evidence[0]
     assert (pose.verdict, pose.required, pose.reason) == ("INVALID", True, result.reason)
 
 
@@ -69,3 +77,47 @@ def test_a_table_touched_while_landing_unseen_is_no_pass_and_judged_again_alike(
     assert result.verdict == "INVALID"
     write_whole(folder / "result.json", to_json(result))
     assert rejudge_run(plan, folder).now == result
+
+
+def silent(_: PoseReading) -> tuple[()]:
+    return ()
+
+
+def repeated() -> Alter:
+    first: list[PoseReading] = []
+
+    def alter(reading: PoseReading) -> tuple[PoseReading]:
+        first.append(reading)
+        return (replace(reading, pose=first[0].pose),)
+
+    return alter
+
+
+def biased(reading: PoseReading) -> tuple[PoseReading]:
+    north_m, east_m, down_m = reading.pose.position_ned_m
+    moved = Pose((north_m, east_m + 0.3, down_m), reading.pose.q_wxyz)
+    return (replace(reading, pose=moved),)
+
+
+@pytest.mark.parametrize(
+    ("alter", "stage", "said"),
+    [
+        (silent, "takeoff", "no sample"),
+        (silent, "land", "no sample"),
+        (repeated(), "land", "from where truth has the vehicle"),
+        (biased, "goal", "from where truth has the vehicle"),
+    ],
+)
+def test_motion_capture_counts_from_takeoff_to_landed(
+    fly_run: Callable[..., tuple[RunResult, Path]], alter: Alter, stage: Stage, said: str
+) -> None:
+    result, _ = fly_run(disturb=captured("real", alter, stage=stage, after_s=0.3))
+    assert result.verdict == "INVALID"
+    assert result.reason.startswith("pose of real from mocap: ")
+    assert said in result.reason
+
+
+def test_a_report_that_an_oracle_rests_on_must_not_end(plan: RunPlan, tmp_path: Path) -> None:
+    change = relay("twin", stopped(), stage="takeoff", message_id=EXTENDED_SYS_STATE)
+    result = flown(plan, tmp_path / "run", change)
+    assert any("landed_state of twin" in one.reason for one in (result, *result.also))

@@ -235,4 +235,4 @@ def test_limits_are_three_periods_of_what_is_judged() -> None:
     assert position_limit_s(60.0, judged_every_s=0.018) == pytest.approx(0.1 + STAMP_S)
     assert position_limit_s(4.0) == 0.5
     assert status_limit_s(1.0) == pytest.approx(3.0)
-    assert status_limit_s(50.0) == 0.5
+    assert status_limit_s(5.0) == 1.5
