@@ -41,7 +41,9 @@ def test_the_wall_is_touched(plan: RunPlan, tmp_path: Path) -> None:
         "FAIL",
         "twin touched wall.box; the autonomy's last note was 'ahead'",
     )
-    assert [(one.signal, one.verdict) for one in result.evidence] == [("pose", "PASS")]
+    found = [(one.signal, one.verdict) for one in result.evidence]
+    assert found == [("pose", "PASS"), ("heartbeat", "PASS"), ("landed_state", "PASS")]
+    assert result.evidence[0].compared_with == ("mocap", "truth")
 
 
 def test_positions_that_freeze_before_a_wall_prove_nothing(plan: RunPlan, tmp_path: Path) -> None:
