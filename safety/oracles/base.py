@@ -125,11 +125,11 @@ class Oracle(ABC):
         at_s: float | None = None,
         detail: str = "",
     ) -> OracleResult:
-        """Return this oracle's result; a number that is not finite turns it into a FAIL."""
+        """Return this oracle's result; a number that is not finite turns it into INVALID."""
         numbers = [x for x in (actual, margin, at_s) if x is not None]
         if not all(map(math.isfinite, numbers)):
             bad = f"saw a value that is not finite ({actual})"
-            return self.verdict(passed=False, limit=limit, unit=unit, detail=bad)
+            return self.invalid(bad)
         return OracleResult(
             name=self.name,
             vehicle=self.vehicle,

@@ -93,7 +93,7 @@ class Estimator(Oracle):
         del t_s
         limit = self._max_s
         if not self._seen:
-            return self.verdict(passed=False, limit=limit, unit="s", detail="no state seen")
+            return self.invalid("no state seen")
         lasted_s, at_s, fault = self._worst
         return self.verdict(
             passed=not self._too_long(lasted_s, fault),
@@ -193,7 +193,7 @@ class Modes(Oracle):
         del t_s
         limit = self._max_changes
         if self._last is None:
-            return self.verdict(passed=False, limit=limit, detail="no state seen")
+            return self.invalid("no state seen")
         at_s, text = self._first_bad or (None, "")
         return self.verdict(
             passed=self._first_bad is None,

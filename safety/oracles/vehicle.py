@@ -51,7 +51,7 @@ class VehicleFault(Oracle):
         """Return FAIL with the faults in words, the first one's time."""
         del t_s
         if not self._seen:
-            return self.verdict(passed=False, detail="no state seen")
+            return self.invalid("no state seen")
         if not self._faults:
             return self.verdict(passed=True)
         texts = "; ".join(text for text, _ in self._faults)
@@ -97,8 +97,7 @@ class Heard(Oracle):
     def result(self, t_s: float) -> OracleResult:
         """Return the longest gap."""
         if not self._heard:
-            detail = "never heard in flight"
-            return self.verdict(passed=False, limit=self._max_gap_s, unit="s", detail=detail)
+            return self.invalid("never heard in flight")
         gap_s, at_s = self._worst_at(t_s)
         margin_s = self._max_gap_s - gap_s
         return self.verdict(
@@ -137,7 +136,7 @@ class Landed(Oracle):
         del t_s
         last = self._last
         if last is None:
-            return self.verdict(passed=False, detail="no state seen")
+            return self.invalid("no state seen")
         faults = []
         if last.armed:
             faults.append("still armed")
