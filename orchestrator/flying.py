@@ -21,6 +21,7 @@ from orchestrator.campaign_folder import (
     set_aside,
 )
 from orchestrator.clock import Clock
+from orchestrator.control_results import control_result
 from orchestrator.faults import Faults, fault_log
 from orchestrator.junit import junit_xml
 from orchestrator.manifest import manifest
@@ -137,7 +138,9 @@ def _begin(
         )
     except (TakenError, OSError) as error:
         raise OutputError(str(error)) from error
-    watcher.say(f"resumed: {len(before.results)} of {len(campaign.runs)} are finished, in {folder}")
+    watcher.say(
+        f"resumed: {len(before.results)} of {len(campaign.plans)} are finished, in {folder}"
+    )
     return folder, before
 
 
@@ -234,12 +237,14 @@ class _Flight:
 
     def outcome(self) -> CampaignOutcome:
         summary = self.write_summary()
+        flown = (*summary.runs, *summary.controls)
         broken = bool(self._faults.all)
         code = exit_code(
-            summary.runs,
+            flown,
             self._campaign.requirements,
             stopped=self._desk.stopped,
             broken=broken,
+            controls_due=len(self._campaign.controls),
         )
         if not self._settings.arm and self._desk.stopped is None and not broken:
             code = rehearsal_code(summary.runs)
@@ -266,7 +271,7 @@ class _Flight:
             self._desk.news(news)
         if isinstance(news, Progress):
             self._repositioning.gone_on()
-            if news.case in self._campaign.cases:  # a flight back is no run
+            if news.case in self._campaign.setups:  # a flight back is no run
                 with self._faults.taking("progress"):
                     self._watcher.progress(news)
 
@@ -324,6 +329,9 @@ class _Flight:
             real_kind=self._settings.real_kind,
             sensors=_sensors(self._campaign),
             left_out=self._campaign.left_out,
+            controls_due=len(self._campaign.controls),
+            caveats=self._campaign.caveats,
+            not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )
         _write(self._folder / "summary.json", to_json(summary))
         junit = junit_xml(summary, self._campaign.requirements)
@@ -334,9 +342,12 @@ class _Flight:
 
 
 def planned(campaign: Campaign, settings: FlyingSettings) -> tuple[RunPlan, ...]:
-    """Return the runs to fly: without arming one of each case and mode, of which none counts."""
+    """Return the runs to fly, the controls after them.
+
+    Without arming one of each case and mode, of which none counts, and no control.
+    """
     if settings.arm:
-        return campaign.runs
+        return campaign.plans
     return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
 
 
@@ -356,6 +367,9 @@ def lost_result(plan: RunPlan, lost: WorkerLost) -> RunResult:
         oracles=(),
         sync=SyncResult(),
         mixing=None,
+        control=control_result(
+            plan.control, verdict="ERROR", reason=lost.reason, decided_by="", subject=""
+        ),
         exceptions=(lost.fault.text,) if lost.details else (),
     )
 

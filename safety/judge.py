@@ -1,13 +1,15 @@
 """The judge of a run: feeds every oracle what it watches, collects flags and results."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from safety.evidence.evidence import Evidence
 from safety.oracles import registry
 from safety.oracles.base import Oracle, OracleContext, OracleError, Parameters, Terms
 from safety.oracles.contact import ContactParameters
+from safety.oracles.goal import TimeLimit
+from safety.oracles.terms import FLIGHT
 from safety.oracles.vehicle import Landed
 from safety.results import EvidenceResult, Flag, OracleResult
 from safety.samples import (
@@ -20,7 +22,7 @@ from safety.samples import (
     StageSample,
     StateSample,
 )
-from safety.verdict import DecisiveEvent, source_of
+from safety.verdict import GOAL_TIMEOUT, DecisiveEvent, source_of
 
 S = TypeVar("S")
 Handler = Callable[[S], tuple[Flag, ...]]
@@ -36,26 +38,35 @@ class OracleUse:
 
 
 COLLISION_ALWAYS = OracleUse("collision_always", "collision", ContactParameters())
-"""A contact fails a run, also of a campaign that asks for no such oracle."""
+"""A contact fails a run, whatever its campaign says of the oracle `collision`."""
+_LANDED_ALWAYS = "landed_always"
+ALWAYS_JUDGED = (COLLISION_ALWAYS.name, _LANDED_ALWAYS)
+"""Oracles that a campaign has without asking for them."""
 
 
 def build_oracles(
-    uses: Sequence[OracleUse], contexts: Mapping[str, OracleContext]
+    uses: Sequence[OracleUse],
+    contexts: Mapping[str, OracleContext],
+    *,
+    collision_always: bool = True,
 ) -> tuple[Oracle, ...]:
     """Return the oracles of one run; `contexts` has one entry per vehicle that flies in it.
 
     An oracle that names no vehicle judges the subject, and in mode wil the twin beside it, not
     required. One that names a vehicle which does not fly in this mode is left out. That a real
-    vehicle is on the ground and disarmed at the end is judged always, and that the subject touches
-    nothing where no use of `collision` says anything of it. Raises OracleError.
+    vehicle is on the ground and disarmed at the end is judged always, and, with collision_always,
+    that the subject touches nothing: a use of `collision` that judges less, or is only reported,
+    stands beside that. What it names as `ground` is ground there too. Raises OracleError.
     """
     oracles = [oracle for use in uses for oracle in _of_use(use, contexts)]
     if "real" in contexts and not any(_is_final(oracle) for oracle in oracles):
-        oracles.append(Landed(Terms(name="landed_always", vehicle="real", required=True)))
+        oracles.append(Landed(Terms(name=_LANDED_ALWAYS, vehicle="real", required=True)))
     for vehicle, context in contexts.items():
-        told = any(_is_of_contact(use, vehicle) for use in uses)
-        if vehicle == context.subject and context.probe is not None and not told:
-            oracles += _of_use(COLLISION_ALWAYS, {vehicle: context})
+        judged = any(_judges_every_contact(use, vehicle) for use in uses)
+        subject = vehicle == context.subject and context.probe is not None
+        if collision_always and subject and not judged:
+            always = replace(COLLISION_ALWAYS, parameters=ContactParameters(ground=_ground(uses)))
+            oracles += _of_use(always, {vehicle: context})
     _require_unique(oracles)
     return tuple(oracles)
 
@@ -80,8 +91,20 @@ def _is_final(oracle: Oracle) -> bool:
     return isinstance(oracle, Landed) and oracle.vehicle == "real" and oracle.required
 
 
-def _is_of_contact(use: OracleUse, subject: str) -> bool:
-    return use.kind == "collision" and use.parameters.vehicle in {None, subject}
+def _judges_every_contact(use: OracleUse, subject: str) -> bool:
+    """Return whether a use says all that `collision_always` would."""
+    given = use.parameters
+    if use.kind != "collision" or not isinstance(given, ContactParameters):
+        return False
+    whole = given.from_ in {None, FLIGHT.first} and given.to in {None, FLIGHT.last, "end"}
+    return given.required and given.vehicle in {None, subject} and whole and not given.exclude
+
+
+def _ground(uses: Iterable[OracleUse]) -> tuple[str, ...]:
+    """Return what any use names as an object that one takes off from or lands on."""
+    given = (use.parameters for use in uses)
+    names = (name for one in given if isinstance(one, ContactParameters) for name in one.ground)
+    return tuple(dict.fromkeys(names))
 
 
 def _require_unique(oracles: Iterable[Oracle]) -> None:
@@ -130,6 +153,12 @@ class Judge:
     def evidence(self) -> tuple[EvidenceResult, ...]:
         """Return what the signals have shown so far."""
         return self._evidence.results()
+
+    @property
+    def timeouts(self) -> frozenset[str]:
+        """Return the sources of events that say only that time is up."""
+        limits = (one for one in self.oracles if isinstance(one, TimeLimit))
+        return frozenset({GOAL_TIMEOUT, *(source_of(one.name, one.vehicle) for one in limits)})
 
     def pose(self, sample: PoseSample) -> tuple[Flag, ...]:
         """Take a pose; returns new flags."""

@@ -150,7 +150,11 @@ class RunRecorder:
 
     def decisive(self, event: DecisiveEvent) -> None:
         """Record what settles the run."""
-        self._say(event.t_s, "decisive", kind=event.kind, reason=event.text, source=event.source)
+        told = {"note": event.note, "trace": event.trace}
+        more = {key: text for key, text in told.items() if text}
+        self._say(
+            event.t_s, "decisive", kind=event.kind, reason=event.text, source=event.source, **more
+        )
         self._mcap.event(event.t_s, "error", event.kind, event.text)
 
     def flag(self, flag: Flag) -> None:

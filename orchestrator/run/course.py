@@ -46,6 +46,8 @@ class Course:
         self.entered_s: dict[Stage, float] = {"start": time()}
         self.decisive: list[DecisiveEvent] = []
         self.over = asyncio.Event()
+        self.last_note: Callable[[], str] = str
+        """What the autonomy of the judged vehicle noted last; set once there is one."""
         self._held = False
         self._due = False
         self._stage_watchers: list[StageWatcher] = []
@@ -88,10 +90,15 @@ class Course:
         *,
         t_s: float | None = None,
         source: str = "",
+        trace: str = "",
         ends_flight: bool = True,
     ) -> None:
-        """Record that the run is settled; `ends_flight`: the vehicles have to come down for it."""
-        event = DecisiveEvent(self._time() if t_s is None else t_s, kind, reason, source)
+        """Record that the run is settled; `ends_flight`: the vehicles have to come down for it.
+
+        trace: the traceback of what was raised, for the log and the result.
+        """
+        at_s = self._time() if t_s is None else t_s
+        event = DecisiveEvent(at_s, kind, reason, source, self.last_note(), trace)
         self.decisive.append(event)
         if ends_flight and self._held:
             self._due = True

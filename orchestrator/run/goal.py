@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from orchestrator.run.course import Course
 from orchestrator.run.pilots import AnyPilot
+from safety.verdict import GOAL_TIMEOUT
 from vehicles.tasks import stop, together
 
 _OTHERS_S = 2.0
@@ -47,7 +48,7 @@ class GoalFlight:
                 await stop(*flying)
         except TimeoutError:
             said = f"the autonomy of {self.subject} was not done {self.within_s:g} s after its goal"
-            self.course.decide("FAIL", f"{said} (sync.goal_timeout_s)", source="goal")
+            self.course.decide("FAIL", f"{said} (sync.goal_timeout_s)", source=GOAL_TIMEOUT)
 
     async def _done(self) -> None:
         await self.pilots[self.subject].done.wait()

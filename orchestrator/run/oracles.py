@@ -24,6 +24,7 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
             mode=setup.mode,
             subject=setup.subject,
             vehicle=vehicle.name,
+            body_half_m=BODY.half_m,
             start=vehicle.start,
             probe=ClearanceProbe(scene, BODY),
             things=scene.names,
@@ -37,7 +38,8 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
         )
         for vehicle in setup.vehicles
     }
-    oracles = build_oracles(setup.campaign.oracles, contexts)
+    campaign = setup.campaign
+    oracles = build_oracles(campaign.oracles, contexts, collision_always=campaign.collision_always)
     return Judge(oracles, Evidence(signal_terms(setup, oracles)))
 
 

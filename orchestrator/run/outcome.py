@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from orchestrator.control_results import control_result
 from orchestrator.outside.outside import Outside
 from orchestrator.outside.program import ProgramPilot
 from orchestrator.outside.results import OutsideResult
@@ -20,7 +21,7 @@ from orchestrator.run.mixing import MixingLoop
 from orchestrator.run.perceiving import Perception
 from orchestrator.run.setup import RunSetup
 from recipes.visibility.coverage import Coverage
-from safety.judge import Judge
+from safety.judge import COLLISION_ALWAYS, Judge
 from safety.preflight import Item
 from safety.results import Flag
 from safety.verdict import Decision, decide
@@ -45,7 +46,11 @@ def result_of(
     plan = setup.order.plan
     oracles = judge.results(end_s)
     completed = course.reached("landed") and course.reached("done")
-    decision = decide(course.decisive, oracles, end_s=end_s, completed=completed)
+    decision = decide(
+        course.decisive, oracles, end_s=end_s, completed=completed, timeouts=judge.timeouts
+    )
+    note = decision.note or course.last_note()
+    reason = reason_of(decision, note)
     takeoff_s, landed_s = course.entered_s.get("takeoff"), course.entered_s.get("landed")
     flown = takeoff_s is not None
     return RunResult(
@@ -54,7 +59,7 @@ def result_of(
         rep=plan.repetition,
         seed=plan.seed,
         verdict=decision.verdict,
-        reason=decision.reason,
+        reason=reason,
         also=also_of(decision),
         required=plan.required,
         duration_s=(landed_s or end_s) - takeoff_s if flown and takeoff_s is not None else None,
@@ -68,8 +73,26 @@ def result_of(
         preflight=preflight,
         fence_changes=fence_changes,
         evidence=judge.evidence,
+        decided_by=decision.source,
+        note=note,
+        trace=decision.trace,
+        not_judged=() if setup.campaign.collision_always else (COLLISION_ALWAYS.name,),
+        control=control_result(
+            plan.control,
+            verdict=decision.verdict,
+            reason=reason,
+            decided_by=decision.source,
+            subject=setup.subject,
+        ),
         exceptions=exceptions_of(course),
     )
+
+
+def reason_of(decision: Decision, note: str) -> str:
+    """Return the reason, with what the autonomy noted last where it is a FAIL."""
+    if decision.verdict != "FAIL" or not note:
+        return decision.reason
+    return f"{decision.reason}; the autonomy's last note was '{note}'"
 
 
 def broken_result(setup: RunSetup, course: Course, *, end_s: float, wall_s: float) -> RunResult:
@@ -90,6 +113,14 @@ def broken_result(setup: RunSetup, course: Course, *, end_s: float, wall_s: floa
         oracles=(),
         sync=SyncResult(),
         mixing=None,
+        decided_by=decision.source,
+        control=control_result(
+            plan.control,
+            verdict=decision.verdict,
+            reason=decision.reason,
+            decided_by=decision.source,
+            subject=setup.subject,
+        ),
         exceptions=exceptions_of(course),
     )
 

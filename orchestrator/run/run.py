@@ -147,7 +147,7 @@ class Flown:
             try:
                 await _fly_pair(ground, inbox, disturb)
             except AutonomyFault as fault:
-                course.decide("FAIL", str(fault), source="autonomy")
+                course.decide("FAIL", str(fault), source="autonomy", trace=fault.trace)
             except (VehicleError, LinkError, StepError) as error:
                 course.decide("ERROR", str(error))
             except FAULTS as error:
@@ -234,6 +234,8 @@ def _run_of(ground: _Ground, pair: Pair, pilots: Mapping[str, AnyPilot], inbox: 
     """Return the run with all its parts tied to the vehicles."""
     setup, course, recorder, sync = ground.setup, ground.course, ground.recorder, ground.sync
     telling, bench = ground.telling, ground.bench
+    subject = next(one for one in pair.stations if one.name == setup.subject)
+    course.last_note = lambda: subject.note
     ground.outside.attach(pair.stations)
     ground.perception = perception = build_perception(
         setup,

@@ -237,6 +237,7 @@ def test_limits_keep_a_reckless_autonomy_inside_of_the_fence(
         sets=(
             limits,
             "oracles.time_limit.limit_s=12",
+            "collision_always=off",
             "oracles.collision.required=false",
             "oracles.reached.required=false",
         ),

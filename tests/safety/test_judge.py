@@ -193,4 +193,27 @@ def test_that_the_subject_touches_nothing_is_judged_always(mode: RunMode) -> Non
     assert of_contact(use("collision", required=False))[0] == ("collision", subject, False)
     other = "real" if subject == "twin" else "twin"
     assert always[0] in of_contact(use("collision", vehicle=other))
-    assert always[0] not in of_contact(use("collision", name="walls", exclude=("gate",)))
+    assert of_contact(use("collision"))[-1] != always[0]
+    assert of_contact(use("collision", to="end"))[-1] != always[0]
+
+
+@pytest.mark.parametrize(
+    "weaker",
+    [
+        {"required": False},
+        {"exclude": ("gate",)},
+        {"from_": "goal"},
+        {"to": "land"},
+    ],
+)
+def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str, object]) -> None:
+    flying = contexts("wil")
+    seen = {name: replace(context, probe=Nothing()) for name, context in flying.items()}
+    parameters = registry["collision"].parameters.model_construct(**weaker)
+    uses = [OracleUse("collision", "collision", parameters)]
+
+    def names(**options: bool) -> set[str]:
+        return {o.name for o in build_oracles(uses, seen, **options) if o.required}
+
+    assert "collision_always" in names()
+    assert "collision_always" not in names(collision_always=False)
