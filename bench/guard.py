@@ -42,6 +42,7 @@ from tests.safety.remote_rigs import (
 from vehicles.links.parse import LinkAddress
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.framing import FrameSplitter
+from vehicles.tasks import start, stop
 from worlds.frames import Pose
 
 _STEP_S = 0.02
@@ -93,8 +94,7 @@ async def guarded(folder: Path) -> AsyncIterator[tuple[RemoteGuard, Wire]]:
         wires = [Wire(name, system, guard.port(name)) for name, system in SYSTEMS.items()]
         for wire in wires:
             await stack.enter_async_context(wire.link)
-            task = asyncio.create_task(wire.fly())
-            stack.callback(task.cancel)
+            stack.push_async_callback(stop, start(wire.fly(), name="wire"))
         await heard.wait()
         await asyncio.sleep(0.3)
         yield guard, wires[0]

@@ -39,6 +39,7 @@ from vehicles.cameras import AskedCamera
 from vehicles.pose_history import PoseHistory
 from vehicles.readings import CameraReading
 from vehicles.sensors.lens import ThroughLens
+from vehicles.tasks import start, stop
 from worlds.camera import CameraMount, Intrinsics
 from worlds.documents import load
 from worlds.frames import Pose
@@ -143,7 +144,7 @@ class Bench:
 
 async def measure(bench: Bench, hz: float, seconds: float) -> None:
     """Run the bench."""
-    mixing = asyncio.create_task(bench.mixing.run())
+    mixing = start(bench.mixing.run(), name="mixing")
     poses, camera = Ticker(POSE_HZ, bench.pose), Ticker(hz, bench.exposed)
     await asyncio.sleep(WARM_UP_S)
     bench.forget()
@@ -151,8 +152,7 @@ async def measure(bench: Bench, hz: float, seconds: float) -> None:
     for ticker in (camera, poses):
         await asyncio.to_thread(ticker.stop)
     await asyncio.sleep(0.2)
-    mixing.cancel()
-    await asyncio.wait([mixing])
+    await stop(mixing)
 
 
 async def run(name: str, scene: Scene, arguments: argparse.Namespace) -> None:

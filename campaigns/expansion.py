@@ -7,6 +7,13 @@ from functools import partial
 from pathlib import Path
 
 from campaigns.acceptance import Requirement, Share, parse_share
+from campaigns.controls import (
+    Expectation,
+    control_problems,
+    expectation,
+    files_of_controls,
+    modes_of,
+)
 from campaigns.files import (
     CaseFiles,
     Override,
@@ -40,7 +47,10 @@ class Options:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunPlan:
-    """One run to be flown; picklable. repetition counts from 1. required: counts for `accept`."""
+    """One run to be flown; picklable. repetition counts from 1. required: counts for `accept`.
+
+    control: how it must end, where it is a control; its name then is the case.
+    """
 
     campaign: str
     case: str
@@ -49,6 +59,7 @@ class RunPlan:
     seed: int
     required: bool
     files: CaseFiles
+    control: Expectation | None = None
 
     @property
     def name(self) -> str:
@@ -62,13 +73,16 @@ class RunPlan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Campaign:
-    """A checked campaign with its runs in order: by case, mode and repetition.
+    """A checked campaign with its runs in order: by case, mode and repetition; then its controls.
 
     document: the campaign file after --repetitions, --seed and --set. paths: every file it was
-    read from. modes, cases: those selected. retries: how often a run that proves nothing is flown
-    again. requirements: of the selected cases and modes. left_out: what the file requires and the
-    options do not have flown, in words. mqtt: how operators reach it by a broker; None for not at
-    all. between: how an attached vehicle comes back to its start; None where nothing is said.
+    read from. modes, cases: those selected. setups: of these cases and of the controls. retries:
+    how often a run that proves nothing is flown again. requirements: of the selected cases and
+    modes. left_out: what the file requires and the options do not have flown, in words. mqtt: how
+    operators reach it by a broker; None for not at all. between: how an attached vehicle comes back
+    to its start; None where nothing is said. controls: the runs that must not pass. warnings: what
+    is legal in its files and probably not meant. caveats: those of them that a verdict has to be
+    read with, in words.
     """
 
     name: str
@@ -86,6 +100,14 @@ class Campaign:
     mqtt: MqttSetup | None = None
     retries: int = 0
     between: BetweenRunsPart | None = None
+    controls: tuple[RunPlan, ...] = ()
+    warnings: tuple[Problem, ...] = ()
+    caveats: tuple[str, ...] = ()
+
+    @property
+    def plans(self) -> tuple[RunPlan, ...]:
+        """Return all that is flown: the runs, then the controls."""
+        return (*self.runs, *self.controls)
 
 
 def load_campaign(path: Path, options: Options | None = None) -> Campaign:
@@ -97,10 +119,16 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     problems: list[Problem] = []
     part = gathered(problems, partial(check, base, CampaignPart))
     files = _files_of_cases(base, overrides, problems)
+    of_controls = files_of_controls(base, part, overrides, problems)
     setups = _setups(files, tuple(part.modes) if part is not None else (), problems)
+    if part is not None:
+        for name, one in of_controls.items():
+            setups |= _setups({name: one}, modes_of(part, part.controls[name]), problems)
+        problems += control_problems(base, part, setups)
     if part is None or problems:
         raise BadInput(unique(problems))
-    case_names = _selected("--case", options.cases, tuple(part.cases), problems)
+    names = _selected("--case", options.cases, (*part.cases, *part.controls), problems)
+    case_names = tuple(name for name in names if name in part.cases)
     mode_names = _selected("--mode", options.modes, tuple(part.modes), problems)
     shares = _shares(original, base, part, problems)
     mqtt = mqtt_setup(base, part.operator, problems)
@@ -108,26 +136,34 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         raise BadInput(unique(problems))
     modes = tuple(mode for mode in part.modes if mode in mode_names)
     chosen = [(case, mode) for case in case_names for mode in modes]
+    controls = tuple(
+        plan
+        for plan in _controls(part, of_controls)
+        if plan.case in names and plan.mode in mode_names
+    )
+    flown = {*chosen, *((plan.case, plan.mode) for plan in controls)}
+    files |= of_controls
     return Campaign(
         name=part.campaign,
         description=part.description,
         document=base,
-        paths=tuple(dict.fromkeys(p for case in case_names for p in files[case].paths)),
+        paths=tuple(dict.fromkeys(p for name in names for p in files[name].paths)),
         cases=case_names,
         modes=modes,
         repetitions=part.repetitions,
         seed=part.seed,
-        setups={case: setups[case] for case in case_names},
+        setups={name: setups[name] for name in names},
         runs=tuple(_runs(part, chosen, shares, files)),
         requirements=tuple(
             Requirement(case, mode, shares[case, mode])
             for case, mode in chosen
             if (case, mode) in shares
         ),
-        left_out=left_out(original, part, chosen, shares),
+        left_out=left_out(original, part, flown, shares),
         mqtt=mqtt,
         retries=part.retries,
         between=part.between_runs,
+        controls=controls,
     )
 
 
@@ -240,4 +276,24 @@ def _runs(
                 seed=run_seed(part.seed, case, repetition),
                 required=(case, mode) in shares,
                 files=files[case],
+            )
+
+
+def _controls(part: CampaignPart, files: Mapping[str, CaseFiles]) -> Iterable[RunPlan]:
+    """Yield each control once in each of its modes.
+
+    Its seed is that of the first repetition of the case that it changes: nothing else differs.
+    """
+    for name, control in part.controls.items():
+        expected = expectation(part, control)
+        for mode in modes_of(part, control):
+            yield RunPlan(
+                campaign=part.campaign,
+                case=name,
+                mode=mode,
+                repetition=1,
+                seed=run_seed(part.seed, expected.case, 1),
+                required=False,
+                files=files[name],
+                control=expected,
             )

@@ -70,8 +70,13 @@ def override_from_option(option: str, text: str) -> Override:
 
 def overrides_of_case(campaign: Document, case: str) -> tuple[Override, ...]:
     """Return what a case overrides. Raises BadInput for what makes the matrix."""
-    given = campaign.get(("cases", case))
-    value = campaign.entry(("cases", case)).node.value if given is not None else None
+    return overrides_at(campaign, ("cases", case))
+
+
+def overrides_at(campaign: Document, path: DocumentPath) -> tuple[Override, ...]:
+    """Return the overrides that stand at a path. Raises BadInput for what makes the matrix."""
+    given = campaign.get(path)
+    value = campaign.entry(path).node.value if given is not None else None
     if not isinstance(value, dict):
         return ()
     found = tuple(Override(key, entry) for key, entry in value.items())

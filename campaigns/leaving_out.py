@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 
 from campaigns.acceptance import Share, parse_share
+from campaigns.controls import modes_of
 from campaigns.reading import gathered
 from campaigns.schema import CampaignPart
 from worlds.documents import Document, check
@@ -18,12 +19,18 @@ def left_out(
     """Return in words what the file asks for and the options do not have flown, or not judged.
 
     original, part: the file as it is written, and with --set, --seed and --repetitions. chosen:
-    the cases and modes to be flown. shares: what of these is required.
+    the cases and controls, with their modes, to be flown. shares: what of these is required.
     """
     was = gathered([], partial(check, original, CampaignPart)) or part
     left = list(_runs(was, part, chosen, shares))
     if part.repetitions < was.repetitions:
         left.append(f"{was.repetitions - part.repetitions} of {was.repetitions} repetitions")
+    left += [
+        f"the control {name}/{mode}"
+        for name, control in was.controls.items()
+        for mode in modes_of(was, control)
+        if (name, mode) not in chosen
+    ]
     left += [f"the oracle {name}" for name in was.oracles if name not in part.oracles]
     return tuple(left)
 

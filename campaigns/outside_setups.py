@@ -76,16 +76,21 @@ class MocapSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseAccuracy:
-    """How exact a pose source is, one standard deviation: metres on each axis, and radians."""
+    """How exact a pose source is, one standard deviation: metres on each axis, and radians.
+
+    velocity_m_s: of its velocity, each axis; None where that is made of its positions.
+    """
 
     position_m: float
     attitude_rad: float
+    velocity_m_s: float | None = None
 
 
 CAPTURED = PoseAccuracy(position_m=0.002, attitude_rad=math.radians(0.5))
 """Optical motion capture (Vicon: millimetres; a millimetre over markers 0.1 m apart: 0.5 deg)."""
-ESTIMATED = PoseAccuracy(position_m=1.0, attitude_rad=math.radians(2.0))
-"""An autopilot's estimate by satellites and magnetometer."""
+ESTIMATED = PoseAccuracy(position_m=1.0, attitude_rad=math.radians(2.0), velocity_m_s=0.1)
+"""An autopilot's estimate by satellites and magnetometer; velocity: twice the 0.05 m/s of a u-blox
+M8 receiver (its data sheet, velocity accuracy)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

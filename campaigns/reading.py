@@ -73,6 +73,7 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         limits=None if part.limits is None else part.limits.limits(),
         gcs=_gcs(part.operator.gcs),
         speed=None if part.clock is None else part.clock.speed,
+        collision_always=part.collision_always == "on",
     )
     problems += _autonomy_problems(files.campaign, setup.under_test)
     if part.geofence is None or setup.fences:

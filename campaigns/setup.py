@@ -79,6 +79,7 @@ class Setup:
 
     recipe: None where no mode mixes. fences: of the vehicles that have one; guarding: how the guard
     keeps them. limits: of setpoints; None for none. links: those that are made worse than they are.
+    collision_always: whether contacts are judged whatever the oracles say of `collision`.
     gcs: link strings of ground station ports. speed: of the scaled clock, where no launched
     simulation has one of its own; None where the campaign says none.
     """
@@ -99,6 +100,7 @@ class Setup:
     limits: SetpointLimits | None = None
     gcs: Mapping[VehicleName, str] = field(default_factory=dict)
     speed: float | None = None
+    collision_always: bool = True
 
     def pace(self, names: Iterable[VehicleName]) -> float | None:
         """Return how many times real time these vehicles fly on the scaled clock; None: unsaid."""

@@ -49,7 +49,9 @@ class VehicleSetup:
     link: "embedded", the address of one that is attached, or what launches one. params: autopilot
     parameters by name. start: where it stands, world frame. mocap: None: the surrogate's own
     motion capture. pose_accuracy: of its pose source. signing: where its key is. rates:
-    of telemetry, as its slowest radio carries them. spares: of an attached one, more links to it.
+    of telemetry, as its slowest radio carries them. max_gap_s: the longest gap that is accepted
+    between its positions; None: what their rate gives. spares: of an attached one, more links to
+    it.
     """
 
     name: VehicleName
@@ -67,6 +69,7 @@ class VehicleSetup:
     sensors: tuple[SensorSetup, ...] = ()
     signing: KeySource | None = None
     rates: TelemetryRates = field(default_factory=TelemetryRates)
+    max_gap_s: float | None = None
     spares: tuple[LinkAddress, ...] = ()
 
     @property
@@ -138,6 +141,7 @@ def _vehicle(
         sensors=sensor_setups(campaign, name, part, problems),
         signing=None if part.signing is None else _key_source(folder, part.signing),
         rates=_rates(campaign, name, part, problems),
+        max_gap_s=part.telemetry.max_gap_s,
         spares=tuple(parse_link(one) for one in part.spare_links),
     )
 

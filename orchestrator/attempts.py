@@ -11,7 +11,13 @@ _RETRIED: frozenset[Verdict] = frozenset({"ERROR", "INVALID"})
 
 
 def retry_due(result: RunResult, *, retries: int) -> bool:
-    """Return whether a run is flown again by the campaign's `retries`."""
+    """Return whether a run is flown again by the campaign's `retries`.
+
+    Not after an exception of ours: that is no trouble of the surroundings which may pass. Nor is
+    a control that ended as it must, also where that is INVALID or ERROR.
+    """
+    if result.exceptions or (result.control is not None and result.control.met):
+        return False
     spent = sum(one.verdict in _RETRIED for one in result.attempts)
     return result.verdict in _RETRIED and spent < retries
 

@@ -5,22 +5,19 @@ environment says. It runs in a process group of its own, so that whatever it sta
 Wall clock only.
 """
 
-import asyncio
 import json
 import os
 import signal
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Self
+from typing import Self
 
 from vehicles.errors import VehicleError
+from vehicles.processes.child import ChildProcess
 
 _TERM_GRACE_S = 3.0
-_KILL_GRACE_S = 2.0
-_POLL_S = 0.02
 _TAIL_BYTES = 2000
 
 
@@ -105,14 +102,22 @@ class ExternalAutonomy:
         self._log_path = log_path
         self._folder = folder
         self._term_grace_s = term_grace_s
-        self._process: asyncio.subprocess.Process | None = None
+        self._child: ChildProcess | None = None
         self.exit: ProgramExit | None = None
 
     async def __aenter__(self) -> Self:
         """Start it. Raises ExternalAutonomyError."""
         try:
             with self._log_path.open("ab") as log:
-                self._process = await self._started(log)
+                child = ChildProcess(
+                    argv=self._command,
+                    environment=self._environment,
+                    folder=self._folder,
+                    output=log.fileno(),
+                    grace_s=self._term_grace_s,
+                )
+                child.start()
+                self._child = child
         except OSError as error:
             at_fault = error.filename or self._command[0]
             raise ExternalAutonomyError(
@@ -128,90 +133,33 @@ class ExternalAutonomy:
         trace: TracebackType | None,
     ) -> None:
         """End its whole process group: TERM, and KILL for what does not heed it."""
-        process = self._process
-        if process is None:
+        child = self._child
+        if child is None:
             return
-        ended_by_us = process.returncode is None
-        try:
-            await self._end(process)
-        except asyncio.CancelledError:
-            # Nothing may fly on, however the run is ended.
-            _signal_group(process.pid, signal.SIGKILL)
-            raise
-        self.exit = self._exit(await process.wait(), ended_by_us=ended_by_us)
+        ended_by_us = child.running
+        await child.end()
+        self.exit = self._exit(child.exit_code, ended_by_us=ended_by_us)
 
     @property
     def running(self) -> bool:
         """Return whether the program itself still runs."""
-        return self._process is not None and self._process.returncode is None
+        return self._child is not None and self._child.running
 
     async def ended(self) -> ProgramExit:
         """Wait until the program ends by itself; for a task that fails the run when it crashes."""
-        if self._process is None:
+        if self._child is None:
             raise ExternalAutonomyError("the autonomy was not started")
-        return self._exit(await self._process.wait(), ended_by_us=False)
+        return self._exit(await self._child.wait(), ended_by_us=False)
 
-    async def _started(self, log: IO[bytes]) -> asyncio.subprocess.Process:
-        return await asyncio.create_subprocess_exec(
-            *self._command,
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-            env=self._environment,
-            cwd=self._folder,
-            start_new_session=True,
-        )
-
-    async def _end(self, process: asyncio.subprocess.Process) -> None:
-        _signal_group(process.pid, signal.SIGTERM)
-        if not await _gone(process.pid, self._term_grace_s):
-            _signal_group(process.pid, signal.SIGKILL)
-            await _gone(process.pid, _KILL_GRACE_S)
-
-    def _exit(self, returncode: int, *, ended_by_us: bool) -> ProgramExit:
+    def _exit(self, returncode: int | None, *, ended_by_us: bool) -> ProgramExit:
         tail = _tail(self._log_path)
-        if returncode >= 0:
+        if returncode is None or returncode >= 0:
             return ProgramExit(returncode, None, ended_by_us, tail)
         try:
             name = signal.Signals(-returncode).name
         except ValueError:
             name = str(-returncode)
         return ProgramExit(None, name, ended_by_us, tail)
-
-
-async def _gone(group: int, within_s: float) -> bool:
-    """Return whether every process of a group ended within a time."""
-    for _ in range(max(1, round(within_s / _POLL_S))):
-        if not _lives(group):
-            return True
-        await asyncio.sleep(_POLL_S)
-    return not _lives(group)
-
-
-def _signal_group(group: int, number: signal.Signals) -> None:
-    # The group outlives its leader for as long as a child of it lives, and its number with it.
-    with suppress(ProcessLookupError, PermissionError):
-        os.killpg(group, number)
-
-
-def _lives(group: int) -> bool:
-    """Return whether a process of a group runs; one that has ended and waits to be reaped not."""
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return any(_runs_in(group, folder) for folder in Path("/proc").glob("[0-9]*"))
-
-
-def _runs_in(group: int, process_folder: Path) -> bool:
-    try:
-        # proc(5): after the name in parentheses come state, parent and process group.
-        fields = (process_folder / "stat").read_text().rpartition(")")[2].split()
-    except (OSError, UnicodeDecodeError):
-        return False
-    return fields[0] not in {"Z", "X"} and int(fields[2]) == group
 
 
 def _tail(path: Path) -> str:

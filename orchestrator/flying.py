@@ -2,11 +2,12 @@
 
 import asyncio
 import signal
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from campaigns.expansion import Campaign, RunPlan
 from campaigns.setup import FLIES
@@ -20,9 +21,12 @@ from orchestrator.campaign_folder import (
     set_aside,
 )
 from orchestrator.clock import Clock
+from orchestrator.control_results import control_result
+from orchestrator.faults import Faults, fault_log
 from orchestrator.junit import junit_xml
 from orchestrator.manifest import manifest
 from orchestrator.operating.desk import Desk
+from orchestrator.operating.errors import OperatingError
 from orchestrator.operating.opening import operating
 from orchestrator.order import fly_order
 from orchestrator.pool import Pool, WorkerLost
@@ -44,6 +48,7 @@ from orchestrator.run.preflight import disk_item
 from orchestrator.run.returning import back_plan
 from orchestrator.run.setup import RunOrder
 from orchestrator.writing import to_json, write_whole
+from vehicles.tasks import TaskAccount
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
 """What lands all and ends the campaign; SIGHUP unless it is ignored, as under nohup."""
@@ -133,7 +138,9 @@ def _begin(
         )
     except (TakenError, OSError) as error:
         raise OutputError(str(error)) from error
-    watcher.say(f"resumed: {len(before.results)} of {len(campaign.runs)} are finished, in {folder}")
+    watcher.say(
+        f"resumed: {len(before.results)} of {len(campaign.plans)} are finished, in {folder}"
+    )
     return folder, before
 
 
@@ -170,8 +177,18 @@ class _Flight:
         self._plans = planned(campaign, settings)
         self._results = dict(before.results)
         self._attempts = before.attempts
+        began_s = time.monotonic()
+        self._faults = Faults(
+            time=lambda: time.monotonic() - began_s,
+            log=fault_log(folder / "log.jsonl"),
+            take=lambda fault: watcher.say(f"internal error: {fault.text}; see log.jsonl"),
+        )
         self._pool = Pool[RunOrder, RunResult](
-            jobs=settings.jobs, fly=fly_order, report=self._told, done=self._done
+            jobs=settings.jobs,
+            fly=fly_order,
+            report=self._told,
+            done=self._done,
+            ended_badly=lambda how: self._faults.take(RuntimeError(how), "a worker process"),
         )
         self._desk = Desk(
             campaign=campaign.name,
@@ -196,9 +213,14 @@ class _Flight:
         heeded = [number for number in _NAMES if signal.getsignal(number) is not signal.SIG_IGN]
         for number in heeded:
             loop.add_signal_handler(number, self._desk.signal, _NAMES[number])
+        loop.set_exception_handler(self._unhandled)
+        account = TaskAccount(
+            fault=self._faults.take, expected=(OutputError, OperatingError, OSError)
+        )
         try:
-            async with operating(self._desk, self._campaign.mqtt):
-                await self._pool.fly(self._orders())
+            with account.of(loop):
+                async with operating(self._desk, self._campaign.mqtt):
+                    await self._pool.fly(self._orders())
         except* OutputError as errors:
             raise errors.exceptions[0] from None
         finally:
@@ -206,10 +228,25 @@ class _Flight:
             for number in heeded:
                 loop.remove_signal_handler(number)
 
+    def _unhandled(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Take what a callback of the loop raised, and what is reported to it."""
+        error, where = context.get("exception"), str(context.get("message", ""))
+        if not isinstance(error, BaseException):
+            error = RuntimeError(where)
+        self._faults.take(error, where)
+
     def outcome(self) -> CampaignOutcome:
         summary = self.write_summary()
-        code = exit_code(summary.runs, self._campaign.requirements, stopped=self._desk.stopped)
-        if not self._settings.arm and self._desk.stopped is None:
+        flown = (*summary.runs, *summary.controls)
+        broken = bool(self._faults.all)
+        code = exit_code(
+            flown,
+            self._campaign.requirements,
+            stopped=self._desk.stopped,
+            broken=broken,
+            controls_due=len(self._campaign.controls),
+        )
+        if not self._settings.arm and self._desk.stopped is None and not broken:
             code = rehearsal_code(summary.runs)
         return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
 
@@ -229,11 +266,14 @@ class _Flight:
                 )
 
     def _told(self, news: News) -> None:
-        self._desk.news(news)
+        # What only shows a flight must not end it.
+        with self._faults.taking("progress"):
+            self._desk.news(news)
         if isinstance(news, Progress):
             self._repositioning.gone_on()
-            if news.case in self._campaign.cases:  # a flight back is no run
-                self._watcher.progress(news)
+            if news.case in self._campaign.setups:  # a flight back is no run
+                with self._faults.taking("progress"):
+                    self._watcher.progress(news)
 
     def _done(self, order: RunOrder, outcome: RunResult | WorkerLost) -> RunOrder | None:
         if order.back is not None:
@@ -245,6 +285,7 @@ class _Flight:
             _write(order.folder / "result.json", to_json(result))
             if outcome.details:
                 _write(order.folder / "error.txt", outcome.details)
+                fault_log(order.folder / "log.jsonl")(outcome.fault)
         else:
             result = outcome
         self._results[order.plan.name] = result
@@ -259,7 +300,8 @@ class _Flight:
         else:
             following = None
             self._desk.finished(result, may_end=self._settings.arm or result.reason != NOT_ARMED)
-            self._watcher.finished(result)
+            with self._faults.taking("a verdict"):
+                self._watcher.finished(result)
         if following is None and flown and len(self._results) < len(self._plans):
             following = self._between.after(order, result)
         return following
@@ -287,6 +329,9 @@ class _Flight:
             real_kind=self._settings.real_kind,
             sensors=_sensors(self._campaign),
             left_out=self._campaign.left_out,
+            controls_due=len(self._campaign.controls),
+            caveats=self._campaign.caveats,
+            not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )
         _write(self._folder / "summary.json", to_json(summary))
         junit = junit_xml(summary, self._campaign.requirements)
@@ -297,9 +342,12 @@ class _Flight:
 
 
 def planned(campaign: Campaign, settings: FlyingSettings) -> tuple[RunPlan, ...]:
-    """Return the runs to fly: without arming one of each case and mode, of which none counts."""
+    """Return the runs to fly, the controls after them.
+
+    Without arming one of each case and mode, of which none counts, and no control.
+    """
     if settings.arm:
-        return campaign.runs
+        return campaign.plans
     return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
 
 
@@ -319,6 +367,10 @@ def lost_result(plan: RunPlan, lost: WorkerLost) -> RunResult:
         oracles=(),
         sync=SyncResult(),
         mixing=None,
+        control=control_result(
+            plan.control, verdict="ERROR", reason=lost.reason, decided_by="", subject=""
+        ),
+        exceptions=(lost.fault.text,) if lost.details else (),
     )
 
 

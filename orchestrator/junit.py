@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 from campaigns.acceptance import Requirement, Standing
 from orchestrator.attempts import attempt_text
-from orchestrator.reservations import fence_texts, overridden_texts, reported_texts
+from orchestrator.control_results import control_faults
+from orchestrator.reservations import fence_texts, overridden_texts, reported_texts, unjudged_texts
 from orchestrator.results import RunResult, Summary, standings_of
 from safety.results import OracleResult
 
@@ -25,13 +26,18 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
         for standing in standings
         if standing.flown < standing.requirement.share.runs
     ]
+    cases += [_control(summary.campaign, run) for run in summary.controls]
     root = ET.Element("testsuites")
     suite = ET.SubElement(root, "testsuite", name=_clean(summary.campaign))
     said = {
         "left_out": summary.left_out,
+        "controls_unmet": summary.unmet,
+        "never_flown": summary.not_flown,
         "overridden": overridden_texts(summary.runs),
         "fence_changed": fence_texts(summary.runs),
         "reported_failed": reported_texts(summary.runs),
+        "not_judged": unjudged_texts(summary.runs),
+        "caveats": summary.caveats,
     }
     if any(said.values()):
         properties = ET.SubElement(suite, "properties")
@@ -64,11 +70,27 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
         else:
             tag = "failure" if run.verdict == "FAIL" else "error"
             ET.SubElement(case, tag, message=_clean(run.reason), type=run.verdict)
-    lines = [_line(oracle) for oracle in run.oracles]
+    _write_out(case, run)
+    return case
+
+
+def _control(campaign: str, run: RunResult) -> ET.Element:
+    """Return a control as a test case, which succeeds when the control ended as it must."""
+    classname = _clean(f"{campaign}.controls.{run.case}.{run.mode}")
+    seconds = _seconds(run.duration_s or 0.0)
+    case = ET.Element("testcase", classname=classname, name=_name(run), time=seconds)
+    for fault in control_faults([run]):
+        tag = "error" if run.verdict in {"ERROR", "INVALID", "ABORTED"} else "failure"
+        ET.SubElement(case, tag, message=_clean(fault), type=run.verdict)
+    _write_out(case, run, f"{run.verdict}, and must not pass: {run.reason}")
+    return case
+
+
+def _write_out(case: ET.Element, run: RunResult, *first: str) -> None:
+    lines = [*first, *(_line(oracle) for oracle in run.oracles)]
     lines += [f"also {late.verdict} at {late.at_s:.3f} s: {late.reason}" for late in run.also]
     lines += [f"earlier attempt: {attempt_text(one)}, in {one.folder}" for one in run.attempts]
     ET.SubElement(case, "system-out").text = _clean("\n".join([f"seed {run.seed}", *lines]))
-    return case
 
 
 def _name(run: RunResult) -> str:

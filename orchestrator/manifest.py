@@ -54,7 +54,7 @@ def _digests(campaign: Campaign) -> dict[str, str]:
     """
     home = campaign.document.path.resolve().parent
     files = {path.resolve() for path in campaign.paths}
-    for case in {run.case: run.files for run in campaign.runs}.values():
+    for case in {run.case: run.files for run in campaign.plans}.values():
         for document in (case.campaign, case.world, case.recipe):
             if document is not None:
                 files.update(_named(document.data, document.path))
@@ -67,7 +67,7 @@ def _digests(campaign: Campaign) -> dict[str, str]:
 def _runs(campaign: Campaign) -> list[dict[str, object]]:
     """Return what is to be flown; documents: a digest of all that a run reads, as overridden."""
     digests: dict[str, str] = {}
-    for run in campaign.runs:
+    for run in campaign.plans:
         if run.case not in digests:
             read = (run.files.campaign, run.files.world, run.files.recipe)
             plain = [None if one is None else one.data for one in read]
@@ -80,7 +80,7 @@ def _runs(campaign: Campaign) -> list[dict[str, object]]:
             "required": run.required,
             "documents": digests[run.case],
         }
-        for run in campaign.runs
+        for run in campaign.plans
     ]
 
 

@@ -19,8 +19,11 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
-from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.faults import Fault
+from orchestrator.operator import Inbox
 from orchestrator.progress import News, Report
+from safety.guard.operator_command import OperatorCommand
+from vehicles.tasks import finish
 
 _FIRST_WORD_S = 600.0
 """Until its first word a worker imports and compiles."""
@@ -31,10 +34,20 @@ Fly = Callable[[Order, Report, Inbox], Outcome]
 
 @dataclass(frozen=True, slots=True)
 class WorkerLost:
-    """Why an order has no outcome of its own: its process died or raised."""
+    """Why an order has no outcome of its own: its process died or raised.
+
+    details: the traceback of what it raised; empty where it died. kind: its type's name.
+    """
 
     reason: str
     details: str = ""
+    kind: str = ""
+
+    @property
+    def fault(self) -> Fault:
+        """Return the exception that it raised."""
+        message = self.reason.removeprefix(f"{self.kind}: ")
+        return Fault(0.0, "the worker process", self.kind, message, self.details)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +105,19 @@ def _work(connection: Connection, fly: "Fly[Any, Any]") -> None:
             continue  # it came after the run that it was meant for
         try:
             outcome = fly(order, report, inbox)
-        except Exception as error:  # noqa: BLE001  # a worker must tell, whatever it was
-            outcome = WorkerLost(f"{type(error).__name__}: {error}", traceback.format_exc())
+        except BaseException as error:  # noqa: BLE001  # a worker must tell, whatever it was
+            outcome = _lost_by(error)
         try:
             connection.send(_Done(outcome))
         except OSError:
             return
+        except Exception as error:  # noqa: BLE001  # an outcome that cannot be sent
+            connection.send(_Done(_lost_by(error)))
+
+
+def _lost_by(error: BaseException) -> "WorkerLost":
+    kind = type(error).__name__
+    return WorkerLost(f"{kind}: {error}", traceback.format_exc(), kind)
 
 
 @dataclass(slots=True)
@@ -112,7 +132,8 @@ class Pool(Generic[Order, Outcome]):
     done: takes an order's outcome; what it returns is flown next.
 
     stall_s: a worker that has reported and then says nothing for so long is killed: it hangs, or
-    was stopped. Its guard brings its vehicles down.
+    was stopped. Its guard brings its vehicles down. ended_badly: told of a worker that had done all
+    its orders and then did not end as it should.
     """
 
     def __init__(
@@ -123,7 +144,9 @@ class Pool(Generic[Order, Outcome]):
         report: Report,
         done: Callable[[Order, Outcome | WorkerLost], Order | None],
         stall_s: float = 60.0,
+        ended_badly: Callable[[str], None] = lambda _: None,
     ) -> None:
+        self._ended_badly = ended_badly
         self._jobs = jobs
         self._fly = fly
         self._report = report
@@ -176,14 +199,18 @@ class Pool(Generic[Order, Outcome]):
                 worker = worker or self._start()
                 outcome = await self._fly_one(worker, order)
                 if not worker.process.is_alive() or isinstance(outcome, WorkerLost):
-                    await self._end(worker)
+                    ended = await self._end(worker)
                     worker = None
+                    if ended and not isinstance(outcome, WorkerLost):
+                        self._ended_badly(ended)
                 again = self._done(order, outcome)
                 if again is not None:
                     waiting.appendleft(again)
         finally:
             if worker is not None:
-                await asyncio.shield(self._end(worker))
+                ended = await finish(self._end(worker), name="the end of a worker")
+                if ended:
+                    self._ended_badly(ended)
 
     def _start(self) -> _Worker:
         ours, theirs = self._context.Pipe()
@@ -218,7 +245,8 @@ class Pool(Generic[Order, Outcome]):
         finally:
             self._busy.remove(worker)
 
-    async def _end(self, worker: _Worker) -> None:
+    async def _end(self, worker: _Worker) -> str:
+        """End a worker; return in words what was wrong with its end."""
         worker.connection.close()
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(None, worker.process.join, 20.0)
@@ -228,6 +256,10 @@ class Pool(Generic[Order, Outcome]):
             )
             worker.process.kill()
             await loop.run_in_executor(None, worker.process.join)
+            return f"worker process {worker.process.pid} did not end; it was killed"
+        if worker.process.exitcode:
+            return _how_it_ended(worker.process.exitcode, "after its last verdict")
+        return ""
 
 
 async def _receive(connection: Connection) -> object:
@@ -249,9 +281,9 @@ def _set_once(ready: "asyncio.Future[None]") -> None:
         ready.set_result(None)
 
 
-def _how_it_ended(exitcode: int | None) -> str:
+def _how_it_ended(exitcode: int | None, when: str = "before it had a verdict") -> str:
     if exitcode is None:
         return "its process stopped answering"
     if exitcode < 0:
         return f"its process was ended by {signal.Signals(-exitcode).name}"
-    return f"its process ended with exit status {exitcode} before it had a verdict"
+    return f"its process ended with exit status {exitcode} {when}"

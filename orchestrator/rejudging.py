@@ -1,17 +1,22 @@
 """Judges recorded runs again, by the oracles that the campaign file has now."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from campaigns.expansion import Campaign, RunPlan
+from orchestrator.control_results import control_result
+from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.judged import FILE_NAME
-from orchestrator.results import RunResult
+from orchestrator.results import RunResult, Summary, summarize
 from orchestrator.results_reading import ResultError, read_result
 from orchestrator.run.oracles import build_judge
-from orchestrator.run.outcome import also_of
+from orchestrator.run.outcome import also_of, reason_of
 from orchestrator.run.setup import RunOrder, RunSetup
+from safety.evidence.evidence import SOURCE
+from safety.judge import COLLISION_ALWAYS
 from safety.tape import TapeError, judge_tape, read_tape
 from safety.verdict import DecisiveEvent, DecisiveKind, decide, source_of
 
@@ -23,16 +28,43 @@ _KINDS: dict[str, DecisiveKind] = {
 }
 
 
-class RecordingError(Exception):
-    """A recorded run that cannot be judged again; says which file and why."""
-
-
 @dataclass(frozen=True, slots=True)
 class Rejudged:
     """A run as it was judged when it was flown, and as it is judged now."""
 
     before: RunResult
     now: RunResult
+
+
+def summary_of(campaign: Campaign, folder: Path, rejudged: Iterable[Rejudged]) -> Summary:
+    """Return the summary of recorded runs as they are judged now.
+
+    What the folder says of its vehicles and sensors is kept; what is not in it, was not flown.
+    """
+    runs = [each.now for each in rejudged]
+    found = {f"{run.case}/{run.mode}/{run.rep}" for run in runs}
+    before = _summary_before(folder)
+    return summarize(
+        runs,
+        campaign.requirements,
+        campaign=campaign.name,
+        clock=before.get("clock", "virtual"),
+        surrogate=before.get("surrogate") is True,
+        real_kind=before.get("real_kind", "unknown"),
+        sensors=before.get("sensors", {}),
+        left_out=campaign.left_out,
+        controls_due=len(campaign.controls),
+        caveats=campaign.caveats,
+        not_flown=tuple(plan.name for plan in campaign.plans if plan.name not in found),
+    )
+
+
+def _summary_before(folder: Path) -> dict[str, Any]:
+    try:
+        found = json.loads((folder / "summary.json").read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def rejudge(campaign: Campaign, folder: Path) -> tuple[Rejudged, ...]:
@@ -42,11 +74,11 @@ def rejudge(campaign: Campaign, folder: Path) -> tuple[Rejudged, ...]:
     """
     found = tuple(
         rejudge_run(plan, folder / plan.name)
-        for plan in campaign.runs
+        for plan in campaign.plans
         if (folder / plan.name).is_dir()
     )
     if not found:
-        first = campaign.runs[0].name
+        first = campaign.plans[0].name
         raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
     return found
 
@@ -58,7 +90,8 @@ def rejudge_run(plan: RunPlan, folder: Path) -> Rejudged:
     except ResultError as error:
         raise RecordingError(str(error)) from error
     events: dict[str, float] = {}
-    judge = build_judge(RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual")), events)
+    setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
+    judge = build_judge(setup, events)
     try:
         with (folder / FILE_NAME).open("rb") as stream:
             played = judge_tape(read_tape(stream), judge, events)
@@ -73,14 +106,28 @@ def rejudge_run(plan: RunPlan, folder: Path) -> Rejudged:
         oracles,
         end_s=played.end_s,
         completed={"landed", "done"} <= played.stages,
+        timeouts=judge.timeouts,
     )
+    reason = reason_of(decision, decision.note or before.note)
+    always = setup.campaign.collision_always
     now = replace(
         before,
+        not_judged=() if always else (COLLISION_ALWAYS.name,),
         verdict=decision.verdict,
-        reason=decision.reason,
+        reason=reason,
         also=also_of(decision),
         required=plan.required,
         oracles=oracles,
+        evidence=judge.evidence,
+        decided_by=decision.source,
+        trace=decision.trace,
+        control=control_result(
+            plan.control,
+            verdict=decision.verdict,
+            reason=reason,
+            decided_by=decision.source,
+            subject=before.subject,
+        ),
     )
     return Rejudged(before, now)
 
@@ -92,8 +139,15 @@ def _told_by_others(log: Path, before: RunResult) -> Iterator[DecisiveEvent]:
         lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
         for line in lines:
             source = line.get("source", "")
-            judged = source in own or source.startswith("pose/")
+            judged = source in own or source.startswith(SOURCE)
             if line["event"] == "decisive" and not judged:
-                yield DecisiveEvent(line["t_s"], _KINDS[line["kind"]], line["reason"], source)
+                yield DecisiveEvent(
+                    line["t_s"],
+                    _KINDS[line["kind"]],
+                    line["reason"],
+                    source,
+                    line.get("note", ""),
+                    line.get("trace", ""),
+                )
     except (OSError, ValueError, KeyError, AttributeError) as error:
         raise RecordingError(f"{log} cannot be read: {error}") from error

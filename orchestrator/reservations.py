@@ -1,7 +1,7 @@
 """What a verdict has to be read with, lest a green says less than it seems to.
 
 Checks that did not count, fences that were changed in flight, oracles that failed without failing
-their run.
+their run, what is judged always and was switched off, what the campaign's file leaves unjudged.
 """
 
 from collections import Counter
@@ -15,6 +15,7 @@ def reservations(runs: Sequence[RunResult]) -> list[str]:
     lines = _overridden_lines(runs)
     lines += [f"fence changed in flight: {text}" for text in fence_texts(runs)]
     lines += [f"reported only, and failed: {text}" for text in reported_texts(runs)]
+    lines += [f"not judged: {text}" for text in unjudged_texts(runs)]
     return lines
 
 
@@ -28,6 +29,8 @@ def in_short(summary: Summary) -> list[str]:
         said.append(f"preflight overridden by {names}")
     if names := _names(change.by for run in runs for change in run.fence_changes):
         said.append(f"fence changed in flight by {names}")
+    if names := _names(name for run in runs for name in run.not_judged):
+        said.append(f"not judged: {names}")
     if summary.accepted and (names := _names(name for name, _ in _reported(runs))):
         said.append(f"reported only, and failed: {names}")
     return said
@@ -53,6 +56,11 @@ def reported_texts(runs: Sequence[RunResult]) -> list[str]:
     return _in_runs(_reported(runs))
 
 
+def unjudged_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return which oracles that judge always were switched off, and in which runs."""
+    return _in_runs((name, run) for run in runs for name in run.not_judged)
+
+
 def _reported(runs: Iterable[RunResult]) -> list[tuple[str, RunResult]]:
     """Return each oracle that failed in a run that passed; the twin beside a real one has none."""
     return [
@@ -60,7 +68,7 @@ def _reported(runs: Iterable[RunResult]) -> list[tuple[str, RunResult]]:
         for run in runs
         if run.verdict == "PASS"
         for oracle in run.oracles
-        if oracle.verdict == "FAIL" and not oracle.required and oracle.vehicle == run.subject
+        if oracle.verdict != "PASS" and not oracle.required and oracle.vehicle == run.subject
     ]
 
 

@@ -5,13 +5,14 @@ Beside `wall_s` nothing here depends on the machine: repeats of a seed are equal
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from campaigns.acceptance import Requirement, Share, Standing, standings
+from orchestrator.control_results import ControlResult, control_faults
 from orchestrator.outside.results import OutsideResult
 from safety.preflight import Item
-from safety.results import Flag, OracleResult, Verdict
+from safety.results import EvidenceResult, Flag, OracleResult, Verdict
 
 Clock = Literal["virtual", "wall", "scaled"]
 VehicleKind = Literal["embedded", "sitl", "hardware", "unknown"]
@@ -48,8 +49,26 @@ class SyncResult:
 
 
 @dataclass(frozen=True, slots=True)
+class ShownResult:
+    """How well the mixtures showed an object that stands only in the virtual world.
+
+    Of the mixtures that were measured while the goal was flown. frames_in_view: geometry says that
+    it was in view. frames_shown: of these, the mixture showed it. offset_px: how far from its
+    place in pictures; offset_m: by how much ranges were off; None for the other kind.
+    """
+
+    frames_in_view: int
+    frames_shown: int
+    offset_px: Percentiles | None = None
+    offset_m: Percentiles | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class CombinationResult:
     """What one combination of the recipe did.
+
+    frames_measured: mixtures in which the virtual objects were sought while the goal was flown;
+    shown: what came of it, by object. not_measured: why some or all mixtures could not be.
 
     name: of its sensor; with its receivers where a sensor is mixed several times. sensor: its type.
     publish: who perceives it. frames: mixtures delivered. dropped: why something of the twin, or
@@ -68,6 +87,9 @@ class CombinationResult:
     latency_ms: Percentiles
     registration_error_px: Percentiles | None = None
     registration_bound_px: Percentiles | None = None
+    frames_measured: int = 0
+    shown: dict[str, ShownResult] = field(default_factory=dict)
+    not_measured: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +109,9 @@ class MixingResult:
     registration_error_px: Percentiles | None = None
     registration_bound_px: Percentiles | None = None
     combinations: tuple[CombinationResult, ...] = ()
+    frames_measured: int = 0
+    shown: dict[str, ShownResult] = field(default_factory=dict)
+    not_measured: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +156,12 @@ class RunResult:
     has nothing outside of its own processes. artifacts: files, relative to the campaign's folder.
     attempts: those before this one, oldest first; a PASS after any is no clean one. preflight: what
     was checked before arming, and who overrode what. fence_changes: in flight, oldest first.
+    evidence: what the judged signals showed; on this the verdict rests.
+    decided_by: what made the verdict, as "reached/real"; empty for PASS. control: how a control
+    ended against how it must; None for a run of the campaign itself. not_judged: what is judged
+    always, and was switched off by the campaign. note: what the judged vehicle's autonomy noted
+    last before that. trace: the traceback of an autonomy that crashed.
+    exceptions: of ours, each in a line: then it is no PASS, and the program's exit code never 0.
     """
 
     case: str
@@ -152,6 +183,13 @@ class RunResult:
     attempts: tuple[Attempt, ...] = ()
     preflight: tuple[Item, ...] = ()
     fence_changes: tuple[FenceChange, ...] = ()
+    evidence: tuple[EvidenceResult, ...] = ()
+    decided_by: str = ""
+    control: ControlResult | None = None
+    not_judged: tuple[str, ...] = ()
+    note: str = ""
+    trace: str = ""
+    exceptions: tuple[str, ...] = ()
 
     @property
     def subject(self) -> str:
@@ -163,7 +201,8 @@ class RunResult:
 class Totals:
     """How many runs were flown, were required, and came to each verdict.
 
-    retried: how many of them were flown more than once, whatever they came to.
+    retried: how many of them were flown more than once, whatever they came to. Controls count in
+    `controls` alone, and in `controls_met` those that ended as they must.
     """
 
     runs: int
@@ -174,6 +213,8 @@ class Totals:
     error: int
     aborted: int
     retried: int = 0
+    controls: int = 0
+    controls_met: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +222,10 @@ class Summary:
     """A campaign. surrogate: the embedded vehicle played `real` in a run of mode wil or real.
 
     sensors: for each sensor where its readings came from. accepted: None when no required run was
-    flown. left_out: what the campaign requires and the command line left out, in words.
+    flown and no control failed to do what it must. left_out: what the campaign requires and the
+    command line left out, in words. controls: the runs that must not pass, which stand here alone.
+    unmet: the controls that did not end as they must, in words. caveats: of the campaign itself.
+    not_flown: runs and controls that were never flown to a result, by name.
     """
 
     campaign: str
@@ -193,6 +237,10 @@ class Summary:
     totals: Totals
     accepted: bool | None
     left_out: tuple[str, ...] = ()
+    controls: tuple[RunResult, ...] = ()
+    unmet: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()
+    not_flown: tuple[str, ...] = ()
 
 
 def percentiles(values: Sequence[float]) -> Percentiles:
@@ -217,9 +265,17 @@ def summarize(
     real_kind: VehicleKind,
     sensors: dict[str, SensorKind],
     left_out: tuple[str, ...] = (),
+    controls_due: int = 0,
+    caveats: tuple[str, ...] = (),
+    not_flown: tuple[str, ...] = (),
 ) -> Summary:
-    """Return the summary of the runs that were flown, in the order given."""
-    flown = tuple(runs)
+    """Return the summary of the runs that were flown, in the order given.
+
+    controls_due: how many controls there are to fly; those that were flown are among the runs.
+    """
+    given = tuple(runs)
+    flown = tuple(run for run in given if run.control is None)
+    controls = tuple(run for run in given if run.control is not None)
     return Summary(
         campaign=campaign,
         clock=clock,
@@ -227,14 +283,20 @@ def summarize(
         real_kind=real_kind,
         sensors=dict(sorted(sensors.items())),
         runs=flown,
-        totals=totals_of(flown),
-        accepted=accepted(flown, requirements),
+        totals=totals_of(given),
+        accepted=accepted(given, requirements, controls_due=controls_due),
         left_out=left_out,
+        controls=controls,
+        unmet=tuple(control_faults(controls)),
+        caveats=caveats,
+        not_flown=not_flown,
     )
 
 
 def totals_of(runs: Sequence[RunResult]) -> Totals:
     """Return the counts of the runs."""
+    controls = [run.control for run in runs if run.control is not None]
+    runs = [run for run in runs if run.control is None]
     count = {verdict: sum(run.verdict == verdict for run in runs) for verdict in VERDICTS}
     return Totals(
         runs=len(runs),
@@ -245,6 +307,8 @@ def totals_of(runs: Sequence[RunResult]) -> Totals:
         error=count["ERROR"],
         aborted=count["ABORTED"],
         retried=sum(bool(run.attempts) for run in runs),
+        controls=len(controls),
+        controls_met=sum(control.met for control in controls),
     )
 
 
@@ -252,20 +316,29 @@ def standings_of(
     runs: Iterable[RunResult], requirements: Iterable[Requirement]
 ) -> tuple[Standing, ...]:
     """Return how far each requirement of the campaign is met by these runs."""
-    return standings(requirements, ((run.case, run.mode, run.verdict == "PASS") for run in runs))
+    return standings(
+        requirements,
+        ((run.case, run.mode, run.verdict == "PASS") for run in runs if run.control is None),
+    )
 
 
-def accepted(runs: Sequence[RunResult], requirements: Sequence[Requirement]) -> bool | None:
+def accepted(
+    runs: Sequence[RunResult], requirements: Sequence[Requirement], *, controls_due: int = 0
+) -> bool | None:
     """Return whether the campaign is accepted; None when no required run was flown.
 
     A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED: those flights prove
-    nothing, so they cannot be among the ones that a campaign may lose.
+    nothing, so they cannot be among the ones that a campaign may lose. Nor is a campaign accepted
+    with a control that is not flown or did not end as it must: its green would mean nothing.
     """
     required = [run for run in runs if run.required]
+    controls = [run.control for run in runs if run.control is not None]
+    if not all(control.met for control in controls):
+        return False
     if not required:
         return None
     proven = all(run.verdict in {"PASS", "FAIL"} for run in required)
-    return proven and not _short(required, requirements)
+    return proven and not _short(required, requirements) and len(controls) >= controls_due
 
 
 def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -> list[Standing]:
@@ -297,24 +370,39 @@ def exit_code(
     *,
     stopped: Stop | None = None,
     broken: bool = False,
+    controls_due: int = 0,
 ) -> int:
     """Return the program's exit code; the first that applies of 130, 4, 3, 1, 5, 0.
 
     stopped: what ended the campaign early. broken: an exception reached the orchestrator, or a
     vehicle, port or broker could not be had; then it is never 0. An ABORTED run counts as an
-    operator's command whether or not it was required. Required runs that are missing without a
-    reason (nobody stopped the campaign) are an infrastructure error.
+    operator's command whether or not it was required. Required runs and controls that are missing
+    without a reason (nobody stopped the campaign) are an infrastructure error.
+
+    A control that did not end as it must is 3 where it came to ERROR or INVALID, which prove
+    nothing, and else 1, as a required run that FAILed: all was flown, and something is wrong.
     """
-    required = [run for run in runs if run.required]
     if stopped == "signal":
         return 130
     if stopped == "command" or any(run.verdict == "ABORTED" for run in runs):
         return 4
-    if broken or any(run.verdict in {"ERROR", "INVALID"} for run in required):
+    broken = broken or any(run.exceptions for run in runs)
+    return 3 if broken else _code_of(runs, requirements, controls_due)
+
+
+def _code_of(
+    runs: Sequence[RunResult], requirements: Sequence[Requirement], controls_due: int
+) -> int:
+    """Return the exit code of a campaign that nobody stopped."""
+    required = [run for run in runs if run.required]
+    unmet = [run for run in runs if run.control is not None and not run.control.met]
+    if any(run.verdict in {"ERROR", "INVALID"} for run in (*required, *unmet)):
+        return 3
+    if sum(run.control is not None for run in runs) < controls_due:
         return 3
     if not required:
-        return 5
+        return 1 if unmet else 5
     short = _short(required, requirements)
     if any(standing.flown < standing.requirement.share.runs for standing in short):
         return 3
-    return 1 if short else 0
+    return 1 if short or unmet else 0

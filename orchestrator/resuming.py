@@ -89,7 +89,7 @@ def take_up(
     """
     results: dict[str, RunResult] = {}
     attempts: dict[str, tuple[Attempt, ...]] = {}
-    for plan in campaign.runs:
+    for plan in campaign.plans:
         home = folder / plan.name
         if home.is_dir():
             _wait_for(home, say)

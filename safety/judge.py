@@ -1,17 +1,28 @@
 """The judge of a run: feeds every oracle what it watches, collects flags and results."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
+from safety.evidence.evidence import Evidence
 from safety.oracles import registry
 from safety.oracles.base import Oracle, OracleContext, OracleError, Parameters, Terms
 from safety.oracles.contact import ContactParameters
+from safety.oracles.goal import TimeLimit
+from safety.oracles.terms import FLIGHT
 from safety.oracles.vehicle import Landed
-from safety.results import Flag, OracleResult
-from safety.samples import FenceSample, HeardSample, PoseSample, StageSample, StateSample
-from safety.verdict import DecisiveEvent, source_of
+from safety.results import EvidenceResult, Flag, OracleResult
+from safety.samples import (
+    DoubtSample,
+    FenceSample,
+    HeardSample,
+    PoseSample,
+    ReferenceSample,
+    ReportSample,
+    StageSample,
+    StateSample,
+)
+from safety.verdict import GOAL_TIMEOUT, DecisiveEvent, source_of
 
 S = TypeVar("S")
 Handler = Callable[[S], tuple[Flag, ...]]
@@ -27,26 +38,35 @@ class OracleUse:
 
 
 COLLISION_ALWAYS = OracleUse("collision_always", "collision", ContactParameters())
-"""A contact fails a run, also of a campaign that asks for no such oracle."""
+"""A contact fails a run, whatever its campaign says of the oracle `collision`."""
+_LANDED_ALWAYS = "landed_always"
+ALWAYS_JUDGED = (COLLISION_ALWAYS.name, _LANDED_ALWAYS)
+"""Oracles that a campaign has without asking for them."""
 
 
 def build_oracles(
-    uses: Sequence[OracleUse], contexts: Mapping[str, OracleContext]
+    uses: Sequence[OracleUse],
+    contexts: Mapping[str, OracleContext],
+    *,
+    collision_always: bool = True,
 ) -> tuple[Oracle, ...]:
     """Return the oracles of one run; `contexts` has one entry per vehicle that flies in it.
 
     An oracle that names no vehicle judges the subject, and in mode wil the twin beside it, not
     required. One that names a vehicle which does not fly in this mode is left out. That a real
-    vehicle is on the ground and disarmed at the end is judged always, and that the subject touches
-    nothing where no use of `collision` says anything of it. Raises OracleError.
+    vehicle is on the ground and disarmed at the end is judged always, and, with collision_always,
+    that the subject touches nothing: a use of `collision` that judges less, or is only reported,
+    stands beside that. What it names as `ground` is ground there too. Raises OracleError.
     """
     oracles = [oracle for use in uses for oracle in _of_use(use, contexts)]
     if "real" in contexts and not any(_is_final(oracle) for oracle in oracles):
-        oracles.append(Landed(Terms(name="landed_always", vehicle="real", required=True)))
+        oracles.append(Landed(Terms(name=_LANDED_ALWAYS, vehicle="real", required=True)))
     for vehicle, context in contexts.items():
-        told = any(_is_of_contact(use, vehicle) for use in uses)
-        if vehicle == context.subject and context.probe is not None and not told:
-            oracles += _of_use(COLLISION_ALWAYS, {vehicle: context})
+        judged = any(_judges_every_contact(use, vehicle) for use in uses)
+        subject = vehicle == context.subject and context.probe is not None
+        if collision_always and subject and not judged:
+            always = replace(COLLISION_ALWAYS, parameters=ContactParameters(ground=_ground(uses)))
+            oracles += _of_use(always, {vehicle: context})
     _require_unique(oracles)
     return tuple(oracles)
 
@@ -71,8 +91,20 @@ def _is_final(oracle: Oracle) -> bool:
     return isinstance(oracle, Landed) and oracle.vehicle == "real" and oracle.required
 
 
-def _is_of_contact(use: OracleUse, subject: str) -> bool:
-    return use.kind == "collision" and use.parameters.vehicle in {None, subject}
+def _judges_every_contact(use: OracleUse, subject: str) -> bool:
+    """Return whether a use says all that `collision_always` would."""
+    given = use.parameters
+    if use.kind != "collision" or not isinstance(given, ContactParameters):
+        return False
+    whole = given.from_ in {None, FLIGHT.first} and given.to in {None, FLIGHT.last, "end"}
+    return given.required and given.vehicle in {None, subject} and whole and not given.exclude
+
+
+def _ground(uses: Iterable[OracleUse]) -> tuple[str, ...]:
+    """Return what any use names as an object that one takes off from or lands on."""
+    given = (use.parameters for use in uses)
+    names = (name for one in given if isinstance(one, ContactParameters) for name in one.ground)
+    return tuple(dict.fromkeys(names))
 
 
 def _require_unique(oracles: Iterable[Oracle]) -> None:
@@ -87,12 +119,15 @@ def _require_unique(oracles: Iterable[Oracle]) -> None:
 class Judge:
     """Feeds samples, in the order of their times, to all oracles that watch their vehicle.
 
-    A pose that is not finite reaches no oracle: it is an ERROR of who measured it. A vehicle
-    without any oracle may be fed: its samples are let go.
+    All of them are evidence too: a signal that does not show what happened is decisive, and
+    INVALID. A pose that is not finite reaches no oracle. A vehicle without any oracle may be fed:
+    its samples are let go.
     """
 
-    def __init__(self, oracles: Iterable[Oracle]) -> None:
+    def __init__(self, oracles: Iterable[Oracle], evidence: Evidence | None = None) -> None:
         self.oracles = tuple(oracles)
+        self._evidence = evidence or Evidence()
+        self._taken = 0
         self._required = {source_of(o.name, o.vehicle) for o in self.oracles if o.required}
         self._fail_fast = {source_of(o.name, o.vehicle) for o in self.oracles if o.terms.fail_fast}
         self._poses = self._table("on_pose")
@@ -111,24 +146,52 @@ class Judge:
 
     @property
     def decisive(self) -> tuple[DecisiveEvent, ...]:
-        """Return what already settles the run: decisive flags of required oracles, bad poses."""
+        """Return what already settles the run: decisive flags of required oracles, no evidence."""
         return tuple(self._events)
+
+    @property
+    def evidence(self) -> tuple[EvidenceResult, ...]:
+        """Return what the signals have shown so far."""
+        return self._evidence.results()
+
+    @property
+    def timeouts(self) -> frozenset[str]:
+        """Return the sources of events that say only that time is up."""
+        limits = (one for one in self.oracles if isinstance(one, TimeLimit))
+        return frozenset({GOAL_TIMEOUT, *(source_of(one.name, one.vehicle) for one in limits)})
 
     def pose(self, sample: PoseSample) -> tuple[Flag, ...]:
         """Take a pose; returns new flags."""
-        if not _is_finite(sample):
-            text = f"the pose of {sample.vehicle} is not finite"
-            self._event_once(DecisiveEvent(sample.t_s, "ERROR", text, f"pose/{sample.vehicle}"))
+        is_finite = self._evidence.pose(sample)
+        self._take_evidence()
+        if not is_finite:
             return ()
         return self._feed(self._poses.get(sample.vehicle, ()), sample)
 
     def state(self, sample: StateSample) -> tuple[Flag, ...]:
         """Take a vehicle's state; returns new flags."""
+        self._evidence.state(sample)
         return self._feed(self._states.get(sample.vehicle, ()), sample)
 
     def heard(self, sample: HeardSample) -> tuple[Flag, ...]:
         """Take that a vehicle was heard; returns new flags."""
+        self._evidence.heard(sample)
         return self._feed(self._heards.get(sample.vehicle, ()), sample)
+
+    def reference(self, sample: ReferenceSample) -> None:
+        """Take where another source has a vehicle."""
+        self._evidence.reference(sample)
+        self._take_evidence()
+
+    def report(self, sample: ReportSample) -> None:
+        """Take that a sample of a signal has arrived."""
+        self._evidence.report(sample)
+        self._take_evidence()
+
+    def doubt(self, sample: DoubtSample) -> None:
+        """Take that a signal cannot be believed: decisive, and INVALID."""
+        self._evidence.doubt(sample)
+        self._take_evidence()
 
     def fence(self, sample: FenceSample) -> tuple[Flag, ...]:
         """Take that a vehicle has another fence from now on; returns new flags."""
@@ -141,11 +204,17 @@ class Judge:
             for o in self._stages
             if sample.vehicle is None or sample.vehicle == o.vehicle
         ]
-        return self._feed(handlers, sample)
+        flags = self._feed(handlers, sample)
+        self._evidence.stage(sample)
+        self._take_evidence()
+        return flags
 
     def tick(self, t_s: float) -> tuple[Flag, ...]:
         """Take that time has passed (10 Hz is plenty); returns new flags."""
-        return self._feed(self._ticks, t_s)
+        flags = self._feed(self._ticks, t_s)
+        self._evidence.tick(t_s)
+        self._take_evidence()
+        return flags
 
     def ends_flight(self, event: DecisiveEvent) -> bool:
         """Return whether the vehicles are to come down for a decisive event, now."""
@@ -177,6 +246,12 @@ class Judge:
                 self._event_once(DecisiveEvent(flag.t_s, "FAIL", flag.text, source))
         return tuple(new)
 
+    def _take_evidence(self) -> None:
+        events = self._evidence.events
+        while self._taken < len(events):
+            self._event_once(events[self._taken])
+            self._taken += 1
+
     def _event_once(self, event: DecisiveEvent) -> None:
         if all(known.source != event.source for known in self._events):
             self._events.append(event)
@@ -184,9 +259,3 @@ class Judge:
 
 def _overrides(oracle: Oracle, method: str) -> bool:
     return getattr(type(oracle), method) is not getattr(Oracle, method)
-
-
-def _is_finite(sample: PoseSample) -> bool:
-    # One sum: infinities and NaN survive it, and a pose comes a thousand times a second.
-    total = sum(sample.pose.position_ned_m) + sum(sample.pose.q_wxyz)
-    return math.isfinite(total + sum(sample.velocity_ned_m_s) + sample.t_s)

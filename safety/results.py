@@ -11,6 +11,7 @@ Limit = float | tuple[float | None, float | None] | None
 class OracleResult:
     """One oracle's judgement of one run.
 
+    verdict: INVALID where what it needs to judge is missing; detail says what.
     actual: the worst value in its window, at_s when (run clock). limit: a number or (low, high).
     margin: signed distance to the nearest limit, positive is good; None for pure events.
     No value is ever NaN or infinite. detail: a sentence for people ("touched gate.left").
@@ -19,13 +20,40 @@ class OracleResult:
     name: str
     vehicle: str
     required: bool
-    verdict: Literal["PASS", "FAIL"]
+    verdict: Literal["PASS", "FAIL", "INVALID"]
     actual: float | None
     limit: Limit
     unit: str
     margin: float | None
     at_s: float | None
     detail: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvidenceResult:
+    """What one signal showed over the time in which it was judged.
+
+    signal, vehicle, source: "pose" of "real" from "mocap". required: whether a required oracle
+    rests on it. first_s, last_s: stamps of its samples within the window, None without any; count:
+    how many. largest_gap_s, gap_at_s: the longest time without a sample, and when that began.
+    limit_s: the longest gap that is accepted. verdict: INVALID where the signal cannot show what
+    happened; reason: why, and when. compared_with: the other sources that agreed with it, or did
+    not. Times are on the run clock.
+    """
+
+    signal: str
+    vehicle: str
+    source: str
+    required: bool
+    first_s: float | None
+    last_s: float | None
+    count: int
+    largest_gap_s: float
+    gap_at_s: float | None
+    limit_s: float
+    verdict: Literal["PASS", "INVALID"]
+    reason: str = ""
+    compared_with: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

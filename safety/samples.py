@@ -56,6 +56,41 @@ class HeardSample:
     vehicle: str
 
 
+class ReferenceSample(NamedTuple):
+    """Where another source than the judged one has a vehicle; a few of them in a second."""
+
+    t_s: float
+    vehicle: str
+    source: str
+    position_ned_m: Vec3
+    velocity_ned_m_s: Vec3
+
+
+class ReportSample(NamedTuple):
+    """A sample of a signal arrived whose value travels elsewhere: a status, a mixed frame.
+
+    t_s: the moment that it is for.
+    """
+
+    t_s: float
+    vehicle: str
+    signal: str
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtSample:
+    """Something shows that a signal cannot be believed from t_s on; reason: what, for people.
+
+    source: where the signal comes from ("mocap", "recipe").
+    """
+
+    t_s: float
+    vehicle: str
+    signal: str
+    source: str
+    reason: str
+
+
 @dataclass(frozen=True, slots=True)
 class StageSample:
     """A stage of the run was reached, by one vehicle or, with None, by all of them."""

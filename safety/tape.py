@@ -4,11 +4,14 @@ Judging a tape gives, to the last bit, what judging the flight gave: oracles are
 are written as they are. MessagePack arrays, one after the other (JSON would cost a run without
 cameras three percent of its speed):
 
-    ["wil/judged/1"]                                      the first
+    ["wil/judged/2"]                                      the first
     ["pose", t_s, vehicle, [n, e, d], [w, x, y, z], [vn, ve, vd]]
     ["state", t_s, vehicle, armed, mode, mode_name, landed, fault, battery_fraction, battery_v,
      estimator_fault]; only t_s and vehicle when nothing else has changed
     ["heard", t_s, vehicle]
+    ["reference", t_s, vehicle, source, [n, e, d], [vn, ve, vd]]
+    ["report", t_s, vehicle, signal]                      a sample whose value travels elsewhere
+    ["doubt", t_s, vehicle, signal, source, reason]
     ["stage", t_s, stage, vehicle or nil]
     ["event", t_s, name]                                  of the world, for what moves from then on
     ["tick", t_s]
@@ -24,11 +27,21 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 
 from safety.fence_plain import fence_of_plain, plain_fence
 from safety.judge import Judge
-from safety.samples import FenceSample, HeardSample, PoseSample, Stage, StageSample, StateSample
+from safety.samples import (
+    DoubtSample,
+    FenceSample,
+    HeardSample,
+    PoseSample,
+    ReferenceSample,
+    ReportSample,
+    Stage,
+    StageSample,
+    StateSample,
+)
 from vehicles.autopilots.base import Mode
 from worlds.frames import Pose
 
-SCHEMA = "wil/judged/1"
+SCHEMA = "wil/judged/2"
 _LARGEST = 1 << 20
 """Bytes of one sample; the text of a fault is the longest."""
 
@@ -52,11 +65,23 @@ class WorldEvent:
     name: str
 
 
-Taped = PoseSample | StateSample | HeardSample | StageSample | FenceSample | Tick | WorldEvent
+Taped = (
+    PoseSample
+    | StateSample
+    | HeardSample
+    | ReferenceSample
+    | ReportSample
+    | DoubtSample
+    | StageSample
+    | FenceSample
+    | Tick
+    | WorldEvent
+)
 
 
 _NAMES: dict[type[Taped], str] = {
     HeardSample: "heard",
+    DoubtSample: "doubt",
     StageSample: "stage",
     Tick: "tick",
     WorldEvent: "event",
@@ -87,6 +112,10 @@ class TapePacker:
                 return ("pose", t_s, vehicle, pose.position_ned_m, pose.q_wxyz, velocity)
             case StateSample():
                 return self._state(sample)
+            case ReferenceSample():
+                return ("reference", *sample)
+            case ReportSample():
+                return ("report", *sample)
             case FenceSample(t_s, vehicle, fence):
                 return ("fence", t_s, vehicle, plain_fence(fence))
             case _:
@@ -164,6 +193,11 @@ _READERS: dict[str, Callable[..., Taped]] = {
     "pose": _pose,
     "state": StateSample,
     "heard": HeardSample,
+    "report": ReportSample,
+    "reference": lambda t_s, vehicle, source, place, velocity: ReferenceSample(
+        t_s, vehicle, source, tuple(place), tuple(velocity)
+    ),
+    "doubt": DoubtSample,
     "tick": Tick,
     "stage": lambda t_s, stage, vehicle: StageSample(t_s, _stage(stage), vehicle),
     "event": WorldEvent,
@@ -189,17 +223,31 @@ def judge_tape(tape: Iterable[Taped], judge: Judge, events: dict[str, float]) ->
         match sample:
             case PoseSample():
                 judge.pose(sample)
-            case StateSample():
-                judge.state(sample)
-            case HeardSample():
-                judge.heard(sample)
+            case ReferenceSample():
+                judge.reference(sample)
             case Tick(t_s):
                 judge.tick(t_s)
             case StageSample(t_s, stage):
                 judge.stage(sample)
                 reached.setdefault(stage, t_s)
-            case FenceSample():
-                judge.fence(sample)
             case WorldEvent(t_s, name):
                 events[name] = t_s
+            case _:
+                _feed(judge, sample)
     return Played(reached.get("end"), frozenset(reached))
+
+
+def _feed(
+    judge: Judge, sample: StateSample | HeardSample | ReportSample | DoubtSample | FenceSample
+) -> None:
+    match sample:
+        case StateSample():
+            judge.state(sample)
+        case HeardSample():
+            judge.heard(sample)
+        case ReportSample():
+            judge.report(sample)
+        case DoubtSample():
+            judge.doubt(sample)
+        case FenceSample():
+            judge.fence(sample)

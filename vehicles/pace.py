@@ -3,7 +3,8 @@
 import asyncio
 import selectors
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from heapq import heappop, heappush
 
 from vehicles.steering import Segment
@@ -68,7 +69,7 @@ class PacedLoop(asyncio.SelectorEventLoop):
         while timers and (timers[0][0] <= now_s or timers[0][2].cancelled()):
             timer = heappop(timers)[2]
             if not timer.cancelled():
-                self.call_soon(timer._run)  # noqa: SLF001 - asyncio's loops do so
+                self.call_soon(_run_timer, timer)
                 timeout_s = 0.0
         if timeout_s is not None and timeout_s > 0.0:
             rate = self._segment.rate
@@ -79,9 +80,30 @@ class PacedLoop(asyncio.SelectorEventLoop):
         return wait_s if timeout_s is None else min(timeout_s, wait_s)
 
 
+def _run_timer(timer: asyncio.TimerHandle) -> None:
+    """Run a timer that is due, unless it was cancelled meanwhile."""
+    if not timer.cancelled():
+        timer._run()  # noqa: SLF001 - asyncio's loops do so
+
+
 def call_wall_later(delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:
     """Call after so much of the wall's time, whichever loop runs: for watchdogs."""
     loop = asyncio.get_running_loop()
     if isinstance(loop, PacedLoop):
         return loop.call_wall_later(delay_s, callback)
     return loop.call_later(delay_s, callback)
+
+
+@asynccontextmanager
+async def wall_timeout(delay_s: float | None) -> AsyncIterator[None]:
+    """Raise TimeoutError as asyncio.timeout does, by the wall's clock, whichever loop runs."""
+    loop = asyncio.get_running_loop()
+    async with asyncio.timeout(None) as limit:
+        if delay_s is None:
+            yield
+            return
+        timer = call_wall_later(delay_s, lambda: limit.reschedule(loop.time()))
+        try:
+            yield
+        finally:
+            timer.cancel()

@@ -7,6 +7,7 @@ from pydantic import AfterValidator, Field, JsonValue, field_validator, model_va
 
 from campaigns.acceptance import parse_share
 from campaigns.schema.between import BetweenRunsPart
+from campaigns.schema.controls import ControlPart
 from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
 from campaigns.schema.fence import GeofencePart
 from campaigns.schema.limits import LimitsPart
@@ -25,6 +26,7 @@ MATRIX_KEYS = frozenset(
         "campaign",
         "description",
         "cases",
+        "controls",
         "modes",
         "repetitions",
         "seed",
@@ -160,6 +162,7 @@ class CampaignPart(Part):
     """A campaign file; `cases` and `oracles` are read part by part, where their meaning is.
 
     retries: how often a run that came to ERROR or INVALID is flown again; never with hardware.
+    collision_always: whether a contact fails a run whatever `oracles` says of `collision`.
     """
 
     schema_: Literal["wil/campaign/1"] = Field(alias="schema")
@@ -172,6 +175,7 @@ class CampaignPart(Part):
     goal: GoalPart
     modes: Annotated[list[Mode], Field(min_length=1)]
     cases: Annotated[Cases, Field(min_length=1)] = Field(default_factory=_one_case)
+    controls: dict[SafeName, ControlPart] = Field(default_factory=dict)
     repetitions: Annotated[int, Field(ge=1, le=100_000)] = 1
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     retries: Annotated[int, Field(ge=0, le=10)] = 0
@@ -186,6 +190,7 @@ class CampaignPart(Part):
     geofence: GeofencePart | None = None
     limits: LimitsPart | None = None
     oracles: Annotated[dict[str, dict[str, JsonValue] | None], Field(min_length=1)]
+    collision_always: Literal["on", "off"] = "on"
     operator: OperatorPart = OperatorPart()
     record: RecordPart = RecordPart()
     accept: dict[str, dict[str, str]] | None = None

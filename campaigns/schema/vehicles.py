@@ -123,11 +123,13 @@ class SigningPart(Part):
 class TelemetryPart(Part):
     """How often positions are asked of the autopilot, and what its radio carries.
 
-    bandwidth_kbit_s: both ways together; without it, that of the serial port.
+    bandwidth_kbit_s: both ways together; without it, that of the serial port. max_gap_s: the
+    longest gap between positions that leaves a run valid; without it, three of their periods.
     """
 
     rate_hz: Annotated[float, Field(ge=10, le=100)] = 50.0
     bandwidth_kbit_s: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    max_gap_s: Annotated[float, Field(gt=0, le=60)] | None = None
 
 
 class VehiclePart(Part):

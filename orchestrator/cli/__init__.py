@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except StreamError as error:
         err(error)
         return INTERNAL_ERROR
-    except Exception as error:  # noqa: BLE001 - the last place where one can be told to people
+    except BaseException as error:  # noqa: BLE001 - the last place where one can be told to people
         return _failed(error)
 
 
@@ -111,7 +111,7 @@ def _version() -> str:
         return "not installed"
 
 
-def _failed(error: Exception) -> int:
+def _failed(error: BaseException) -> int:
     """Tell a person about an error, which is the user's to mend or ours; return the exit code."""
     import tempfile  # noqa: PLC0415 - not needed for --help
     import traceback  # noqa: PLC0415 - not needed for --help

@@ -112,7 +112,8 @@ def _confirm(campaign: Campaign, found: tuple[Found, ...]) -> None:
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return
     names = " and ".join(f"{one.name} ({one.where})" for one in found)
-    runs = f"{len(campaign.runs)} run{'' if len(campaign.runs) == 1 else 's'}"
+    count = len(campaign.plans)
+    runs = f"{count} run{'' if count == 1 else 's'}"
     sys.stderr.write(f"campaign '{campaign.name}', {runs}. Arm {names} and take off? [y/N] ")
     sys.stderr.flush()
     if sys.stdin.readline().strip().lower() not in {"y", "yes"}:

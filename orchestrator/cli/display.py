@@ -153,9 +153,14 @@ def _flying_cells(progress: Progress) -> Iterable[RenderableType]:
 
 def finished_line(result: RunResult) -> Text:
     """Return one line for a run: what it was, its verdict, and why when it is no clean PASS."""
-    line = Text(f"{result.case} {result.mode} #{result.rep}  ")
+    name = f"{result.case} {result.mode}"
+    line = Text(f"{name}  " if result.control is not None else f"{name} #{result.rep}  ")
     line.append(f"{result.verdict:<7}", style=VERDICT_STYLES.get(result.verdict, ""))
-    if not result.required:
+    if result.control is not None:
+        met = result.control.met
+        said = " (control, as it must)" if met else " (control, not as it must)"
+        line.append(said, style="dim" if met else "bold red")
+    elif not result.required:
         line.append(" (reported)", style="dim")
     if result.attempts:
         line.append(f" (attempt {len(result.attempts) + 1})", style="yellow")

@@ -10,7 +10,9 @@ from cyclopts import Parameter
 from campaigns.expansion import Options, load_campaign
 from orchestrator.cli.streams import err, out
 from orchestrator.cli.text import table
-from orchestrator.rejudging import RecordingError, Rejudged, rejudge
+from orchestrator.cli.verdicts import closing_lines
+from orchestrator.recording.errors import RecordingError
+from orchestrator.rejudging import Rejudged, rejudge, summary_of
 from orchestrator.results import exit_code
 
 
@@ -25,6 +27,9 @@ def judge(
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Judge recorded runs again, by the oracles that the campaign file has now; fly nothing.
+
+    The last line and the exit code are those of `run`: what is required and is not in the folder
+    was not flown, and then it is 3.
 
     Parameters
     ----------
@@ -58,9 +63,13 @@ def judge(
         out(table(("run", "flown", "now", "reason"), [_row(each) for each in rejudged]))
         for line in _changes(rejudged):
             out(line)
-    flown = {(each.now.case, each.now.mode) for each in rejudged}
-    wanted = [one for one in campaign.requirements if (one.case, one.mode) in flown]
-    return exit_code([each.now for each in rejudged], wanted)
+        for said in closing_lines(summary_of(campaign, folder, rejudged)):
+            out(said.plain)
+    return exit_code(
+        [each.now for each in rejudged],
+        campaign.requirements,
+        controls_due=len(campaign.controls),
+    )
 
 
 def _row(each: Rejudged) -> tuple[str, str, str, str]:

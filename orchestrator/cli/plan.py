@@ -37,10 +37,20 @@ def _as_table(campaign: Campaign) -> str:
         (run.case, run.mode, run.repetition, run.seed, "required" if run.required else "reported")
         for run in campaign.runs
     ]
+    rows += [
+        (run.case, run.mode, run.repetition, run.seed, f"control: {run.control}")
+        for run in campaign.controls
+    ]
     wanted = [f"{r.case}/{r.mode} {r.share}" for r in campaign.requirements]
     accepted = ", ".join(wanted) if wanted else "nothing is required"
     shown = table(("case", "mode", "rep", "seed", "counts"), rows)
-    return f"{campaign.name}: {len(rows)} runs; accepted: {accepted}\n\n{shown}"
+    return f"{campaign.name}: {_counted(campaign)}; accepted: {accepted}\n\n{shown}"
+
+
+def _counted(campaign: Campaign) -> str:
+    count = len(campaign.controls)
+    controls = f" and {count} control{'' if count == 1 else 's'}" if count else ""
+    return f"{len(campaign.runs)} runs{controls}"
 
 
 def _as_json(campaign: Campaign) -> str:
@@ -56,6 +66,19 @@ def _as_json(campaign: Campaign) -> str:
                 "required": run.required,
             }
             for run in campaign.runs
+        ],
+        "controls": [
+            {
+                "control": run.case,
+                "case": run.control.case,
+                "mode": run.mode,
+                "seed": run.seed,
+                "verdict": run.control.verdict,
+                "oracle": run.control.oracle,
+                "cause": run.control.cause,
+            }
+            for run in campaign.controls
+            if run.control is not None
         ],
         "accept": [
             {"case": r.case, "mode": r.mode, "passes": r.share.passes, "runs": r.share.runs}

@@ -58,6 +58,8 @@ class Flights:
 
 
 _USUAL = Flights()
+_WIDEST = 1000
+"""Columns: a table is measured by a console that cuts nothing off."""
 
 
 def run(
@@ -169,7 +171,8 @@ def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign) -> None:
     console = Console(file=as_far_as_heard())
     table = verdict_table(outcome.summary, campaign.requirements)
     # Where the terminal is narrower it wraps the lines: cells that were cut off would tell nothing.
-    width = max(console.width, console.measure(table).maximum)
+    wide = Console(file=as_far_as_heard(), width=_WIDEST)
+    width = max(console.width, wide.measure(table).maximum)
     Console(file=as_far_as_heard(), width=width).print(table)
     for line in conclusions(outcome.summary):
         console.print(line, soft_wrap=True)

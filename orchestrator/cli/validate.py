@@ -66,7 +66,8 @@ def _summary(campaign: Campaign) -> str:
         _count(campaign.repetitions, "repetition"),
     )
     runs = f"{_count(len(campaign.runs), 'run')} ({' x '.join(sizes)})"
-    return f"campaign '{campaign.name}', {runs}, {required} required"
+    controls = f", {_count(len(campaign.controls), 'control')}" if campaign.controls else ""
+    return f"campaign '{campaign.name}', {runs}, {required} required{controls}"
 
 
 def _count(number: int, what: str) -> str:

@@ -34,6 +34,8 @@ def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Tabl
     """Return a row for each case and mode; 80 columns wide where the case's name is short."""
     count = len(summary.runs)
     title = f"{summary.campaign}: {count} run{'' if count == 1 else 's'}"
+    if controls := len(summary.controls):
+        title += f", {controls} control{'' if controls == 1 else 's'}"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in _COLUMNS:
         words = name in {"case", "mode", "verdict"}
@@ -47,7 +49,19 @@ def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Tabl
         groups.setdefault((run.case, run.mode), []).append(run)
     for (case, mode), runs in groups.items():
         table.add_row(case, mode, *_cells(runs, standings.get((case, mode))))
+    if summary.controls:
+        table.add_section()
+    for control in summary.controls:
+        table.add_row(control.case, control.mode, *_control_cells(control))
     return table
+
+
+def _control_cells(run: RunResult) -> Sequence[RenderableType]:
+    """Return the cells of a control; its verdict is good where the control ended as it must."""
+    passed, _, *rest = _cells([run], None)
+    met = run.control is not None and run.control.met
+    text = f"{run.verdict} (control)" if met else f"{run.verdict} (must not)"
+    return (passed, Text(text, style="green" if met else "bold red"), *rest)
 
 
 def conclusions(summary: Summary) -> list[Text]:
@@ -55,9 +69,17 @@ def conclusions(summary: Summary) -> list[Text]:
 
     What a verdict has to be read with comes right before the last line, and in it.
     """
+    return [*_reasons(summary), *closing_lines(summary)]
+
+
+def closing_lines(summary: Summary) -> list[Text]:
+    """Return what comes beneath the reasons: what it has to be read with, and what it came to."""
     outside = [Text(line, style="dim") for line in outside_lines(summary.runs)]
-    reserved = [Text(line, style="yellow") for line in reservations(summary.runs)]
-    return [*_reasons(summary), *outside, *reserved, _conclusion(summary)]
+    lines = [*reservations(summary.runs), *summary.caveats]
+    if summary.not_flown:
+        lines.append(f"never flown: {', '.join(summary.not_flown)}")
+    reserved = [Text(line, style="yellow") for line in lines]
+    return [*outside, *reserved, _conclusion(summary)]
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
@@ -126,11 +148,21 @@ def _largest_median(figures: Sequence[Percentiles | None]) -> float | None:
 
 
 def _reasons(summary: Summary) -> list[Text]:
-    return [
+    lines = [
         Text(f"{run.case} {run.mode} #{run.rep} {run.verdict}: {run.reason}", style="dim")
         for run in summary.runs
         if run.verdict != "PASS" or run.attempts
     ]
+    lines += [
+        Text(f"control {run.case} {run.mode} {run.verdict}, as it must: {run.reason}", style="dim")
+        for run in summary.controls
+        if run.control is not None and run.control.met
+    ]
+    return lines + [Text(text, style="bold red") for text in summary.unmet]
+
+
+def _due(summary: Summary) -> int:
+    return len(summary.runs) + len(summary.controls) + len(summary.not_flown)
 
 
 def _conclusion(summary: Summary) -> Text:
@@ -142,9 +174,13 @@ def _conclusion(summary: Summary) -> Text:
         said, style = f"{said}; {summary.totals.retried} not at the first attempt", "yellow"
     for reservation in in_short(summary):
         said, style = f"{said}; {reservation}", "yellow"
+    if summary.not_flown:
+        said += f"; never flown: {len(summary.not_flown)} of {_due(summary)}"
     if summary.left_out:
         style = "yellow" if summary.accepted else style
         said += "" if summary.accepted is None else " of what was flown"
         said += f"; required, and left out: {', '.join(summary.left_out)}"
+    if summary.unmet:
+        said, style = f"{said}: {'; '.join(summary.unmet)}", "bold red"
     note = " (the embedded surrogate played the real vehicle)" if summary.surrogate else ""
     return Text(said, style=style).append(note, style="dim")

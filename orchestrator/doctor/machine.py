@@ -1,6 +1,5 @@
 """Clock, serial ports, disk, and what earlier runs left behind."""
 
-import contextlib
 import ctypes
 import os
 import shutil
@@ -8,6 +7,8 @@ import time
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
+
+import psutil
 
 from orchestrator.doctor.findings import Finding
 from safety.guard.leftovers import GuardRecord
@@ -115,7 +116,7 @@ def left_over(
 
 def _simulators(launches: Iterable[LaunchRecord]) -> Iterator[Finding]:
     for one in launches:
-        pids = " ".join(map(str, one.survivors()))
+        pids = " ".join(str(process.pid) for process in one.survivors())
         yield Finding(LEFT, "trouble", f"{one.label} of {one.folder} runs on", f"kill {pids}")
 
 
@@ -139,11 +140,7 @@ def _parameters(journals: Path) -> Iterator[Finding]:
 
 
 def _runs(name: str) -> bool:
-    for comm in Path("/proc").glob("[0-9]*/comm"):
-        with contextlib.suppress(OSError):
-            if comm.read_text().strip() == name:
-                return True
-    return False
+    return any(process.info["name"] == name for process in psutil.process_iter(["name"]))
 
 
 def disk(folder: Path) -> Iterator[Finding]:

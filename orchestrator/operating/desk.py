@@ -8,10 +8,11 @@ from typing import Any, Protocol
 from orchestrator.operating.asking import tell
 from orchestrator.operating.log import OperatorLog
 from orchestrator.operating.records import Place
-from orchestrator.operator import OperatorCommand
 from orchestrator.progress import Happening, News, Progress
 from orchestrator.results import RunResult, Stop
-from safety.guard.operator_lines import OperatorLine, RefusedLineError
+from safety.guard.operator_command import OperatorCommand
+from safety.guard.operator_lines import RefusedLineError
+from vehicles.tasks import Contained
 
 _MOST_ANSWERS = 20
 
@@ -118,19 +119,6 @@ class Desk:
         self._tell_status()
         return done
 
-    def obey_line(self, line: OperatorLine) -> str:
-        """Do what the operator's socket says. Raises RefusedLineError."""
-        match line.command:
-            case "abort" | "hold" | "resume" as kind:
-                return self.obey(OperatorCommand(kind, line.who))
-            case "geofence":
-                asked = OperatorCommand(
-                    "geofence", line.who, document=line.document, command_id=line.command_id
-                )
-                return self.obey(asked)
-            case "status" | "watch":
-                return "as asked"
-
     def signal(self, name: str) -> None:
         """Take Ctrl-C or SIGTERM: an abort; a second one changes nothing."""
         if self.stopped is not None:
@@ -145,7 +133,8 @@ class Desk:
         elif news.kind == "answer":
             self._take_answer(news)
         for follower in self._followers:
-            follower.news(news)
+            with Contained("news for operators"):
+                follower.news(news)
 
     def _take_answer(self, news: Happening) -> None:
         """Take what a run answers to a command that took it time."""
@@ -166,7 +155,8 @@ class Desk:
             self.stopped = "command"
             self._fleet.abort(OperatorCommand("abort", f"{name} ({run.reason})"))
         for follower in self._followers:
-            follower.finished(run)
+            with Contained("a verdict for operators"):
+                follower.finished(run)
         self._tell_status()
 
     def left(self, name: str) -> None:
@@ -202,7 +192,8 @@ class Desk:
 
     def _tell_status(self) -> None:
         for follower in self._followers:
-            follower.status()
+            with Contained("the status for operators"):
+                follower.status()
 
     def _do(self, command: OperatorCommand, stop: Stop) -> str:
         match command.kind:

@@ -18,10 +18,11 @@ from orchestrator.operating.errors import OperatingError
 from orchestrator.operating.mqtt_commands import CommandReader, RefusedCommandError
 from orchestrator.operating.mqtt_news import ack_of, publications, status_of, verdict_of
 from orchestrator.operating.outbox import Outbox
-from orchestrator.operator import OperatorCommand
 from orchestrator.progress import News
 from orchestrator.results import RunResult
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.operator_lines import RefusedLineError
+from vehicles.tasks import FAULTS, Contained, asked_to_end, leaves, report, start, stop
 
 _CONNECT_S = 5.0
 _KEEPALIVE_S = 5
@@ -29,6 +30,8 @@ _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 15.0
 _FLUSH_S = 3.0
 _MOST_REFUSALS_A_SECOND = 10
 _LOSS = "mqtt (the broker is away)"
+_OF_THE_CONNECTION = (aiomqtt.MqttError, OSError, UnicodeError)
+"""What a broker, or the way to it, makes aiomqtt raise; anything else is a fault of ours."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,15 +52,16 @@ async def mqtt_operating(
     made again as often as it is lost.
     """
     client = MqttOperator(setup=setup, secrets_=secrets_, desk=desk)
-    running = asyncio.create_task(client.run(), name="mqtt")
+    running = start(client.run(), name="mqtt")
     try:
         await client.first_connection()
         yield
         await client.finish()
     finally:
-        running.cancel()
-        await asyncio.wait([running])
-        client.close()
+        try:
+            await stop(running)
+        finally:
+            client.close()
 
 
 _OF_OPENSSL = re.compile(r"^\[SSL: \w+\] | \(_ssl\.c:\d+\)$")
@@ -96,20 +100,36 @@ class MqttOperator:
         self._desk.follow(self)
 
     async def run(self) -> None:
-        """Be connected until cancelled."""
+        """Be connected until cancelled.
+
+        An exception of ours stops no flight either: it is reported, and the connection made again.
+        """
         wait_s = _FIRST_WAIT_S
         while True:
-            why = "the connection ended"
-            try:
-                await self._be_connected()
-            except* Exception as errors:  # noqa: BLE001 - whatever it is, it stops no flight
-                why = _innermost(errors)
+            why = await self._connection()
             if not self._first.done():
                 self._first.set_exception(self._unreachable(why))
                 return
             wait_s = _FIRST_WAIT_S if self._connected else min(2.0 * wait_s, _LONGEST_WAIT_S)
-            self._lost(why)
+            with Contained("mqtt"):
+                self._lost(why)
             await asyncio.sleep(wait_s * (0.5 + 0.5 * self._jitter()))
+
+    async def _connection(self) -> str:
+        """Be connected once; return why it ended. What the broker has nothing to do with is told.
+
+        Before the first connection whatever it is is told to who waits for that.
+        """
+        try:
+            await self._be_connected()
+        except (*FAULTS, BaseExceptionGroup) as error:
+            if asked_to_end(error):
+                raise
+            ours = [one for one in leaves(error) if not isinstance(one, _OF_THE_CONNECTION)]
+            for one in ours if self._first.done() else ():
+                report(one, "mqtt")
+            return _said(error)
+        return "the connection ended"
 
     async def finish(self) -> None:
         """Tell the last status, and wait a moment for what must arrive to be on its way."""
@@ -199,10 +219,10 @@ class MqttOperator:
             self._refuse(kind, error)
             return
         try:
-            text, ok = self._desk.obey(asked.command), True
+            text, ok = self._desk.obey(asked), True
         except RefusedLineError as error:
             text, ok = str(error), False
-        who = asked.command.who
+        who = asked.who
         # Of a fence that was passed on, each run says what became of it.
         final = kind != "geofence" or not ok
         self._answer(id=asked.command_id, command=kind, ok=ok, text=text, who=who, final=final)
@@ -257,9 +277,8 @@ class MqttOperator:
         )
 
 
-def _innermost(error: BaseException) -> str:
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
+def _said(error: BaseException) -> str:
+    error = leaves(error)[0]
     # OpenSSL's words without where in its source they stand.
     return _OF_OPENSSL.sub("", str(error)) or type(error).__name__
 

@@ -1,15 +1,17 @@
 """Which campaigns fly on this machine: a record of each, beside those of the guards."""
 
 import contextlib
-import json
 import os
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-from safety.guard.leftovers import ProcessId, running, runtime_folder
+import msgspec
+
+from safety.guard.leftovers import running, runtime_folder
+from vehicles.processes.identity import ProcessId
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,16 @@ def places() -> Places:
     return Places(tuple(_campaigns(runtime)), tuple(guards))
 
 
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """What a record's file holds."""
+
+    name: str
+    folder: str
+    socket: str
+    process: ProcessId
+
+
 class CampaignRecord:
     """Says on this machine that a campaign flies; a context manager. Raises OSError."""
 
@@ -56,13 +68,14 @@ class CampaignRecord:
         runtime = runtime_folder()
         self.socket = runtime / f"campaign-{os.getpid()}.sock"
         self._path = runtime / f"campaign-{os.getpid()}.json"
-        self._said = {"name": name, "folder": str(folder.absolute()), "socket": str(self.socket)}
+        self._entry = _Entry(
+            name, str(folder.absolute()), str(self.socket), process=ProcessId.own()
+        )
 
     def __enter__(self) -> Self:
         self.socket.unlink(missing_ok=True)
-        me = ProcessId.of(os.getpid()) or ProcessId(os.getpid(), 0)
         part = self._path.with_suffix(".part")
-        part.write_text(json.dumps({**self._said, "process": asdict(me)}), encoding="utf-8")
+        part.write_bytes(msgspec.json.encode(self._entry))
         part.replace(self._path)
         return self
 
@@ -81,10 +94,10 @@ def _related(one: Path, other: Path) -> bool:
 
 def _campaigns(runtime: Path) -> Iterator[Place]:
     for path in sorted(runtime.glob("campaign-*.json")):
-        with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
-            said: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            if ProcessId(**said["process"]).lives:
-                yield Place(said["name"], Path(said["folder"]), Path(said["socket"]))
+        with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
+            entry = msgspec.json.decode(path.read_bytes(), type=_Entry)
+            if entry.process.lives:
+                yield Place(entry.name, Path(entry.folder), Path(entry.socket))
             else:
                 path.unlink()
-                Path(said["socket"]).unlink(missing_ok=True)
+                Path(entry.socket).unlink(missing_ok=True)

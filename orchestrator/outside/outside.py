@@ -190,7 +190,8 @@ class Outside:
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(_WATCH_S)
-            silent = self.captures.silent(loop.time()) if course.stage == "goal" else ""
+            flown = course.reached("takeoff") and not course.reached("landed")
+            silent = self.captures.silent(loop.time()) if flown else ""
             if silent:
                 course.decide("INVALID", silent, source="mocap")
                 return

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import socket
-import sys
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -21,16 +20,17 @@ from orchestrator.outside.results import ProgramResult
 from orchestrator.run.course import Course
 from orchestrator.run.station import Station
 from vehicles.autopilots.base import Target
-from vehicles.launch import keeper
 from vehicles.links.parse import LinkAddress
 from vehicles.links.tapped import TappedLink
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.framing import FrameSplitter
+from vehicles.processes.supervisor import supervised
 from vehicles.readings import CameraReading, Reading
+from vehicles.tasks import start, stop
 
 _HOST = "127.0.0.1"
 _GRACE_S = 2.0
-"""Shorter than what the keeper itself is given to end."""
+"""Shorter than what the supervisor itself is given to end."""
 
 
 class ProgramPilot:
@@ -81,13 +81,15 @@ class ProgramPilot:
             if self._camera is not None:
                 self._video = await stack.enter_async_context(_video(self._camera, sdp))
             self._program = ExternalAutonomy(
-                command=_kept(self._under_test.program or ()),
+                command=supervised(
+                    self._under_test.program or (), parent=os.getpid(), grace_s=_GRACE_S
+                ),
                 environment=self._environment(sdp if self._video is not None else None),
                 log_path=self._folder / f"{self.station.name}-autonomy.log",
                 folder=self._under_test.folder,
             )
             await stack.enter_async_context(self._program)
-            self._ending = asyncio.create_task(self._program.ended(), name="program's end")
+            self._ending = start(self._program.ended(), name="program's end")
             self._ending.add_done_callback(self._ended)
             self._stack = stack.pop_all()
         return self
@@ -101,9 +103,10 @@ class ProgramPilot:
         """End it and all that it started."""
         if self._ending is not None:
             self._ending.remove_done_callback(self._ended)
-            self._ending.cancel()
-            await asyncio.wait([self._ending])
-        await self._stack.aclose()
+            try:
+                await stop(self._ending)
+            finally:
+                await self._stack.aclose()
 
     @property
     def result(self) -> ProgramResult:
@@ -185,12 +188,6 @@ class ProgramPilot:
                 self._started = None
             self.station.program_setpoints = self._gate.steers_by
             self._link.write(frame.raw)
-
-
-def _kept(program: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the command under a keeper, which ends all of it should we be killed."""
-    kept = (sys.executable, "-S", keeper.__file__, str(os.getpid()), f"{_GRACE_S:g}", "")
-    return (*kept, *program)
 
 
 def _video(camera: CameraSetup, sdp: Path) -> Delivery:

@@ -126,12 +126,18 @@ class McapRecorder:
         """
         if reading is not None:
             self.reading(sensor, reading)
-        topic = f"/mixed/{sensor}/provenance"
-        kind = type(provenance)
+        self._figures(sensor, "provenance", provenance, now_s)
+
+    def visibility(self, sensor: str, visibility: Any, *, now_s: float) -> None:
+        """Take what a mixture shows of the virtual objects, a dataclass like a provenance."""
+        self._figures(sensor, "visibility", visibility, now_s)
+
+    def _figures(self, sensor: str, part: str, figures: Any, now_s: float) -> None:
+        schema, kind = f"wil.{part.capitalize()}", type(figures)
         if kind not in self._schemas:
-            self._schemas[kind] = schema_of("wil.Provenance", kind)
-        channel = Channel(topic, "wil.Provenance", "mixed", sensor, "provenance")
-        self._note(channel, lambda: plain(provenance), now_s, self._schemas[kind])
+            self._schemas[kind] = schema_of(schema, kind)
+        channel = Channel(f"/mixed/{sensor}/{part}", schema, "mixed", sensor, part)
+        self._note(channel, lambda: plain(figures), now_s, self._schemas[kind])
 
     def event(self, t_s: float, level: LogLevel, name: str, message: str) -> None:
         """Take a line of the run's log: a stage, a contact, a warning."""

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 from orchestrator.clock import Clock
-from orchestrator.operator import OperatorCommand
 from orchestrator.recording.judged import FILE_NAME as JUDGED
 from orchestrator.recording.judged import JudgedWriter
 from orchestrator.recording.mcap_settings import RecordingSettings
@@ -23,6 +22,7 @@ from orchestrator.run.course import Course
 from orchestrator.run.mixtures import Frame, Shown
 from orchestrator.run.station import Station
 from safety.guard.events import GuardEvent
+from safety.guard.operator_command import OperatorCommand
 from safety.results import Flag
 from safety.tape import Taped
 from safety.verdict import DecisiveEvent
@@ -150,7 +150,11 @@ class RunRecorder:
 
     def decisive(self, event: DecisiveEvent) -> None:
         """Record what settles the run."""
-        self._say(event.t_s, "decisive", kind=event.kind, reason=event.text, source=event.source)
+        told = {"note": event.note, "trace": event.trace}
+        more = {key: text for key, text in told.items() if text}
+        self._say(
+            event.t_s, "decisive", kind=event.kind, reason=event.text, source=event.source, **more
+        )
         self._mcap.event(event.t_s, "error", event.kind, event.text)
 
     def flag(self, flag: Flag) -> None:
@@ -195,6 +199,8 @@ class RunRecorder:
         """Record a mixture, or that there was none, with where it came from."""
         mixed = frame.mixed
         self._mcap.mixed(frame.name, mixed.reading, mixed.provenance, now_s=self._time())
+        if frame.visibility is not None:
+            self._mcap.visibility(frame.name, frame.visibility, now_s=self._time())
 
     def shown(self, shown: Shown) -> None:
         """Record a perceived picture, and one set of pictures for people."""

@@ -5,6 +5,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+Detail = str | float | bool | None
+
 
 class RunLog:
     """Appends events with their time on the run clock; a context manager."""
@@ -13,19 +15,19 @@ class RunLog:
         self._path = path
 
     def __enter__(self) -> Self:
+        # Appended to, for an exception of ours is written without waiting for this to be open.
         # Half of a surrogate pair, as a vehicle or an error may say it, is written as JSON escapes.
-        self._file = self._path.open("x", encoding="utf-8", errors="backslashreplace")
+        self._file = self._path.open("a", encoding="utf-8", errors="backslashreplace")
         return self
 
-    def write(self, t_s: float, event: str, **details: str | float | bool | None) -> None:
+    def write(self, t_s: float, event: str, **details: Detail) -> None:
         """Append one event; it is on its way to the disk when this returns. Raises OSError.
 
         What is told when the log is closed already, as the loop shuts down, has no line.
         """
         if self._file.closed:
             return
-        line = {"t_s": round(t_s, 6), "event": event, **details}
-        self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
+        self._file.write(_line(t_s, event, details))
         self._file.flush()
 
     def __exit__(
@@ -35,3 +37,14 @@ class RunLog:
         trace: TracebackType | None,
     ) -> None:
         self._file.close()
+
+
+def append_event(path: Path, t_s: float, event: str, **details: Detail) -> None:
+    """Append one event to a log, whoever else has it open. Raises OSError."""
+    with path.open("a", encoding="utf-8", errors="backslashreplace") as file:
+        file.write(_line(t_s, event, details))
+
+
+def _line(t_s: float, event: str, details: dict[str, Detail]) -> str:
+    line = {"t_s": round(t_s, 6), "event": event, **details}
+    return json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n"

@@ -2,10 +2,12 @@
 
 import math
 import signal
+import sysconfig
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import NoReturn, TypeVar
 
@@ -23,12 +25,22 @@ Before a worker that says nothing is killed, and under the wall clock long after
 _AGAIN_S = 1.0
 _LONGEST_TEXT = 300
 _LONGEST_NOTE = 80
+_LONGEST_LINE = 100
+_LONGEST_TRACE = 8000
+_STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
 _LARGEST = 1e6
 """Metres and metres per second; also, what MAVLink's 32 bits of a float hold many times over."""
 
 
 class AutonomyFault(Exception):  # noqa: N818 - it is what is under test that failed
-    """The autonomy under test failed; says how, and where in its code."""
+    """The autonomy under test failed; says how, and where in its code.
+
+    trace: the whole traceback of what it raised; empty where it raised nothing.
+    """
+
+    def __init__(self, message: str, trace: str = "") -> None:
+        super().__init__(message)
+        self.trace = trace
 
 
 class _Hangs(BaseException):
@@ -45,9 +57,10 @@ def asked(ask: Callable[[], T], *, within_s: float = LONGEST_ANSWER_S) -> T:
         with _alarm(within_s):
             return ask()
     except _Hangs as error:
-        raise AutonomyFault(f"gave no answer within {within_s:g} s ({_place(error)})") from None
+        said = f"gave no answer within {within_s:g} s ({_place(error)})"
+        raise AutonomyFault(said, _trace(error)) from None
     except BaseException as error:  # noqa: BLE001 - whatever the code under test raises
-        raise AutonomyFault(f"crashed: {_said(error)} ({_place(error)})") from None
+        raise AutonomyFault(f"crashed: {_said(error)} ({_place(error)})", _trace(error)) from None
 
 
 def command_of(answer: object) -> Command:
@@ -143,9 +156,31 @@ def _said(error: BaseException) -> str:
 
 
 def _place(error: BaseException) -> str:
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__, limit=None)
-        if frame.filename != __file__
-    ]
-    return f"{frames[-1].filename}:{frames[-1].lineno}" if frames else "no place"
+    """Return the innermost line of the user's own code, with the text of that line.
+
+    Where a library of Python or of others raised, the line that called it is what can be mended.
+    """
+    frames = _frames(error)
+    own = [frame for frame in frames if not _is_library(frame.filename)] or frames
+    if not own:
+        return "no place"
+    last = own[-1]
+    line = printable(last.line or "")[:_LONGEST_LINE]
+    return f"{last.filename}:{last.lineno}" + (f", `{line}`" if line else "")
+
+
+def _trace(error: BaseException) -> str:
+    """Return the whole traceback, from the first line of the code under test on."""
+    lines = traceback.format_list(_frames(error))
+    return "\n".join(map(printable, "".join([*lines, _said(error)]).splitlines()))[-_LONGEST_TRACE:]
+
+
+def _frames(error: BaseException) -> list[traceback.FrameSummary]:
+    found = traceback.extract_tb(error.__traceback__, limit=None)
+    return [frame for frame in found if frame.filename != __file__]
+
+
+def _is_library(filename: str) -> bool:
+    path = Path(filename)
+    installed = not {"site-packages", "dist-packages"}.isdisjoint(path.parts)
+    return filename.startswith("<") or installed or path.is_relative_to(_STANDARD_LIBRARY)

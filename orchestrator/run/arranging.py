@@ -19,6 +19,8 @@ from orchestrator.run.registration import Registrar
 from orchestrator.run.sensing import Senses
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
+from orchestrator.run.visibility import VisibilityProbe
+from orchestrator.run.visibility_probes import VisibilityProbes
 from recipes.perceived import without_knowledge
 from recipes.pipeline import Mixer, compile_recipe
 from vehicles.readings import CameraReading, Reading
@@ -76,6 +78,7 @@ def build_perception(
         events=events,
         watchers=watchers,
         perception=perception,
+        probes=VisibilityProbes(setup=setup, stations=stations, events=events, outside=outside),
     )
     arranger.arrange()
     return perception
@@ -91,7 +94,9 @@ class _Arranger:
         events: Mapping[str, float],
         watchers: Watchers,
         perception: Perception,
+        probes: VisibilityProbes,
     ) -> None:
+        self._probes = probes
         self._setup = setup
         self._stations = stations
         self._senses = senses
@@ -123,7 +128,12 @@ class _Arranger:
             return ()
         ids = {thing.name: thing.object_id for thing in self._setup.virtual_scene.objects}
         watch = asyncio.get_running_loop().time if self._setup.clock != "virtual" else None
-        return compile_recipe(self._setup.campaign.recipe, object_ids=ids, stopwatch=watch)
+        return compile_recipe(
+            self._setup.campaign.recipe,
+            object_ids=ids,
+            stopwatch=watch,
+            observer=self._probes.views,
+        )
 
     def _mix(self, mixer: Mixer, name: str) -> None:
         real = _named(self._setup.vehicle("real"), mixer.sensor)
@@ -131,6 +141,7 @@ class _Arranger:
         request, perception = mixer.pose_request, self._perception
         rate_hz = mixer.combination.sensor.rate_hz
         period_s = 1.0 / _rate_hz(real)
+        probe = self._probes.of(mixer, real, twin)
         mixing = MixingLoop(
             name=name,
             mixer=mixer,
@@ -140,6 +151,8 @@ class _Arranger:
             period_s=period_s,
             rate_hz=rate_hz,
             registration=self._registration(real),
+            probe=probe if isinstance(probe, VisibilityProbe) else None,
+            unmeasured="" if isinstance(probe, VisibilityProbe) else probe.why,
             tell=perception.tell,
             trouble=lambda reason: perception.budgets.spoiled(name, reason),
         )

@@ -8,6 +8,7 @@ from orchestrator.run.course import Course, Stage
 from orchestrator.run.mixing import MixingLoop
 from orchestrator.run.mixtures import Frame
 from recipes.budgets import RateWatch, breach_of
+from recipes.visibility.coverage import uncovered
 
 STALLED_S = 1.0
 """After how long without a mixture in flight the run proves nothing any more, at the least."""
@@ -36,6 +37,7 @@ class BudgetWatch:
         self._someone_is_silent = someone_is_silent
         self._watched: dict[str, _Watched] = {}
         self._doubt: tuple[float, str] | None = None
+        self._is_over = False
         course.on_stage(self._stage)
 
     def watch(self, loop: MixingLoop, period_s: float) -> None:
@@ -64,6 +66,15 @@ class BudgetWatch:
         breach = breach_of(budget, provenance)
         if breach is not None:
             self.spoiled(frame.name, str(breach))
+        self._visibility(watched.loop, frame)
+
+    def _visibility(self, loop: MixingLoop, frame: Frame) -> None:
+        """Judge what a mixture shows of the virtual objects."""
+        if loop.probe is None or frame.visibility is None:
+            return
+        fault = loop.probe.coverage.take(frame.visibility)
+        if fault is not None:
+            self.spoiled(loop.name, fault.text + loop.probe.why_nothing())
 
     def spoiled(self, name: str, reason: str) -> None:
         """Take that what was perceived proves nothing, if this happens while the goal is flown."""
@@ -107,3 +118,26 @@ class BudgetWatch:
         if stage == "goal":
             for watched in self._watched.values():
                 watched.rate.start(t_s)
+        elif self._course.reached("goal") and not self._is_over:
+            self._is_over = True
+            self._look_back()
+
+    def _look_back(self) -> None:
+        """Judge what all mixtures of the goal's flight showed, once it is over."""
+        probes = {
+            name: watched.loop.probe
+            for name, watched in self._watched.items()
+            if watched.loop.probe is not None
+        }
+        for name, probe in probes.items():
+            fault = probe.coverage.never_shown()
+            if fault is not None:
+                self._prove_nothing(f"mixing of {name}: {fault.text}{probe.why_nothing()}")
+                return
+        fault = uncovered(probe.coverage for probe in probes.values())
+        if fault is not None:
+            self._prove_nothing(f"mixing: {fault.text}")
+
+    def _prove_nothing(self, reason: str) -> None:
+        if self._doubt is None:
+            self._course.decide("INVALID", reason, source="mixing", ends_flight=False)

@@ -79,4 +79,5 @@ class Pilot:
     def _failed(self, fault: AutonomyFault) -> None:
         self._crashed = True
         name = self.station.name
-        self._course.decide("FAIL", f"the autonomy of {name} {fault}", source=f"autonomy/{name}")
+        said = f"the autonomy of {name} {fault}"
+        self._course.decide("FAIL", said, source=f"autonomy/{name}", trace=fault.trace)

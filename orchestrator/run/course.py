@@ -2,8 +2,10 @@
 
 import asyncio
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Literal
 
+from orchestrator.faults import Fault, FaultLog, Faults
 from safety.verdict import DecisiveEvent, DecisiveKind
 
 Stage = Literal[
@@ -32,14 +34,20 @@ class Course:
 
     `over` is set when the flight has to end before its time: something that ends it happened.
     While the operator holds, nothing of the flight's own ends it: whoever holds wants to look.
+    A watcher that raises keeps no other from being called: that it did is decisive. log_fault:
+    takes each exception of ours; `faults` has them all.
     """
 
-    def __init__(self, *, time: Callable[[], float]) -> None:
+    def __init__(self, *, time: Callable[[], float], log_fault: FaultLog = lambda _: None) -> None:
         self._time = time
+        self._faults = Faults(time=time, log=log_fault, take=self._decide_fault)
+        self._deciding_faults = 0
         self.stage: Stage = "start"
         self.entered_s: dict[Stage, float] = {"start": time()}
         self.decisive: list[DecisiveEvent] = []
         self.over = asyncio.Event()
+        self.last_note: Callable[[], str] = str
+        """What the autonomy of the judged vehicle noted last; set once there is one."""
         self._held = False
         self._due = False
         self._stage_watchers: list[StageWatcher] = []
@@ -62,7 +70,8 @@ class Course:
         if stage in self._entries:
             self._entries[stage].set()
         for watcher in self._stage_watchers:
-            watcher(stage, now_s)
+            with self.taking(f"stage {stage}"):
+                watcher(stage, now_s)
         return now_s
 
     def reached(self, stage: Stage) -> bool:
@@ -81,17 +90,45 @@ class Course:
         *,
         t_s: float | None = None,
         source: str = "",
+        trace: str = "",
         ends_flight: bool = True,
     ) -> None:
-        """Record that the run is settled; `ends_flight`: the vehicles have to come down for it."""
-        event = DecisiveEvent(self._time() if t_s is None else t_s, kind, reason, source)
+        """Record that the run is settled; `ends_flight`: the vehicles have to come down for it.
+
+        trace: the traceback of what was raised, for the log and the result.
+        """
+        at_s = self._time() if t_s is None else t_s
+        event = DecisiveEvent(at_s, kind, reason, source, self.last_note(), trace)
         self.decisive.append(event)
-        for watcher in self._decisive_watchers:
-            watcher(event)
         if ends_flight and self._held:
             self._due = True
         elif ends_flight:
             self.over.set()
+        if self._deciding_faults > 1:
+            return  # A watcher that raises whenever it is called would be called without end.
+        for watcher in self._decisive_watchers:
+            with self.taking("a watcher of decisive events"):
+                watcher(event)
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Return the exceptions of ours so far."""
+        return tuple(self._faults.all)
+
+    def fault(self, error: BaseException, where: str) -> None:
+        """Take an exception of ours, once wherever it comes by: it is decisive."""
+        self._faults.take(error, where)
+
+    def taking(self, where: str) -> AbstractContextManager[None]:
+        """Take an exception of ours that is raised meanwhile, and go on after it."""
+        return self._faults.taking(where)
+
+    def _decide_fault(self, fault: Fault) -> None:
+        self._deciding_faults += 1
+        try:
+            self.decide("ERROR", fault.text, source="exception")
+        finally:
+            self._deciding_faults -= 1
 
     @property
     def held(self) -> bool:

@@ -5,12 +5,13 @@ from collections.abc import Callable, Mapping
 from typing import get_args
 
 from campaigns.fences import changed_fences
-from orchestrator.operator import OperatorCommand
 from orchestrator.run.fences_aboard import FencesAboard
-from orchestrator.run.guarding import Guard
 from safety.geofence import Fence
+from safety.guard.base import Guard
 from safety.guard.events import Cause, GuardEvent
+from safety.guard.operator_command import OperatorCommand
 from vehicles.errors import VehicleError
+from vehicles.tasks import start, stop
 from worlds.documents import BadInput, parse
 from worlds.geodesy import LocalFrame
 
@@ -96,8 +97,8 @@ class Fencing:
         await self._idle.wait()
 
     async def _obey(self, command: OperatorCommand) -> None:
-        change = asyncio.create_task(self._change(command), name="fence change")
-        landing = asyncio.create_task(self._landing.wait(), name="landing")
+        change = start(self._change(command), name="fence change")
+        landing = start(self._landing.wait(), name="landing begun")
         try:
             await asyncio.wait({change, landing}, return_when=asyncio.FIRST_COMPLETED)
             if change.done():
@@ -105,9 +106,7 @@ class Fencing:
             else:
                 self._answer(command, False, f"geofence: all are landing; {_OLD_HOLDS}")
         finally:
-            for task in (change, landing):
-                task.cancel()
-            await asyncio.wait({change, landing})
+            await stop(change, landing)
         while self._aboard.unsettled and not self._ending:
             if await self._put_back():
                 await asyncio.sleep(_AGAIN_S)

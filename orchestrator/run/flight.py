@@ -13,6 +13,7 @@ from vehicles.autopilots.registry import autopilot_named
 from vehicles.driver.identity import same_vehicle
 from vehicles.errors import VehicleError
 from vehicles.setpoints import PositionSetpoint
+from vehicles.tasks import stop, together
 
 _SETTLED_S = 0.5
 """How long a vehicle has to be at height before it counts: not merely passing through."""
@@ -113,16 +114,13 @@ async def _climb(station: Station, height_m: float, sync: SyncSetup) -> None:
     await station.driver.enter_guided()
     north_m, east_m, down_m = station.start.position_ned_m
     place = PositionSetpoint((north_m, east_m, down_m - height_m), station.start.yaw_rad)
-    there = asyncio.create_task(
-        _at_height(station, height_m, sync), name=f"{station.name} at height"
-    )
-    try:
+    async with together() as tasks:
+        there = tasks.create_task(
+            _at_height(station, height_m, sync), name=f"{station.name} at height"
+        )
         while not there.done():
             station.driver.send(place)
             await asyncio.wait([there], timeout=1.0 / _CLIMB_HZ)
-        await there
-    finally:
-        there.cancel()
 
 
 async def _guide(stations: Iterable[Station]) -> None:
@@ -143,19 +141,10 @@ async def _with_holds(stations: Iterable[Station], holding: Holding, goal: Await
             await holding.resumed(after=count)
             await holding.through(lambda: _guide(stations))
 
-    tasks = [
-        asyncio.ensure_future(goal),
-        asyncio.create_task(guide_again(), name="guided after a hold"),
-    ]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in tasks:
-            if task.done():
-                task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.wait(tasks)
+    async with together() as tasks:
+        guiding = tasks.create_task(guide_again(), name="guided after a hold")
+        await goal
+        await stop(guiding)
 
 
 def _require_two(stations: tuple[Station, ...]) -> None:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from orchestrator.run.course import Course
 from orchestrator.run.pilots import AnyPilot
+from safety.verdict import GOAL_TIMEOUT
+from vehicles.tasks import stop, together
 
 _OTHERS_S = 2.0
 """How long the twin may take longer than the real vehicle to say that it is done."""
@@ -36,25 +38,17 @@ class GoalFlight:
         self.notify("goal", t0_s)
         for pilot in self.pilots.values():
             pilot.on_first_setpoint(self.started)
-        tasks = [
-            asyncio.create_task(pilot.fly(), name=f"{name} pilot")
-            for name, pilot in self.pilots.items()
-        ]
-        done = asyncio.create_task(self._done(), name="goal done")
         try:
-            async with asyncio.timeout(self.within_s):
-                await asyncio.wait([done, *tasks], return_when=asyncio.FIRST_COMPLETED)
-                for task in tasks:
-                    if task.done():
-                        task.result()
-                await done
+            async with asyncio.timeout(self.within_s), together() as tasks:
+                flying = [
+                    tasks.create_task(pilot.fly(), name=f"{name} pilot")
+                    for name, pilot in self.pilots.items()
+                ]
+                await self._done()
+                await stop(*flying)
         except TimeoutError:
             said = f"the autonomy of {self.subject} was not done {self.within_s:g} s after its goal"
-            self.course.decide("FAIL", f"{said} (sync.goal_timeout_s)", source="goal")
-        finally:
-            for task in (done, *tasks):
-                task.cancel()
-            await asyncio.wait([done, *tasks])
+            self.course.decide("FAIL", f"{said} (sync.goal_timeout_s)", source=GOAL_TIMEOUT)
 
     async def _done(self) -> None:
         await self.pilots[self.subject].done.wait()

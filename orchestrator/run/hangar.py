@@ -1,6 +1,5 @@
 """Where the vehicles of a run live: in this process under virtual time, else each in its own."""
 
-import asyncio
 import math
 import sys
 from collections.abc import Callable, Mapping
@@ -23,6 +22,7 @@ from vehicles.launch.prepared import PreparedLaunch
 from vehicles.links.base import Link
 from vehicles.links.memory import memory_pair
 from vehicles.readings import PoseReading
+from vehicles.tasks import start, stop
 from worlds.parts import BoxShape
 
 BODY: BoxShape = body_of(Airframe())
@@ -141,11 +141,11 @@ class OwnProcesses:
         settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
         program = [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()]
         await self._guard.start(vehicle.name, program)
-        heard = asyncio.create_task(feed.heard.wait(), name=f"first word of {vehicle.name}")
+        heard = start(feed.heard.wait(), name=f"first word of {vehicle.name}")
         try:
             await self._guard.ended_or(vehicle.name, heard, _FIRST_WORD_S)
         finally:
-            heard.cancel()
+            await stop(heard)
         return feed
 
     def _settings(self, vehicle: VehicleSetup) -> ProcessSettings:

@@ -6,11 +6,21 @@ from typing import cast, get_args
 
 from orchestrator.results import FenceChange
 from orchestrator.run.course import Course, Stage
+from orchestrator.run.evidence import JUDGED_EVERY_S
 from orchestrator.run.station import Station
 from safety.geofence import Fence
 from safety.judge import Judge
 from safety.results import Flag
-from safety.samples import FenceSample, HeardSample, PoseSample, StageSample, StateSample
+from safety.samples import (
+    DoubtSample,
+    FenceSample,
+    HeardSample,
+    PoseSample,
+    ReferenceSample,
+    ReportSample,
+    StageSample,
+    StateSample,
+)
 from safety.samples import Stage as JudgedStage
 from safety.tape import Taped, Tick
 from vehicles.cameras import sleep_until
@@ -19,10 +29,6 @@ from vehicles.embedded.states import TruthSample
 
 TICK_HZ = 10.0
 _JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
-
-_JUDGED_EVERY_S = 0.018
-"""50 poses a second are judged: between two, a vehicle that brakes at 3 m/s^2 leaves the straight
-way that is swept by a dt^2 / 8 = 0.15 mm, less than the tolerance of 1 mm of a clearance."""
 _CLEARANCE_KINDS = frozenset({"collision", "clearance"})
 
 FlagWatcher = Callable[[Flag], None]
@@ -53,6 +59,7 @@ class Bench:
         self._stations: list[Station] = []
         self._heard_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
+        self._reported_s: dict[tuple[str, str], float] = {}
         self._told = 0
         self.fence_changes: list[FenceChange] = []
         course.on_stage(self._stage)
@@ -61,6 +68,7 @@ class Bench:
         """Judge a vehicle by its pose source, its state and its silence from now on."""
         self._stations.append(station)
         station.on_pose(self._pose)
+        station.on_reference(self._reference)
         station.driver.on_event(lambda event: self._event(station, event))
         station.driver.on_failure(lambda error: self._course.decide("ERROR", str(error)))
         station.on_contact(lambda truth: self._contact(station, truth))
@@ -97,6 +105,18 @@ class Bench:
             self._tape(changed)
             self._take(self._judge.fence(changed))
 
+    def report(self, sample: ReportSample) -> None:
+        """Take that a sample of a signal has arrived."""
+        self._tape(sample)
+        self._judge.report(sample)
+        self._take(())
+
+    def doubt(self, sample: DoubtSample) -> None:
+        """Take that a signal cannot be believed from a moment on: the run is INVALID."""
+        self._tape(sample)
+        self._judge.doubt(sample)
+        self._take(())
+
     def last_state(self, t_s: float) -> None:
         """Take every vehicle's last word."""
         for station in self._stations:
@@ -106,9 +126,14 @@ class Bench:
         due_s = self._due_s.get(sample.vehicle, 0.0)
         if sample.t_s < due_s:
             return
-        self._due_s[sample.vehicle] = sample.t_s + _JUDGED_EVERY_S
+        self._due_s[sample.vehicle] = sample.t_s + JUDGED_EVERY_S
         self._tape(sample)
         self._take(self._judge.pose(sample))
+
+    def _reference(self, sample: ReferenceSample) -> None:
+        self._tape(sample)
+        self._judge.reference(sample)
+        self._take(())
 
     def _state(self, station: Station, t_s: float) -> None:
         state = station.driver.state
@@ -119,6 +144,10 @@ class Bench:
             heard = HeardSample(state.last_heard_s, station.name)
             self._tape(heard)
             self._take(self._judge.heard(heard))
+        for name, reported_s in station.driver.reported_s.items():
+            if reported_s > self._reported_s.get((station.name, name), -1.0):
+                self._reported_s[station.name, name] = reported_s
+                self.report(ReportSample(reported_s, station.name, name))
         self._judge_state(state_sample(station.name, state, t_s))
 
     def _judge_state(self, sample: StateSample) -> None:

@@ -1,6 +1,5 @@
 """Simulators that a run launches: prepared before the guard opens its links, started by it."""
 
-import asyncio
 import math
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
@@ -11,8 +10,8 @@ from campaigns.vehicle_setups import SitlLaunch
 from orchestrator.run.setup import RunSetup
 from safety.guard.remote import RemoteGuard
 from vehicles.launch.plan import Home
-from vehicles.launch.prepared import Ended, PreparedLaunch
-from vehicles.launch.process import run_briefly
+from vehicles.launch.prepared import PreparedLaunch
+from vehicles.tasks import start, stop
 
 _READY_S = 60.0
 """A simulator on a loaded machine; an image that starts cold."""
@@ -35,26 +34,21 @@ def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, Pre
             system_id=vehicle.system_id,
         )
         stack.enter_context(one)
-        stack.push_async_callback(one.clean_up, run_briefly)
+        stack.push_async_callback(one.clean_up)
         prepared[vehicle.name] = one
     return prepared
 
 
 async def start_launched(name: str, prepared: PreparedLaunch, guard: RemoteGuard) -> None:
     """Have the guard start a simulator, and wait until it runs. Raises LinkError, LaunchError."""
-    ended = Ended()
-    watch = asyncio.create_task(_until_ended(name, guard, ended), name=f"end of {name}")
+    end = start(guard.end_of(name), name=f"end of {name}")
     try:
         # It lives on the lifeline of guard and orchestrator, not on one of them alone.
-        command = prepared.kept(parent=0, grace_s=_GRACE_S)
+        command = prepared.command(parent=0, grace_s=_GRACE_S)
         prepared.note(await guard.start(name, command, dict(prepared.plan.environment)))
-        await prepared.until_ready(ended, ready_s=_READY_S)
+        await prepared.until_ready(end, ready_s=_READY_S)
     finally:
-        watch.cancel()
-
-
-async def _until_ended(name: str, guard: RemoteGuard, ended: Ended) -> None:
-    ended.tell(await guard.end_of(name))
+        await stop(end)
 
 
 def _at_home(launch: SitlLaunch, setup: RunSetup, vehicle: VehicleSetup) -> SitlLaunch:

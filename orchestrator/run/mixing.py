@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from orchestrator.run.mixtures import Frame
 from orchestrator.run.statistics import MixingStatistics
+from orchestrator.run.visibility import VisibilityProbe
 from recipes.alignment import align_pose
 from recipes.mixed import Mixed
 from recipes.pipeline import Mixer
@@ -52,7 +53,8 @@ class MixingLoop:
     the vehicle from whose place it is asked. wait_s: how long a pose for the exposure is waited
     for. period_s: of the real readings; none waits longer for the twin's. rate_hz: at most so
     many mixtures; None for each real reading. registration: tells how far off a twin's picture is;
-    None for sensors without pixels. tell: takes each mixture, also
+    None for sensors without pixels. probe: measures what a mixture shows; None where
+    that cannot be, and `unmeasured` says why. tell: takes each mixture, also
     one that is none. trouble: told what is wrong with a reading. A real reading that finds too
     many waiting replaces the oldest, which counts as dropped. Ends by StepError when a step fails.
     """
@@ -68,6 +70,8 @@ class MixingLoop:
         period_s: float,
         rate_hz: float | None,
         registration: Registration | None,
+        probe: VisibilityProbe | None = None,
+        unmeasured: str = "",
         tell: Callable[[Frame], None],
         trouble: Callable[[str], None],
     ) -> None:
@@ -82,6 +86,8 @@ class MixingLoop:
         self._due_s = 0.0
         self._drawn_s = 0.0
         self._registration = registration
+        self.probe = probe
+        self.unmeasured = unmeasured
         self._tell = tell
         self._trouble = trouble
         self._waiting: deque[Reading] = deque()
@@ -137,7 +143,10 @@ class MixingLoop:
             real = self._waiting.popleft()
             twin, alignment = await self._asked(self._twin, real)
         now_s = asyncio.get_running_loop().time()
+        if self.probe is not None:
+            self.probe.begin()
         mixed: Mixed[Reading] = self.mixer.mix(real, twin, now_s=now_s, alignment=alignment)
+        visibility = None if self.probe is None else self.probe.measure(mixed)
         if self._registration is not None and twin is not None:
             told = mixed.provenance
             # A step may have chosen an older picture of the real camera.
@@ -150,7 +159,7 @@ class MixingLoop:
             )
             mixed = Mixed(mixed.reading, told)
         self._account(mixed, now_s)
-        self._tell(Frame(self.name, self.mixer.sensor, real, twin, mixed))
+        self._tell(Frame(self.name, self.mixer.sensor, real, twin, mixed, visibility))
 
     async def _twin_has_come(self) -> None:
         """Wait until the twin's readings have reached the moment of the oldest that waits.

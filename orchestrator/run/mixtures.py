@@ -3,18 +3,24 @@
 from dataclasses import dataclass
 
 from recipes.mixed import Mixed
+from recipes.visibility.model import FrameVisibility
 from vehicles.readings import CameraReading, Reading
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One mixture with the readings behind it. name: of the combination."""
+    """One mixture with the readings behind it.
+
+    name: of the combination. visibility: what it shows of the virtual objects; None where that
+    was not measured.
+    """
 
     name: str
     sensor: str
     real: Reading | None
     twin: Reading | None
     mixed: Mixed[Reading]
+    visibility: FrameVisibility | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from functools import partial
 
+from orchestrator.run.evidence import signal_terms
 from orchestrator.run.hangar import BODY
 from orchestrator.run.setup import RunSetup
+from safety.evidence.evidence import Evidence
 from safety.judge import Judge, build_oracles
 from safety.oracles.base import OracleContext
 from safety.oracles.gates import gates_of
@@ -22,6 +24,7 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
             mode=setup.mode,
             subject=setup.subject,
             vehicle=vehicle.name,
+            body_half_m=BODY.half_m,
             start=vehicle.start,
             probe=ClearanceProbe(scene, BODY),
             things=scene.names,
@@ -35,7 +38,9 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
         )
         for vehicle in setup.vehicles
     }
-    return Judge(build_oracles(setup.campaign.oracles, contexts))
+    campaign = setup.campaign
+    oracles = build_oracles(campaign.oracles, contexts, collision_always=campaign.collision_always)
+    return Judge(oracles, Evidence(signal_terms(setup, oracles)))
 
 
 def _probe_of(scene: Scene, name: str) -> ClearanceProbe:

@@ -48,7 +48,7 @@ def _built(setup: RunSetup, name: str) -> Autonomy:
             lambda: setup.campaign.under_test.build(setup.seed), within_s=LONGEST_CONSTRUCTION_S
         )
     except AutonomyFault as fault:
-        raise AutonomyFault(f"the autonomy of {name} {fault}") from None
+        raise AutonomyFault(f"the autonomy of {name} {fault}", fault.trace) from None
 
 
 def _program(setup: RunSetup, pair: Pair, station: Station, course: Course) -> ProgramPilot:

@@ -2,14 +2,14 @@
 
 import asyncio
 import time
-import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from orchestrator.clock import run_on
+from orchestrator.faults import fault_log
 from orchestrator.operator import Inbox
 from orchestrator.outside.outside import Outside
 from orchestrator.progress import Report
@@ -29,7 +29,7 @@ from orchestrator.run.judging import Bench
 from orchestrator.run.last_words import last_words
 from orchestrator.run.opening import Pair, open_pair
 from orchestrator.run.oracles import build_judge
-from orchestrator.run.outcome import outside_result, result_of
+from orchestrator.run.outcome import broken_result, outside_result, result_of
 from orchestrator.run.perceiving import Perception
 from orchestrator.run.pilots import AnyPilot, open_pilots
 from orchestrator.run.preflight import Preflight
@@ -42,14 +42,21 @@ from orchestrator.run.warming import warm_up
 from orchestrator.run.watchdog import Watchdog
 from recipes.working import StepError
 from safety.guard.events import GuardEvent, decisive
-from safety.judge import COLLISION_ALWAYS
+from safety.judge import COLLISION_ALWAYS, Judge
 from safety.results import Flag
 from safety.tape import WorldEvent
 from vehicles.errors import VehicleError
 from vehicles.links.base import LinkError
 from vehicles.readings import Reading
+from vehicles.tasks import FAULTS, TaskAccount, asked_to_end, finish, stop, together
 from worlds.motion import MOMENTS
 
+_LANDINGS = 3
+"""How often a landing is begun in which an exception of ours comes up."""
+EXPECTED = (VehicleError, FlightError, StepError, AutonomyFault)
+"""What a run knows of: who awaits a task that ends by one of these decides what it means."""
+
+Start = Callable[[], Coroutine[Any, Any, object]]
 Disturb = Callable[[Pair, Course], None]
 """Is handed the pair once it is there, to make trouble at times of its own: kill, mute, break."""
 
@@ -62,7 +69,14 @@ def fly(
     disturb: for runs that are to show what a fault leads to.
     """
     warm_up(setup)
-    return run_on(setup.clock, _fly(setup, report, inbox, disturb))
+    flown = Flown(setup)
+    try:
+        run_on(setup.clock, flown.fly(report, inbox, disturb))
+    except FAULTS as error:
+        if flown.course is None:
+            raise
+        flown.course.fault(error, "the run's loop")
+    return flown.result()
 
 
 @dataclass(slots=True, kw_only=True)
@@ -93,6 +107,7 @@ class _Ground:
     setup: RunSetup
     course: Course
     events: dict[str, float]
+    judge: Judge
     bench: Bench
     outside: Outside
     recorder: RunRecorder
@@ -102,58 +117,100 @@ class _Ground:
     perception: Perception | None = None
 
 
-async def _fly(setup: RunSetup, report: Report, inbox: Inbox, disturb: Disturb | None) -> RunResult:
-    began_s = time.monotonic()
-    loop = asyncio.get_running_loop()
-    course = Course(time=loop.time)
-    loop.set_exception_handler(lambda _, context: _unhandled(course, context))
+class Flown:
+    """One run from its begin to its result, also where an exception of ours cut it short."""
+
+    def __init__(self, setup: RunSetup) -> None:
+        self._setup = setup
+        self._began_s = time.monotonic()
+        self._ground: _Ground | None = None
+        self._end_s = 0.0
+        self.course: Course | None = None
+
+    async def fly(self, report: Report, inbox: Inbox, disturb: Disturb | None) -> None:
+        """Fly; what is raised meanwhile, and a task that does not end as asked, is decisive."""
+        setup, loop = self._setup, asyncio.get_running_loop()
+        course = Course(time=loop.time, log_fault=fault_log(setup.order.folder / "log.jsonl"))
+        self.course = course
+        loop.set_exception_handler(partial(_unhandled, course))
+        account = TaskAccount(fault=course.fault, expected=EXPECTED)
+        with account.of(loop), course.taking("the run"):
+            await self._fly(course, report, inbox, disturb)
+        self._end_s = loop.time()
+
+    async def _fly(
+        self, course: Course, report: Report, inbox: Inbox, disturb: Disturb | None
+    ) -> None:
+        setup = self._setup
+        with ExitStack() as streams:
+            ground = self._ground = _ground_of(setup, course, report, streams)
+            try:
+                await _fly_pair(ground, inbox, disturb)
+            except AutonomyFault as fault:
+                course.decide("FAIL", str(fault), source="autonomy", trace=fault.trace)
+            except (VehicleError, LinkError, StepError) as error:
+                course.decide("ERROR", str(error))
+            except FAULTS as error:
+                if asked_to_end(error):
+                    raise
+                # Taken here, for the streams are open still.
+                course.fault(error, "the run")
+            course.enter("end")
+
+    def result(self) -> RunResult:
+        """Return what the run came to, its loop being closed."""
+        course, ground = self.course, self._ground
+        if course is None:
+            raise RuntimeError("the run has not begun")
+        wall_s = time.monotonic() - self._began_s
+        end_s = course.entered_s.get("end", self._end_s)
+        if ground is not None:
+            with course.taking("the result"):
+                return result_of(
+                    setup=self._setup,
+                    course=course,
+                    judge=ground.judge,
+                    sync=ground.sync.result(),
+                    mixings=() if ground.perception is None else ground.perception.mixings,
+                    collisions=tuple(ground.recorder.collisions),
+                    outside=outside_result(ground.outside, ground.perception),
+                    artifacts=ground.recorder.artifacts,
+                    preflight=ground.preflight.items,
+                    fence_changes=tuple(ground.bench.fence_changes),
+                    end_s=end_s,
+                    wall_s=wall_s,
+                )
+        return broken_result(self._setup, course, end_s=end_s, wall_s=wall_s)
+
+
+def _ground_of(setup: RunSetup, course: Course, report: Report, streams: ExitStack) -> _Ground:
+    """Return what stands before the vehicles do, its streams open."""
     events: dict[str, float] = {}
     judge = build_judge(setup, events)
-    with ExitStack() as streams:
-        kinds = {use.name: use.kind for use in (*setup.campaign.oracles, COLLISION_ALWAYS)}
-        recorder = streams.enter_context(recorder_of(setup, course, kinds))
-        course.on_stage(recorder.stage)
-        course.on_decisive(recorder.decisive)
-        telling = Telling(plan=setup.order.plan, report=report, course=course, kinds=kinds)
-        outside = Outside(setup=setup, events=events)
-        bench = Bench(
-            judge=judge,
-            course=course,
-            kinds=kinds,
-            watch=(recorder.flag, telling.flag, partial(_contact, outside, kinds)),
-            tape=recorder.judged,
-        )
-        ground = _Ground(
-            setup=setup,
-            course=course,
-            events=events,
-            bench=bench,
-            outside=outside,
-            recorder=recorder,
-            sync=Synchronisation(setup=setup.campaign.sync, course=course),
-            telling=telling,
-            preflight=Preflight(setup=setup),
-        )
-        try:
-            await _fly_pair(ground, inbox, disturb)
-        except AutonomyFault as fault:
-            course.decide("FAIL", str(fault), source="autonomy")
-        except (VehicleError, LinkError, StepError) as error:
-            course.decide("ERROR", str(error))
-        end_s = course.enter("end")
-    return result_of(
+    kinds = {use.name: use.kind for use in (*setup.campaign.oracles, COLLISION_ALWAYS)}
+    recorder = streams.enter_context(recorder_of(setup, course, kinds))
+    course.on_stage(recorder.stage)
+    course.on_decisive(recorder.decisive)
+    telling = Telling(plan=setup.order.plan, report=report, course=course, kinds=kinds)
+    outside = Outside(setup=setup, events=events)
+    bench = Bench(
+        judge=judge,
+        course=course,
+        kinds=kinds,
+        watch=(recorder.flag, telling.flag, partial(_contact, outside, kinds)),
+        tape=recorder.judged,
+    )
+    return _Ground(
         setup=setup,
         course=course,
+        events=events,
         judge=judge,
-        sync=ground.sync.result(),
-        mixings=() if ground.perception is None else ground.perception.mixings,
-        collisions=tuple(recorder.collisions),
-        outside=outside_result(outside, ground.perception),
-        artifacts=recorder.artifacts,
-        preflight=ground.preflight.items,
-        fence_changes=tuple(bench.fence_changes),
-        end_s=end_s,
-        wall_s=time.monotonic() - began_s,
+        bench=bench,
+        outside=outside,
+        recorder=recorder,
+        sync=Synchronisation(setup=setup.campaign.sync, course=course),
+        telling=telling,
+        preflight=Preflight(setup=setup),
     )
 
 
@@ -177,6 +234,8 @@ def _run_of(ground: _Ground, pair: Pair, pilots: Mapping[str, AnyPilot], inbox: 
     """Return the run with all its parts tied to the vehicles."""
     setup, course, recorder, sync = ground.setup, ground.course, ground.recorder, ground.sync
     telling, bench = ground.telling, ground.bench
+    subject = next(one for one in pair.stations if one.name == setup.subject)
+    course.last_note = lambda: subject.note
     ground.outside.attach(pair.stations)
     ground.perception = perception = build_perception(
         setup,
@@ -243,71 +302,81 @@ async def _conduct(run: _Run) -> None:
     run.pair.guard.on_event(lambda event: _guard_event(run, event))
     # They are taken anew at arming.
     run.course.on_stage(lambda stage, _: run.pair.tell_anchors() if stage == "takeoff" else None)
-    background = [
-        asyncio.create_task(coroutine, name=name)
-        for name, coroutine in (
-            ("judging", run.bench.run(run.watchdog.watch("judging"))),
-            ("operator", run.commanding.run(run.watchdog.watch("operator"))),
-            ("fences", run.commanding.fencing.run()),
-            ("progress", _follow(run)),
-            ("trajectory", _record(run)),
-            ("perception", run.perception.run(run.watchdog.watch("mixing budgets"))),
-            ("outside", run.outside.run(run.course)),
-            ("watchdog", run.watchdog.run()),
-        )
-    ]
-    flight = asyncio.create_task(_flight(run), name="flight")
-    over = asyncio.create_task(run.course.over.wait(), name="over")
-    try:
-        await asyncio.wait([flight, over, *background], return_when=asyncio.FIRST_COMPLETED)
-        _end_of_background(run, background)
-    finally:
-        await asyncio.shield(asyncio.ensure_future(_finish(run, flight)))
-        for task in (over, *background):
-            await _stop(task)
+    course, watchdog = run.course, run.watchdog
+    lasting: tuple[tuple[str, Start], ...] = (
+        ("judging", lambda: run.bench.run(watchdog.watch("judging"))),
+        ("operator", lambda: run.commanding.run(watchdog.watch("operator"))),
+        ("fences", run.commanding.fencing.run),
+        ("progress", lambda: _follow(run)),
+        ("trajectory", lambda: _record(run)),
+        ("perception", lambda: run.perception.run(watchdog.watch("mixing budgets"))),
+        ("outside", lambda: run.outside.run(course)),
+        ("watchdog", watchdog.run),
+    )
+    async with together() as tasks:
+        background = [
+            tasks.create_task(_last(course, name, begin), name=name) for name, begin in lasting
+        ]
+        flight = tasks.create_task(_flight(run), name="flight")
+        over = tasks.create_task(course.over.wait(), name="over")
+        try:
+            await asyncio.wait([flight, over, *background], return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            await finish(_finish(run, flight), name="landing")
+            await stop(over, *background)
+
+
+async def _last(course: Course, name: str, begin: Start) -> None:
+    """Do what goes on until the end of the run; that it ends before is decisive.
+
+    It raises nothing: the others of its group have to see the landing.
+    """
+    with course.taking(name):
+        await begin()
+        course.decide("ERROR", f"{name} ended before the flight did")
 
 
 async def _finish(run: _Run, flight: "asyncio.Task[None]") -> None:
-    """End the flight; unless it landed by itself, have the guard bring all down."""
-    await _stop(flight)
-    if run.course.reached("landed"):
-        await see_at_rest(run.pair, run.course)
-    else:
-        await bring_down(run.pair, run.course)
-    if not run.course.decisive:
-        await run.watchdog.last_signs()
-    await run.commanding.fencing.end()
-    await run.aboard.take_back()
-    if run.course.reached("landed"):
-        await run.aboard.fetch_logs()
+    """End the flight; unless it landed by itself, have the guard bring all down.
+
+    An exception of ours keeps nothing from being done that comes after it.
+    """
+    course = run.course
+    await _step(course, "the end of the flight", lambda: stop(flight))
+    for _ in range(_LANDINGS):
+        if await _step(course, "landing", lambda: _land(run)):
+            break
+    if not course.decisive:
+        await _step(course, "the last signs of life", run.watchdog.last_signs)
+    await _step(course, "the end of fence changes", run.commanding.fencing.end)
+    await _step(course, "what is taken back", run.aboard.take_back)
+    if course.reached("landed"):
+        await _step(course, "the vehicles' logs", run.aboard.fetch_logs)
 
 
-def _end_of_background(run: _Run, background: list["asyncio.Task[None]"]) -> None:
-    """Take what ended a task that should go on until the end: an error of ours."""
-    for task in background:
-        if not task.done() or task.cancelled():
-            continue
-        error = task.exception()
-        if error is None:
-            run.course.decide("ERROR", f"{task.get_name()} ended before the flight did")
-            continue
-        cause = _innermost(error)
-        run.recorder.note("error", trace="".join(traceback.format_exception(error)))
-        run.course.decide("ERROR", f"{task.get_name()}: {type(cause).__name__}: {cause}")
+async def _step(course: Course, name: str, do: Start) -> bool:
+    """Do a step of the end of a run; return whether it was done without an exception."""
+    try:
+        with course.taking(name):
+            await do()
+            return True
+    except EXPECTED as error:
+        course.decide("ERROR", str(error))
+    return False
 
 
-def _unhandled(course: Course, context: dict[str, Any]) -> None:
+async def _land(run: _Run) -> None:
+    down = see_at_rest if run.course.reached("landed") else bring_down
+    await down(run.pair, run.course)
+
+
+def _unhandled(course: Course, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
     """Take an error in a callback of the loop: physics gone wrong, a recording that broke off."""
     error = context.get("exception")
-    said = context.get("message", "") if error is None else f"{type(error).__name__}: {error}"
-    course.decide("ERROR", f"in flight: {said}")
-
-
-def _innermost(error: BaseException) -> BaseException:
-    """Return the first error that is no group of errors."""
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return error
+    if isinstance(error, BaseException):
+        course.fault(error, "in flight")
+    else:
+        course.decide("ERROR", f"in flight: {context.get('message', '')}")
 
 
 def _watchers(recorder: RunRecorder, outside: Outside) -> Watchers:
@@ -333,26 +402,29 @@ def _record_events(run: _Run, station: Station) -> None:
 
 
 async def _flight(run: _Run) -> None:
-    """Fly the stages; what goes wrong is decisive."""
+    """Fly the stages; what goes wrong is decisive, and raised by nobody."""
+    with run.course.taking("flight"):
+        try:
+            await _fly_stages(run)
+        except (VehicleError, FlightError) as error:
+            run.course.decide("ERROR", str(error))
+
+
+async def _fly_stages(run: _Run) -> None:
     setup = run.setup
-    try:
-        await fly_together(
-            run.pair.stations,
-            course=run.course,
-            holding=run.holding,
-            sync=setup.campaign.sync,
-            heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
-            before_arming=partial(
-                prove_and_anchor, setup, run.pair.stations, run.outside, run.aboard
-            ),
-            barrier=run.sync.check_takeoff,
-            goal=run.goal.fly,
-            prepare=run.aboard.put,
-            preflight=partial(run.preflight.check, note=run.recorder.note),
-            arm=setup.order.arm,
-        )
-    except (VehicleError, FlightError) as error:
-        run.course.decide("ERROR", str(error))
+    await fly_together(
+        run.pair.stations,
+        course=run.course,
+        holding=run.holding,
+        sync=setup.campaign.sync,
+        heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
+        before_arming=partial(prove_and_anchor, setup, run.pair.stations, run.outside, run.aboard),
+        barrier=run.sync.check_takeoff,
+        goal=run.goal.fly,
+        prepare=run.aboard.put,
+        preflight=partial(run.preflight.check, note=run.recorder.note),
+        arm=setup.order.arm,
+    )
 
 
 def _guard_event(run: _Run, event: GuardEvent) -> None:
@@ -377,9 +449,3 @@ async def _follow(run: _Run) -> None:
         lambda: run.perception.statistics,
         run.bench.clearance_m,
     )
-
-
-async def _stop(task: "asyncio.Task[Any]") -> None:
-    """Cancel a task and wait until it has ended."""
-    task.cancel()
-    await asyncio.wait([task])

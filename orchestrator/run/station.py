@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from orchestrator.run.lifting import Lift
-from safety.samples import PoseSample
+from safety.samples import PoseSample, ReferenceSample
 from vehicles.autonomy import Telemetry
 from vehicles.autopilots.honoured import Setpoints
 from vehicles.driver import Driver
@@ -13,13 +13,18 @@ from vehicles.embedded.states import TruthSample
 from vehicles.pose_history import PoseHistory
 from vehicles.readings import PoseReading
 from vehicles.setpoints import PositionSetpoint, Setpoint
+from vehicles.tasks import Contained
 from worlds.frames import Pose, Vec3, scale, subtract
 
+_LISTENER = Contained("a listener to a vehicle's place")
 HISTORY_S = 2.0
 """How far back poses are kept: longer than any camera is late."""
+_REFER_EVERY_S = 0.098
+"""Ten references a second of any source whose period is a part of a tenth, whatever its digits."""
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 PoseListener = Callable[[PoseSample], None]
+ReferenceListener = Callable[[ReferenceSample], None]
 ContactListener = Callable[[TruthSample], None]
 MocapListener = Callable[[PoseReading], None]
 
@@ -46,8 +51,10 @@ class Station:
     lift: Lift = field(default_factory=Lift)
     contact: str | None = None
     _listeners: list[PoseListener] = field(default_factory=list)
+    _reference_listeners: list[ReferenceListener] = field(default_factory=list)
     _contact_listeners: list[ContactListener] = field(default_factory=list)
     _mocap_listeners: list[MocapListener] = field(default_factory=list)
+    _refer_due_s: dict[str, float] = field(default_factory=dict)
 
     @property
     def steered_by(self) -> Setpoints | None:
@@ -59,6 +66,10 @@ class Station:
     def on_pose(self, listener: PoseListener) -> None:
         """Call `listener` with each pose of the campaign's pose source."""
         self._listeners.append(listener)
+
+    def on_reference(self, listener: ReferenceListener) -> None:
+        """Call `listener` with where its other sources have it, a few times a second each."""
+        self._reference_listeners.append(listener)
 
     def on_contact(self, listener: ContactListener) -> None:
         """Call `listener` with the truth at its first contact with a physical thing."""
@@ -88,12 +99,16 @@ class Station:
             self._lift(sample)
         if self.pose_source == "mavlink":
             self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        else:
+            self._refer("mavlink", sample.t_s, sample.pose, sample.velocity_ned_m_s)
 
     def take_mocap(self, reading: PoseReading) -> None:
         """Take a pose of motion capture."""
         for listener in self._mocap_listeners:
-            listener(reading)
+            with _LISTENER:
+                listener(reading)
         if self.pose_source != "mocap":
+            self._refer("mocap", reading.t_s, reading.pose, reading.velocity_ned_m_s or _ZERO)
             return
         velocity = reading.velocity_ned_m_s or self._mocap_velocity(reading)
         self._take_pose(reading.t_s, reading.pose, velocity)
@@ -101,16 +116,27 @@ class Station:
     def take_truth(self, sample: TruthSample) -> None:
         """Take where it truly is."""
         self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        self._refer("truth", sample.t_s, sample.pose, sample.velocity_ned_m_s)
         if sample.contact is not None and self.contact is None:
             self.contact = sample.contact
             for told in self._contact_listeners:
-                told(sample)
+                with _LISTENER:
+                    told(sample)
 
     def _take_pose(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
         if not self.poses.add(t_s, pose, velocity_ned_m_s):
             return
         sample = PoseSample(t_s, self.name, pose, velocity_ned_m_s)
         for listener in self._listeners:
+            with _LISTENER:
+                listener(sample)
+
+    def _refer(self, source: str, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
+        if t_s < self._refer_due_s.get(source, 0.0):
+            return
+        self._refer_due_s[source] = t_s + _REFER_EVERY_S
+        sample = ReferenceSample(t_s, self.name, source, pose.position_ned_m, velocity_ned_m_s)
+        for listener in self._reference_listeners:
             listener(sample)
 
     def _mocap_velocity(self, reading: PoseReading) -> Vec3:

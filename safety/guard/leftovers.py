@@ -1,51 +1,26 @@
 """Who flies on this machine: a record of each guard, and the reaping of what was left over.
 
 A record is a JSON file in a folder of the user's own that does not outlive the boot. Processes
-are named by id and start time: an id alone may have gone to another.
+are named by id and start time.
 """
 
 import contextlib
-import json
 import os
-import signal
 import stat
-import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-_END_S = 3.0
-_POLL_S = 0.02
+import msgspec
+
+from vehicles.processes.identity import ProcessId
+
 _FOLDER = "wil-campaign"
 _LONGEST_BASE_BYTES = 107 - len("/wil-campaign/campaign-4194304.sock")
 
 
 class RuntimeFolderError(OSError):
     """The folder for records and sockets cannot be had safely; says why."""
-
-
-@dataclass(frozen=True, slots=True)
-class ProcessId:
-    """A process; started: its start time in clock ticks since boot (proc(5), field 22)."""
-
-    pid: int
-    started: int
-
-    @classmethod
-    def of(cls, pid: int) -> "ProcessId | None":
-        """Return the process that has this id now; None when none lives by it."""
-        try:
-            # The second field is a name in brackets and may hold anything, brackets too.
-            fields = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
-        except OSError:
-            return None
-        return None if fields[0] in {b"Z", b"X"} else cls(pid, int(fields[19]))
-
-    @property
-    def lives(self) -> bool:
-        """Return whether it lives; one that only waits to be reaped does not."""
-        return ProcessId.of(self.pid) == self
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +72,7 @@ def write_record(folder: Path, record: GuardRecord) -> None:
     """Write a guard's record, whole. Raises OSError."""
     path = record_path(folder, record.guard)
     part = path.with_suffix(".part")
-    part.write_text(json.dumps(asdict(record)), encoding="utf-8")
+    part.write_bytes(msgspec.json.encode(record))
     part.replace(path)
 
 
@@ -118,21 +93,8 @@ def running(folder: Path) -> tuple[GuardRecord, ...]:
 
 def _records(folder: Path) -> Iterator[GuardRecord]:
     for path in sorted(folder.glob("guard-*.json")):
-        with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
-            yield _record(json.loads(path.read_text(encoding="utf-8")))
-
-
-def _record(plain: dict[str, Any]) -> GuardRecord:
-    owner = plain["owner"]
-    return GuardRecord(
-        run=plain["run"],
-        folder=plain["folder"],
-        socket=plain["socket"],
-        guard=ProcessId(**plain["guard"]),
-        owner=None if owner is None else ProcessId(**owner),
-        since_s=float(plain["since_s"]),
-        children=tuple(ProcessId(**child) for child in plain["children"]),
-    )
+        with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
+            yield msgspec.json.decode(path.read_bytes(), type=GuardRecord)
 
 
 def reap_leftovers(folder: Path) -> tuple[str, ...]:
@@ -148,20 +110,8 @@ def reap_leftovers(folder: Path) -> tuple[str, ...]:
         done += [
             f"process {child.pid} was left over from {record.run} in {record.folder}: {how}"
             for child in record.children
-            if child.lives and (how := end_process(child))
+            if child.lives and (how := child.end())
         ]
         remove_record(folder, record.guard)
         Path(record.socket).unlink(missing_ok=True)
     return tuple(done)
-
-
-def end_process(process: ProcessId) -> str:
-    """End a process that is not ours to wait for: SIGTERM, then SIGKILL; returns what it took."""
-    for number in (signal.SIGTERM, signal.SIGKILL):
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(process.pid, number)
-        for _ in range(round(_END_S / _POLL_S)):
-            if not process.lives:
-                return f"ended by {number.name}"
-            time.sleep(_POLL_S)
-    return "it does not end"

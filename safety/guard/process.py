@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from contextlib import AsyncExitStack, ExitStack
 from functools import partial
 from pathlib import Path
+from traceback import format_exception
 from typing import Any
 
 from safety.guard.channel import Channel
@@ -28,7 +29,6 @@ from safety.guard.following import Following, Trouble
 from safety.guard.journal import Journal
 from safety.guard.leftovers import (
     GuardRecord,
-    ProcessId,
     reap_leftovers,
     remove_record,
     runtime_folder,
@@ -37,6 +37,7 @@ from safety.guard.leftovers import (
 from safety.guard.messages import (
     Alive,
     AnchorAt,
+    BringDown,
     Bytes,
     CharterMessage,
     End,
@@ -44,23 +45,23 @@ from safety.guard.messages import (
     Failed,
     Follow,
     GoDark,
-    Message,
     NewFences,
     OnWire,
     Opened,
-    Order,
+    Operate,
     Pace,
     Position,
     Start,
     Started,
     Status,
+    ToGuard,
     Told,
+    to_guard,
 )
 from safety.guard.operator_orders import OperatorOrders
 from safety.guard.operator_socket import POINTER, OperatorSocket
 from safety.guard.process_parts import (
     close_quietly,
-    how_it_ended,
     open_ports,
     spare_links,
     vehicle_link,
@@ -69,7 +70,6 @@ from safety.guard.shell import GuardLinks, GuardShell
 from safety.guard.spawning import SCALED
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
-from vehicles.child import ChildProcess
 from vehicles.errors import VehicleError
 from vehicles.links.base import Link
 from vehicles.links.conditions import under_conditions
@@ -77,6 +77,9 @@ from vehicles.links.opening import open_link
 from vehicles.links.parse import parse_link
 from vehicles.mavlink.tlog import TlogWriter
 from vehicles.pace import PacedLoop, call_wall_later
+from vehicles.processes.child import ChildProcess, how_it_ended
+from vehicles.processes.identity import ProcessId
+from vehicles.tasks import TaskAccount, start
 from worlds.frames import Pose
 
 STATUS_S = 0.1
@@ -89,11 +92,13 @@ class GuardProcess:
     """Runs one guard from its charter to the end of its last child."""
 
     def __init__(self, *, end: socket.socket, lifeline: int) -> None:
-        self._channel = Channel(end, take=self._take, closed=self._orphaned)
+        self._channel = Channel(end, receives=to_guard, take=self._take, closed=self._orphaned)
         self._lifeline = lifeline
         self._chartered: asyncio.Future[CharterMessage | None]
         self._over = asyncio.Event()
         self._ending = False
+        self._faults = 0
+        self._guarding = False
         self._lost = False
         self._children: dict[str, ChildProcess] = {}
         self._starts: set[asyncio.Task[None]] = set()
@@ -113,14 +118,17 @@ class GuardProcess:
             message = await self._chartered
         if message is None:
             return 1
+        account = TaskAccount(fault=self._fault, expected=(VehicleError, OSError))
         try:
-            await self._guard(GuardCharter.from_plain(message.plain))
+            with account.of(loop):
+                await self._guard(GuardCharter.unpacked(message.packed))
         except (CharterError, VehicleError, OSError) as error:
             self._channel.send(Failed(f"the guard cannot begin: {error}"))
             return 1
         finally:
             self._channel.close()
-        return 0
+        # Who waits for our end takes this for an error when nothing of it reached him.
+        return 1 if self._faults else 0
 
     async def _guard(self, charter: GuardCharter) -> None:
         self._charter = charter
@@ -137,6 +145,7 @@ class GuardProcess:
                     await self._open(stack, charter)
                     await self._over.wait()
                     await self._last()
+                    self._guarding = False
         finally:
             pace = None if self._following is None else self._following.pace
             if pace is not None:
@@ -176,6 +185,7 @@ class GuardProcess:
         self._shell.on_event(self._event)
         asyncio.get_running_loop().set_exception_handler(self._erred)
         await stack.enter_async_context(self._shell)
+        self._guarding = True
         stack.push_async_callback(self._reap)
         await self._enlist(stack, runtime)
         self._opened(raw)
@@ -198,7 +208,7 @@ class GuardProcess:
 
     async def _enlist(self, stack: AsyncExitStack, runtime: Path) -> None:
         """Open the operator's socket and say on this machine that we fly."""
-        me = ProcessId.of(os.getpid()) or ProcessId(os.getpid(), 0)
+        me = ProcessId.own()
         path = runtime / f"guard-{me.pid}.sock"
         path.unlink(missing_ok=True)
         orders = OperatorOrders(
@@ -243,9 +253,11 @@ class GuardProcess:
             # Who is busy with other things on the ground endangers nobody by its silence.
             self._shell.alive()
         self._channel.send(Status(core.latched, core.all_down, rest, tuple(core.phases.values())))
-        call_wall_later(STATUS_S, self._tell_status)
+        # With a tick of the shell's, so that the process wakes once for both.
+        since_s = time.monotonic() - self._shell.started_s
+        call_wall_later(STATUS_S - since_s % STATUS_S, self._tell_status)
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: ToGuard) -> None:
         match message:
             case Bytes(index, _, data) if index < len(self._links):
                 self._links[index].arrive(data, asyncio.get_running_loop().time())
@@ -257,12 +269,14 @@ class GuardProcess:
             case _:
                 self._take_rare(message)
 
-    def _take_rare(self, message: Message) -> None:
+    def _take_rare(self, message: ToGuard) -> None:
         match message:
             case CharterMessage() if not self._chartered.done():
                 self._chartered.set_result(message)
-            case Order() if self._links:
-                self._order(message)
+            case Operate(command) if self._links and command.kind != "geofence":
+                self._shell.command(command)
+            case BringDown(reason) if self._links:
+                self._shell.bring_down(reason)
             case NewFences(who, fences, proposed) if self._links and set(fences) <= {*self._names}:
                 (self._shell.propose_fences if proposed else self._shell.change_fences)(fences, who)
             case AnchorAt(name, origin, turn) if name in self._names:
@@ -270,7 +284,7 @@ class GuardProcess:
             case GoDark(name, duration_s) if name in self._names and self._links:
                 self._shell.black_out(name, duration_s)
             case Start() if message.vehicle in self._names:
-                task = asyncio.create_task(self._start(message), name=f"start {message.vehicle}")
+                task = start(self._start(message), name=f"start {message.vehicle}")
                 self._starts.add(task)
                 task.add_done_callback(self._starts.discard)
             case Follow() if self._following is not None:
@@ -280,32 +294,22 @@ class GuardProcess:
             case _:
                 self._note("refused", text=f"{type(message).__name__} makes no sense now")
 
-    def _order(self, order: Order) -> None:
-        match order.kind:
-            case "abort":
-                self._shell.abort(order.text)
-            case "hold":
-                self._shell.hold(order.text)
-            case "resume":
-                self._shell.resume(order.text)
-            case "bring_down":
-                self._shell.bring_down(order.text)
-
     async def _start(self, start: Start) -> None:
         """Start a vehicle's process; its death is told as soon as it is seen."""
         child = ChildProcess(
-            argv=start.argv, lifeline=self._lifeline, environment=start.environment
+            argv=start.argv,
+            stdin=self._lifeline,
+            environment={**os.environ, **start.environment},
         )
         try:
-            await child.start(lambda one: self._child_ended(start.vehicle, one))
+            child.start(lambda one: self._child_ended(start.vehicle, one))
         except OSError as error:
             self._channel.send(Ended(start.vehicle, None, str(error)))
             return
         self._children[start.vehicle] = child
         pid = child.pid or 0
-        known = ProcessId.of(pid)
-        if known is not None:
-            self._record = self._record.with_child(known)
+        if child.identity is not None:
+            self._record = self._record.with_child(child.identity)
             with contextlib.suppress(OSError):
                 write_record(self._runtime, self._record)
         self._note("started", vehicle=start.vehicle, pid=pid)
@@ -313,11 +317,11 @@ class GuardProcess:
 
     def _child_ended(self, name: str, child: ChildProcess) -> None:
         code = child.exit_code
-        how = how_it_ended(code)
+        how = f"its process {how_it_ended(code)}"
         self._note("ended", vehicle=name, text=how)
         if not self._ending:
             self._shell.vehicle_gone(name, f"{name} ended: {how}")
-        self._channel.send(Ended(name, code, child.last_words))
+        self._channel.send(Ended(name, code, child.stderr_tail))
 
     async def _reap(self) -> None:
         """End all children, at the same time."""
@@ -362,11 +366,19 @@ class GuardProcess:
 
     def _erred(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Take an error of our own: whoever guards wrongly must not go on as if all were well."""
-        error = context.get("exception")
-        said = context.get("message", "") if error is None else f"{type(error).__name__}: {error}"
-        event = GuardEvent(asyncio.get_running_loop().time(), "guard", "", f"in the guard: {said}")
-        self._event(event)
-        self._shell.bring_down(event.text)
+        error, where = context.get("exception"), str(context.get("message", ""))
+        self._fault(error if isinstance(error, BaseException) else RuntimeError(where), where)
+
+    def _fault(self, error: BaseException, where: str) -> None:
+        self._faults += 1
+        said, trace = f"{type(error).__name__}: {error}", "".join(format_exception(error))
+        print(trace, file=sys.stderr, flush=True)  # noqa: T201 - the file of its last words
+        self._note("error", where=where, type=type(error).__name__, message=str(error), trace=trace)
+        if self._guarding:
+            now_s = asyncio.get_running_loop().time()
+            event = GuardEvent(now_s, "guard", "", f"in the guard: {said}")
+            self._event(event)
+            self._shell.bring_down(event.text)
 
     def _record_frame(self, name: str, t_s: float, frame: bytes) -> None:
         self._tlogs[name].write(t_s, frame)

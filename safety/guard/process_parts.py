@@ -1,7 +1,6 @@
 """Small parts of the guard's process: the links it opens, how its children ended, its logs' end."""
 
 import contextlib
-import signal
 from collections.abc import Callable, Mapping
 from functools import partial
 
@@ -36,13 +35,6 @@ def open_ports(links: Mapping[str, Link], *, told: Callable[[str, str], None]) -
     for name, link in udp.items():
         link.on_rival(partial(told, name))
     return tuple(udp[name].local_port if name in udp else 0 for name in links)
-
-
-def how_it_ended(code: int | None) -> str:
-    """Return in words how a child process ended."""
-    if code is not None and code < 0:
-        return f"its process was ended by {signal.Signals(-code).name}"
-    return f"its process ended with exit status {code}"
 
 
 def close_quietly(log: TlogWriter) -> None:

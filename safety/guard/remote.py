@@ -1,8 +1,8 @@
 """The orchestrator's side of a guard in another process: what `GuardShell` is in this one."""
 
 import asyncio
+import math
 import os
-import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Self
@@ -15,11 +15,11 @@ from safety.guard.contingency import Phase
 from safety.guard.events import GuardEvent
 from safety.guard.last_words import last_words, remove_if_empty
 from safety.guard.led_clock import LedClock
-from safety.guard.leftovers import ProcessId, end_process
 from safety.guard.lost_links import LostLinks, link_maker
 from safety.guard.messages import (
     Alive,
     AnchorAt,
+    BringDown,
     Bytes,
     CharterMessage,
     End,
@@ -27,19 +27,20 @@ from safety.guard.messages import (
     Failed,
     Follow,
     GoDark,
-    Message,
     NewFences,
     OnWire,
     Opened,
-    Order,
-    OrderKind,
+    Operate,
     Pace,
     Position,
     Start,
     Started,
     Status,
     Told,
+    ToOrchestrator,
+    to_orchestrator,
 )
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.shell import Record
 from safety.guard.spawning import spawn_guard
 from safety.guard.waits import happens
@@ -47,7 +48,9 @@ from safety.samples import PoseSample
 from vehicles.anchor import Anchor
 from vehicles.links.base import Link, LinkError
 from vehicles.pace import call_wall_later
+from vehicles.processes.identity import ProcessId
 from vehicles.steering import Segment
+from vehicles.tasks import Contained, report, start, stop
 
 ALIVE_S = 0.1
 _OPEN_S = 20.0
@@ -57,6 +60,12 @@ _CHECK_S = 0.2
 _CHECKS_WITHOUT_A_WORD = 10
 """Of our own turns, not of time: a machine that was asleep must not make us kill our guard."""
 _POLL_S = 0.1
+_LATEST_S = 0.06
+"""How long positions well inside the fence, and signs of life, wait for a packet to ride with."""
+
+
+class GuardFailedError(Exception):
+    """An exception came up in the guard's process; says what it wrote to stderr."""
 
 
 class RemoteGuard:
@@ -76,6 +85,11 @@ class RemoteGuard:
             name: ChannelLink(name=f"{name} {charter.vehicles[name].link or 'guard'}", index=index)
             for index, name in enumerate(self._names)
         }
+        self._fences = {
+            name: [] if one.vehicle.fence is None else [one.vehicle.fence]
+            for name, one in charter.vehicles.items()
+        }
+        """That hold, held, or were to hold: a position that breaches one does not wait."""
         self.events: list[GuardEvent] = []
         self._listeners: list[Callable[[GuardEvent], None]] = []
         self._phases = dict.fromkeys(self._names, Phase.IDLE)
@@ -89,7 +103,7 @@ class RemoteGuard:
         self._children: dict[str, ProcessId] = {}
         self._ended: dict[str, Ended] = {}
         self._endings: dict[str, asyncio.Event] = {}
-        self._waiting: dict[str, asyncio.Future[Message]] = {}
+        self._waiting: dict[str, asyncio.Future[ToOrchestrator]] = {}
         self._beating: asyncio.Handle | None = None
         self._checking: asyncio.Handle | None = None
         self._clock = LedClock()
@@ -103,7 +117,7 @@ class RemoteGuard:
     @property
     def pid(self) -> int:
         """Return the guard's process id."""
-        return self._process.pid
+        return self._process.pid or 0
 
     def link(self, name: str) -> Link:
         """Return the link to a vehicle through the guard."""
@@ -115,16 +129,18 @@ class RemoteGuard:
 
     async def __aenter__(self) -> Self:
         """Start the guard's process and wait until its links are open. Raises LinkError."""
-        opened: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
+        opened: asyncio.Future[ToOrchestrator] = asyncio.get_running_loop().create_future()
         self._waiting[""] = opened
-        spawned = await spawn_guard(self._charter.folder, scaled=self._charter.pace is not None)
+        spawned = spawn_guard(self._charter.folder, scaled=self._charter.pace is not None)
         self._process, self._hold, self._stderr = spawned.process, spawned.hold, spawned.stderr
-        self._channel = Channel(spawned.end, take=self._take, closed=self._lost)
+        self._channel = Channel(
+            spawned.end, receives=to_orchestrator, take=self._take, closed=self._lost
+        )
         for link in self._links.values():
             link.channel = self._channel
         self._channel.open()
         try:
-            self._channel.send(CharterMessage(self._charter.plain()))
+            self._channel.send(CharterMessage(self._charter.packed()))
             async with asyncio.timeout(_OPEN_S):
                 answer = await opened
         except TimeoutError as error:
@@ -153,12 +169,17 @@ class RemoteGuard:
         for timer in (self._beating, self._checking):
             if timer is not None:
                 timer.cancel()
-        if self._aftermath is not None:
-            self._aftermath.cancel()
-            await asyncio.wait([self._aftermath])
-        self._channel.send(End())
-        await self._end_process()
-        await self._reap()
+        try:
+            if self._aftermath is not None:
+                await stop(self._aftermath)
+        finally:
+            self._channel.send(End())
+            try:
+                await self._end_process()
+            finally:
+                await self._reap()
+        if (self._process.exit_code or 0) > 0:
+            report(GuardFailedError(last_words(self._charter.folder)), "the guard")
 
     def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
         """Have every event told to `listener`, at once, from the event loop."""
@@ -177,9 +198,13 @@ class RemoteGuard:
         """Take where a vehicle is, from the fastest source there is."""
         index = self._names.index(sample.vehicle)
         pose = sample.pose
-        self._channel.send(
-            Position(index, sample.t_s, pose.position_ned_m, pose.q_wxyz, sample.velocity_ned_m_s)
+        message = Position(
+            index, sample.t_s, pose.position_ned_m, pose.q_wxyz, sample.velocity_ned_m_s
         )
+        if self._is_urgent(sample):
+            self._channel.send(message)
+        else:
+            self._channel.send_soon(message, within_s=_LATEST_S)
 
     def anchor(self, name: str, anchor: Anchor) -> None:
         """Say where a vehicle's local frame is in the world."""
@@ -191,19 +216,11 @@ class RemoteGuard:
 
     def alive(self) -> None:
         """Give a sign of life; from the start on this is done by itself, from the event loop."""
-        self._channel.send(Alive())
+        self._channel.send_soon(Alive(), within_s=_LATEST_S)
 
-    def abort(self, who: str) -> None:
-        """Bring all down because an operator says so."""
-        self._order("abort", who)
-
-    def hold(self, who: str) -> None:
-        """Have all vehicles hold until `resume`."""
-        self._order("hold", who)
-
-    def resume(self, who: str) -> None:
-        """Give the vehicles back to the orchestrator after a hold."""
-        self._order("resume", who)
+    def command(self, command: OperatorCommand) -> None:
+        """Follow an operator's abort, hold or resume; an event says what comes of it."""
+        self._channel.send(Operate(command))
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Ask whether vehicles could be given new fences; an event says so, or why not."""
@@ -211,11 +228,13 @@ class RemoteGuard:
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Give vehicles new fences, all or none; an event says which."""
+        for name, fence in fences.items():
+            self._fences[name].append(fence)
         self._channel.send(NewFences(who, dict(fences)))
 
     def bring_down(self, reason: str) -> None:
         """Bring all down for a reason of the orchestrator's own."""
-        self._order("bring_down", reason)
+        self._channel.send(BringDown(reason))
 
     async def all_down(self, timeout_s: float) -> bool:
         """Wait until all were brought down; False when they are not after `timeout_s`."""
@@ -232,7 +251,7 @@ class RemoteGuard:
 
         Raises LinkError when it cannot be started.
         """
-        started: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
+        started: asyncio.Future[ToOrchestrator] = asyncio.get_running_loop().create_future()
         self._waiting[name] = started
         self._channel.send(Start(name, tuple(argv), dict(environment or {})))
         try:
@@ -248,13 +267,13 @@ class RemoteGuard:
     async def ended_or(self, name: str, sign: "asyncio.Task[object]", timeout_s: float) -> None:
         """Wait for a vehicle's sign of life. Raises LinkError when it ends or is too late."""
         end = self._endings.setdefault(name, asyncio.Event())
-        ended = asyncio.create_task(end.wait(), name=f"end of {name}")
+        ended = start(end.wait(), name=f"end of {name}")
         try:
             await asyncio.wait(
                 {sign, ended}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
             )
         finally:
-            ended.cancel()
+            await stop(ended)
         if sign.done():
             return
         how = self._ended.get(name)
@@ -271,11 +290,25 @@ class RemoteGuard:
         """Return how a vehicle's process ended; None while it lives."""
         return self._ended.get(name)
 
-    def _order(self, kind: OrderKind, text: str) -> None:
-        self._channel.send(Order(kind, text))
+    def _is_urgent(self, sample: PoseSample) -> bool:
+        """Return whether a position may be a breach of a fence that holds, or will."""
+        settings, place = self._charter.settings, sample.pose.position_ned_m
+        velocity = sample.velocity_ned_m_s
+        if not math.isfinite(sum(place) + sum(velocity)):
+            return True
+        return any(
+            fence.breached(
+                place,
+                velocity,
+                latency_s=settings.latency_s,
+                braking_m_s2=settings.braking_m_s2,
+                keep_m=settings.keep_m,
+            )
+            for fence in self._fences[sample.vehicle]
+        )
 
     def _beat(self) -> None:
-        self._channel.send(Alive())
+        self.alive()
         self._beating = call_wall_later(ALIVE_S, self._beat)
 
     def _check(self) -> None:
@@ -286,7 +319,7 @@ class RemoteGuard:
             return
         self._checking = call_wall_later(_CHECK_S, self._check)
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: ToOrchestrator) -> None:
         """Take a message of the guard; the frequent ones first."""
         self._silent_checks = 0
         match message:
@@ -316,7 +349,7 @@ class RemoteGuard:
             case _:
                 self._answer("", message)
 
-    def _answer(self, name: str, message: Message) -> None:
+    def _answer(self, name: str, message: ToOrchestrator) -> None:
         future = self._waiting.pop(name, None)
         if future is not None and not future.done():
             future.set_result(message)
@@ -324,7 +357,8 @@ class RemoteGuard:
     def _tell(self, event: GuardEvent) -> None:
         self.events.append(event)
         for listener in self._listeners:
-            listener(event)
+            with Contained(f"a listener to the guard ({event.kind})"):
+                listener(event)
 
     def _lost(self) -> None:
         """Take that the guard's process ended, which it should not have."""
@@ -337,7 +371,7 @@ class RemoteGuard:
         now_s = asyncio.get_running_loop().time()
         self._down.clear()
         self._rest.set()
-        self._aftermath = asyncio.create_task(self._watch_failsafes(), name="after the guard")
+        self._aftermath = start(self._watch_failsafes(), name="after the guard")
         text = "the guard's process ended; the autopilots' own failsafes have to act"
         self._tell(GuardEvent(now_s, "guard", "", text))
 
@@ -366,12 +400,11 @@ class RemoteGuard:
 
     async def _end_process(self) -> None:
         """Wait for the guard; one that still has a vehicle in the air is left to it."""
-        try:
-            await asyncio.to_thread(self._process.wait, _END_S)
-        except subprocess.TimeoutExpired:
+        if await self._process.wait(_END_S) is None:
             now_s = asyncio.get_running_loop().time()
             text = "the guard goes on by itself: something is in the air still"
             self._tell(GuardEvent(now_s, "guard", "", text))
+        self._process.release()
         self._channel.close()
         os.close(self._hold)
         self._stderr.close()
@@ -379,8 +412,8 @@ class RemoteGuard:
 
     async def _reap(self) -> None:
         """End what a dead guard left over."""
-        if self._process.poll() is None:
+        if self._process.running:
             return
         left = [child for child in self._children.values() if child.lives]
         for child in left:
-            await asyncio.to_thread(end_process, child)
+            await asyncio.to_thread(child.end)

@@ -1,9 +1,7 @@
 """Starts a guard's process, with what it inherits."""
 
-import asyncio
 import os
 import socket
-import subprocess
 import sys
 from dataclasses import dataclass
 from typing import IO
@@ -11,6 +9,7 @@ from typing import IO
 from safety.guard.channel import channel_pair
 from safety.guard.last_words import open_stderr
 from vehicles.links.base import LinkError
+from vehicles.processes.child import ChildProcess
 
 SCALED = "scaled"
 """The fourth argument of a guard whose clock may be led."""
@@ -23,13 +22,13 @@ class Spawned:
     stderr: the file that it writes to.
     """
 
-    process: "subprocess.Popen[bytes]"
+    process: ChildProcess
     end: socket.socket
     hold: int
     stderr: IO[bytes]
 
 
-async def spawn_guard(folder: str, *, scaled: bool) -> Spawned:
+def spawn_guard(folder: str, *, scaled: bool) -> Spawned:
     """Start it in a session of its own. Raises LinkError when it cannot be started."""
     ours, theirs = channel_pair()
     lifeline, hold = os.pipe()
@@ -37,16 +36,12 @@ async def spawn_guard(folder: str, *, scaled: bool) -> Spawned:
         stderr = open_stderr(folder)
         descriptors = (theirs.fileno(), lifeline, hold)
         words = [*map(str, descriptors), *([SCALED] if scaled else [])]
-        # Not asyncio's: its transport kills a process that outlives it, and a guard may.
-        process = await asyncio.to_thread(
-            subprocess.Popen,
-            [sys.executable, "-m", "safety.guard.process", *words],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=stderr,
-            pass_fds=descriptors,
-            start_new_session=True,
+        process = ChildProcess(
+            argv=(sys.executable, "-m", "safety.guard.process", *words),
+            output=stderr.fileno(),
+            inherited=descriptors,
         )
+        process.start()
     except OSError as error:
         ours.close()
         os.close(hold)

@@ -1,6 +1,17 @@
 """Oracles: what a campaign may have judged; importing this fills the registry."""
 
-from safety.oracles import area, contact, distance, goal, health, motion, pair, stl, vehicle
+from safety.oracles import (
+    area,
+    contact,
+    distance,
+    goal,
+    health,
+    motion,
+    pair,
+    reached,
+    stl,
+    vehicle,
+)
 from safety.oracles.base import (
     Oracle,
     OracleContext,
@@ -25,6 +36,7 @@ __all__ = [
     "health",
     "motion",
     "pair",
+    "reached",
     "registry",
     "stl",
     "vehicle",

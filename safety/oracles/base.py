@@ -7,13 +7,14 @@ result. They read no clock, so that judging a recording gives what judging the f
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from safety.oracles.context import Gate, OracleContext, Probe, RunMode, Separation
 from safety.oracles.terms import FLIGHT, Parameters, Stages, Terms, Window, Windowed
 from safety.results import Flag, Limit, OracleResult
 from safety.samples import FenceSample, HeardSample, PoseSample, StageSample, StateSample
+from vehicles.driver.state import ReportName
 
 __all__ = [
     "NO_FLAGS",
@@ -56,7 +57,12 @@ class OracleError(Exception):
 
 
 class Oracle(ABC):
-    """One judge of one vehicle (`watches`: whose samples it wants; most watch that one alone)."""
+    """One judge of one vehicle (`watches`: whose samples it wants; most watch that one alone).
+
+    reports: what it takes of a vehicle's state; its silence is the oracle's blindness.
+    """
+
+    reports: frozenset[ReportName] = frozenset()
 
     def __init__(self, terms: Terms) -> None:
         self.terms = terms
@@ -119,11 +125,11 @@ class Oracle(ABC):
         at_s: float | None = None,
         detail: str = "",
     ) -> OracleResult:
-        """Return this oracle's result; a number that is not finite turns it into a FAIL."""
+        """Return this oracle's result; a number that is not finite turns it into INVALID."""
         numbers = [x for x in (actual, margin, at_s) if x is not None]
         if not all(map(math.isfinite, numbers)):
             bad = f"saw a value that is not finite ({actual})"
-            return self.verdict(passed=False, limit=limit, unit=unit, detail=bad)
+            return self.invalid(bad)
         return OracleResult(
             name=self.name,
             vehicle=self.vehicle,
@@ -136,6 +142,10 @@ class Oracle(ABC):
             at_s=at_s,
             detail=detail,
         )
+
+    def invalid(self, detail: str, *, at_s: float | None = None) -> OracleResult:
+        """Return that there is nothing to judge by. detail: which signal is missing, and when."""
+        return replace(self.verdict(passed=False, at_s=at_s, detail=detail), verdict="INVALID")
 
 
 Factory = Callable[[Terms, Any, OracleContext], Oracle]

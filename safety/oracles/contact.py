@@ -128,7 +128,7 @@ class Clearance(Oracle):
         """Return the smallest clearance as the actual value."""
         del t_s
         if not self._seen:
-            return self.verdict(passed=False, limit=self._min_m, unit="m", detail="no pose seen")
+            return self.invalid("no pose seen")
         worst = self._worst
         if worst is None:
             return self.verdict(passed=True, limit=self._min_m, unit="m", detail="nothing near")

@@ -79,7 +79,8 @@ class Gate(Protocol):
 class OracleContext:
     """What an oracle is told of the run and of the one vehicle it judges.
 
-    vehicle: whom this oracle judges. probe: clearance to the world in which that vehicle is
+    vehicle: whom this oracle judges. body_half_m: of the box round it, forward, right and down
+    from its centre; zeros for a point. probe: clearance to the world in which that vehicle is
     judged (Wv in sim and wil, W in real). things: the names of what stands there; probe_of: a
     probe of one of them alone, that reports it however far it is. gates: all openings of that
     world by name; route: those of the goal, in order. target_ned_m: a position goal. fence: that
@@ -90,6 +91,7 @@ class OracleContext:
     mode: RunMode
     subject: str
     vehicle: str
+    body_half_m: Vec3 = (0.0, 0.0, 0.0)
     start: Pose = field(default_factory=lambda: Pose((0.0, 0.0, 0.0)))
     probe: Probe | None = None
     things: tuple[str, ...] = ()

@@ -58,6 +58,8 @@ class ModesParameters(Windowed):
 class Estimator(Oracle):
     """Its estimator is sound, or unsound for no longer than the limit at a time."""
 
+    reports = frozenset({"estimator"})
+
     def __init__(self, terms: Terms, *, max_unsound_s: float) -> None:
         super().__init__(terms)
         self._max_s = max_unsound_s
@@ -91,7 +93,7 @@ class Estimator(Oracle):
         del t_s
         limit = self._max_s
         if not self._seen:
-            return self.verdict(passed=False, limit=limit, unit="s", detail="no state seen")
+            return self.invalid("no state seen")
         lasted_s, at_s, fault = self._worst
         return self.verdict(
             passed=not self._too_long(lasted_s, fault),
@@ -123,6 +125,8 @@ class Estimator(Oracle):
 class Battery(Kept):
     """Keeps a least charge or voltage."""
 
+    reports = frozenset({"battery"})
+
     def __init__(self, terms: Terms, *, min_percent: float | None, min_v: float | None) -> None:
         self._in_percent = min_percent is not None
         self._least = min_v or 0.0 if min_percent is None else min_percent
@@ -152,6 +156,8 @@ class Battery(Kept):
 
 class Modes(Oracle):
     """Flies in the allowed modes only, and changes between them no more often than allowed."""
+
+    reports = frozenset({"heartbeat"})
 
     def __init__(
         self, terms: Terms, *, allowed: tuple[ModeName, ...], max_changes: int | None
@@ -187,7 +193,7 @@ class Modes(Oracle):
         del t_s
         limit = self._max_changes
         if self._last is None:
-            return self.verdict(passed=False, limit=limit, detail="no state seen")
+            return self.invalid("no state seen")
         at_s, text = self._first_bad or (None, "")
         return self.verdict(
             passed=self._first_bad is None,

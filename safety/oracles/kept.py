@@ -34,9 +34,7 @@ class Kept(Oracle):
         """Return the value with the smallest margin."""
         del t_s
         if self._worst is None:
-            return self.verdict(
-                passed=False, limit=self._limit, unit=self._unit, detail=self._nothing
-            )
+            return self.invalid(self._nothing)
         margin, actual, at_s = self._worst
         return self.verdict(
             passed=margin >= 0.0,

@@ -66,8 +66,7 @@ class TwinDivergence(Oracle):
         """Return the largest distance."""
         del t_s
         if self._worst is None:
-            detail = "the two were never seen together"
-            return self.verdict(passed=False, limit=self._max_m, unit="m", detail=detail)
+            return self.invalid("the two were never seen together")
         distance_m, at_s = self._worst
         margin_m = None if self._max_m is None else self._max_m - distance_m
         return self.verdict(

@@ -1,9 +1,7 @@
 """An STL formula over the signals of a run, its robustness as the margin."""
 
-from array import array
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
 from safety.oracles.base import (
@@ -16,25 +14,27 @@ from safety.oracles.base import (
     Windowed,
     oracle,
 )
-from safety.oracles.stl_signals import TWIN_DISTANCE_NAME, FenceMargin, Signal, Together, signals_of
+from safety.oracles.stl_signals import (
+    TWIN_DISTANCE_NAME,
+    FenceMargin,
+    Signal,
+    Together,
+    reports_of,
+    signals_of,
+)
+from safety.oracles.stl_trace import Trace
 from safety.oracles.terms import ON_GOAL
 from safety.results import OracleResult
-from safety.samples import FenceSample, HeardSample, PoseSample, StateSample
-from safety.stl.formula import Comparison, Formula, StlError, names_of
+from safety.samples import FenceSample, HeardSample, PoseSample, StageSample, StateSample
+from safety.stl.deciding import part_of
+from safety.stl.evaluation import Unevaluable
+from safety.stl.formula import Formula, StlError, names_of
 from safety.stl.parser import parse_stl
-from safety.stl.robustness import (
-    Occurrence,
-    Robustness,
-    StlMonitor,
-    Values,
-    is_strict,
-    limit_side,
-    value_of,
-)
-from safety.stl.units import require_sound, unit_text
+from safety.stl.robustness import Robustness, StlMonitor
+from safety.stl.units import has_several_units, require_sound
 
 _CHECK_EVERY_S = 1.0
-"""How often a formula that is to fail fast is looked at: each look costs up to some 20 ms."""
+"""How often a formula with fail_fast is evaluated in flight."""
 
 
 class StlParameters(Windowed):
@@ -45,46 +45,11 @@ class StlParameters(Windowed):
     ]
 
 
-class Trace:
-    """The values of some signals over time: a row whenever one of them is told anew."""
-
-    def __init__(self, names: tuple[str, ...]) -> None:
-        self.times_s = array("d")
-        self._rows = {name: array("d") for name in names}
-        self._latest: dict[str, float] = {}
-
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """Return the signals that never had a value."""
-        return tuple(name for name in self._rows if name not in self._latest)
-
-    def note(self, name: str, value: float | None) -> None:
-        """Take a value; it counts from the next row on."""
-        if value is not None:
-            self._latest[name] = value
-
-    def add_row(self, t_s: float) -> None:
-        """Add what is known now, once all of them are; a sample that is late counts as now."""
-        if len(self._latest) < len(self._rows):
-            return
-        if self.times_s and t_s <= self.times_s[-1]:
-            for name, row in self._rows.items():
-                row[-1] = self._latest[name]
-            return
-        self.times_s.append(t_s)
-        for name, row in self._rows.items():
-            row.append(self._latest[name])
-
-    def values(self) -> dict[str, Values]:
-        """Return the values of each signal, one per row."""
-        return {name: np.array(row) for name, row in self._rows.items()}
-
-
 class Stl(Oracle):
     """Has a formula hold from the stage that opens its window on.
 
-    actual, limit, unit, at_s: of the comparison that decides. margin: the robustness; 0 of a
-    strict comparison fails. The last values before the end of the window last on.
+    actual, limit, unit, margin, at_s: of the comparison that decides; a margin of 0 of a strict
+    comparison fails. INVALID where a signal has no value when the formula needs it.
     """
 
     def __init__(self, terms: Terms, *, text: str, context: OracleContext) -> None:
@@ -93,8 +58,10 @@ class Stl(Oracle):
         self._kinds = {name: signal.kind for name, signal in self._signals.items()}
         names = tuple(dict.fromkeys(name.name for name in names_of(self._formula)))
         self._used = {name: self._signals[name] for name in names}
+        self.reports = reports_of(names)
         self._trace = Trace(names)
-        self._monitor = StlMonitor(self._formula)
+        mixed = has_several_units(self._formula, self._kinds)
+        self._monitor = StlMonitor(self._formula, mixed=mixed)
         self._together = Together()
         self._heard_s: float | None = None
         self._look_s = 0.0
@@ -135,6 +102,14 @@ class Stl(Oracle):
             self._heard_s = sample.t_s
         return NO_FLAGS
 
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Take a stage: the window begins with the values that are known when it opens."""
+        opened = not self.stages.open
+        flags = super().on_stage(sample)
+        if opened and self.stages.open:
+            self._add_row(sample.t_s)
+        return flags
+
     def on_fence(self, sample: FenceSample) -> Flags:
         """Take that the operator gave a vehicle another fence."""
         for signal in self._used.values():
@@ -148,47 +123,40 @@ class Stl(Oracle):
         if not due or not self.stages.open or not self._trace.times_s:
             return NO_FLAGS
         self._look_s = t_s + _CHECK_EVERY_S
-        best = self._monitor.at_best(self._times_s(), self._trace.values(), t_s)
-        if best >= 0.0:
+        times_s, values = self._trace.times_s, self._trace.values()
+        best = self._monitor.at_best(times_s, values, t_s)
+        if isinstance(best, Unevaluable) or best.value >= 0.0:
             return NO_FLAGS
         self._flagged = True
-        return self.flag(t_s, f"{self.vehicle}: {self.name} cannot hold any more ({best:.3g})")
+        text = f"{self.vehicle}: {self.name} cannot hold any more"
+        if best.decided_by is not None:
+            text += f": {part_of(best.decided_by, best.index, values, self._kinds).violation}"
+        return self.flag(t_s, text)
 
     def result(self, t_s: float) -> OracleResult:
         """Return the robustness of what was recorded in the window."""
-        if self._trace.missing or not self._trace.times_s:
-            missing = ", ".join(self._trace.missing) or "nothing was recorded in its window"
-            detail = f"never told: {missing}" if self._trace.missing else missing
-            return self.verdict(passed=False, detail=detail)
-        values = self._trace.values()
-        end_s = self.stages.end_s if self.stages.end_s is not None else t_s
-        found = self._monitor.robustness(self._times_s(), values, end_s)
+        found = self.evaluated(t_s)
+        if isinstance(found, Unevaluable):
+            return self.invalid(str(found), at_s=found.at_s)
         if found.decided_by is None:
-            return self.verdict(passed=found.value >= 0.0, margin=found.value)
-        return self._decided(found, *found.decided_by, values)
-
-    def _decided(
-        self, found: Robustness, by: Occurrence, index: int, values: dict[str, Values]
-    ) -> OracleResult:
-        actual: float | None = None
-        limit: float | None = None
-        unit = ""
-        if isinstance(by.atom, Comparison):
-            side = limit_side(by.atom)
-            term, limit = side or (by.atom.left, None)
-            actual = float(
-                np.broadcast_to(value_of(term, values), (len(self._trace.times_s),))[index]
-            )
-            unit = unit_text(term, self._kinds) or unit_text(by.atom.right, self._kinds)
-        strictly = is_strict(by)
+            return self.verdict(passed=found.holds)
+        part = part_of(found.decided_by, found.index, self._trace.values(), self._kinds)
         return self.verdict(
-            passed=found.value > 0.0 or (found.value == 0.0 and not strictly),
-            actual=actual if actual is not None and np.isfinite(actual) else None,
-            limit=limit,
-            unit=unit,
-            margin=found.value,
-            at_s=self._trace.times_s[index],
+            passed=found.holds,
+            actual=part.actual,
+            limit=part.limit,
+            unit=part.unit,
+            margin=part.margin,
+            at_s=self._trace.times_s[found.index],
+            detail="" if found.holds else part.violation,
         )
+
+    def evaluated(self, t_s: float) -> Robustness | Unevaluable:
+        """Return the robustness as it stands at t_s, or why there is none."""
+        if not self._trace.times_s:
+            return Unevaluable("the formula", None, "was not evaluated: its window never opened")
+        end_s = self.stages.end_s if self.stages.end_s is not None else t_s
+        return self._monitor.robustness(self._trace.times_s, self._trace.values(), end_s)
 
     def _add_row(self, t_s: float) -> None:
         if not self.stages.open:
@@ -198,12 +166,6 @@ class Stl(Oracle):
                 since_s = self._heard_s if self._heard_s is not None else self.stages.begin_s
                 self._trace.note(name, max(0.0, t_s - (since_s or 0.0)))
         self._trace.add_row(t_s)
-
-    def _times_s(self) -> list[float]:
-        """Return the times of the rows; the first one counts from the window's beginning on."""
-        times_s = self._trace.times_s.tolist()
-        begin_s = self.stages.begin_s
-        return times_s if begin_s is None else [min(begin_s, times_s[0]), *times_s[1:]]
 
 
 def _read(

@@ -1,7 +1,7 @@
 """The signals that STL formulas may name, and where the values of each come from."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import get_args
 
@@ -13,6 +13,7 @@ from safety.oracles.health import ModeName
 from safety.oracles.pair import carried
 from safety.samples import PoseSample, StateSample
 from safety.stl.units import SignalKind
+from vehicles.driver.state import ReportName
 from worlds.frames import norm, subtract
 
 _FARTHEST_M = 1e5
@@ -72,6 +73,12 @@ _OF_STATE: dict[str, tuple[SignalKind, OfState]] = {
         for mode in get_args(ModeName)
     },
 }
+_REPORTS: Mapping[str, ReportName] = {
+    "battery_percent": "battery",
+    "battery_v": "battery",
+    "on_ground": "landed_state",
+    "estimator_sound": "estimator",
+}
 CLEARANCE = SignalKind(
     "m", "distance to the nearest thing; floors count between at_height and land"
 )
@@ -95,6 +102,11 @@ def signal_docs() -> dict[str, SignalKind]:
         "silence_s": SILENCE,
         **{name: kind for name, (kind, _) in _OF_STATE.items()},
     }
+
+
+def reports_of(names: Iterable[str]) -> frozenset[ReportName]:
+    """Return which reports of a vehicle signals are made of."""
+    return frozenset(_REPORTS.get(name, "heartbeat") for name in names if name in _OF_STATE)
 
 
 def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:

@@ -25,6 +25,8 @@ class LinkParameters(Windowed):
 class VehicleFault(Oracle):
     """Reports no fault, and does not disarm in flight, by default from takeoff to the landing."""
 
+    reports = frozenset({"heartbeat", "landed_state", "estimator"})
+
     def __init__(self, terms: Terms) -> None:
         super().__init__(terms)
         self._seen = False
@@ -49,7 +51,7 @@ class VehicleFault(Oracle):
         """Return FAIL with the faults in words, the first one's time."""
         del t_s
         if not self._seen:
-            return self.verdict(passed=False, detail="no state seen")
+            return self.invalid("no state seen")
         if not self._faults:
             return self.verdict(passed=True)
         texts = "; ".join(text for text, _ in self._faults)
@@ -95,8 +97,7 @@ class Heard(Oracle):
     def result(self, t_s: float) -> OracleResult:
         """Return the longest gap."""
         if not self._heard:
-            detail = "never heard in flight"
-            return self.verdict(passed=False, limit=self._max_gap_s, unit="s", detail=detail)
+            return self.invalid("never heard in flight")
         gap_s, at_s = self._worst_at(t_s)
         margin_s = self._max_gap_s - gap_s
         return self.verdict(
@@ -119,6 +120,8 @@ class Heard(Oracle):
 class Landed(Oracle):
     """Is on the ground and disarmed at the end, by its own last word."""
 
+    reports = frozenset({"heartbeat", "landed_state"})
+
     def __init__(self, terms: Terms) -> None:
         super().__init__(terms)
         self._last: StateSample | None = None
@@ -133,7 +136,7 @@ class Landed(Oracle):
         del t_s
         last = self._last
         if last is None:
-            return self.verdict(passed=False, detail="no state seen")
+            return self.invalid("no state seen")
         faults = []
         if last.armed:
             faults.append("still armed")

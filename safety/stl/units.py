@@ -1,6 +1,6 @@
 """Whether a formula's signals are there and its units fit together."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from safety.stl.formula import (
@@ -50,6 +50,20 @@ def require_sound(formula: Formula, signals: Mapping[str, SignalKind]) -> None:
 def unit_text(term: Term, signals: Mapping[str, SignalKind]) -> str:
     """Return the unit of a term as people write it; "" for a bare number."""
     return _text(_dimension(term, signals) or {})
+
+
+def has_several_units(formula: Formula, signals: Mapping[str, SignalKind]) -> bool:
+    """Return whether comparisons of different units meet in a formula."""
+    return len(set(_units(formula, signals))) > 1
+
+
+def _units(formula: Formula, signals: Mapping[str, SignalKind]) -> Iterator[str]:
+    if isinstance(formula, Comparison):
+        yield unit_text(formula.left, signals) or unit_text(formula.right, signals)
+        return
+    for child in children(formula):
+        if isinstance(child, Formula):
+            yield from _units(child, signals)
 
 
 def _dimension(term: Term, signals: Mapping[str, SignalKind]) -> Dimension | None:

@@ -8,10 +8,10 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from safety.guard.leftovers import ProcessId
 from tests.faults.witness import Sight
+from vehicles.processes.identity import ProcessId
 
-_TELLERS = ("keeper.py", "orchestrator.cli")
+_TELLERS = ("vehicles.processes.supervisor", "orchestrator.cli")
 """Whose command lines name the program too."""
 
 

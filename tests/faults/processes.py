@@ -16,7 +16,6 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from safety.guard.leftovers import ProcessId
 from tests.faults.barriers import acted_after_s, late
 from tests.faults.inspection import all_gone, roles, truth_receiver
 from tests.faults.readable import read_lines, unreadable
@@ -24,6 +23,7 @@ from tests.faults.real_draws import ALWAYS_FLIES, RealFault, draw_signal, draw_t
 from tests.faults.surroundings import Around, place_for_results, surroundings, trouble
 from tests.faults.witness import Sight, Witness
 from tests.orchestrator.wall_runs import ROOT, Program, stages
+from vehicles.processes.identity import ProcessId
 
 _INSIDE = Path(__file__).parent / "inside"
 _STOPPED_S = 12.0

@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from safety.guard.leftovers import ProcessId
 from tests.faults import hostile
 from tests.faults.inspection import processes_of, vehicle_ports
 from tests.faults.real_draws import RealFault
 from tests.orchestrator.operating.mosquitto import MOSQUITTO, free_port
 from tests.orchestrator.outside.test_outside_flights import FLY, drawn_by, sets, simulator
 from tests.orchestrator.wall_runs import ROOT, Program
+from vehicles.processes.identity import ProcessId
 
 _HOSTILE_S = 4.0
 _JUMP_S = 86400.0

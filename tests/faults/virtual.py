@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from campaigns.expansion import Options, load_campaign
-from orchestrator.operator import OperatorCommand
 from orchestrator.results import RunResult
 from orchestrator.run import run as running
 from orchestrator.run.course import Course, Stage
@@ -24,6 +23,7 @@ from orchestrator.run.opening import Pair
 from orchestrator.run.setup import RunOrder, RunSetup
 from orchestrator.run.warming import warm_up
 from safety.guard.contingency import Phase
+from safety.guard.operator_command import OperatorCommand
 from tests.faults.barriers import UNDISTURBED, acted_after_s, late
 from tests.faults.draws import WHILE_FLOWN, Fault, draw_kill, draw_trouble
 from tests.faults.mortal_loop import MortalLoop
@@ -98,7 +98,7 @@ class _Flight:
         self.witness = Witness({})
         self.struck_s: float | None = None
         self.armed_then: tuple[str, ...] = ()
-        self.run: asyncio.Task[RunResult]
+        self.run: asyncio.Task[None]
 
     @property
     def hit(self) -> str:
@@ -172,8 +172,9 @@ class _Flight:
         task = asyncio.current_task()
         assert task is not None
         self.main = task
-        flown = running._fly(setup, lambda _: None, _Nobody(), self.disturb)
-        self.run = asyncio.create_task(flown, name="run")
+        flown = running.Flown(setup)
+        begun = flown.fly(lambda _: None, _Nobody(), self.disturb)
+        self.run = asyncio.create_task(begun, name="run")
         loop = asyncio.get_running_loop()
         killed = self.fault.kind == "kill"
         while not self.run.done() and loop.time() < _ENDS_WITHIN_S:
@@ -181,7 +182,10 @@ class _Flight:
                 break
             await asyncio.sleep(0.5)
         self.witness.look()
-        return self.run.result() if self.run.done() else None
+        if not self.run.done():
+            return None
+        self.run.result()
+        return flown.result()
 
     def _over(self, now_s: float) -> bool:
         late = now_s > self.fault.at_s + _DOWN_WITHIN_S

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from safety.guard.leftovers import ProcessId
 from tests.orchestrator.sitl_programs import make_arducopter, make_px4_build, make_tree
 from tests.orchestrator.wall_runs import ROOT, Program, lines, stages
 from vehicles.driver import Driver
 from vehicles.embedded.settings import ProcessSettings
 from vehicles.links.opening import open_link
 from vehicles.links.parse import parse_link
+from vehicles.processes.identity import ProcessId
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:

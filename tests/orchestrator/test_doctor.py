@@ -14,7 +14,8 @@ import pytest
 from orchestrator.cli import main
 from orchestrator.doctor import installed, links, machine, ports, programs
 from orchestrator.doctor.findings import Finding, as_text
-from safety.guard.leftovers import GuardRecord, ProcessId
+from safety.guard.leftovers import GuardRecord
+from vehicles.processes.identity import ProcessId
 
 ROOT = Path(__file__).parents[2]
 GONE = ProcessId(2**22 + 1, 1)

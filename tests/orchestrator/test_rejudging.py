@@ -9,7 +9,8 @@ import pytest
 
 from campaigns.expansion import Options, RunPlan, load_campaign
 from orchestrator.cli import main
-from orchestrator.rejudging import RecordingError, rejudge_run
+from orchestrator.recording.errors import RecordingError
+from orchestrator.rejudging import rejudge_run
 from orchestrator.results import RunResult
 from orchestrator.writing import to_json, write_whole
 from tests.orchestrator.conftest import ROOT
@@ -99,7 +100,7 @@ def test_what_is_no_recording_is_told(recorded: Path, tmp_path: Path, capsys: An
         ("result.json", lambda data: data.replace(b'"PASS"', b'"FINE"'), "verdict"),
         ("result.json", lambda data: data.replace(b"\n", b" \n"), "was changed"),
         ("judged.msgpack", lambda data: data[:-30], "was cut before the end of the run"),
-        ("judged.msgpack", lambda _: b"", "does not begin with wil/judged/1"),
+        ("judged.msgpack", lambda _: b"", "does not begin with wil/judged/2"),
         ("log.jsonl", lambda data: data[:-3], "log.jsonl cannot be read"),
     ],
 )

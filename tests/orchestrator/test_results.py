@@ -133,6 +133,8 @@ def test_every_verdict_has_its_place_in_the_totals() -> None:
         "error": 1,
         "aborted": 1,
         "retried": 0,
+        "controls": 0,
+        "controls_met": 0,
     }
 
 
@@ -195,12 +197,14 @@ def fields(mapping: dict[str, Any]) -> str:
 def test_the_summary_has_the_fields_of_the_design() -> None:
     document = json.loads(to_json(summary([full_run()])))
     assert fields(document) == (
-        "campaign clock surrogate real_kind sensors runs totals accepted left_out"
+        "campaign clock surrogate real_kind sensors runs totals accepted left_out controls unmet "
+        "caveats not_flown"
     )
     (run,) = document["runs"]
     assert fields(run) == (
         "case mode rep seed verdict reason also required duration_s wall_s oracles sync mixing"
-        " collisions outside artifacts attempts preflight fence_changes"
+        " collisions outside artifacts attempts preflight fence_changes evidence decided_by control"
+        " not_judged note trace exceptions"
     )
     assert fields(run["oracles"][0]) == (
         "name vehicle required verdict actual limit unit margin at_s detail"
@@ -208,7 +212,7 @@ def test_the_summary_has_the_fields_of_the_design() -> None:
     assert fields(run["sync"]) == "command_skew_s takeoff_skew_s t0_skew_s"
     assert fields(run["mixing"]) == (
         "frames dropped rate_hz skew_ms latency_ms registration_error_px registration_bound_px"
-        " combinations"
+        " combinations frames_measured shown not_measured"
     )
     assert list(document["sensors"]) == ["camera", "rear"]
 

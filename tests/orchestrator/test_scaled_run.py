@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from orchestrator.cli import main
-from safety.guard.leftovers import ProcessId
 from tests.orchestrator.sitl_programs import make_arducopter
 from tests.orchestrator.wall_runs import Program, lines, stages
+from vehicles.processes.identity import ProcessId
 
 PACE = ("--mode", "sim", "--set", "clock.speed=4", "--json")
 

@@ -8,13 +8,13 @@ from typing import Any
 
 from pymavlink import mavutil
 
-from safety.guard.leftovers import ProcessId
 from tests.orchestrator.wall_runs import Program, lines, stages
 from vehicles.autopilots.base import Mode, Target
 from vehicles.autopilots.px4 import Px4
 from vehicles.links.parse import LinkAddress
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.codec import Codec
+from vehicles.processes.identity import ProcessId
 
 
 def kinds(log: Path) -> set[tuple[str, int]]:

@@ -146,7 +146,7 @@ def test_silence_is_judged_by_what_is_heard() -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 @pytest.mark.parametrize("where", ["position", "attitude", "velocity"])
-def test_a_pose_that_is_not_finite_is_an_error_and_judged_by_nobody(bad: float, where: str) -> None:
+def test_a_pose_that_is_not_finite_is_invalid_and_judged_by_nobody(bad: float, where: str) -> None:
     judge = Judge(build_oracles([use("geofence")], contexts("real")))
     judge.stage(StageSample(0.0, "takeoff"))
     sample = PoseSample(
@@ -160,7 +160,7 @@ def test_a_pose_that_is_not_finite_is_an_error_and_judged_by_nobody(bad: float, 
     )
     assert judge.pose(sample) == ()
     assert judge.pose(sample) == ()
-    assert [(e.t_s, e.kind) for e in judge.decisive] == [(1.0, "ERROR")]
+    assert [(e.t_s, e.kind) for e in judge.decisive] == [(1.0, "INVALID")]
     assert judge.results(2.0)[0].detail == "no pose seen"
 
 
@@ -193,4 +193,27 @@ def test_that_the_subject_touches_nothing_is_judged_always(mode: RunMode) -> Non
     assert of_contact(use("collision", required=False))[0] == ("collision", subject, False)
     other = "real" if subject == "twin" else "twin"
     assert always[0] in of_contact(use("collision", vehicle=other))
-    assert always[0] not in of_contact(use("collision", name="walls", exclude=("gate",)))
+    assert of_contact(use("collision"))[-1] != always[0]
+    assert of_contact(use("collision", to="end"))[-1] != always[0]
+
+
+@pytest.mark.parametrize(
+    "weaker",
+    [
+        {"required": False},
+        {"exclude": ("gate",)},
+        {"from_": "goal"},
+        {"to": "land"},
+    ],
+)
+def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str, object]) -> None:
+    flying = contexts("wil")
+    seen = {name: replace(context, probe=Nothing()) for name, context in flying.items()}
+    parameters = registry["collision"].parameters.model_construct(**weaker)
+    uses = [OracleUse("collision", "collision", parameters)]
+
+    def names(**options: bool) -> set[str]:
+        return {o.name for o in build_oracles(uses, seen, **options) if o.required}
+
+    assert "collision_always" in names()
+    assert "collision_always" not in names(collision_always=False)

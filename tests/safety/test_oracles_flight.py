@@ -174,7 +174,7 @@ def test_divergence_with_a_limit() -> None:
 def test_a_value_that_is_not_finite_never_reaches_a_result() -> None:
     judge = build("time_limit", limit_s=1)
     result = judge.verdict(passed=True, actual=math.nan, margin=1.0)
-    assert (result.verdict, result.actual, result.margin) == ("FAIL", None, None)
+    assert (result.verdict, result.actual, result.margin) == ("INVALID", None, None)
     assert "not finite" in result.detail
 
 

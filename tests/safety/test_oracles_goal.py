@@ -1,9 +1,11 @@
+import math
+
 import pytest
 
-from safety.oracles import OracleContext, OracleError
-from safety.oracles.gates import SceneGate
-from tests.safety.oracle_rigs import build, fly, numbers, reached, stage
-from worlds.frames import Pose
+from safety.oracles import Oracle, OracleContext, OracleError
+from safety.oracles.gates import SceneGate, gates_of
+from tests.safety.oracle_rigs import SCENE, build, fly, numbers, reached, stage
+from worlds.frames import Pose, Vec3
 from worlds.motion import Motion, StartOn, Waypoint
 from worlds.scene import SceneObject
 from worlds.shapes import gate
@@ -151,3 +153,76 @@ def test_never_done_in_time_is_no_margin() -> None:
     judge = build("time_limit", limit_s=10)
     stage(judge, goal=2.0)
     assert numbers(judge.result(6.0)) == ("FAIL", 4.0, 10.0, None, 6.0)
+
+
+BODY: Vec3 = (0.15, 0.15, 0.05)
+RADIUS_M = math.sqrt(0.15**2 * 2 + 0.05**2)
+
+
+def of_body(route: tuple[str, ...] = ("gate",), **parameters: object) -> Oracle:
+    context = OracleContext(
+        mode="wil",
+        subject="real",
+        vehicle="real",
+        gates=gates_of(SCENE),
+        route=route,
+        body_half_m=BODY,
+    )
+    judge = build("reached", context=context, **parameters)
+    stage(judge, goal=2.0)
+    return judge
+
+
+def test_a_nose_in_the_gate_and_a_way_round_it_is_not_through() -> None:
+    judge = of_body()
+    assert fly(judge, (2, 0, -1), (3.018, 0, -1), (2, 0, -1), (2, 2, -1), (4, 2, -1)) == [
+        "real passed beside gate"
+    ]
+    detail = judge.result(9.0).detail
+    assert detail.startswith("never flew through gate (0 of 1 gates); went 0.02 m into gate and")
+
+
+@pytest.mark.parametrize("direction", ["away", "either", "along"])
+def test_in_and_out_again_is_through_in_no_direction(direction: str) -> None:
+    judge = of_body(direction=direction)
+    assert fly(judge, (2, 0, -1), (3.1, 0, -1), (2, 0, -1)) == []
+    assert judge.result(9.0).verdict == "FAIL"
+
+
+@pytest.mark.parametrize(("beyond_m", "through"), [(-0.01, False), (0.01, True)])
+def test_through_is_out_on_the_far_side_by_the_radius(beyond_m: float, through: bool) -> None:
+    judge = of_body()
+    fly(judge, (2, 0, -1), (3.0 + RADIUS_M + beyond_m, 0, -1))
+    result = judge.result(9.0)
+    assert (result.verdict == "PASS") == through
+    if not through:
+        assert "ended 0.21 m behind its plane" in result.detail
+
+
+@pytest.mark.parametrize(("offset_m", "through"), [(0.34, True), (0.36, False)])
+def test_the_whole_body_has_to_be_inside_of_the_opening(offset_m: float, through: bool) -> None:
+    judge = of_body()
+    fly(judge, (2, offset_m, -1), (4, offset_m, -1))
+    result = judge.result(9.0)
+    assert (result.verdict == "PASS") == through
+    if through:
+        assert (result.actual, result.limit) == (pytest.approx(0.34), pytest.approx(0.35))
+    else:
+        assert "with its body 0.01 m beyond the opening" in result.detail
+
+
+def test_backwards_and_out_of_order_are_named() -> None:
+    backwards = of_body(direction="along")
+    fly(backwards, (2, 2, -1), (4, 2, -1), (4, 0, -1), (2, 0, -1))
+    assert "flew through gate the wrong way" in backwards.result(12.0).detail
+    wrong = of_body(("ring", "gate"))
+    fly(wrong, (2, 0, -1), (4, 0, -1))
+    assert "flew through gate before ring" in wrong.result(12.0).detail
+
+
+def test_a_dip_before_the_passage_does_not_spoil_it() -> None:
+    judge = of_body()
+    assert fly(judge, (2, 0, -1), (3.1, 0, -1), (2, 0, -1), (4, 0, -1)) == [
+        "real flew through gate"
+    ]
+    assert judge.result(12.0).verdict == "PASS"

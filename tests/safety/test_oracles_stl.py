@@ -7,7 +7,9 @@ import pytest
 from safety.oracles import Oracle, OracleContext, OracleError
 from safety.oracles.stl_signals import signal_docs, signals_of
 from safety.oracles.terms import Stages
+from safety.results import OracleResult
 from safety.samples import HeardSample, PoseSample, StateSample
+from safety.verdict import decide
 from tests.safety.oracle_rigs import FENCE, SCENE, build, pose, stage
 from vehicles.autopilots.base import Mode
 from vehicles.embedded.airframe import Airframe
@@ -55,6 +57,7 @@ def test_robustness_is_the_margin_of_the_comparison_that_decides() -> None:
 
 def test_times_count_from_the_stage_that_opens_the_window() -> None:
     judge = stl("eventually[0,2] (up_m >= 1)")
+    heights(judge, 0.0, start_s=2.5)
     stage(judge, takeoff=1.0, goal=3.0)
     heights(judge, 0.0, 0.5, start_s=4.5)
     assert judge.result(5.0).margin == -1.0
@@ -122,8 +125,8 @@ def values(name: str, *samples: object) -> list[float]:
                 judge.on_state(sample)
             case HeardSample():
                 judge.on_heard(sample)
-        found.append(judge._trace.values()[name].tolist()[-1:])
-    return [value for each in found for value in each]
+        found += judge._trace.values()[name].tolist()[-1:]
+    return [value for value in found if not math.isnan(value)]
 
 
 def test_values_of_signals() -> None:
@@ -192,12 +195,112 @@ def test_a_signal_that_this_campaign_has_not_is_refused(name: str, context: Orac
     assert (caught.value.key, caught.value.offset) == ("stl", 8)
 
 
-def test_what_was_never_told_fails() -> None:
+def test_a_signal_that_was_never_received_cannot_be_judged() -> None:
     judge = stl("always (battery_v > 10 and up_m > 0)")
     stage(judge, goal=1.0)
+    heights(judge, 1.0, start_s=1.0)
+    result = judge.result(9.0)
+    assert (result.verdict, result.at_s) == ("INVALID", 1.0)
+    assert result.detail == "battery_v has no value at 1.000 s"
+    decision = decide((), (result,), end_s=9.0)
+    assert decision.verdict == "INVALID"
+    assert decision.reason == f"stl of real cannot be judged: {result.detail}"
+
+
+def test_what_comes_late_hides_nothing_of_what_came_before() -> None:
+    """Ten seconds at 9 m were dropped, because the battery was first received after them."""
+    judge = stl("always (up_m <= 2 and battery_v > 10)")
+    stage(judge, goal=0.0)
+    heights(judge, *[9.0] * 10, start_s=0.0)
+    judge.on_state(StateSample(10.0, "real", True, Mode.GUIDED, battery_v=12.0))
+    heights(judge, 1.0, start_s=10.5)
+    assert judge.result(12.0).verdict == "INVALID"
+    in_time = stl("always (up_m <= 2 and battery_v > 10)")
+    in_time.on_state(StateSample(-1.0, "real", True, Mode.GUIDED, battery_v=12.0))
+    stage(in_time, goal=0.0)
+    heights(in_time, *[9.0] * 10, 1.0, start_s=0.0)
+    assert in_time.result(12.0).verdict == "FAIL"
+
+
+@pytest.mark.parametrize(("first_s", "verdict"), [(3.5, "PASS"), (3.6, "INVALID")])
+def test_a_first_value_counts_from_the_opening_on_if_it_is_not_late(
+    first_s: float, verdict: str
+) -> None:
+    judge = stl("always (up_m <= 2)")
+    stage(judge, goal=3.0)
+    heights(judge, 1.0, start_s=first_s)
+    assert judge.result(9.0).verdict == verdict
+
+
+def test_a_window_that_never_opens_cannot_be_judged() -> None:
+    judge = stl("always (up_m <= 2)")
     heights(judge, 1.0)
     result = judge.result(9.0)
-    assert (result.verdict, result.detail) == ("FAIL", "never told: battery_v")
+    assert (result.verdict, result.at_s) == ("INVALID", None)
+    assert result.detail == "the formula was not evaluated: its window never opened"
+
+
+@pytest.mark.parametrize("formula", ["{} >= 0", "not ({} >= 0)", "{} < 0"])
+def test_what_is_divided_by_nothing_cannot_be_judged(formula: str) -> None:
+    judge = stl(f"always ({formula.format('(up_m - up_m) / (up_m - up_m)')})")
+    stage(judge, goal=3.0)
+    heights(judge, 1.0)
+    result = judge.result(9.0)
+    assert (result.verdict, result.margin, result.at_s) == ("INVALID", None, 3.0)
+    assert result.detail.endswith("is not finite at 3.000 s")
+
+
+def fly(judge: Oracle, *rows: tuple[float, float]) -> OracleResult:
+    """Feed a height and a speed a second from the goal on."""
+    stage(judge, takeoff=1.0, at_height=2.0, goal=3.0)
+    for i, (up_m, speed_m_s) in enumerate(rows):
+        judge.on_pose(PoseSample(3.0 + i, "real", Pose((0, 0, -up_m)), (speed_m_s, 0, 0)))
+    return judge.result(9.0)
+
+
+def test_a_reason_names_the_part_that_was_violated_in_its_unit() -> None:
+    """The speed rule is violated; the height that makes it apply is not what went wrong."""
+    judge = stl("always (up_m < 0.5 implies speed_m_s <= 1.2)")
+    result = fly(judge, (2.0, 3.0), (0.45, 2.0), (0.4, 1.0))
+    assert result.detail == "speed_m_s <= 1.2 is violated: 2.000 m/s against 1.2 m/s"
+    assert (result.actual, result.limit, result.unit, result.at_s) == (2.0, 1.2, "m/s", 4.0)
+    assert result.margin == pytest.approx(-0.8)
+    reason = decide((), (result,), end_s=9.0).reason
+    assert reason == f"stl of real failed: {result.detail}"
+
+
+@pytest.mark.parametrize(
+    ("text", "detail"),
+    [
+        ("always not (up_m > 1)", "up_m <= 1 is violated: 2.000 m against 1 m"),
+        (
+            "always (abs(up_m - 3) <= 0.5)",
+            "abs(up_m - 3) <= 0.5 is violated: 1.000 m against 0.5 m",
+        ),
+        ("always (2 * up_m <= north_m)", "2 * up_m <= north_m is violated: 4.000 m against 0 m"),
+        ("always (1 >= up_m)", "1 >= up_m is violated: 2.000 m against 1 m"),
+        ("eventually (up_m >= 5)", "up_m >= 5 is violated: 2.000 m against 5 m"),
+    ],
+)
+def test_a_reason_writes_the_part_as_the_formula_does(text: str, detail: str) -> None:
+    assert fly(stl(text), (2.0, 0.0)).detail == detail
+
+
+def test_the_margin_is_never_one_of_another_unit() -> None:
+    """A tenth of a metre is less than the metre per second; as shares of the limits it is not."""
+    judge = stl("always (up_m >= 0.1 and speed_m_s <= 5)")
+    result = fly(judge, (0.2, 4.0))
+    assert (result.verdict, result.margin, result.unit) == ("PASS", 1.0, "m/s")
+
+
+def test_a_signal_that_is_true_or_false_has_no_margin() -> None:
+    judge = stl("always (armed and up_m <= 2)")
+    judge.on_state(StateSample(2.0, "real", True, Mode.GUIDED))
+    assert fly(judge, (0.25, 0.0)).margin == 1.75
+    judge.on_state(StateSample(5.0, "real", False, Mode.GUIDED))
+    result = judge.result(9.0)
+    assert (result.verdict, result.margin, result.at_s) == ("FAIL", None, 5.0)
+    assert result.detail == "armed is violated"
 
 
 def test_it_fails_fast_once_it_can_hold_no_more() -> None:
@@ -211,7 +314,9 @@ def test_it_fails_fast_once_it_can_hold_no_more() -> None:
     (flag,) = flags
     assert 5.0 < flag.t_s <= 6.1
     assert flag.decisive
-    assert "cannot hold any more" in flag.text
+    assert flag.text == (
+        "real: stl cannot hold any more: up_m >= 3 is violated: 1.500 m against 3 m"
+    )
 
 
 def test_it_does_not_fail_fast_where_the_campaign_does_not_say() -> None:
@@ -224,6 +329,6 @@ def test_it_does_not_fail_fast_where_the_campaign_does_not_say() -> None:
 def test_times_that_go_back_or_stand_still_are_borne() -> None:
     judge = stl("always (up_m >= 1)")
     stage(judge, goal=3.0)
-    for t_s, up_m in ((4.0, 2.0), (4.0, 3.0), (3.9, 1.5), (5.0, math.pi)):
+    for t_s, up_m in ((3.0, 2.0), (4.0, 2.0), (4.0, 3.0), (3.9, 1.5), (5.0, math.pi)):
         judge.on_pose(pose(t_s, (0, 0, -up_m)))
     assert judge.result(9.0).margin == 0.5

@@ -10,12 +10,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safety.areas import Circle, Polygon
+from safety.evidence.evidence import Evidence
+from safety.evidence.terms import SignalTerms
 from safety.fence_plain import plain_fence
 from safety.geofence import Fence
 from safety.judge import Judge, OracleUse, build_oracles
 from safety.oracles import OracleContext, registry
 from safety.oracles.gates import gates_of
-from safety.samples import FenceSample, HeardSample, PoseSample, Stage, StageSample, StateSample
+from safety.samples import (
+    DoubtSample,
+    FenceSample,
+    HeardSample,
+    PoseSample,
+    ReportSample,
+    Stage,
+    StageSample,
+    StateSample,
+)
 from safety.tape import Taped, TapeError, TapePacker, Tick, WorldEvent, judge_tape, read_tape
 from tests.safety.oracle_rigs import FENCE, SCENE
 from vehicles.autopilots.base import Mode
@@ -70,6 +81,8 @@ vehicles = st.sampled_from(["real", "twin"])
 texts = st.none() | st.text(max_size=5)
 STAGES: tuple[Stage, ...] = ("takeoff", "at_height", "goal", "done", "land", "landed", "end")
 
+SIGNALS = ("pose", "battery")
+
 
 @st.composite
 def tapes(draw: st.DrawFn) -> list[Taped]:
@@ -77,7 +90,7 @@ def tapes(draw: st.DrawFn) -> list[Taped]:
     t_s, taped, stages = 0.0, [], list(STAGES)
     for _ in range(draw(st.integers(0, 30))):
         t_s += draw(st.floats(0.0, 1.0))
-        kind = draw(st.integers(0, 9))
+        kind = draw(st.integers(0, 11))
         vehicle = draw(vehicles)
         if kind <= 3:
             taped.append(draw_pose(draw, t_s, vehicle))
@@ -87,6 +100,8 @@ def tapes(draw: st.DrawFn) -> list[Taped]:
             taped.append(HeardSample(t_s, vehicle))
         elif kind == 7:
             taped.append(Tick(t_s))
+        elif kind >= 10:
+            taped.append(draw_evidence(draw, t_s, vehicle))
         elif kind == 8 and draw(st.booleans()):
             taped.append(FenceSample(t_s, vehicle, draw(st.sampled_from(FENCES))))
         elif kind == 8:
@@ -94,6 +109,13 @@ def tapes(draw: st.DrawFn) -> list[Taped]:
         elif stages:
             taped.append(StageSample(t_s, stages.pop(0), draw(st.none() | vehicles)))
     return taped
+
+
+def draw_evidence(draw: st.DrawFn, t_s: float, vehicle: str) -> Taped:
+    signal = draw(st.sampled_from((*SIGNALS, "camera")))
+    if draw(st.booleans()):
+        return ReportSample(t_s, vehicle, signal)
+    return DoubtSample(t_s, vehicle, signal, "recipe", "it is not there")
 
 
 def draw_pose(draw: st.DrawFn, t_s: float, vehicle: str) -> PoseSample:
@@ -142,7 +164,19 @@ def judge_of(events: Mapping[str, float]) -> Judge:
         )
         for vehicle in ("real", "twin")
     }
-    return Judge(build_oracles(uses, contexts))
+    signals = [
+        SignalTerms(
+            signal=signal,
+            vehicle=vehicle,
+            source="mocap",
+            limit_s=0.3,
+            required=vehicle == "real",
+            over_link=signal == "battery",
+        )
+        for vehicle in ("real", "twin")
+        for signal in SIGNALS
+    ]
+    return Judge(build_oracles(uses, contexts), Evidence(signals))
 
 
 def packed(taped: list[Taped]) -> bytes:
@@ -159,6 +193,10 @@ def feed(judge: Judge, events: dict[str, float], sample: Taped) -> None:
             judge.state(sample)
         case HeardSample():
             judge.heard(sample)
+        case ReportSample():
+            judge.report(sample)
+        case DoubtSample():
+            judge.doubt(sample)
         case StageSample():
             judge.stage(sample)
         case Tick(t_s):
@@ -184,6 +222,7 @@ def test_judging_a_tape_is_judging_the_flight(taped: list[Taped]) -> None:
     assert offline.results(99.0) == online.results(99.0)
     assert offline.flags == online.flags
     assert offline.decisive == online.decisive
+    assert offline.evidence == online.evidence
     assert again == events
 
 
@@ -214,8 +253,8 @@ def shown(taped: list[Taped]) -> list[str]:
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (b"", "does not begin with wil/judged/1"),
-        (b"t_s,vehicle\n", "does not begin with wil/judged/1"),
+        (b"", "does not begin with wil/judged/2"),
+        (b"t_s,vehicle\n", "does not begin with wil/judged/2"),
         (packed([]) + msgpack.packb(["tick", "soon"]), "no sample before byte"),
         (packed([]) + msgpack.packb(["stage", 1.0, "lunch", None]), "no stage 'lunch'"),
         (packed([]) + msgpack.packb(["state", 1.0, "real"]), "KeyError"),

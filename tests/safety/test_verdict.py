@@ -89,3 +89,19 @@ def test_the_order_in_which_events_are_told_does_not_matter(
     assert one.verdict == other.verdict
     assert one.verdict != "PASS"
     assert len(one.also) == len(told) - 1
+
+
+def test_what_was_not_reached_comes_before_the_time_out_that_it_led_to() -> None:
+    timeout = DecisiveEvent(
+        40.0, "FAIL", "real was not done 40 s after its goal", "time_limit/real"
+    )
+    missed = OracleResult(
+        "reached", "real", True, "FAIL", None, 0.5, "m", None, None, "never flew through second"
+    )
+    found = decide([timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
+    assert found.source == "reached/real"
+    assert "never flew through second" in found.reason
+    assert [event.source for event in found.also] == ["time_limit/real"]
+    touched = DecisiveEvent(30.0, "FAIL", "real touched gate.left", "collision/real")
+    first = decide([touched, timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
+    assert first.source == "collision/real"

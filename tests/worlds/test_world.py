@@ -40,7 +40,7 @@ def test_the_shipped_gate_world() -> None:
     assert shipped.objects == ("cage", "gate")
     assert shipped.frame.latitude_deg == pytest.approx(47.397742)
     gate = shipped.scene("sim", "Wv")["gate"]
-    assert gate.pose.position_ned_m == (3.0, 0.0, -1.2)
+    assert gate.pose.position_ned_m == (3.0, 1.1, -1.2)
     assert gate.shape.mesh.materials[0].rgb == NAMED["orange"]
     assert [opening.limit_m for opening in gate.shape.openings] == [0.5]
 

@@ -1,7 +1,7 @@
 """Flies one vehicle over MAVLink, whichever autopilot it has."""
 
 import asyncio
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Mapping
 from functools import partial
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -19,7 +19,7 @@ from vehicles.driver.presence import Presence
 from vehicles.driver.refusals import arm_refused, not_ready
 from vehicles.driver.session import Session
 from vehicles.driver.setpointing import SetpointSender
-from vehicles.driver.state import EstimateSample, VehicleState
+from vehicles.driver.state import EstimateSample, ReportName, VehicleState
 from vehicles.driver.status import EventListener, Status
 from vehicles.driver.streams import Streams
 from vehicles.driver.vehicle import IdentifiedVehicle
@@ -134,6 +134,11 @@ class Driver:
             estimate=self._estimates.newest,
             local=self._estimates.local,
         )
+
+    @property
+    def reported_s(self) -> Mapping[ReportName, float]:
+        """Return when each report of its state last arrived (run clock)."""
+        return {} if self._status is None else self._status.reported_s
 
     @property
     def estimate(self) -> EstimateSample | None:

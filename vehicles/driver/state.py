@@ -15,6 +15,9 @@ Landed = Literal["unknown", "on_ground", "in_air", "taking_off", "landing"]
 
 LANDED_STATES: tuple[Landed, ...] = ("unknown", "on_ground", "in_air", "taking_off", "landing")
 
+ReportName = Literal["heartbeat", "landed_state", "battery", "estimator"]
+"""What a vehicle says of its state in messages of their own."""
+
 EventKind = Literal[
     "mode",
     "armed",

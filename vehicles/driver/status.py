@@ -14,12 +14,14 @@ from vehicles.driver.state import (
     Battery,
     EventKind,
     Landed,
+    ReportName,
     StatusText,
     VehicleEvent,
     VehicleState,
 )
 from vehicles.driver.texts import TextPieces
 from vehicles.mavlink.names import enum_name
+from vehicles.tasks import Contained
 
 EventListener = Callable[[VehicleEvent], None]
 
@@ -58,6 +60,8 @@ class Status:
         self._texts: deque[StatusText] = deque(maxlen=_TEXTS_KEPT)
         self.state = VehicleState(link_up=True)
         self.readiness = autopilot.readiness()
+        self.reported_s: dict[ReportName, float] = {}
+        """When each report of its state last arrived (run clock)."""
         self._was_sound = False
         self.asked_modes: tuple[Mode, ...] = ()
         """In which modes it may now be because we asked for it."""
@@ -75,7 +79,8 @@ class Status:
     def tell(self, event: VehicleEvent) -> None:
         """Tell an event to all listeners."""
         for listener in self._listeners:
-            listener(event)
+            with Contained(f"a listener to a vehicle ({event.kind})"):
+                listener(event)
 
     def set_link(self, *, up: bool, t_s: float, gap_s: float) -> None:
         """Note that the vehicle fell silent for `gap_s`, or is heard again after that."""
@@ -111,6 +116,7 @@ class Status:
     def heartbeat(self, message: Any, t_s: float) -> None:
         """Take a HEARTBEAT: those of the link, and the one by which the vehicle was found."""
         before = self.state
+        self.reported_s["heartbeat"] = t_s
         mode = self._autopilot.mode_of(message.custom_mode)
         armed = bool(message.base_mode & _ARMED)
         failsafe = message.system_status in _FAILSAFE_STATES
@@ -140,6 +146,7 @@ class Status:
 
     def _extended(self, message: Any, t_s: float) -> None:
         self.readiness.feed(message)
+        self.reported_s["landed_state"] = t_s
         landed_state = message.landed_state
         known = landed_state < len(LANDED_STATES)
         landed: Landed = LANDED_STATES[landed_state] if known else "unknown"
@@ -148,13 +155,15 @@ class Status:
             self.tell(VehicleEvent(t_s, "landed_state", landed))
         self._changes.notify()
 
-    def _sys_status(self, message: Any, _t_s: float) -> None:
+    def _sys_status(self, message: Any, t_s: float) -> None:
         self.readiness.feed(message)
         voltage_mv, percent = message.voltage_battery, message.battery_remaining
         battery = Battery(
             voltage_v=None if voltage_mv == _UNKNOWN_VOLTAGE_MV else voltage_mv * 1e-3,
             remaining=None if percent < 0 else percent / 100.0,
         )
+        if battery.voltage_v is not None or battery.remaining is not None:
+            self.reported_s["battery"] = t_s
         self._change(battery=battery)
 
     def _text(self, message: Any, t_s: float) -> None:
@@ -167,6 +176,7 @@ class Status:
 
     def _estimator(self, message: Any, t_s: float) -> None:
         self.readiness.feed(message)
+        self.reported_s["estimator"] = t_s
         faults = self.readiness.estimator_faults()
         before = self.state.faults
         if faults != before:

@@ -1,8 +1,6 @@
-"""The parent's side: start a vehicle process, hear its feed, end it for certain."""
+"""The parent's side of a vehicle process: its truth and motion capture, and faults for it."""
 
 import asyncio
-import sys
-from collections import deque
 from collections.abc import Callable
 from types import TracebackType
 from typing import Self, cast
@@ -19,16 +17,10 @@ from vehicles.embedded.feed import (
     pace_text,
     truth_sample,
 )
-from vehicles.embedded.settings import ProcessSettings
 from vehicles.embedded.states import TruthSample
 from vehicles.links.base import LinkError
 from vehicles.readings import PoseReading, Source
 from vehicles.steering import Segment
-
-_FIRST_WORD_S = 20.0
-"""How long a process may take to import, build its physics and send its first datagram."""
-_END_S = 3.0
-_TAIL_LINES = 20
 
 
 class FeedClient(asyncio.DatagramProtocol):
@@ -142,106 +134,3 @@ class FeedClient(asyncio.DatagramProtocol):
     def _send(self, notice: Notice) -> None:
         if self._transport is not None and self._peer is not None:
             self._transport.sendto(encode(notice), self._peer)
-
-
-class EmbeddedProcess:
-    """A vehicle in a process of its own, as an async context manager.
-
-    The process has a session of its own, so that Ctrl-C does not reach it, and ends when this
-    one does, however. `feed` has the vehicle's truth, motion capture and faults.
-    """
-
-    def __init__(self, *, settings: ProcessSettings) -> None:
-        self._settings = settings
-        self._process: asyncio.subprocess.Process | None = None
-        self._reader: asyncio.Task[None] | None = None
-        self._tail: deque[str] = deque(maxlen=_TAIL_LINES)
-        self.feed = FeedClient(source=settings.source, port=settings.feed_port)
-
-    @property
-    def pid(self) -> int | None:
-        """Return the process id; None before the start."""
-        return self._process.pid if self._process is not None else None
-
-    @property
-    def exit_code(self) -> int | None:
-        """Return how it ended; None while it lives."""
-        return self._process.returncode if self._process is not None else None
-
-    @property
-    def last_words(self) -> str:
-        """Return the end of what it wrote to stderr."""
-        return "\n".join(self._tail)
-
-    async def __aenter__(self) -> Self:
-        """Start it and wait until it lives. Raises LinkError with its last words otherwise."""
-        await self.feed.__aenter__()
-        try:
-            await self._start()
-        except BaseException:
-            await self.__aexit__(None, None, None)
-            raise
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """End it: SIGTERM, then SIGKILL."""
-        process = self._process
-        if process is not None and process.returncode is None:
-            process.terminate()
-            try:
-                async with asyncio.timeout(_END_S):
-                    await process.wait()
-            except TimeoutError:
-                process.kill()
-                await process.wait()
-        if self._reader is not None:
-            await self._reader
-        if process is not None and process.stdin is not None:
-            process.stdin.close()
-        await self.feed.__aexit__(kind, error, trace)
-
-    async def _start(self) -> None:
-        settings = self._settings.model_copy(
-            update={"feed_port": self.feed.port, "end_with_stdin": True}
-        )
-        self._process = process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            "vehicles.embedded",
-            settings.model_dump_json(),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.PIPE,
-            start_new_session=True,
-        )
-        self._reader = asyncio.create_task(self._read(), name=f"stderr of vehicle {process.pid}")
-        heard = asyncio.create_task(self.feed.heard.wait(), name="first word of the vehicle")
-        ended = asyncio.create_task(process.wait(), name="end of the vehicle")
-        try:
-            await asyncio.wait(
-                {heard, ended}, timeout=_FIRST_WORD_S, return_when=asyncio.FIRST_COMPLETED
-            )
-        finally:
-            heard.cancel()
-            ended.cancel()
-            await asyncio.gather(heard, ended, return_exceptions=True)
-        if not self.feed.heard.is_set():
-            if process.returncode is not None:
-                await self._reader
-            raise LinkError(
-                f"the embedded vehicle on {settings.link} did not start "
-                f"(exit code {process.returncode}): {self.last_words or 'it said nothing'}"
-            )
-
-    async def _read(self) -> None:
-        """Keep the end of stderr, and the pipe empty."""
-        process = self._process
-        if process is None or process.stderr is None:
-            return
-        async for line in process.stderr:
-            self._tail.append(line.decode(errors="replace").rstrip())

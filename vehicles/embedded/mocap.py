@@ -9,8 +9,10 @@ import numpy as np
 from vehicles.embedded.profile import MotionCapture
 from vehicles.embedded.states import TruthSample
 from vehicles.readings import PoseReading, Source
+from vehicles.tasks import Contained
 from worlds.frames import Pose, quat_from_euler, quat_multiply
 
+_LISTENER = Contained("a listener to motion capture")
 _BLOCK = 128
 """How many samples' noise is drawn at once: drawing is dear, one by one."""
 
@@ -70,4 +72,5 @@ class MotionCaptureFeed:
             _, truth, pose = self._under_way.popleft()
             reading = PoseReading(truth.t_s, now_s, self._source, pose, truth.velocity_ned_m_s)
             for callback in self._callbacks:
-                callback(reading)
+                with _LISTENER:
+                    callback(reading)

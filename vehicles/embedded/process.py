@@ -1,14 +1,13 @@
 """One embedded vehicle in its own process, under the wall clock; see `launch` for its parent."""
 
 import asyncio
-import ctypes
 import gc
 import importlib
 import os
 import signal
 import sys
 from collections.abc import Callable
-from typing import cast
+from typing import Any, cast
 
 from pydantic import ValidationError
 
@@ -31,11 +30,11 @@ from vehicles.links.base import LinkError
 from vehicles.links.opening import open_link
 from vehicles.links.parse import parse_link
 from vehicles.pace import PacedLoop
+from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 from vehicles.readings import PoseReading
 from vehicles.steering import Segment
 from worlds.documents import BadInput
 
-_PR_SET_PDEATHSIG = 1
 BAD_SETTINGS, FAILED = 2, 1
 """Exit codes; 0 after SIGTERM, SIGINT, a kill fault, or the end of stdin."""
 
@@ -131,12 +130,12 @@ def main(arguments: list[str]) -> int:
     except ValidationError as error:
         sys.stderr.write(f"{error}\n")
         return BAD_SETTINGS
-    if settings.end_with_parent:
-        _die_with_parent()
     try:
+        if settings.end_with_parent:
+            die_with_parent(signal.SIGTERM)
         with asyncio.Runner(loop_factory=lambda: PacedLoop(settings.speed)) as runner:
             runner.run(_until_told(settings))
-    except (LinkError, BadInput, ValueError) as error:
+    except (LinkError, BadInput, ValueError, UnsupportedSystemError) as error:
         sys.stderr.write(f"{error}\n")
         return FAILED
     return 0
@@ -154,7 +153,18 @@ async def _until_told(settings: ProcessSettings) -> None:
         loop.add_signal_handler(number, stop.set)
     if settings.end_with_stdin:
         loop.add_reader(sys.stdin.fileno(), _on_stdin, stop.set)
+    errors: list[BaseException] = []
+
+    def failed(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Take what a callback raised: a vehicle of which nothing more is known must not fly on."""
+        error = context.get("exception")
+        errors.append(error or RuntimeError(str(context.get("message"))))
+        stop.set()
+
+    loop.set_exception_handler(failed)
     await fly(settings, stop)
+    if errors:
+        raise errors[0]
 
 
 def _on_stdin(stop: Callable[[], None]) -> None:
@@ -173,13 +183,3 @@ def _surroundings(surround: Surround | None) -> Surroundings | None:
     except (ImportError, AttributeError) as error:
         raise ValueError(f"surroundings {surround.use} cannot be had: {error}") from error
     return cast("Surroundings", factory(surround.argument))
-
-
-def _die_with_parent() -> None:
-    """Have the kernel send SIGTERM when the parent dies (Linux; elsewhere stdin must do)."""
-    if not sys.platform.startswith("linux"):
-        return
-    parent = os.getppid()
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != parent:
-        os.kill(os.getpid(), signal.SIGTERM)

@@ -19,8 +19,10 @@ from vehicles.embedded.states import STOPPED, Thrusts, TruthSample
 from vehicles.links.base import Link
 from vehicles.mavlink.codec import Codec
 from vehicles.readings import PoseReading
+from vehicles.tasks import Contained
 from worlds.geodesy import LocalFrame
 
+_LISTENER = Contained("a listener to a vehicle's truth")
 _STEPS_PER_TICK = 2
 _TURN_STEPS = 5
 _MOST_STEPS_BEHIND = 250
@@ -200,7 +202,10 @@ class EmbeddedVehicle:
         )
         for every, callback in self._truth_callbacks:
             if steps % every == 0:
-                callback(body.sample(t_s))
+                # Who looks at the vehicle has nothing to do with whether it flies.
+                sample = body.sample(t_s)
+                with _LISTENER:
+                    callback(sample)
         if self._mocap.is_due(steps):
             self._mocap.take(body.sample(t_s))
 

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from vehicles.links.base import LinkError
+from vehicles.tasks import start, stop
 
 _log = logging.getLogger(__name__)
 
@@ -70,7 +71,7 @@ class Recovery:
             said = "%s: lost (%s), again: it flaps; no more of it until it stays for %g s"
             _log.warning(said, self._name, why, _STEADY_S)
         if self._again is not None:
-            self._task = asyncio.create_task(self._try(self._again), name=f"{self._name}: again")
+            self._task = start(self._try(self._again), name=f"{self._name}: again")
 
     def back(self) -> None:
         """Note that the link is there again."""
@@ -91,8 +92,7 @@ class Recovery:
         self._lost_s = None
         self._forget_steady()
         if task is not None:
-            task.cancel()
-            await asyncio.wait({task})
+            await stop(task)
 
     def _stayed(self) -> None:
         _log.warning("%s: back, and stays; it was lost %d times", self._name, self._unsteady)

@@ -2,14 +2,12 @@
 
 import asyncio
 import re
-import signal
 import socket
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from vehicles.child import ChildProcess
 from vehicles.driver.repeating import Repeater
 from vehicles.errors import VehicleError
 from vehicles.links.base import LinkError
@@ -24,8 +22,8 @@ from vehicles.mavsdk.messages import (
     Refused,
     Say,
     Unsaid,
-    encode,
 )
+from vehicles.processes.child import ChildProcess, how_it_ended
 
 FailureListener = Callable[[VehicleError], None]
 
@@ -104,11 +102,11 @@ class MavsdkClient:
         ours, theirs = socket.socketpair()
         self._ready = asyncio.get_running_loop().create_future()
         self._child = ChildProcess(
-            argv=(sys.executable, "-m", "vehicles.mavsdk", url), lifeline=theirs.fileno()
+            argv=(sys.executable, "-m", "vehicles.mavsdk", url), stdin=theirs.fileno()
         )
         self._heard_s = time.monotonic() + _START_S - _SILENT_S
         try:
-            await self._child.start(self._ended)
+            self._child.start(self._ended)
         except OSError as error:
             ours.close()
             self._ready.cancel()
@@ -143,7 +141,7 @@ class MavsdkClient:
             now_s = time.monotonic()
             if self._owed_s is None and name in _SETPOINTS:
                 self._owed_s = now_s
-            self._lines.write(encode(Say(name, fields, now_s)))
+            self._lines.write(Say(name, fields, now_s))
 
     async def order(
         self,
@@ -163,7 +161,7 @@ class MavsdkClient:
         self._count = number = self._count + 1
         future: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
         self._waiting[number] = _Waiting(future, what, time.monotonic() + within_s, progress)
-        self._lines.write(encode(make(number)))
+        self._lines.write(make(number))
         try:
             return await future
         finally:
@@ -221,9 +219,8 @@ class MavsdkClient:
             waiting.until_s += kept_s
 
     def _ended(self, child: ChildProcess) -> None:
-        how = _ending(child.exit_code)
-        said = _last_words(child.last_words)
-        self._fail(f"mavsdk's process {how}{said}")
+        said = _last_line(child.stderr_tail)
+        self._fail(f"mavsdk's process {how_it_ended(child.exit_code)}{said}")
 
     def _fail(self, what: str) -> None:
         if self._failure is not None:
@@ -245,13 +242,7 @@ class MavsdkClient:
                 waiting.future.set_exception(error)
 
 
-def _ending(code: int | None) -> str:
-    if code is None or code >= 0:
-        return f"ended with exit code {code}"
-    return f"was ended by {signal.Signals(-code).name}"
-
-
-def _last_words(text: str) -> str:
+def _last_line(text: str) -> str:
     """Return its last line that is not of mavsdk's log of what goes well."""
     plain = _COLOUR.sub("", text)
     lines = [line for line in plain.splitlines() if line.strip() and not _LOG_LINE.search(line)]

@@ -6,7 +6,6 @@ call; orders, which may block for seconds, have threads of their own.
 """
 
 import contextlib
-import ctypes
 import os
 import queue
 import signal
@@ -26,11 +25,12 @@ from vehicles.mavsdk.messages import (
     Ready,
     Refused,
     Say,
-    TalkError,
     Unsaid,
-    decode_order,
-    encode,
+    from_process,
+    to_process,
 )
+from vehicles.processes.codec import FrameReader, MessageError, framed
+from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 
 BAD_USE, FAILED = 2, 1
 ALIVE_S = 0.2
@@ -38,7 +38,7 @@ ALIVE_S = 0.2
 STALE_S = 1.0
 """A message that waited longer is not said: setpoints are renewed, and commands said again."""
 _ORDERS = 4
-_PR_SET_PDEATHSIG = 1
+_READ_BYTES = 1 << 16
 
 
 class Answers:
@@ -52,7 +52,7 @@ class Answers:
         """Send a message."""
         try:
             with self._turn:
-                self._end.sendall(encode(message))
+                self._end.sendall(framed(from_process.encode(message)))
         except OSError:
             return  # The main thread finds the end.
 
@@ -115,11 +115,12 @@ def serve(end: socket.socket, url: str) -> int:
     threading.Thread(target=speaker.run, name="speaker", daemon=True).start()
     orders = ThreadPoolExecutor(_ORDERS, thread_name_prefix="order")
     answers.send(Ready())
-    with end.makefile("rb") as lines:
-        for line in lines:
+    frames = FrameReader()
+    while data := end.recv(_READ_BYTES):
+        for packet in frames.feed(data):
             try:
-                message = decode_order(line)
-            except TalkError as error:
+                message = to_process.decode(packet)
+            except MessageError as error:
                 sys.stderr.write(f"{error}\n")
                 continue
             if isinstance(message, Say):
@@ -135,7 +136,12 @@ def main(arguments: list[str]) -> int:
     if len(arguments) != 1:
         sys.stderr.write("usage: python -m vehicles.mavsdk URL, with a socket as stdin\n")
         return BAD_USE
-    _die_with_parent()
+    try:
+        # Also while we are stopped.
+        die_with_parent(signal.SIGKILL)
+    except UnsupportedSystemError as error:
+        sys.stderr.write(f"{error}\n")
+        return FAILED
     try:
         end = socket.socket(fileno=os.dup(sys.stdin.fileno()))
     except OSError as error:
@@ -143,13 +149,3 @@ def main(arguments: list[str]) -> int:
         return BAD_USE
     end.setblocking(True)
     return serve(end, arguments[0])
-
-
-def _die_with_parent() -> None:
-    """Have the kernel kill us when the parent dies, also while we are stopped (Linux only)."""
-    if not sys.platform.startswith("linux"):
-        return
-    parent = os.getppid()
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(0)

@@ -9,8 +9,9 @@ import sys
 
 import pytest
 
+from tests.vehicles.embedded.embedded_process import EmbeddedProcess
 from vehicles.embedded.faults import Fault
-from vehicles.embedded.launch import EmbeddedProcess, FeedClient
+from vehicles.embedded.launch import FeedClient
 from vehicles.embedded.process import main
 from vehicles.embedded.settings import ProcessSettings, Start
 from vehicles.links.base import LinkError
@@ -109,7 +110,7 @@ async def test_what_it_cannot_do_is_said() -> None:
 
 PARENT = """
 import asyncio, sys
-from vehicles.embedded.launch import EmbeddedProcess
+from tests.vehicles.embedded.embedded_process import EmbeddedProcess
 from vehicles.embedded.settings import ProcessSettings
 
 async def main():

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from vehicles.launch.records import started_of
+from vehicles.processes.identity import ProcessId
 
 _HEAD = """#!{python} -S
 import os, signal, socket, subprocess, sys, time
@@ -70,7 +70,7 @@ time.sleep(600)
     def gone(pid: int, within_s: float = 10.0) -> bool:
         """Return whether a process ends within some time."""
         end_s = time.monotonic() + within_s
-        while started_of(pid) is not None:
+        while ProcessId.of(pid) is not None:
             if time.monotonic() > end_s:
                 return False
             time.sleep(0.02)

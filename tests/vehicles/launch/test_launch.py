@@ -12,23 +12,14 @@ from typing import Any
 
 import pytest
 
+from tests.vehicles.launch.launched_vehicle import LaunchedVehicle
 from vehicles.launch.ardupilot import ArduPilotLaunch
 from vehicles.launch.instances import is_free, take_instance
 from vehicles.launch.plan import Home, LaunchError, Port
 from vehicles.launch.prepared import PreparedLaunch
-from vehicles.launch.process import LaunchedVehicle
 from vehicles.launch.px4 import Px4Launch
-from vehicles.launch.records import (
-    RECORD,
-    LaunchRecord,
-    ProcessKey,
-    boot_id,
-    end_leftover,
-    find_leftovers,
-    key_of,
-    own_key,
-    started_of,
-)
+from vehicles.launch.records import RECORD, LaunchRecord, find_leftovers
+from vehicles.processes.identity import ProcessId, boot_id
 
 HOME = Home(47.4, 8.5, 488.0, 90.0)
 
@@ -50,7 +41,7 @@ async def test_ardupilot_runs_and_ends(sims: Any) -> None:
         writer.close()
         assert (sims.folder / "real" / "eeprom.bin").exists()
         pid = sims.pid_of(binary)
-        assert started_of(pid) is not None
+        assert ProcessId.of(pid) is not None
         arguments = sims.arguments(pid)
         assert arguments[arguments.index("--sysid") + 1] == "3"
         assert arguments[arguments.index("--home") + 1] == "47.4000000,8.5000000,488.00,90.0"
@@ -216,15 +207,12 @@ open(sys.argv[0] + ".child", "w").write(str(child.pid))
 """
 
 
-async def test_who_ignores_sigterm_or_fled_ends_too(
-    sims: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("vehicles.launch.process._GRACE_S", 0.3)
+async def test_who_ignores_sigterm_or_fled_ends_too(sims: Any) -> None:
     binary = sims.program(STUBBORN + sims.ardupilot)
-    async with _vehicle(sims, binary):
+    async with _vehicle(sims, binary, grace_s=0.3):
         pids = [sims.pid_of(binary), int(sims.beside(binary, "child"))]
         sims.mourned += pids
-        assert all(started_of(pid) is not None for pid in pids)
+        assert all(ProcessId.of(pid) is not None for pid in pids)
     assert all(sims.gone(pid, 0.5) for pid in pids)
 
 
@@ -232,7 +220,7 @@ OWNER = """
 import asyncio, os, sys
 from pathlib import Path
 from vehicles.launch.ardupilot import ArduPilotLaunch
-from vehicles.launch.process import LaunchedVehicle
+from tests.vehicles.launch.launched_vehicle import LaunchedVehicle
 
 async def main(binary, folder, locks):
     launch = ArduPilotLaunch(binary=Path(binary))
@@ -264,30 +252,30 @@ def _kill(owner: subprocess.Popen[str]) -> None:
 
 def test_all_end_when_we_are_killed(sims: Any) -> None:
     binary = sims.program(sims.ardupilot)
-    owner, keeper = _owner(binary, sims.folder / "real", sims.locks)
+    owner, supervisor = _owner(binary, sims.folder / "real", sims.locks)
     _kill(owner)
     assert sims.gone(sims.pid_of(binary))
-    assert sims.gone(keeper)
+    assert sims.gone(supervisor)
     assert find_leftovers(sims.folder) == ()
 
 
-def test_leftovers_are_found_named_and_ended(sims: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("vehicles.launch.records._END_S", 0.3)
-    # The worst: owner and keeper are killed at once, and what the simulator started lives on.
+def test_leftovers_are_found_named_and_ended(sims: Any) -> None:
+    # The worst: owner and supervisor are killed at once, and what the simulator started lives on.
     binary = sims.program(STUBBORN + sims.ardupilot)
     folder = sims.folder / "real"
-    owner, keeper = _owner(binary, folder, sims.locks)
+    owner, supervisor = _owner(binary, folder, sims.locks)
     child = int(sims.beside(binary, "child"))
-    sims.mourned += [keeper, child]
+    sims.mourned += [supervisor, child]
     assert find_leftovers(sims.folder) == (), "its owner lives"
-    os.kill(keeper, signal.SIGKILL)
+    os.kill(supervisor, signal.SIGKILL)
     _kill(owner)
-    assert sims.gone(sims.pid_of(binary)), "the kernel ends it with its keeper"
+    assert sims.gone(sims.pid_of(binary)), "the kernel ends it with its supervisor"
     (found,) = find_leftovers(sims.folder)
     assert found.label == "ArduPilot SITL"
-    assert found.survivors() == (child,)
+    (survivor,) = found.survivors()
+    assert survivor == ProcessId.of(child)
     assert Path(found.folder) == folder
-    assert end_leftover(found)
+    assert survivor.end(grace_s=0.3) == "ended by SIGKILL"
     assert sims.gone(child, 1.0)
     assert find_leftovers(sims.folder) == ()
 
@@ -295,8 +283,8 @@ def test_leftovers_are_found_named_and_ended(sims: Any, monkeypatch: pytest.Monk
 def _record(folder: Path, **fields: Any) -> LaunchRecord:
     folder.mkdir(exist_ok=True)
     values = {
-        "label": "x", "folder": str(folder), "keeper": own_key(), "owner": ProcessKey(1 << 22, 5),
-        "boot_id": boot_id(), "command": ("x",), "cleanup": (),
+        "label": "x", "folder": str(folder), "supervisor": ProcessId.own(),
+        "owner": ProcessId(1 << 22, 5), "boot_id": boot_id(), "command": ("x",), "cleanup": (),
     } | fields  # fmt: skip
     record = LaunchRecord(**values)
     record.write()
@@ -304,12 +292,12 @@ def _record(folder: Path, **fields: Any) -> LaunchRecord:
 
 
 def test_an_id_that_was_used_again_is_no_leftover(tmp_path: Path) -> None:
-    own = own_key()
+    own = ProcessId.own()
     assert find_leftovers(tmp_path) == ()
     record = _record(tmp_path / "a")
     assert find_leftovers(tmp_path) == (record,)
-    assert record.keeper == key_of(os.getpid())
-    _record(tmp_path / "a", keeper=ProcessKey(own.pid, own.started + 1))
+    assert record.supervisor == ProcessId.of(os.getpid())
+    _record(tmp_path / "a", supervisor=ProcessId(own.pid, own.started + 1))
     assert find_leftovers(tmp_path) == ()
     _record(tmp_path / "a", boot_id="another boot")
     assert find_leftovers(tmp_path) == ()
@@ -317,7 +305,7 @@ def test_an_id_that_was_used_again_is_no_leftover(tmp_path: Path) -> None:
     assert find_leftovers(tmp_path) == ()
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"keeper": 3}', "\udcff"])
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"supervisor": 3}', "\udcff"])
 def test_a_spoilt_record_names_nobody(tmp_path: Path, text: str) -> None:
     (tmp_path / RECORD).write_bytes(text.encode(errors="surrogateescape"))
     assert find_leftovers(tmp_path) == ()

@@ -1,32 +1,41 @@
-"""Runs one program and ends it, with all that it started, when told to or when we are gone.
+"""Runs one program and ends it, with all that it started, when asked to or when we are gone.
 
-A program of its own, started as `python -S keeper.py PARENT SECONDS FOLDER PROGRAM ARGUMENT...`;
-it imports nothing of ours. SECONDS is how long the program may take to end after SIGTERM, FOLDER
-where it works and writes `output.txt`; empty to work where we are and write where we write. PARENT
-is the process id of who starts it, whose death ends all (the kernel tells: PR_SET_PDEATHSIG); or 0,
-and then the end of our stdin does. Between the orchestrator and the simulator the keeper stays
-alive when the orchestrator is killed, and processes that fled into a session of their own are its
-children again (PR_SET_CHILD_SUBREAPER). Both calls are Linux's; elsewhere only what stays in the
-process group is ended, and only when told.
+A program of its own: `python -m vehicles.processes.supervisor PARENT SECONDS FOLDER PROGRAM
+ARGUMENT...`, see `supervised`. Between the orchestrator and the program it stays alive when the
+orchestrator is killed, and processes that fled into a session of their own are its children again.
 """
 
 import contextlib
-import ctypes
 import os
 import select
 import signal
 import sys
 import time
-from pathlib import Path
+from collections.abc import Sequence
 
-_PR_SET_PDEATHSIG = 1
-_PR_SET_CHILD_SUBREAPER = 36
+import psutil
+
+from vehicles.processes.linux import adopt_orphans, die_with_parent
+
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 _NOT_STARTED = 127
 _SOON_S = 0.05
 
 
-class Keeper:
+def supervised(
+    argv: Sequence[str], *, parent: int, grace_s: float, folder: str = ""
+) -> tuple[str, ...]:
+    """Return the command that runs a program under a supervisor.
+
+    parent: the process id of who runs the command, whose end ends the program; 0 for the end of
+    its stdin instead. grace_s: how long the program may take to end after SIGTERM. folder: where
+    it works and writes `output.txt`; empty to work where we are and write where we write.
+    """
+    supervisor = (sys.executable, "-m", "vehicles.processes.supervisor")
+    return (*supervisor, str(parent), f"{grace_s:g}", folder, *argv)
+
+
+class Supervisor:
     """The program, its end, and the signals that come meanwhile."""
 
     def __init__(self, *, argv: list[str], grace_s: float, lifeline: int | None) -> None:
@@ -43,9 +52,9 @@ class Keeper:
 
     def run(self) -> int:
         """Wait for the program's end or ours; return its exit code as shells do."""
-        told = False
-        while self._status is None and not told:
-            told = self._wait(1.0)
+        ending = False
+        while self._status is None and not ending:
+            ending = self._wait(1.0)
             self._reap()
         self._end()
         code = _NOT_STARTED if self._status is None else os.waitstatus_to_exitcode(self._status)
@@ -102,22 +111,17 @@ def _noted(*_: object) -> None:
     """Do nothing: the number of the signal is in the pipe."""
 
 
-def _prctl(option: int, value: int) -> None:
-    if sys.platform.startswith("linux"):
-        ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0)
-
-
 def _start(argv: list[str]) -> int:
     """Start the program in a process group of its own; return its process id."""
-    keeper = os.getpid()
+    supervisor = os.getpid()
     pid = os.fork()
     if pid:
         return pid
     try:
         signal.set_wakeup_fd(-1)
         os.setpgid(0, 0)
-        _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() == keeper:
+        die_with_parent(signal.SIGKILL)
+        if os.getppid() == supervisor:
             os.execvp(argv[0], argv)  # noqa: S606 - the program that was asked for, without a shell
     except OSError as error:
         os.write(2, f"{argv[0]}: {error.strerror}\n".encode())
@@ -127,29 +131,23 @@ def _start(argv: list[str]) -> int:
 
 def _children() -> list[int]:
     """Return the processes whose parent we are."""
-    own, found = str(os.getpid()), []
-    for entry in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):
-            fields = entry.read_text().rpartition(")")[2].split()
-            if fields[1] == own:
-                found.append(int(entry.parent.name))
-    return found
+    return [child.pid for child in psutil.Process().children()]
 
 
 def main(arguments: list[str]) -> int:
-    """Keep a program as the arguments say; return its exit code."""
+    """Supervise a program as the arguments say; return its exit code."""
     parent, grace_s, folder = int(arguments[0]), float(arguments[1]), arguments[2]
     if folder:
         _write_to(folder)
     lifeline = None if parent else os.dup(0)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    _prctl(_PR_SET_CHILD_SUBREAPER, 1)
+    adopt_orphans()
     if parent:
-        _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        die_with_parent(signal.SIGTERM)
         if os.getppid() != parent:
-            # It died before the kernel was asked to tell us.
+            # It ended before the kernel was asked.
             return _NOT_STARTED
-    return Keeper(argv=arguments[3:], grace_s=grace_s, lifeline=lifeline).run()
+    return Supervisor(argv=arguments[3:], grace_s=grace_s, lifeline=lifeline).run()
 
 
 def _write_to(folder: str) -> None:

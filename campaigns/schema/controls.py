@@ -1,0 +1,43 @@
+"""`controls`: runs that must not pass, each with the verdict and the cause that it must have."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, JsonValue, model_validator
+
+from worlds.documents import KeyFaultError, Part
+
+FlownMode = Literal["sim", "wil", "real"]
+ControlVerdict = Literal["FAIL", "INVALID", "ERROR"]
+
+
+class ExpectPart(Part):
+    """How a control must end. oracle: the one that decides; cause: a text within the reason.
+
+    One of both is needed: a control that fails for another reason, as a misspelt parameter of its
+    autonomy, proves nothing about the campaign.
+    """
+
+    verdict: ControlVerdict = "FAIL"
+    oracle: Annotated[str, Field(min_length=1)] | None = None
+    cause: Annotated[str, Field(min_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _says_why(self) -> Self:
+        if self.oracle is None and self.cause is None:
+            raise ValueError("name the oracle that must fail, or a text of the reason as `cause`")
+        if self.oracle is not None and self.verdict != "FAIL":
+            said = f"an oracle comes to FAIL, not to {self.verdict}: say the cause as `cause`"
+            raise KeyFaultError("oracle", said)
+        return self
+
+
+class ControlPart(Part):
+    """One control. case: the one that it changes, by default the first; set: what it changes.
+
+    modes: by default all of the campaign.
+    """
+
+    expect: ExpectPart
+    set_: Annotated[dict[str, JsonValue], Field(alias="set", min_length=1)]
+    case: str | None = None
+    modes: Annotated[list[FlownMode], Field(min_length=1)] | None = None

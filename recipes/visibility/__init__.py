@@ -1,0 +1,1 @@
+"""Whether a mixture shows what stands only in the virtual world, measured in the mixture itself."""

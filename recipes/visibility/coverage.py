@@ -1,0 +1,138 @@
+"""What the mixtures of a run showed of each virtual object, and when that proves nothing. Pure."""
+
+from array import array
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from recipes.visibility.model import FrameVisibility, ObjectVisibility, Unit
+
+LEAST_FRAMES = 5
+"""An object that is in view in fewer measured frames need not be shown."""
+_BLIND_S = 2.0
+"""How long an object may be in view at first, and not shown, until the flight is ended."""
+_LEAST_SHARE = 0.5
+"""In how many of the frames in which it is in view an object has to be shown."""
+_IN_A_ROW = 2
+"""How many measured frames in a row have to be wrong: what crosses the edge of the picture in
+one of them may be taken for displaced."""
+
+
+@dataclass(slots=True)
+class ObjectCoverage:
+    """What became of one object. offsets: of the frames that show it, in `unit`."""
+
+    unit: Unit = "px"
+    in_view: int = 0
+    shown: int = 0
+    offsets: "array[float]" = field(default_factory=lambda: array("d"))
+    first_in_view_s: float | None = None
+    last_in_view_s: float | None = None
+    displaced: int = 0
+
+    @property
+    def is_due(self) -> bool:
+        """Return whether it was in view for long enough to have to be shown."""
+        return self.in_view >= LEAST_FRAMES
+
+    @property
+    def is_covered(self) -> bool:
+        """Return whether it was shown in enough of the frames in which it was in view."""
+        return self.shown >= _LEAST_SHARE * self.in_view
+
+
+@dataclass(frozen=True, slots=True)
+class VisibilityFault:
+    """What a mixture fails to show, in words, and the exposure from when on (run clock)."""
+
+    t_s: float
+    text: str
+
+
+class Coverage:
+    """Counts what the mixtures of one combination show, while the goal is flown."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.objects: dict[str, ObjectCoverage] = {}
+        self.not_measured = ""
+        self._unexpected = 0
+
+    def take(self, frame: FrameVisibility) -> VisibilityFault | None:
+        """Take a measured mixture; return what is wrong, if it is wrong for long enough."""
+        if frame.not_measured:
+            self.not_measured = frame.not_measured
+            return None
+        self.frames += 1
+        self._unexpected = self._unexpected + 1 if frame.is_unexpected else 0
+        faults = [self._take(one, frame.t_s) for one in frame.objects]
+        if self._unexpected >= _IN_A_ROW:
+            share = f"{frame.elsewhere * 100:.1f} % of the reading"
+            said = f"something virtual in {share} at {frame.t_s:.3f} s, where geometry puts nothing"
+            faults.append(VisibilityFault(frame.t_s, f"the mixture shows {said}"))
+        faults.append(self._blind())
+        return next((fault for fault in faults if fault is not None), None)
+
+    def is_suspect(self) -> bool:
+        """Return whether the last mixture was wrong: then each one is worth measuring."""
+        return self._unexpected > 0 or any(one.displaced for one in self.objects.values())
+
+    def never_shown(self) -> VisibilityFault | None:
+        """Return what the whole flight failed to show: whatever was in view, none of it."""
+        due = [name for name, one in self.objects.items() if one.is_due]
+        if not due or any(one.shown for one in self.objects.values()):
+            return None
+        return never_shown({name: [self.objects[name]] for name in due})
+
+    def _take(self, one: ObjectVisibility, t_s: float) -> VisibilityFault | None:
+        known = self.objects.setdefault(one.name, ObjectCoverage(one.unit))
+        if not one.in_view:
+            known.displaced = 0
+            return None
+        known.in_view += 1
+        known.shown += one.is_shown
+        known.last_in_view_s = t_s
+        if known.first_in_view_s is None:
+            known.first_in_view_s = t_s
+        if one.offset is not None:
+            known.offsets.append(one.offset)
+        known.displaced = known.displaced + 1 if one.is_displaced else 0
+        if known.displaced < _IN_A_ROW or one.offset is None:
+            return None
+        off = f"{one.offset:.3g} {one.unit} from its place at {t_s:.3f} s"
+        said = f"the mixture shows {one.name} {off}; the limit is {one.limit:.3g} {one.unit}"
+        return VisibilityFault(t_s, said)
+
+    def _blind(self) -> VisibilityFault | None:
+        fault = self.never_shown()
+        if fault is None:
+            return None
+        due = [one for one in self.objects.values() if one.is_due]
+        lasted = [(one.last_in_view_s or 0.0) - (one.first_in_view_s or 0.0) for one in due]
+        return fault if max(lasted) >= _BLIND_S else None
+
+
+def never_shown(objects: dict[str, list[ObjectCoverage]]) -> VisibilityFault:
+    """Return the fault of objects that no mixture showed, or too few."""
+    said = []
+    for name, each in objects.items():
+        best = max(each, key=lambda one: one.in_view)
+        said.append(
+            f"{name}: it was in view in {best.in_view} measured frames, {best.shown} showed it"
+        )
+    word = "never" if not any(one.shown for each in objects.values() for one in each) else "hardly"
+    times = [one.first_in_view_s or 0.0 for each in objects.values() for one in each]
+    return VisibilityFault(min(times), f"the mixture {word} showed {'; '.join(said)}")
+
+
+def uncovered(combinations: Iterable[Coverage]) -> VisibilityFault | None:
+    """Return which objects no combination showed well enough, of those in which they were in view.
+
+    A lidar may show what a camera's recipe leaves out, and the other way round.
+    """
+    each: dict[str, list[ObjectCoverage]] = {}
+    for coverage in combinations:
+        for name, one in coverage.objects.items():
+            if one.is_due:
+                each.setdefault(name, []).append(one)
+    bad = {name: seen for name, seen in each.items() if not any(one.is_covered for one in seen)}
+    return never_shown(bad) if bad else None

@@ -1,0 +1,79 @@
+"""Where an expected picture is found in a mixture of which everything was changed. Pure."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recipes.visibility.model import Mask
+from vehicles.readings import BgrImage
+
+Gray = NDArray[np.float32]
+
+_SEARCHED = 0.2
+"""How far a picture is sought, of its width."""
+_MARGIN = 4
+"""How much of what surrounds an object is sought with it, in pixels: its edges tell it apart."""
+_ALIKE = 0.02
+"""Correlations that differ by less are alike: the nearer shift is taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """Where a picture fits best. correlation: -1 to 1. samples: how far off that is, in pixels."""
+
+    correlation: float
+    samples: float
+
+
+def best_shift(
+    real_bgr: BgrImage, mixed_bgr: BgrImage, expected_bgr: BgrImage, own: Mask
+) -> Shift | None:
+    """Return where a mixture shows an object as the expected picture does; None for no texture.
+
+    own: where the object is expected. What both pictures share with the real one (the same room,
+    a blend) is taken out of them first, so that the object remains.
+    """
+    real = _gray(real_bgr)
+    mixed, expected = _without(real, _gray(mixed_bgr)), _without(real, _gray(expected_bgr))
+    part = _box(own)
+    template = expected[part]
+    if template.std() < 1.0:
+        return None
+    reach = max(1, round(_SEARCHED * own.shape[1]))
+    padded = np.pad(mixed, reach)
+    top, left = part[0].start, part[1].start
+    high, wide = template.shape
+    searched = padded[top : top + high + 2 * reach, left : left + wide + 2 * reach]
+    found = cv2.matchTemplate(searched, template, cv2.TM_CCOEFF_NORMED)
+    found[~np.isfinite(found)] = -1.0
+    best = float(found.max())
+    rows, columns = np.nonzero(found >= best - _ALIKE)
+    samples = min(
+        math.hypot(row - reach, column - reach)
+        for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
+    )
+    return Shift(best, samples)
+
+
+def _gray(image: BgrImage) -> Gray:
+    gray = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2GRAY)
+    return np.asarray(gray, np.float32)
+
+
+def _without(real: Gray, picture: Gray) -> Gray:
+    """Return the part of a picture that is no linear function of the real one."""
+    centred, mean = real - real.mean(), picture - picture.mean()
+    power = float((centred * centred).sum())
+    weight = float((centred * mean).sum()) / power if power > 0.0 else 0.0
+    return np.asarray(mean - np.float32(weight) * centred, np.float32)
+
+
+def _box(own: Mask) -> tuple[slice, slice]:
+    rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
+    return (
+        slice(max(0, int(rows[0]) - _MARGIN), int(rows[-1]) + 1 + _MARGIN),
+        slice(max(0, int(columns[0]) - _MARGIN), int(columns[-1]) + 1 + _MARGIN),
+    )

@@ -1,0 +1,96 @@
+"""What is compared, and what is found, of one mixture. Pure."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicles.readings import BgrImage
+
+Mask = NDArray[np.bool_]
+Ids = NDArray[np.uint8]
+Ranges = NDArray[np.float64]
+
+Unit = Literal["px", "m"]
+
+
+@dataclass(frozen=True, slots=True)
+class Virtual:
+    """The objects that stand only in the virtual world, by the ids that pictures carry."""
+
+    names: dict[int, str]
+
+    def mask_of(self, ids: Ids) -> Mask:
+        """Return where one of them is."""
+        wanted = np.zeros(256, np.bool_)
+        wanted[list(self.names)] = True
+        return wanted[ids]
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedPicture:
+    """What geometry puts into a picture of (height, width) pixels, from an independent pose.
+
+    ids: of all that stands in the virtual world. image_bgr: how our renderer draws that.
+    unknown: where something physical may hide what is virtual; neither counts there.
+    px_per_sample: pixels of the full picture from one of these to the next.
+    """
+
+    ids: Ids
+    image_bgr: BgrImage
+    unknown: Mask | None
+    px_per_sample: int
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedRanges:
+    """What geometry puts before each beam, pixel of depth or point, (elements,) each.
+
+    ranges_m: to what is met first, inf for nothing. ids: of that.
+    """
+
+    ranges_m: Ranges
+    ids: Ids
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectVisibility:
+    """One virtual object in one mixture.
+
+    expected: how much of the reading it should take, 0 to 1. shown: how much of that the mixture
+    has, 0 to 1. offset: how far from its place the mixture shows it, in `unit`; None where it is
+    not shown. limit: of the offset.
+    """
+
+    name: str
+    in_view: bool
+    expected: float
+    shown: float
+    is_shown: bool
+    offset: float | None
+    limit: float
+    unit: Unit
+
+    @property
+    def is_displaced(self) -> bool:
+        """Return whether it is shown elsewhere than geometry says."""
+        return self.offset is not None and self.offset > self.limit
+
+
+@dataclass(frozen=True, slots=True)
+class FrameVisibility:
+    """What one mixture shows of the virtual objects.
+
+    t_s: exposure of the real reading, run clock. changed: share of the reading that the recipe
+    changed. elsewhere: share of the reading that shows something virtual farther than the limit
+    from all that geometry puts there; is_unexpected: where geometry puts nothing at all and that
+    is more than what counts as in view. not_measured: why this frame says nothing; "" when it does.
+    """
+
+    t_s: float
+    objects: tuple[ObjectVisibility, ...] = ()
+    changed: float = 0.0
+    elsewhere: float = 0.0
+    is_unexpected: bool = False
+    not_measured: str = ""

@@ -1,0 +1,191 @@
+"""Where a mixed picture shows the virtual objects: what the recipe changed, against outlines. Pure.
+
+A recipe that isolates objects leaves the rest of the real picture bit by bit as it was, so that
+the changed pixels *are* the virtual objects as the autonomy sees them, whatever their colours.
+Where a recipe changes more than that (a blend, a replaced picture), the expected picture is
+sought in the mixture instead (`recipes.visibility.matching`).
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recipes.visibility.matching import best_shift
+from recipes.visibility.model import (
+    ExpectedPicture,
+    FrameVisibility,
+    Mask,
+    ObjectVisibility,
+    Virtual,
+)
+from vehicles.readings import BgrImage
+
+Distances = NDArray[np.float32]
+
+IN_VIEW_SHARE = 1e-3
+"""An object that takes less of the picture is not in view: 18 x 17 pixels of 640 x 480."""
+SHOWN_SHARE = 0.25
+"""How much of an object a picture has to show to show it: light and colours hide parts of it."""
+LIMIT_SHARE_OF_WIDTH = 0.015
+"""Default limit of the offset: 9.6 px of 640, 1 degree of a 69 degree camera. That is twice what
+`pose_accuracy` takes for an attitude (0.5 degrees)."""
+LIMIT_SHARE_OF_SIZE = 0.1
+"""Where an object looms large: a tenth of its apparent size, as centimetres are many pixels then.
+A gate of 1 m is off by a decimetre at it, about the clearance that such a flight is about."""
+_BROAD = 3.0
+"""A recipe that changes more than this many times what objects take changes more than objects."""
+_MOST = 0.5
+"""The same of the picture, where no object is in view."""
+_OUTER, _INNER = 0.9, 0.5
+"""Which part of the shown outline, and of the expected one, lies within the offset. The expected
+one may be missing in parts."""
+_MATCHED = 0.5
+"""Least correlation with the expected picture for it to be found."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PicturePair:
+    """The compared pixels of one mixture, and what geometry puts there; all of one size.
+
+    t_s: exposure. real_bgr: the real picture as the merge took it. limit_px: of the offset, in
+    pixels of the full picture; None for the default. is_like: whether the twin's picture is drawn
+    like `expected`, so that an object that is not found in it is not there.
+    """
+
+    t_s: float
+    real_bgr: BgrImage
+    mixed_bgr: BgrImage
+    expected: ExpectedPicture
+    virtual: Virtual
+    limit_px: float | None
+    is_like: bool
+
+
+def compare_pictures(pair: PicturePair) -> FrameVisibility:
+    """Return what a mixed picture shows of the virtual objects."""
+    expected = pair.expected
+    changed: Mask = (pair.real_bgr != pair.mixed_bgr).any(axis=2)
+    present = pair.virtual.mask_of(expected.ids)
+    if expected.unknown is not None:
+        changed &= ~expected.unknown
+        present &= ~expected.unknown
+    ids = np.where(present, expected.ids, np.uint8(0))
+    taken = int(np.count_nonzero(present))
+    is_due = taken >= IN_VIEW_SHARE * present.size
+    if np.count_nonzero(changed) <= (_BROAD * taken if is_due else _MOST * present.size):
+        return _outlined(pair, changed, ids)
+    return _matched(pair, changed, ids)
+
+
+def _outlined(pair: PicturePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
+    per_sample = pair.expected.px_per_sample
+    to_present, nearest = _distances(ids != 0, ids)
+    to_changed, _ = _distances(changed, None)
+    outline = _outline(changed)
+    objects = []
+    for object_id, name in pair.virtual.names.items():
+        own = ids == object_id
+        count = int(np.count_nonzero(own))
+        in_view = count >= IN_VIEW_SHARE * own.size
+        drawn = changed & (nearest == object_id)
+        shown = min(1.0, int(np.count_nonzero(drawn)) / count) if count else 0.0
+        is_shown = in_view and shown >= SHOWN_SHARE
+        offset: float | None = None
+        if is_shown:
+            outer = _quantile(to_present[outline & (nearest == object_id)], _OUTER)
+            inner = _quantile(to_changed[_outline(own)], _INNER)
+            offset = max(outer, inner) * per_sample
+        extent, limit = count / own.size, _limit_px(own, pair)
+        seen = ObjectVisibility(name, in_view, extent, shown, is_shown, offset, limit, "px")
+        objects.append(seen)
+    reach = max([_floor_px(pair), *(one.limit for one in objects if one.in_view)]) / per_sample
+    away = _away(changed, to_present, reach)
+    is_unexpected = away >= IN_VIEW_SHARE and not any(one.in_view for one in objects)
+    return FrameVisibility(pair.t_s, tuple(objects), float(changed.mean()), away, is_unexpected)
+
+
+def _away(changed: Mask, to_present: Distances, reach: float) -> float:
+    """Return which share of the picture is changed farther than `reach` samples from all objects.
+
+    An object whose place is just out of the picture may reach into it by as much.
+    """
+    far: Mask = changed & (to_present > reach)
+    edge = math.ceil(reach)
+    return int(np.count_nonzero(far[edge:-edge, edge:-edge])) / far.size
+
+
+def _matched(pair: PicturePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
+    objects: list[ObjectVisibility] = []
+    for object_id, name in pair.virtual.names.items():
+        own = ids == object_id
+        extent, limit = float(own.mean()), _limit_px(own, pair)
+        if extent < IN_VIEW_SHARE:
+            objects.append(ObjectVisibility(name, False, extent, 0.0, False, None, limit, "px"))
+            continue
+        found = best_shift(pair.real_bgr, pair.mixed_bgr, pair.expected.image_bgr, own)
+        if found is None or (found.correlation < _MATCHED and not pair.is_like):
+            why = "the recipe changes the whole picture, and the twin's is not drawn by us"
+            return FrameVisibility(pair.t_s, changed=float(changed.mean()), not_measured=why)
+        # A hole of its shape in what was changed shows the real world, not the object.
+        is_there = float(changed[own].mean()) >= SHOWN_SHARE
+        is_shown = is_there and found.correlation >= _MATCHED
+        offset = found.samples * pair.expected.px_per_sample if is_shown else None
+        shown = max(0.0, found.correlation)
+        objects.append(ObjectVisibility(name, True, extent, shown, is_shown, offset, limit, "px"))
+    return FrameVisibility(pair.t_s, tuple(objects), float(changed.mean()))
+
+
+def _floor_px(pair: PicturePair) -> float:
+    """Return the limit of the offset for what looks small."""
+    per_sample = pair.expected.px_per_sample
+    if pair.limit_px is not None:
+        return pair.limit_px + per_sample
+    return float(LIMIT_SHARE_OF_WIDTH * pair.expected.ids.shape[1] * per_sample)
+
+
+def _limit_px(own: Mask, pair: PicturePair) -> float:
+    rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
+    if pair.limit_px is not None or not rows.size:
+        return _floor_px(pair)
+    high, wide = int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1
+    size_px = pair.expected.px_per_sample * math.sqrt(high * wide)
+    return max(_floor_px(pair), LIMIT_SHARE_OF_SIZE * size_px)
+
+
+def _distances(mask: Mask, ids: NDArray[np.uint8] | None) -> tuple[Distances, NDArray[np.uint8]]:
+    """Return how far each pixel is from the mask, and the id of what is nearest; in samples."""
+    away = np.where(mask, np.uint8(0), np.uint8(255))
+    nothing = np.zeros(mask.shape, np.uint8)
+    if not mask.any():
+        return np.full(mask.shape, math.hypot(*mask.shape), np.float32), nothing
+    if ids is None:
+        found = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_5)
+        return np.asarray(found, np.float32), nothing
+    distance, labels = cv2.distanceTransformWithLabels(
+        away, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    table = np.zeros(int(labels.max()) + 1, np.uint8)
+    table[labels[mask]] = ids[mask]
+    return distance, table[labels]
+
+
+_CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+
+
+def _outline(mask: Mask) -> Mask:
+    """Return the edge of a mask, without holes of one pixel and without the picture's own edge."""
+    whole = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
+    inner = cv2.erode(whole, _CROSS)
+    edge: Mask = (whole != 0) & (inner == 0)
+    return edge
+
+
+def _quantile(distances: NDArray[np.float32], share: float) -> float:
+    """Return the distance within which this share lies, by nearest rank; 0 for none."""
+    if not distances.size:
+        return 0.0
+    rank = max(0, math.ceil(share * distances.size) - 1)
+    return float(np.partition(distances, rank)[rank])

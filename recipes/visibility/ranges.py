@@ -1,0 +1,123 @@
+"""Whether mixed ranges show the virtual objects: beams, pixels of depth, points. Pure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from recipes.visibility.model import (
+    ExpectedRanges,
+    FrameVisibility,
+    Mask,
+    ObjectVisibility,
+    Virtual,
+)
+
+SHOWN_SHARE = 0.5
+"""How many of the beams that should meet an object have to show its range."""
+LIMIT_M, LIMIT_SHARE = 0.2, 0.05
+"""Default limit of a range's error: 20 cm, or 5 % of the range: noise of 1 % (RPLIDAR A2M8), and
+half a degree of attitude at a surface that stands oblique."""
+LEAST_ELEMENTS = 2
+"""A thing that fewer beams meet is not in view, where there are several."""
+
+
+def limits_m(ranges_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far each range may be off."""
+    return np.maximum(LIMIT_M, LIMIT_SHARE * np.where(np.isfinite(ranges_m), ranges_m, 0.0))
+
+
+def compare_ranges(
+    *,
+    t_s: float,
+    real_m: NDArray[np.float64],
+    mixed_m: NDArray[np.float64],
+    expected: ExpectedRanges,
+    virtual: Virtual,
+    reach_m: tuple[float, float],
+    least: float = LEAST_ELEMENTS,
+) -> FrameVisibility:
+    """Return what mixed ranges show of the virtual objects; all arrays are (elements,).
+
+    real_m: the real ranges as the merge took them: what they show nearer hides what is virtual.
+    reach_m: least and greatest range of the sensor. least: how many elements are in view.
+    """
+    due = np.asarray(expected.ranges_m, np.float64)
+    limit = limits_m(due)
+    visible = virtual.mask_of(expected.ids) & (due >= reach_m[0]) & (due <= reach_m[1])
+    visible &= ~(real_m < due - limit)
+    with np.errstate(invalid="ignore"):
+        error = np.abs(mixed_m - due)
+        nearer = mixed_m < real_m - limits_m(mixed_m)
+        away = nearer & (mixed_m < due - limit)
+    elements = _Elements(error, nearer, limit)
+    objects = tuple(
+        _object(name, visible & (expected.ids == object_id), elements, least)
+        for object_id, name in virtual.names.items()
+    )
+    due_any = any(one.in_view for one in objects)
+    unexpected = not due_any and bool(np.count_nonzero(away) >= 2 * least)
+    return FrameVisibility(t_s, objects, _share(mixed_m != real_m), _share(away), unexpected)
+
+
+def compare_points(
+    *,
+    t_s: float,
+    real_m: NDArray[np.float32],
+    mixed_m: NDArray[np.float32],
+    expected_m: NDArray[np.float64],
+    ids: NDArray[np.uint8],
+    virtual: Virtual,
+) -> FrameVisibility:
+    """Return what a mixed cloud shows of the virtual objects.
+
+    real_m, mixed_m: (points, 3) in one sensor frame, the real cloud as the merge took it.
+    expected_m: (elements, 3), what geometry puts there, in the same frame; ids: (elements,).
+    """
+    added = _added(real_m, mixed_m)
+    due = virtual.mask_of(ids)
+    distance = np.full(len(expected_m), np.inf)
+    if due.any() and len(added):
+        distance[due] = cKDTree(added).query(expected_m[due])[0]
+    limit = limits_m(np.linalg.norm(expected_m, axis=1))
+    drawn = np.full(len(expected_m), len(added) >= LEAST_ELEMENTS)
+    elements = _Elements(distance, drawn, limit)
+    objects = tuple(
+        _object(name, due & (ids == object_id), elements, LEAST_ELEMENTS)
+        for object_id, name in virtual.names.items()
+    )
+    return FrameVisibility(t_s, objects, len(added) / max(1, len(mixed_m)))
+
+
+def _added(real_m: NDArray[np.float32], mixed_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the points of a mixture that the real cloud does not have."""
+    mine = np.ascontiguousarray(mixed_m).view([("", mixed_m.dtype)] * 3).reshape(-1)
+    theirs = np.ascontiguousarray(real_m, mixed_m.dtype).view(mine.dtype).reshape(-1)
+    return mixed_m[~np.isin(mine, theirs)]
+
+
+def _share(mask: Mask) -> float:
+    return float(mask.mean()) if mask.size else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Elements:
+    """error: of each range. nearer: where the mixture shows more than what is real."""
+
+    error: NDArray[np.float64]
+    nearer: Mask
+    limit: NDArray[np.float64]
+
+
+def _object(name: str, own: Mask, elements: _Elements, least: float) -> ObjectVisibility:
+    error, nearer, limit = elements.error, elements.nearer, elements.limit
+    count = int(np.count_nonzero(own))
+    in_view = count >= max(1.0, least)
+    shown = int(np.count_nonzero(own & (error <= limit))) / count if count else 0.0
+    drawn = own & (nearer | (error <= limit)) & np.isfinite(error)
+    is_drawn = in_view and bool(np.count_nonzero(drawn) >= SHOWN_SHARE * count)
+    offset = float(np.median(error[drawn])) if is_drawn else None
+    allowed = float(np.median(limit[own])) if count else LIMIT_M
+    extent = count / own.size if own.size else 0.0
+    return ObjectVisibility(name, in_view, extent, shown, is_drawn, offset, allowed, "m")

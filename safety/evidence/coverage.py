@@ -1,0 +1,153 @@
+"""The samples of one signal over its window: first, last, how many, and the largest gap; pure."""
+
+import math
+from dataclasses import dataclass
+
+from safety.evidence.terms import SignalTerms
+from safety.oracles.terms import Stages
+from safety.results import EvidenceResult
+from safety.samples import StageSample
+
+_PATIENCE_S = 0.5
+"""How long samples may be late before their absence counts: what is delayed carries its own time,
+and closes the gap when it arrives."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A signal that does not show what happened. at_s: since when; reason: for people."""
+
+    at_s: float
+    reason: str
+
+
+class Coverage:
+    """Takes the times of a signal's samples; `fault` is the first thing that makes it INVALID.
+
+    A gap begins with the window, or with the sample before it, and ends with the next sample, or
+    with the window. Samples may arrive late: the times are those that they are for.
+
+    A gap counts from the moment at which it exceeds the limit. One in which the vehicle's whole
+    link was silent counts from its end: that silence is judged by `link` and by the guard first.
+    """
+
+    def __init__(self, terms: SignalTerms) -> None:
+        self.terms = terms
+        self.stages = Stages(terms.window)
+        self.fault: Fault | None = None
+        self._newest_s = -math.inf
+        self._first_s: float | None = None
+        self._last_s: float | None = None
+        self._count = 0
+        self._gap: tuple[float, float | None] = (0.0, None)
+        self._arrived = False
+        self._quiet_since_s: float | None = None
+        self._heard_s: float | None = None
+        self._of_link: str | None = None
+
+    def heard(self, t_s: float) -> None:
+        """Take when anything last arrived over the vehicle's link."""
+        self._heard_s = t_s
+
+    def stage(self, sample: StageSample) -> None:
+        """Take a stage: it opens or closes the window; at the end nothing more will arrive."""
+        self.stages.reach(sample)
+        end_s = self.stages.end_s
+        if sample.stage == "end" and end_s is not None and self._newest_s < end_s:
+            self._close_gap(end_s)
+        if sample.stage == "end" and self._of_link is not None:
+            self.find(sample.t_s, self._of_link)
+
+    def take(self, t_s: float) -> None:
+        """Take that a sample for this moment has arrived."""
+        if not t_s > self._newest_s:
+            return
+        self._arrived = True
+        begin_s, end_s = self.stages.begin_s, self.stages.end_s
+        if begin_s is None:
+            self._newest_s = t_s
+            return
+        until_s = t_s if end_s is None else min(t_s, end_s)
+        self._close_gap(until_s)
+        self._newest_s = t_s
+        if begin_s <= t_s == until_s:
+            self._count += 1
+            self._first_s = t_s if self._first_s is None else self._first_s
+            self._last_s = t_s
+
+    def tick(self, t_s: float) -> None:
+        """Take that time has passed: a source that has ended is found without another sample."""
+        if self._of_link is not None:
+            self.find(t_s, self._of_link)
+        if self._arrived or self._quiet_since_s is None:
+            self._arrived, self._quiet_since_s = False, t_s
+            return
+        since_s = self._since_s
+        if not self.stages.open or since_s is None:
+            return
+        silent_s = t_s - max(self._quiet_since_s, since_s)
+        if silent_s <= self.terms.limit_s + _PATIENCE_S:
+            return
+        if self._is_link_silent(t_s - silent_s, t_s):
+            return  # It may have ended for good, which the guard decides.
+        self.find(since_s + self.terms.limit_s, f"no sample since {since_s:.2f} s")
+
+    def find(self, at_s: float, what: str) -> None:
+        """Take that something makes the signal INVALID, unless something did before."""
+        if self.fault is None:
+            terms = self.terms
+            who = f"{terms.signal} of {terms.vehicle} from {terms.source}"
+            self.fault = Fault(at_s, f"{who}: {what}")
+
+    def result(self) -> EvidenceResult | None:
+        """Return what was seen of the signal; None when its window never opened."""
+        if self.stages.begin_s is None and self.fault is None:
+            return None
+        terms = self.terms
+        return EvidenceResult(
+            signal=terms.signal,
+            vehicle=terms.vehicle,
+            source=terms.source,
+            required=terms.required,
+            first_s=self._first_s,
+            last_s=self._last_s,
+            count=self._count,
+            largest_gap_s=self._gap[0],
+            gap_at_s=self._gap[1],
+            limit_s=terms.limit_s,
+            verdict="PASS" if self.fault is None else "INVALID",
+            reason="" if self.fault is None else self.fault.reason,
+            compared_with=self.compared_with,
+        )
+
+    @property
+    def compared_with(self) -> tuple[str, ...]:
+        """Return the other sources of the same that it was compared with."""
+        return ()
+
+    @property
+    def _since_s(self) -> float | None:
+        """Return when the gap began that lasts until now; None before the window opens."""
+        begin_s = self.stages.begin_s
+        return None if begin_s is None else max(begin_s, self._newest_s)
+
+    def _close_gap(self, until_s: float) -> None:
+        since_s = self._since_s
+        if since_s is None or until_s <= since_s:
+            return
+        gap_s, limit_s = until_s - since_s, self.terms.limit_s
+        if gap_s > self._gap[0]:
+            self._gap = (gap_s, since_s)
+        if gap_s > limit_s:
+            said = f"no sample from {since_s:.2f} s to {until_s:.2f} s, {gap_s:.2f} s"
+            said += f" against {limit_s:g} s"
+            if self._is_link_silent(since_s, until_s):
+                self._of_link = self._of_link or said
+            else:
+                self.find(since_s + limit_s, said)
+
+    def _is_link_silent(self, since_s: float, until_s: float) -> bool:
+        """Return whether nothing at all arrived over the link for most of a gap."""
+        if not self.terms.over_link:
+            return False
+        return self._heard_s is None or until_s - self._heard_s >= (until_s - since_s) / 2.0

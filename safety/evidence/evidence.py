@@ -1,0 +1,144 @@
+"""The evidence of a run: all its signals, what is wrong with them, and what that decides."""
+
+from collections.abc import Iterable
+
+from safety.evidence.coverage import Coverage, Fault
+from safety.evidence.poses import NOT_A_NUMBER, PoseCoverage, is_finite
+from safety.evidence.terms import SignalTerms
+from safety.results import EvidenceResult
+from safety.samples import (
+    DoubtSample,
+    HeardSample,
+    PoseSample,
+    ReferenceSample,
+    ReportSample,
+    StageSample,
+    StateSample,
+)
+from safety.verdict import DecisiveEvent
+
+POSE = "pose"
+SOURCE = "evidence/"
+"""With what the source of every decisive event begins that evidence is the cause of."""
+
+_Key = tuple[str, str]
+"""A signal and its vehicle."""
+
+
+class Evidence:
+    """Takes what the judge takes; `events` grows by each required signal that proves nothing.
+
+    Pure and online as oracles are: the same samples give the same evidence when judged again.
+    """
+
+    def __init__(self, signals: Iterable[SignalTerms] = ()) -> None:
+        self._signals: dict[_Key, Coverage] = {}
+        self._poses: dict[str, PoseCoverage] = {}
+        for terms in signals:
+            if (terms.signal, terms.vehicle) in self._signals:
+                raise ValueError(f"{terms.signal} of {terms.vehicle} is declared twice")
+            self._signals[terms.signal, terms.vehicle] = self._coverage(terms)
+        self._doubts: dict[_Key, tuple[DoubtSample, Fault]] = {}
+        self._decided: set[_Key] = set()
+        self.events: list[DecisiveEvent] = []
+
+    def pose(self, sample: PoseSample) -> bool:
+        """Take a pose; return whether it is finite, so that it may be judged."""
+        known = self._poses.get(sample.vehicle)
+        if known is not None:
+            known.pose(sample)
+            self._settle((POSE, sample.vehicle), known)
+            return is_finite(sample)
+        if is_finite(sample):
+            return True
+        self.doubt(DoubtSample(sample.t_s, sample.vehicle, POSE, "its source", NOT_A_NUMBER))
+        return False
+
+    def reference(self, sample: ReferenceSample) -> None:
+        """Take where another source has a vehicle."""
+        known = self._poses.get(sample.vehicle)
+        if known is not None:
+            known.reference(sample)
+            self._settle((POSE, sample.vehicle), known)
+
+    def report(self, sample: ReportSample) -> None:
+        """Take that a sample of another signal has arrived."""
+        key = (sample.signal, sample.vehicle)
+        if key in self._signals:
+            self._signals[key].take(sample.t_s)
+            self._settle(key, self._signals[key])
+
+    def state(self, sample: StateSample) -> None:
+        """Take a vehicle's state: whether it is in the air."""
+        if sample.vehicle in self._poses:
+            self._poses[sample.vehicle].state(sample)
+
+    def heard(self, sample: HeardSample) -> None:
+        """Take that something arrived over a vehicle's link."""
+        for signal in self._signals.values():
+            if signal.terms.vehicle == sample.vehicle:
+                signal.heard(sample.t_s)
+
+    def stage(self, sample: StageSample) -> None:
+        """Take a stage."""
+        for key, signal in self._signals.items():
+            if sample.vehicle in {None, signal.terms.vehicle}:
+                signal.stage(sample)
+                self._settle(key, signal)
+
+    def tick(self, t_s: float) -> None:
+        """Take that time has passed."""
+        for key, signal in self._signals.items():
+            signal.tick(t_s)
+            self._settle(key, signal)
+
+    def doubt(self, sample: DoubtSample) -> None:
+        """Take what others found: a signal cannot be believed, and the run proves nothing."""
+        key = (sample.signal, sample.vehicle)
+        known = self._signals.get(key)
+        if known is not None:
+            known.find(sample.t_s, sample.reason)
+            self._settle(key, known)
+        elif key not in self._doubts:
+            who = f"{sample.signal} of {sample.vehicle} from {sample.source}"
+            fault = Fault(sample.t_s, f"{who}: {sample.reason}")
+            self._doubts[key] = (sample, fault)
+            self._decide(key, fault)
+
+    def results(self) -> tuple[EvidenceResult, ...]:
+        """Return what was seen of each signal whose window has opened, in their order."""
+        seen = (signal.result() for signal in self._signals.values())
+        doubted = (_result_of(*doubt) for doubt in self._doubts.values())
+        return (*(one for one in seen if one is not None), *doubted)
+
+    def _coverage(self, terms: SignalTerms) -> Coverage:
+        if terms.signal != POSE:
+            return Coverage(terms)
+        self._poses[terms.vehicle] = PoseCoverage(terms)
+        return self._poses[terms.vehicle]
+
+    def _settle(self, key: _Key, signal: Coverage) -> None:
+        if signal.fault is not None and signal.terms.required and key not in self._decided:
+            self._decide(key, signal.fault)
+
+    def _decide(self, key: _Key, fault: Fault) -> None:
+        self._decided.add(key)
+        source = SOURCE + "/".join(key)
+        self.events.append(DecisiveEvent(fault.at_s, "INVALID", fault.reason, source))
+
+
+def _result_of(sample: DoubtSample, fault: Fault) -> EvidenceResult:
+    return EvidenceResult(
+        signal=sample.signal,
+        vehicle=sample.vehicle,
+        source=sample.source,
+        required=True,
+        first_s=None,
+        last_s=None,
+        count=0,
+        largest_gap_s=0.0,
+        gap_at_s=None,
+        limit_s=0.0,
+        verdict="INVALID",
+        reason=fault.reason,
+    )

@@ -1,0 +1,121 @@
+"""When a body has gone through the plane of a gate as a whole, and where; pure."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from safety.oracles.context import Gate
+from safety.samples import PoseSample
+from worlds.frames import Vec3, add, norm, rotate
+
+Side = Literal[1, -1]
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """A body that was on one side of a gate's plane and is out on the other, by its radius.
+
+    direction: +1 along the gate's forward axis. offset_m: of the centre from the opening's centre
+    when it crossed the plane, at_s. reach_m: the largest offset of any point of the body.
+    """
+
+    direction: Side
+    offset_m: float
+    reach_m: float
+    at_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Dip:
+    """A body whose centre crossed the plane and came back before the body was out.
+
+    depth_m: how far the centre was behind the plane; at_s: when it was back.
+    """
+
+    depth_m: float
+    at_s: float
+
+
+class Body:
+    """A box round a vehicle's centre. half_m: forward, right and down from the centre."""
+
+    def __init__(self, half_m: Vec3) -> None:
+        ahead, right, down = half_m
+        signs = itertools.product((-1.0, 1.0), repeat=3)
+        corners = ((a * ahead, b * right, c * down) for a, b, c in signs)
+        self._corners_m = tuple(dict.fromkeys(corners))
+        self.radius_m = norm(half_m)
+
+    def corners_m(self, sample: PoseSample) -> tuple[Vec3, ...]:
+        """Return where the corners are at a pose, in NED metres."""
+        q_wxyz, centre = sample.pose.q_wxyz, sample.pose.position_ned_m
+        return tuple(add(centre, rotate(q_wxyz, corner)) for corner in self._corners_m)
+
+
+class PassageDetector:
+    """Follows one body past one gate, pose by pose.
+
+    `side` is the one on which the body was last by at least its radius; at first, that of its
+    centre. What it crosses in between counts only once it is out on the other side: a nose that
+    goes in and comes back is no passage, in no direction.
+    """
+
+    def __init__(
+        self, gate: Gate, body: Body, first: PoseSample, events: Mapping[str, float]
+    ) -> None:
+        self._gate, self._body, self._events = gate, body, events
+        depth_m = self._depth_m(first)
+        self.side: Side = 1 if depth_m > 0.0 else -1
+        self._centre: tuple[float, float] | None = None
+        self._reach_m = 0.0
+        self._deepest_m = 0.0
+        self._last, self._last_depth_m = first, depth_m
+
+    @property
+    def unfinished_m(self) -> float:
+        """Return how far the centre is through the plane while the body is not out; 0 for not."""
+        now = 1 if self._last_depth_m > 0.0 else -1
+        return abs(self._last_depth_m) if now != self.side else 0.0
+
+    def take(self, sample: PoseSample) -> Passage | Dip | None:
+        """Return what ends with this pose, if anything does."""
+        last, before_m = self._last, self._last_depth_m
+        depth_m = self._depth_m(sample)
+        self._last, self._last_depth_m = sample, depth_m
+        radius_m = self._body.radius_m
+        crossed = (before_m > 0.0) != (depth_m > 0.0)
+        if crossed or min(abs(before_m), abs(depth_m)) < radius_m:
+            self._measure(last, sample)
+        now: Side = 1 if depth_m > 0.0 else -1
+        if now != self.side:
+            self._deepest_m = max(self._deepest_m, abs(depth_m))
+        if abs(depth_m) < radius_m:
+            return None
+        return self._settle(now, sample.t_s)
+
+    def _settle(self, now: Side, t_s: float) -> Passage | Dip | None:
+        """Return what it comes to that the body is clear of the plane, on a side."""
+        centre, reach_m, deepest_m = self._centre, self._reach_m, self._deepest_m
+        before, self.side = self.side, now
+        self._centre, self._reach_m, self._deepest_m = None, 0.0, 0.0
+        if now != before and centre is not None:
+            return Passage(now, centre[0], max(reach_m, centre[0]), centre[1])
+        return Dip(deepest_m, t_s) if now == before and deepest_m > 0.0 else None
+
+    def _measure(self, last: PoseSample, sample: PoseSample) -> None:
+        """Note where the centre and the corners cross the plane between two poses."""
+        gate, events = self._gate, self._events
+        t_0, t_1 = last.t_s, sample.t_s
+        from_m, to_m = last.pose.position_ned_m, sample.pose.position_ned_m
+        if (centre := gate.crossing(from_m, t_0, to_m, t_1, events)) is not None:
+            self._centre = (centre.offset_m, t_0 + (t_1 - t_0) * centre.fraction)
+            self._reach_m = max(self._reach_m, centre.offset_m)
+        corners = zip(self._body.corners_m(last), self._body.corners_m(sample), strict=True)
+        for corner_0, corner_1 in corners:
+            crossing = gate.crossing(corner_0, t_0, corner_1, t_1, events)
+            if crossing is not None:
+                self._reach_m = max(self._reach_m, crossing.offset_m)
+
+    def _depth_m(self, sample: PoseSample) -> float:
+        return self._gate.depth_m(sample.pose.position_ned_m, sample.t_s, self._events)

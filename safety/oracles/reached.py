@@ -1,0 +1,215 @@
+"""Whether a vehicle flew through the goal's gates: as a whole, in order and in direction."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from safety.oracles.base import (
+    NO_FLAGS,
+    Flags,
+    Gate,
+    Oracle,
+    OracleContext,
+    OracleError,
+    Terms,
+    Windowed,
+    oracle,
+)
+from safety.oracles.passages import Body, Dip, Passage, PassageDetector
+from safety.oracles.terms import ON_GOAL
+from safety.results import OracleResult
+from safety.samples import PoseSample
+from worlds.frames import Vec3
+
+Direction = Literal["away", "along", "against", "either"]
+"""away: from the side on which the vehicle was before; along: the x axis of the gate's object."""
+_POINT: Vec3 = (0.0, 0.0, 0.0)
+
+
+class ReachedParameters(Windowed):
+    """gates: names in their order (None: the goal's); direction: which way counts."""
+
+    gates: Annotated[
+        tuple[str, ...] | None, Field(description="their names in order; by default the goal's")
+    ] = None
+    direction: Annotated[
+        Direction,
+        Field(description="away from where it came, along or against the gate's x axis, or either"),
+    ] = "away"
+
+
+@dataclass(frozen=True, slots=True)
+class _Through:
+    """A passage that counts. limit_m: the offset of the centre at which the body would touch."""
+
+    gate: str
+    offset_m: float
+    limit_m: float
+    at_s: float
+
+
+class Reached(Oracle):
+    """Flies with its whole body through the opening of each gate, in order.
+
+    A gate is passed once the body is out on the far side by its radius, every point of it having
+    crossed the plane inside of the opening. Passing beside a gate, from the wrong side, out of
+    order, or in and out again is none. actual: the offset of the centre with the smallest margin;
+    limit: half of that gate's inner size, less what the body reaches beyond its centre.
+    """
+
+    def __init__(
+        self,
+        terms: Terms,
+        *,
+        route: Sequence[tuple[str, Gate]],
+        events: Mapping[str, float],
+        direction: Direction = "away",
+        body_half_m: Vec3 = _POINT,
+    ) -> None:
+        super().__init__(terms)
+        if not route:
+            raise OracleError(f"oracle {self.name!r}: the goal names no gate")
+        self._route = tuple(route)
+        self._events = events
+        self._direction = direction
+        self._body = Body(body_half_m)
+        self._last: PoseSample | None = None
+        self._detectors: dict[str, PassageDetector] = {}
+        self._home: int | None = None
+        self._through: list[_Through] = []
+        self._wrong: list[str] = []
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        """Look whether the way since the last pose leads through the next gate."""
+        last, self._last = self._last or sample, sample
+        if self._done or not self.stages.open:
+            return NO_FLAGS
+        if not self._detectors:
+            self._detectors = {
+                name: PassageDetector(gate, self._body, last, self._events)
+                for name, gate in self._route
+            }
+        if self._home is None:
+            self._home = self._detectors[self._route[len(self._through)][0]].side
+        flags: Flags = NO_FLAGS
+        for name, detector in self._detectors.items():
+            found = detector.take(sample)
+            if isinstance(found, Passage):
+                flags += self._pass(name, found)
+            elif isinstance(found, Dip) and name == self._next:
+                self._note(f"went {found.depth_m:.2f} m into {name} and came back")
+        return flags
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the largest offset, or which gate was not flown through."""
+        del t_s
+        if not self._done:
+            limit_m = self._route[len(self._through)][1].limit_m
+            return self.verdict(passed=False, limit=limit_m, unit="m", detail=self._missing())
+        worst = min(self._through, key=lambda passage: passage.limit_m - passage.offset_m)
+        return self.verdict(
+            passed=True,
+            actual=worst.offset_m,
+            limit=worst.limit_m,
+            unit="m",
+            margin=worst.limit_m - worst.offset_m,
+            at_s=worst.at_s,
+            detail=f"through {worst.gate}",
+        )
+
+    @property
+    def _done(self) -> bool:
+        return len(self._through) == len(self._route)
+
+    @property
+    def _next(self) -> str:
+        return "" if self._done else self._route[len(self._through)][0]
+
+    def _right_way(self, direction: int) -> bool:
+        match self._direction:
+            case "either":
+                return True
+            case "along":
+                return direction == 1
+            case "against":
+                return direction == -1
+            case "away":
+                return direction != self._home
+
+    def _pass(self, name: str, passage: Passage) -> Flags:
+        """Take that the body went through the plane of a gate."""
+        gate = dict(self._route)[name]
+        inside = passage.reach_m < gate.limit_m
+        if name != self._next:
+            if inside and all(name != one.gate for one in self._through):
+                self._note(f"flew through {name} before {self._next}")
+            return NO_FLAGS
+        if not self._right_way(passage.direction):
+            if inside:
+                self._note(f"flew through {name} the wrong way")
+            return NO_FLAGS
+        if not inside:
+            return self._beside(name, gate, passage)
+        limit_m = gate.limit_m - (passage.reach_m - passage.offset_m)
+        self._through.append(_Through(name, passage.offset_m, limit_m, passage.at_s))
+        self._home = None
+        self._wrong.clear()
+        return self.flag(passage.at_s, f"{self.vehicle} flew through {name}", decisive=False)
+
+    def _beside(self, name: str, gate: Gate, passage: Passage) -> Flags:
+        if passage.offset_m < gate.limit_m:
+            over_m = passage.reach_m - gate.limit_m
+            self._note(f"passed {name} with its body {over_m:.2f} m beyond the opening")
+        else:
+            self._note(f"passed {passage.offset_m:.2f} m beside the centre of {name}")
+        return self.flag(passage.at_s, f"{self.vehicle} passed beside {name}", decisive=False)
+
+    def _note(self, text: str) -> None:
+        if text not in self._wrong:
+            self._wrong.append(text)
+
+    def _missing(self) -> str:
+        if self._last is None:
+            return "no pose seen"
+        done, total = len(self._through), len(self._route)
+        text = f"never flew through {self._next} ({done} of {total} gates)"
+        return "; ".join([text, *self._wrong[:_MOST_TURNS], *self._unfinished()])
+
+    def _unfinished(self) -> Iterator[str]:
+        detector = self._detectors.get(self._next)
+        if detector is not None and (depth_m := detector.unfinished_m) > 0.0:
+            yield f"ended {depth_m:.2f} m behind its plane, with a body of {self._radius}"
+
+    @property
+    def _radius(self) -> str:
+        return f"{self._body.radius_m:.2f} m round its centre"
+
+
+_MOST_TURNS = 3
+"""So many wrong turns are named in a reason."""
+
+
+@oracle(
+    "reached",
+    "flies with its whole body through the goal's gates, in order and direction",
+    ReachedParameters,
+    window=ON_GOAL,
+    at_the_end=True,
+)
+def reached(terms: Terms, parameters: ReachedParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of gates. Raises OracleError when a gate is not in the world."""
+    route = context.route if parameters.gates is None else parameters.gates
+    for gate in route:
+        if gate not in context.gates:
+            known = ", ".join(context.gates) or "none"
+            message = f"the judged world has no gate {gate!r} (it has {known})"
+            raise OracleError(f"oracle {terms.name!r}: {message}")
+    return Reached(
+        terms,
+        route=[(gate, context.gates[gate]) for gate in route],
+        events=context.events,
+        direction=parameters.direction,
+        body_half_m=context.body_half_m,
+    )

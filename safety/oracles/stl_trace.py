@@ -1,0 +1,48 @@
+"""The values of a formula's signals over its window."""
+
+import math
+from array import array
+
+import numpy as np
+
+from safety.stl.steps import Values
+
+FIRST_WITHIN_S = 0.5
+"""A first value this soon after the window opened counts from its opening on."""
+
+
+class Trace:
+    """The values of some signals over time: a row whenever one of them has a new value.
+
+    A signal is NaN in the rows before its first value.
+    """
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self.times_s = array("d")
+        self._rows = {name: array("d") for name in names}
+        self._latest = dict.fromkeys(names, math.nan)
+
+    def note(self, name: str, value: float | None) -> None:
+        """Take a value; it counts from the next row on."""
+        if value is not None:
+            self._latest[name] = value
+
+    def add_row(self, t_s: float) -> None:
+        """Add what is known now; a sample that is late counts as now."""
+        if self.times_s and t_s <= self.times_s[-1]:
+            for name, row in self._rows.items():
+                row[-1] = self._latest[name]
+            return
+        self.times_s.append(t_s)
+        for name, row in self._rows.items():
+            row.append(self._latest[name])
+
+    def values(self) -> dict[str, Values]:
+        """Return the values of each signal, one per row."""
+        return {name: self._filled(np.array(row)) for name, row in self._rows.items()}
+
+    def _filled(self, row: Values) -> Values:
+        known = np.flatnonzero(~np.isnan(row))
+        if known.size and self.times_s[known[0]] - self.times_s[0] <= FIRST_WITHIN_S:
+            row[: known[0]] = row[known[0]]
+        return row

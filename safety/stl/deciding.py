@@ -1,0 +1,62 @@
+"""The part of a formula that decides, with its values in its own unit."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from safety.stl.arithmetic import difference_of, limit_side, value_of, written
+from safety.stl.evaluation import Occurrence
+from safety.stl.formula import Comparison, Term
+from safety.stl.steps import Values
+from safety.stl.units import SignalKind, unit_text
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A comparison, or a signal that is true or false, at the sample that decides.
+
+    text: as a formula writes it, so that it should hold. margin: by how much it does, negative
+    where it is violated. actual, limit, margin: None for a signal that is true or false.
+    """
+
+    text: str
+    actual: float | None = None
+    limit: float | None = None
+    unit: str = ""
+    margin: float | None = None
+
+    @property
+    def violation(self) -> str:
+        """Return that it is violated, in a clause."""
+        if self.actual is None or self.limit is None:
+            return f"{self.text} is violated"
+        values = f"{self.actual:.3f} {self.unit} against {self.limit:g} {self.unit}"
+        return f"{self.text} is violated: {' '.join(values.split())}"
+
+
+def part_of(
+    by: Occurrence, index: int, signals: Mapping[str, Values], kinds: Mapping[str, SignalKind]
+) -> Part:
+    """Return the part that decides at a sample."""
+    atom = by.atom
+    text = written(atom, positive=by.positive)
+    if not isinstance(atom, Comparison):
+        return Part(text)
+    measured, limit = limit_side(atom)
+    margin = _at(difference_of(atom, signals), index)
+    return Part(
+        text=text,
+        actual=_at(value_of(measured, signals), index),
+        limit=_at(value_of(limit, signals), index),
+        unit=unit_of_either(measured, limit, kinds),
+        # A positive zero: a margin of -0 is none.
+        margin=(margin if by.positive else -margin) + 0.0,
+    )
+
+
+def unit_of_either(one: Term, other: Term, kinds: Mapping[str, SignalKind]) -> str:
+    """Return the unit of a comparison's sides; a bare number has that of the other side."""
+    return unit_text(one, kinds) or unit_text(other, kinds)
+
+
+def _at(values: Values, index: int) -> float:
+    return float(values if values.ndim == 0 else values[index])

@@ -1,0 +1,154 @@
+"""Values that are constant from one time to the next, and minimum and maximum over them.
+
+Times are whole nanoseconds, so that the bounds of windows meet the samples exactly.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+NEVER_NS = int(np.iinfo(np.int64).max)
+NO_ORIGIN = -1
+"""The origin of a value that comes from no sample."""
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """A value over time: values[i] from times_ns[i] to times_ns[i + 1], the last one for good.
+
+    times_ns: ascending, relative to the begin of the evaluation. origins: a number for the sample
+    that each value comes from; NO_ORIGIN where there is none.
+    """
+
+    times_ns: Indices
+    values: Values
+    origins: Indices
+
+    def negated(self) -> "Steps":
+        """Return it with the other sign."""
+        return Steps(self.times_ns, -self.values, self.origins)
+
+    def until_ns(self) -> Indices:
+        """Return until when each value lasts."""
+        return np.append(self.times_ns[1:], NEVER_NS)
+
+    def compressed(self) -> "Steps":
+        """Return it without the times at which the value stays as it is."""
+        kept = np.append(True, self.values[1:] != self.values[:-1])  # a flag
+        return Steps(self.times_ns[kept], self.values[kept], self.origins[kept])
+
+
+def aligned(left: Steps, right: Steps) -> tuple[Steps, Steps]:
+    """Return both over the times of both; both begin at the same time."""
+    if np.array_equal(left.times_ns, right.times_ns):
+        return left, right
+    times_ns = np.union1d(left.times_ns, right.times_ns)
+    return _over(left, times_ns), _over(right, times_ns)
+
+
+def _over(steps: Steps, times_ns: Indices) -> Steps:
+    index = np.searchsorted(steps.times_ns, times_ns, side="right") - 1
+    return Steps(times_ns, steps.values[index], steps.origins[index])
+
+
+def split_at(steps: Steps, time_ns: int) -> Steps:
+    """Return it with a step at a time, if that lies behind its begin."""
+    if time_ns <= steps.times_ns[0]:
+        return steps
+    return _over(steps, np.union1d(steps.times_ns, np.array([time_ns])))
+
+
+def higher(left: Steps, right: Steps) -> Steps:
+    """Return the higher of two values at each time; the left one where they are equal."""
+    left, right = aligned(left, right)
+    return _chosen(right.values > left.values, left, right).compressed()
+
+
+def lower(left: Steps, right: Steps) -> Steps:
+    """Return the lower of two values at each time; the left one where they are equal."""
+    left, right = aligned(left, right)
+    return _chosen(right.values < left.values, left, right).compressed()
+
+
+def _chosen(second: NDArray[np.bool_], first: Steps, other: Steps) -> Steps:
+    return Steps(
+        first.times_ns,
+        np.where(second, other.values, first.values),
+        np.where(second, other.origins, first.origins),
+    )
+
+
+def implied(premise: Steps, conclusion: Steps) -> Steps:
+    """Return the higher of the negated premise and the conclusion.
+
+    Where both are violated, the origin is the conclusion's: it is what a reader calls violated.
+    """
+    denied, conclusion = aligned(premise.negated(), conclusion)
+    values = np.maximum(denied.values, conclusion.values)
+    named = (values < 0.0) & (conclusion.origins != NO_ORIGIN)
+    concluded = (conclusion.values >= denied.values) | named
+    origins = np.where(concluded, conclusion.origins, denied.origins)
+    return Steps(denied.times_ns, values, origins).compressed()
+
+
+def highest_within(
+    steps: Steps, enters_ns: Indices, leaves_ns: Indices, from_ns: int, until_ns: int
+) -> Steps:
+    """Return the highest value in a moving window, for each time from from_ns to until_ns.
+
+    enters_ns, leaves_ns: from when and until when each value lies in the window, both ascending.
+    The first of equal values counts; an empty window is -inf. One pass over all values (Lemire,
+    "Streaming maximum-minimum filter", 2006).
+    """
+    if from_ns == until_ns:
+        within = np.flatnonzero((enters_ns <= from_ns) & (leaves_ns > from_ns))
+        best = [int(within[np.argmax(steps.values[within])])] if within.size else [-1]
+        return _of_indices(steps, np.array([from_ns]), best)
+    both = np.concatenate((enters_ns, leaves_ns))
+    moments_ns = np.unique(np.append(both[(both > from_ns) & (both <= until_ns)], from_ns))
+    values, enters, leaves = steps.values.tolist(), enters_ns.tolist(), leaves_ns.tolist()
+    found: list[int] = []
+    window: deque[int] = deque()
+    following = 0
+    for moment in moments_ns.tolist():
+        while following < len(values) and enters[following] <= moment:
+            while window and values[window[-1]] < values[following]:
+                window.pop()
+            window.append(following)
+            following += 1
+        while window and leaves[window[0]] <= moment:
+            window.popleft()
+        found.append(window[0] if window else -1)
+    return _of_indices(steps, moments_ns, found)
+
+
+def _of_indices(steps: Steps, times_ns: Indices, found: list[int]) -> Steps:
+    index = np.array(found)
+    values = np.where(index < 0, -np.inf, steps.values[index])
+    origins = np.where(index < 0, NO_ORIGIN, steps.origins[index])
+    return Steps(times_ns, values, origins).compressed()
+
+
+def held_until(held: Steps, reached: Steps, end_ns: int) -> Steps:
+    """Return how far `held` holds until, up to and with end_ns, `reached` does.
+
+    At a time t: the highest over t' >= t of the lower of reached(t') and of the lowest of held
+    from t to t', both ends included; after end_ns t' is t alone.
+    """
+    held, reached = aligned(split_at(held, end_ns + 1), split_at(reached, end_ns + 1))
+    now = _chosen(reached.values < held.values, held, reached)
+    values, origins = now.values.tolist(), now.origins.tolist()
+    holds, holders = held.values.tolist(), held.origins.tolist()
+    last = int(np.searchsorted(held.times_ns, end_ns, side="right")) - 1
+    for i in range(last - 1, -1, -1):
+        kept, keeper = values[i + 1], origins[i + 1]
+        if holds[i] < kept:
+            kept, keeper = holds[i], holders[i]
+        if kept > values[i]:
+            values[i], origins[i] = kept, keeper
+    return Steps(held.times_ns, np.array(values), np.array(origins)).compressed()

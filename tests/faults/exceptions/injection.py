@@ -1,0 +1,209 @@
+"""Finds by instrumentation where a run can raise, and raises there.
+
+A run is flown once under `InjectingLoop`: each step of each task and each callback of ours is a
+point, by the name of its task, the lines of our packages that wait, and the stage of the run. Then
+one is flown for each point, with an exception in place of what the line waited for.
+"""
+
+import asyncio
+import inspect
+import sys
+from collections.abc import Callable, Coroutine, Generator, Iterator
+from contextlib import contextmanager
+from contextvars import Context
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any, Literal
+
+from orchestrator.clock import VirtualLoop
+
+ROOT = Path(__file__).parents[3]
+PACKAGES = ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
+_OURS = tuple(f"{ROOT / name}/" for name in PACKAGES)
+_ASYNC = inspect.CO_COROUTINE | inspect.CO_GENERATOR | inspect.CO_ASYNC_GENERATOR
+
+Kind = Literal["await", "callback", "call"]
+
+
+class InjectedError(Exception):
+    """What is raised: no code of ours knows it, so nobody can mean to catch it."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Point:
+    """A place in the run where an exception can come up.
+
+    task: its name; where: the lines of ours that wait, outermost first, or the function that is
+    called; stage: of the run.
+    """
+
+    kind: Kind
+    task: str
+    where: str
+    stage: str
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """What is raised at which point, at its how many-th time (from 1)."""
+
+    point: Point
+    nth: int
+    error: Literal["exception", "cancelled"] = "exception"
+
+    def make(self) -> BaseException:
+        """Return the exception."""
+        text = f"injected at {self.point.where}"
+        if self.error == "cancelled":
+            return asyncio.CancelledError(text)
+        return InjectedError(text)
+
+
+@dataclass(slots=True)
+class Probe:
+    """Counts the points of a run; at the wanted one it has something raised."""
+
+    injection: Injection | None = None
+    stage: Callable[[], str] = lambda: "opening"
+    counts: dict[Point, int] = field(default_factory=dict)
+    raised: bool = False
+
+    def pass_by(self, point: Point) -> BaseException | None:
+        """Return what is to be raised at a point, which the run has come to."""
+        count = self.counts[point] = self.counts.get(point, 0) + 1
+        wanted = self.injection
+        if self.raised or wanted is None or (point, count) != (wanted.point, wanted.nth):
+            return None
+        self.raised = True
+        return wanted.make()
+
+
+class _Stepped(Coroutine[Any, Any, Any]):
+    """A task's coroutine, each step of which passes by the probe."""
+
+    def __init__(self, inner: Coroutine[Any, Any, Any], probe: Probe) -> None:
+        self._inner = inner
+        self._probe = probe
+
+    def send(self, value: Any) -> Any:
+        where = waiting_at(self._inner)
+        if where:
+            point = Point("await", _task_name(), where, self._probe.stage())
+            error = self._probe.pass_by(point)
+            if error is not None:
+                return self._inner.throw(error)
+        return self._inner.send(value)
+
+    def throw(self, *raised: Any) -> Any:
+        return self._inner.throw(*raised)
+
+    def close(self) -> None:
+        self._inner.close()
+
+    def __await__(self) -> Generator[Any, Any, Any]:
+        raise NotImplementedError
+
+
+class InjectingLoop(VirtualLoop):
+    """Virtual time in which tasks and callbacks pass by a probe."""
+
+    def __init__(self, probe: Probe) -> None:
+        self._probe = probe
+        super().__init__()
+
+    def create_task(self, coro: Any, **more: Any) -> asyncio.Task[Any]:
+        """Have each of its steps pass by the probe."""
+        return super().create_task(_Stepped(coro, self._probe), **more)
+
+    def call_soon(
+        self, callback: Any, *args: Any, context: Context | None = None
+    ) -> asyncio.Handle:
+        return super().call_soon(self._passing(callback), *args, context=context)
+
+    def call_at(
+        self, when: float, callback: Any, *args: Any, context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        return super().call_at(when, self._passing(callback), *args, context=context)
+
+    def _passing(self, callback: Any) -> Any:
+        code = _code_of(callback)
+        if code is None or not code.co_filename.startswith(_OURS):
+            return callback
+        where = _place(code, code.co_firstlineno)
+
+        def called(*args: Any) -> None:
+            callback(*args)
+            point = Point("callback", "loop", where, self._probe.stage())
+            error = self._probe.pass_by(point)
+            if error is not None:
+                raise error
+
+        return called
+
+
+def waiting_at(coroutine: Any) -> str:
+    """Return the lines of ours at which a coroutine waits, outermost first."""
+    places = []
+    while coroutine is not None:
+        frame, inner = _frame_of(coroutine)
+        if frame is not None and frame.f_code.co_filename.startswith(_OURS):
+            places.append(_place(frame.f_code, frame.f_lineno))
+        coroutine = inner
+    return " > ".join(places)
+
+
+def _frame_of(one: Any) -> tuple[FrameType | None, Any]:
+    for prefix, inner in (("cr", "cr_await"), ("gi", "gi_yieldfrom"), ("ag", "ag_await")):
+        if hasattr(one, f"{prefix}_frame"):
+            return getattr(one, f"{prefix}_frame"), getattr(one, inner)
+    return None, None
+
+
+def _code_of(callback: Any) -> CodeType | None:
+    while isinstance(callback, partial):
+        callback = callback.func
+    code = getattr(callback, "__code__", None)
+    return code if isinstance(code, CodeType) else None
+
+
+def _place(code: CodeType, line: int) -> str:
+    path = code.co_filename.removeprefix(f"{ROOT}/")
+    return f"{path}:{line} {code.co_qualname}"
+
+
+def _task_name() -> str:
+    task = asyncio.current_task()
+    name = "" if task is None else task.get_name()
+    return "unnamed" if not name or name.startswith("Task-") else name
+
+
+@contextmanager
+def calls_pass_by(probe: Probe, *, but: tuple[str, ...] = ()) -> Iterator[None]:
+    """Have each call of a plain function of ours pass by the probe, which may raise in its place.
+
+    but: folders and files whose functions are left out.
+    """
+    left_out = tuple(str(ROOT / one) for one in but)
+    known: dict[CodeType, str] = {}
+    wanted = probe.injection
+
+    def entered(frame: FrameType, event: str, _: Any) -> None:
+        code = frame.f_code
+        where = known.get(code)
+        if where is None:
+            ours = code.co_filename.startswith(_OURS) and not code.co_filename.startswith(left_out)
+            plain = ours and not code.co_flags & _ASYNC and not code.co_name.startswith("<")
+            where = known[code] = _place(code, code.co_firstlineno) if plain else ""
+        if not where or event != "call" or (wanted is not None and wanted.point.where != where):
+            return
+        error = probe.pass_by(Point("call", "", where, probe.stage()))
+        if error is not None:
+            raise error
+
+    sys.settrace(entered)
+    try:
+        yield
+    finally:
+        sys.settrace(None)

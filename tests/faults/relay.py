@@ -1,0 +1,88 @@
+"""A relay between a vehicle and its guard, in virtual time: it alters what the vehicle says."""
+
+import asyncio
+import struct
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from orchestrator.run.course import Course, Stage
+from orchestrator.run.opening import Pair
+from vehicles.mavlink.framing import Frame, FrameSplitter, with_payload
+
+LOCAL_POSITION_NED: int = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+_LAYOUT = struct.Struct("<I6f")
+
+Change = Callable[[Frame], Iterable[tuple[float, bytes]]]
+"""Returns what goes on in a frame's place: after how many seconds, which bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """A LOCAL_POSITION_NED: milliseconds since boot, metres and m/s of the vehicle's own frame."""
+
+    boot_ms: int
+    values: tuple[float, ...]
+
+    @classmethod
+    def of(cls, frame: Frame) -> "Position":
+        """Return what a frame says."""
+        boot_ms, *values = _LAYOUT.unpack(frame.payload.ljust(_LAYOUT.size, b"\0"))
+        return cls(boot_ms, tuple(values))
+
+    def in_place_of(self, frame: Frame) -> bytes:
+        """Return a frame of the same sender that says this."""
+        return with_payload(frame, _LAYOUT.pack(self.boot_ms, *self.values))
+
+
+def frozen() -> Change:
+    """Return a change that repeats the first position with the stamps of the later ones."""
+    first: list[Position] = []
+
+    def change(frame: Frame) -> Iterable[tuple[float, bytes]]:
+        now = Position.of(frame)
+        first.append(now)
+        yield 0.0, Position(now.boot_ms, first[0].values).in_place_of(frame)
+
+    return change
+
+
+def stopped() -> Change:
+    """Return a change that lets nothing pass."""
+    return lambda _: ()
+
+
+def relay(
+    vehicle: str,
+    change: Change,
+    *,
+    stage: Stage,
+    after_s: float = 0.0,
+    message_id: int = LOCAL_POSITION_NED,
+) -> Callable[[Pair, Course], None]:
+    """Return a disturbance: from a stage on, messages of one kind go on as `change` says."""
+
+    def disturb(pair: Pair, course: Course) -> None:
+        far: Any = pair.vehicles[vehicle]
+        near = far._link._other
+        pass_on, splitter = near._take, FrameSplitter()
+
+        def take(data: bytes) -> None:
+            loop = asyncio.get_running_loop()
+            since_s = course.entered_s.get(stage)
+            active = since_s is not None and loop.time() >= since_s + after_s
+            for frame in splitter.feed(data):
+                if not active or frame.message_id != message_id:
+                    pass_on(frame.raw)
+                    continue
+                for delay_s, raw in change(frame):
+                    if delay_s <= 0.0:
+                        pass_on(raw)
+                    else:
+                        loop.call_later(delay_s, pass_on, raw)
+
+        near._take = take
+
+    return disturb

@@ -1,0 +1,105 @@
+"""When what the mixtures of a run showed proves that it proves nothing."""
+
+import pytest
+
+from recipes.visibility.coverage import Coverage, VisibilityFault, uncovered
+from recipes.visibility.model import FrameVisibility, ObjectVisibility
+
+
+def seen(
+    t_s: float, *, in_view: bool = True, shown: bool = True, offset: float = 2.0, name: str = "gate"
+) -> FrameVisibility:
+    found = ObjectVisibility(
+        name=name,
+        in_view=in_view,
+        expected=0.1 if in_view else 0.0,
+        shown=1.0 if shown else 0.0,
+        is_shown=shown and in_view,
+        offset=offset if shown and in_view else None,
+        limit=10.0,
+        unit="px",
+    )
+    return FrameVisibility(t_s, (found,))
+
+
+def flown(frames: list[FrameVisibility]) -> tuple[Coverage, VisibilityFault | None]:
+    coverage = Coverage()
+    faults = [coverage.take(frame) for frame in frames]
+    return coverage, next((fault for fault in faults if fault is not None), None)
+
+
+def test_what_is_shown_in_its_place_is_no_fault() -> None:
+    coverage, fault = flown([seen(k / 5) for k in range(50)])
+    assert fault is None
+    assert coverage.never_shown() is None
+    assert uncovered([coverage]) is None
+    gate = coverage.objects["gate"]
+    assert (gate.in_view, gate.shown, list(gate.offsets)) == (50, 50, [2.0] * 50)
+
+
+def test_what_is_in_view_for_two_seconds_and_never_shown_is_a_fault_at_once() -> None:
+    _, fault = flown([seen(3.0 + k / 5, shown=False) for k in range(50)])
+    assert fault == VisibilityFault(
+        3.0, "the mixture never showed gate: it was in view in 11 measured frames, 0 showed it"
+    )
+
+
+def test_what_is_never_shown_is_a_fault_at_the_end_of_a_short_flight() -> None:
+    coverage, fault = flown([seen(k / 5, shown=False) for k in range(6)])
+    assert fault is None
+    never = coverage.never_shown()
+    assert never is not None
+    assert never.text.startswith("the mixture never showed gate")
+
+
+def test_what_was_never_in_view_need_not_be_shown() -> None:
+    coverage, fault = flown([seen(k / 5, in_view=False) for k in range(50)])
+    assert fault is None
+    assert coverage.never_shown() is None
+    assert uncovered([coverage]) is None
+
+
+@pytest.mark.parametrize(("shown", "is_fault"), [(4, True), (24, True), (25, False)])
+def test_what_is_hardly_shown_is_a_fault_at_the_end(shown: int, is_fault: bool) -> None:
+    coverage, fault = flown([seen(k / 5, shown=k < shown) for k in range(50)])
+    assert fault is None
+    found = uncovered([coverage])
+    assert (found is not None) == is_fault
+    if found is not None:
+        assert "hardly showed gate" in found.text
+        assert f"in view in 50 measured frames, {shown} showed it" in found.text
+
+
+def test_another_sensor_may_show_it() -> None:
+    blind, _ = flown([seen(k / 5, shown=False) for k in range(8)])
+    lidar, _ = flown([seen(k / 5) for k in range(8)])
+    assert uncovered([blind, lidar]) is None
+    assert uncovered([blind]) is not None
+
+
+def test_one_displaced_frame_is_looked_at_more_closely_and_two_are_a_fault() -> None:
+    coverage = Coverage()
+    assert coverage.take(seen(1.0, offset=87.0)) is None
+    assert coverage.is_suspect()
+    assert coverage.take(seen(1.07)) is None
+    assert not coverage.is_suspect()
+    assert coverage.take(seen(2.0, offset=87.0)) is None
+    fault = coverage.take(seen(2.067, offset=86.0))
+    assert fault is not None
+    said = "the mixture shows gate 86 px from its place at 2.067 s; the limit is 10 px"
+    assert fault.text == said
+
+
+def test_something_virtual_where_nothing_is_due_is_a_fault() -> None:
+    coverage = Coverage()
+    frame = FrameVisibility(1.0, elsewhere=0.05, is_unexpected=True)
+    assert coverage.take(frame) is None
+    fault = coverage.take(frame)
+    assert fault is not None
+    assert "5.0 % of the reading" in fault.text
+
+
+def test_what_cannot_be_measured_is_said_and_not_counted() -> None:
+    coverage, fault = flown([FrameVisibility(1.0, not_measured="no reference pose")] * 20)
+    assert fault is None
+    assert (coverage.frames, coverage.not_measured) == (0, "no reference pose")

@@ -1,0 +1,219 @@
+"""What a mixed picture shows of virtual objects, against where geometry puts them."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from recipes.visibility.model import ExpectedPicture, FrameVisibility, ObjectVisibility, Virtual
+from recipes.visibility.pictures import PicturePair, compare_pictures
+from vehicles.readings import BgrImage
+
+WIDTH, HEIGHT, STEP = 160, 120, 4
+GATE = 2
+VIRTUAL = Virtual({GATE: "gate"})
+ORANGE = (0, 105, 220)
+
+
+def ring(
+    x: float = 80.0, y: float = 60.0, half: float = 22.0, bar: float = 4.0
+) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Return where a square gate is, in samples."""
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+    away = np.maximum(abs(columns - x), abs(rows - y))
+    return np.asarray((away <= half) & (away >= half - bar))
+
+
+def room(seed: int, level: float = 140.0) -> BgrImage:
+    """Return a wall with stains and a camera's noise."""
+    rng = np.random.default_rng(seed)
+    stains = cv2.resize(rng.normal(level, 20, (6, 8)), (WIDTH, HEIGHT))
+    noise = rng.normal(0, 3, (HEIGHT, WIDTH, 3))
+    return np.asarray(np.clip(stains[:, :, None] + noise, 0, 255), np.uint8)
+
+
+def drawn(mask: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], seed: int = 1) -> BgrImage:
+    """Return a picture of the virtual world."""
+    image = room(seed, 150.0)
+    image[mask] = ORANGE
+    return image
+
+
+@dataclass
+class Scene:
+    """A real picture, and a gate that geometry puts into it."""
+
+    real: BgrImage
+    due: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+    def compare(
+        self,
+        mixed: BgrImage,
+        *,
+        limit_px: float | None = None,
+        is_like: bool = True,
+        unknown: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] | None = None,
+    ) -> FrameVisibility:
+        ids = np.where(self.due, np.uint8(GATE), np.uint8(1))
+        return compare_pictures(
+            PicturePair(
+                t_s=1.0,
+                real_bgr=self.real,
+                mixed_bgr=mixed,
+                expected=ExpectedPicture(ids, drawn(self.due), unknown, STEP),
+                virtual=VIRTUAL,
+                limit_px=limit_px,
+                is_like=is_like,
+            )
+        )
+
+    def overlaid(self, mask: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> BgrImage:
+        """Return the real picture with a gate laid over it somewhere."""
+        return np.where(mask[:, :, None], drawn(mask), self.real)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return Scene(room(0), ring())
+
+
+def gate_of(frame: FrameVisibility) -> ObjectVisibility:
+    assert frame.not_measured == ""
+    (gate,) = frame.objects
+    return gate
+
+
+def test_a_gate_in_its_place_is_shown(scene: Scene) -> None:
+    gate = gate_of(scene.compare(scene.overlaid(ring())))
+    assert (gate.in_view, gate.is_shown, gate.offset) == (True, True, 0.0)
+    assert gate.shown == pytest.approx(1.0, abs=0.02)
+    # A tenth of 180 px.
+    assert gate.limit == pytest.approx(18.0)
+
+
+def test_an_untouched_picture_shows_nothing(scene: Scene) -> None:
+    gate = gate_of(scene.compare(scene.real.copy()))
+    assert (gate.in_view, gate.is_shown, gate.shown, gate.offset) == (True, False, 0.0, None)
+
+
+@given(st.integers(-14, 14), st.integers(-14, 14))
+def test_a_shift_is_found_in_the_picture(across: int, down: int) -> None:
+    """To the diagonal, for of a square frame the nearest edge counts."""
+    here = Scene(room(0), ring())
+    gate = gate_of(here.compare(here.overlaid(ring(80.0 + across, 60.0 + down))))
+    assert gate.offset is not None
+    assert gate.offset == pytest.approx(STEP * max(abs(across), abs(down)), abs=1.5 * STEP)
+
+
+def test_87_px_are_not_flown_without_a_word(scene: Scene) -> None:
+    for away in (87 / STEP, -87 / STEP):
+        assert gate_of(scene.compare(scene.overlaid(ring(80.0 + away)))).is_displaced
+
+
+def test_87_px_are_too_far_however_near_the_gate_is() -> None:
+    near = Scene(room(0), ring(half=75.0, bar=14.0))
+    assert gate_of(near.compare(near.overlaid(ring(half=75.0, bar=14.0)))).offset == 0.0
+    shifted = gate_of(near.compare(near.overlaid(ring(80.0 + 87 / STEP, half=75.0, bar=14.0))))
+    assert shifted.is_displaced
+
+
+@pytest.mark.parametrize("size", [0.6, 0.75, 1.3, 1.6])
+def test_another_size_is_displaced(scene: Scene, size: float) -> None:
+    mixed = scene.overlaid(ring(half=22.0 * size, bar=4.0 * size))
+    assert gate_of(scene.compare(mixed)).is_displaced
+
+
+def test_a_part_of_the_gate_shows_it(scene: Scene) -> None:
+    """Light hides parts: half of it is shown, and that half is in its place."""
+    half = ring()
+    half[:, 95:] = False
+    gate = gate_of(scene.compare(scene.overlaid(half)))
+    assert gate.is_shown
+    assert not gate.is_displaced
+
+
+def test_a_limit_of_the_recipe_counts_to_the_resolution_of_the_comparison(scene: Scene) -> None:
+    aside = scene.overlaid(ring(82.0))
+    assert not gate_of(scene.compare(aside, limit_px=4.0)).is_displaced
+    assert gate_of(scene.compare(aside, limit_px=2.0)).is_displaced
+    assert not gate_of(scene.compare(scene.overlaid(ring()), limit_px=0.1)).is_displaced
+
+
+def test_what_is_drawn_where_nothing_is_due_is_said() -> None:
+    empty = Scene(room(0), np.zeros((HEIGHT, WIDTH), np.bool_))
+    frame = empty.compare(empty.overlaid(ring(half=6.0, bar=2.0)))
+    assert frame.is_unexpected
+    assert not gate_of(frame).in_view
+    # Just out of the picture, a gate may reach into it by the limit.
+    edge = np.zeros((HEIGHT, WIDTH), np.bool_)
+    edge[:, :2] = True
+    assert not empty.compare(empty.overlaid(edge)).is_unexpected
+    assert not empty.compare(empty.real.copy()).is_unexpected
+
+
+def test_what_something_physical_may_hide_does_not_count(scene: Scene) -> None:
+    hidden = np.zeros((HEIGHT, WIDTH), np.bool_)
+    hidden[:, 85:] = True
+    gate = gate_of(scene.compare(scene.overlaid(ring() & ~hidden), unknown=hidden))
+    assert (gate.is_shown, gate.offset) == (True, 0.0)
+    whole = gate_of(scene.compare(scene.overlaid(ring()), unknown=hidden))
+    assert (whole.is_shown, whole.offset) == (True, 0.0)
+
+
+@pytest.mark.parametrize("blend", [1.0, 0.5, 0.25])
+def test_a_recipe_that_changes_everything_is_searched_for_the_gate(
+    scene: Scene, blend: float
+) -> None:
+    def mixed(x: float) -> BgrImage:
+        twin = drawn(ring(x)).astype(np.float64)
+        return np.asarray(scene.real + blend * (twin - scene.real), np.uint8)
+
+    right = gate_of(scene.compare(mixed(80.0)))
+    assert (right.is_shown, right.offset) == (True, 0.0)
+    aside = gate_of(scene.compare(mixed(100.0)))
+    assert aside.offset == pytest.approx(80.0, abs=STEP)
+    assert aside.is_displaced
+
+
+def test_a_whole_picture_without_the_gate_does_not_show_it(scene: Scene) -> None:
+    without = room(5, 150.0)
+    gate = gate_of(scene.compare(without))
+    assert (gate.in_view, gate.is_shown, gate.offset) == (True, False, None)
+    # Another renderer's picture may look otherwise: that is not measured, and said.
+    assert scene.compare(without, is_like=False).not_measured
+    assert gate_of(scene.compare(drawn(ring()), is_like=False)).is_shown
+
+
+def test_a_hole_in_the_shape_of_the_gate_does_not_show_it(scene: Scene) -> None:
+    """What a recipe makes that isolates all but the gate."""
+    dark = Scene(room(0, 90.0), ring())
+    mixed = np.where(ring()[:, :, None], dark.real, room(5, 180.0))
+    gate = gate_of(dark.compare(mixed))
+    assert (gate.in_view, gate.is_shown, gate.offset) == (True, False, None)
+
+
+def test_two_objects_are_told_apart() -> None:
+    left, right = ring(40.0, half=15.0), ring(120.0, half=15.0)
+    ids = np.where(left, np.uint8(2), np.where(right, np.uint8(3), np.uint8(1)))
+    real = room(0)
+    mixed = np.where(right[:, :, None], drawn(right), real)
+    frame = compare_pictures(
+        PicturePair(
+            t_s=1.0,
+            real_bgr=real,
+            mixed_bgr=mixed,
+            expected=ExpectedPicture(ids, drawn(left | right), None, STEP),
+            virtual=Virtual({2: "left", 3: "right"}),
+            limit_px=None,
+            is_like=True,
+        )
+    )
+    assert {one.name: (one.in_view, one.is_shown, one.offset) for one in frame.objects} == {
+        "left": (True, False, None),
+        "right": (True, True, 0.0),
+    }
+    assert math.isclose(frame.elsewhere, 0.0)

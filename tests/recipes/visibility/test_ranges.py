@@ -1,0 +1,127 @@
+"""What mixed ranges show of virtual objects, against what geometry puts before each beam."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from recipes.visibility.model import ExpectedRanges, FrameVisibility, ObjectVisibility, Virtual
+from recipes.visibility.ranges import compare_points, compare_ranges
+
+WALL = 2
+VIRTUAL = Virtual({WALL: "wall"})
+BEAMS = 60
+DUE = slice(20, 40)
+Ranges = NDArray[np.float64]
+
+
+def expected(range_m: float = 4.0) -> ExpectedRanges:
+    """A wall before twenty beams, and nothing else."""
+    ranges_m, ids = np.full(BEAMS, np.inf), np.zeros(BEAMS, np.uint8)
+    ranges_m[DUE], ids[DUE] = range_m, WALL
+    return ExpectedRanges(ranges_m, ids)
+
+
+def real(range_m: float = 9.0) -> Ranges:
+    rng = np.random.default_rng(0)
+    return range_m + 0.02 * rng.standard_normal(BEAMS)
+
+
+def with_wall(range_m: float, where: slice = DUE) -> Ranges:
+    twin = np.full(BEAMS, np.inf)
+    twin[where] = range_m + 0.02 * np.random.default_rng(1).standard_normal(BEAMS)[where]
+    return np.minimum(real(), twin)
+
+
+def compared(mixed: Ranges, *, truly: Ranges | None = None, far_m: float = 12.0) -> FrameVisibility:
+    return compare_ranges(
+        t_s=1.0,
+        real_m=real() if truly is None else truly,
+        mixed_m=mixed,
+        expected=expected(),
+        virtual=VIRTUAL,
+        reach_m=(0.15, far_m),
+    )
+
+
+def wall_of(frame: FrameVisibility) -> ObjectVisibility:
+    (wall,) = frame.objects
+    return wall
+
+
+def test_a_wall_at_its_range_is_shown() -> None:
+    wall = wall_of(compared(with_wall(4.0)))
+    assert (wall.in_view, wall.is_shown, wall.is_displaced) == (True, True, False)
+    assert wall.shown == 1.0
+    assert wall.offset == pytest.approx(0.0, abs=0.03)
+
+
+def test_ranges_that_nothing_was_mixed_into_show_no_wall() -> None:
+    wall = wall_of(compared(real()))
+    assert (wall.in_view, wall.is_shown, wall.offset) == (True, False, None)
+
+
+@pytest.mark.parametrize("range_m", [3.0, 4.5, 6.0])
+def test_a_wall_at_another_range_is_displaced(range_m: float) -> None:
+    wall = wall_of(compared(with_wall(range_m)))
+    assert wall.offset == pytest.approx(abs(range_m - 4.0), abs=0.05)
+    assert wall.is_displaced
+
+
+def test_a_wall_in_other_beams_is_not_shown_in_its_own() -> None:
+    frame = compared(with_wall(4.0, slice(0, 18)))
+    assert not wall_of(frame).is_shown
+    assert frame.elsewhere == pytest.approx(18 / BEAMS)
+
+
+def test_what_is_physically_nearer_hides_the_wall() -> None:
+    truly = real(2.0)
+    assert not wall_of(compared(truly.copy(), truly=truly)).in_view
+
+
+def test_what_is_out_of_reach_is_not_in_view() -> None:
+    assert not wall_of(compared(real(), far_m=3.0)).in_view
+
+
+def test_a_wall_where_nothing_is_due_is_said() -> None:
+    nothing = ExpectedRanges(np.full(BEAMS, np.inf), np.zeros(BEAMS, np.uint8))
+    frame = compare_ranges(
+        t_s=1.0,
+        real_m=real(),
+        mixed_m=with_wall(4.0),
+        expected=nothing,
+        virtual=VIRTUAL,
+        reach_m=(0.15, 12.0),
+    )
+    assert frame.is_unexpected
+
+
+def points(range_m: float, count: int = 40) -> NDArray[np.float64]:
+    """Return points of a wall ahead, across 4 m."""
+    right = np.linspace(-2.0, 2.0, count)
+    return np.stack([np.full(count, range_m), right, np.zeros(count)], axis=1)
+
+
+def cloud(range_m: float | None) -> FrameVisibility:
+    floor = np.stack(
+        [np.linspace(1.0, 8.0, 50), np.zeros(50), np.ones(50)], axis=1, dtype=np.float32
+    )
+    mixed = floor
+    if range_m is not None:
+        mixed = np.concatenate([floor, points(range_m).astype(np.float32)])
+    due = points(4.0)
+    return compare_points(
+        t_s=1.0,
+        real_m=floor,
+        mixed_m=mixed,
+        expected_m=due,
+        ids=np.full(len(due), WALL, np.uint8),
+        virtual=VIRTUAL,
+    )
+
+
+def test_points_of_a_wall_are_shown_displaced_or_missing() -> None:
+    right, late, none = wall_of(cloud(4.0)), wall_of(cloud(5.0)), wall_of(cloud(None))
+    assert (right.is_shown, right.is_displaced, right.shown) == (True, False, 1.0)
+    assert late.is_displaced
+    assert late.offset == pytest.approx(1.0, abs=0.05)
+    assert (none.in_view, none.is_shown, none.offset) == (True, False, None)

@@ -1,0 +1,113 @@
+"""Two sources of one vehicle's place: what they may differ by, and what excludes each other."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from safety.evidence.agreement import Accuracy, Agreement, Disagreement
+from safety.samples import PoseSample, ReferenceSample
+from worlds.frames import Pose, Vec3
+
+CAPTURED = Accuracy(0.002)
+ESTIMATED = Accuracy(1.0, 0.1)
+TRUTH = Accuracy(0.0)
+SPEED_M_S = 0.8
+
+Place = Callable[[float], Vec3]
+
+
+def straight(t_s: float) -> Vec3:
+    return (SPEED_M_S * t_s, 0.0, -1.2)
+
+
+def frozen(t_s: float) -> Vec3:
+    return straight(min(t_s, 3.0))
+
+
+def first(
+    judged: Place,
+    *,
+    other: Place = straight,
+    velocity: Vec3 = (SPEED_M_S, 0.0, 0.0),
+    by: tuple[Accuracy, Accuracy] = (CAPTURED, ESTIMATED),
+    late_s: float = 0.0,
+    for_s: float = 10.0,
+) -> Disagreement | None:
+    """Return the first disagreement of two sources over a flight of ten seconds."""
+    agreement = Agreement(judged=by[0], other=by[1], source="the other")
+    found: list[Disagreement | None] = []
+    for tick in range(int(for_s * 50)):
+        t_s = tick / 50
+        found.append(agreement.pose(PoseSample(t_s, "real", Pose(judged(t_s)), velocity)))
+        if tick % 5 == 0 and t_s >= late_s:
+            then_s = t_s - late_s
+            sample = ReferenceSample(then_s, "real", "mavlink", other(then_s), velocity)
+            found.append(agreement.reference(sample))
+    return next((one for one in found if one is not None), None)
+
+
+def test_sources_that_agree_are_compared_and_let_alone() -> None:
+    for by in ((CAPTURED, ESTIMATED), (ESTIMATED, CAPTURED), (CAPTURED, TRUTH)):
+        assert first(straight, by=by) is None
+        assert first(straight, by=by, late_s=0.3) is None
+
+
+def test_a_tracker_that_repeats_its_last_pose_with_noise_is_found_within_a_second() -> None:
+    rng = np.random.default_rng(1)
+
+    def noisy(t_s: float) -> Vec3:
+        north_m, east_m, down_m = frozen(t_s)
+        noise = rng.normal(0.0, 0.001, 3)
+        return (north_m + noise[0], east_m + noise[1], down_m + noise[2])
+
+    found = first(noisy)
+    assert found is not None
+    assert 3.0 < found.at_s < 4.0
+
+
+def test_a_jump_and_a_bias_are_found_by_what_the_two_state() -> None:
+    def jumped(t_s: float) -> Vec3:
+        return (straight(t_s)[0] + (1.0 if t_s >= 4.0 else 0.0), 0.0, -1.2)
+
+    found = first(jumped)
+    assert found is not None
+    assert found.at_s == pytest.approx(4.0)
+    assert found.text == (
+        "it moved 1.80 m within 1.00 s to 4.00 s, by the other the vehicle moved 0.80 m; both are "
+        "exact to 0.50 m on each axis"
+    )
+
+    def biased(t_s: float) -> Vec3:
+        return (straight(t_s)[0] + 0.3, 0.0, -1.2)
+
+    assert first(biased) is None
+    against_truth = first(biased, by=(CAPTURED, TRUTH))
+    assert against_truth is not None
+    assert against_truth.text.startswith(
+        "it is 0.30 m from where the other has the vehicle at 0.00"
+    )
+
+
+def test_stated_noise_disagrees_in_no_flight() -> None:
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        drift = rng.normal(0.0, 1.0, 3)
+
+        def drifted(t_s: float, drift: np.ndarray = drift) -> Vec3:
+            return (SPEED_M_S * t_s + drift[0], drift[1], -1.2 + drift[2])
+
+        def seen(t_s: float, rng: np.random.Generator = rng) -> Vec3:
+            noise = rng.normal(0.0, 0.002, 3)
+            return (SPEED_M_S * t_s + noise[0], noise[1], -1.2 + noise[2])
+
+        wrong_m_s = rng.normal(0.0, 0.1, 3)
+        velocity = (SPEED_M_S + wrong_m_s[0], wrong_m_s[1], wrong_m_s[2])
+        assert first(seen, other=drifted, velocity=velocity) is None
+
+
+def test_displacements_are_as_exact_as_the_better_of_places_and_velocity() -> None:
+    assert Accuracy(1.0, 0.1).displacement_m(1.0) == pytest.approx(0.1)
+    assert Accuracy(0.01, 0.1).displacement_m(1.0) == pytest.approx(0.01 * math.sqrt(2.0))
+    assert Accuracy(0.01).displacement_m(1.0) == pytest.approx(0.01 * math.sqrt(2.0))

@@ -1,0 +1,95 @@
+"""Processes are known by id and start time, watched, and ended with all that they started."""
+
+import asyncio
+import os
+import signal
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+from vehicles.processes import linux
+from vehicles.processes.child import ChildProcess, how_it_ended
+from vehicles.processes.identity import ProcessId, group_lives
+
+LEAVES_A_CHILD = (
+    "import os, sys, time\n"
+    "if os.fork() == 0: time.sleep(60)\n"
+    "print('no gate in sight', file=sys.stderr, flush=True)\n"
+    "sys.exit(3)"
+)
+
+
+def child(code: str, *, grace_s: float = 3.0) -> ChildProcess:
+    return ChildProcess(argv=(sys.executable, "-S", "-c", code), grace_s=grace_s)
+
+
+def test_an_identity_outlives_a_change_of_the_system_clock(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before = ProcessId.own()
+    booted_s = psutil.boot_time()
+    for module in (psutil, psutil._pslinux):  # type: ignore[attr-defined]  # where Linux has it
+        monkeypatch.setattr(module, "boot_time", lambda: booted_s - 3600.0)
+    assert ProcessId.own() == before
+    assert before.lives
+    assert not ProcessId(before.pid, before.started + 1).lives
+
+
+async def test_an_end_is_seen_while_a_grandchild_holds_stderr_open() -> None:
+    ended = asyncio.Event()
+    process = child(LEAVES_A_CHILD)
+    process.start(lambda _: ended.set())
+    async with asyncio.timeout(20.0):
+        await ended.wait()
+    assert process.exit_code == 3
+    assert process.stderr_tail == "no gate in sight"
+    assert how_it_ended(process.exit_code) == "ended with exit code 3"
+    pid = process.pid
+    assert pid is not None
+    assert group_lives(pid)
+    await process.end()
+    assert not group_lives(pid)
+
+
+async def test_who_ignores_sigterm_is_killed(tmp_path: Path) -> None:
+    ready = tmp_path / "ready"
+    process = child(
+        "import signal, time\n"
+        "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
+        f"open({str(ready)!r}, 'w').close()\n"
+        "time.sleep(60)",
+        grace_s=0.3,
+    )
+    process.start()
+    async with asyncio.timeout(20.0):
+        while not ready.exists():  # noqa: ASYNC110 - another process has no event
+            await asyncio.sleep(0.02)
+    await process.end()
+    assert how_it_ended(process.exit_code) == "was ended by SIGKILL"
+
+
+async def test_one_that_is_released_goes_on() -> None:
+    process = child("import time; time.sleep(60)")
+    process.start()
+    assert await process.wait(0.05) is None
+    known = process.identity
+    assert known is not None
+    process.release()
+    assert known.lives
+    process.kill()
+    assert process._process is not None
+    await asyncio.to_thread(process._process.wait)
+    assert not known.lives
+
+
+def test_what_only_linux_has_is_refused_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "darwin")
+    for refused in (
+        lambda: linux.die_with_parent(signal.SIGTERM),
+        linux.adopt_orphans,
+        lambda: linux.exit_descriptor(os.getpid()),
+    ):
+        with pytest.raises(linux.UnsupportedSystemError, match=r"darwin lacks .*--clock virtual"):
+            refused()

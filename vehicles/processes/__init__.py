@@ -1,0 +1,1 @@
+"""Processes of ours: started, supervised, identified and ended in one way."""

@@ -1,0 +1,220 @@
+"""A process that we start, watch, and end with all that it started."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from vehicles.pace import wall_timeout
+from vehicles.processes.identity import ProcessId, group_lives
+from vehicles.processes.linux import exit_descriptor
+
+_GRACE_S = 3.0
+_KILL_GRACE_S = 2.0
+_POLL_S = 0.02
+_TAIL_LINES = 20
+_TAIL_BYTES = 4000
+_READ_BYTES = 1 << 16
+
+
+class ChildProcess:
+    """A program in a session and process group of its own, so that Ctrl-C does not reach it.
+
+    environment: all of it; None for this process's own. folder: where it works. stdin: a file
+    descriptor; None for an empty one. output: the file descriptor that takes stdout and stderr;
+    None to drop stdout and keep the end of stderr for `stderr_tail`. inherited: descriptors that
+    it gets under their own numbers. grace_s: how long it, and what it started, may take to end
+    after SIGTERM, by the wall's clock. It is not ended when this process ends: the program has to
+    see to that (the end of its stdin, or `linux.die_with_parent`).
+    """
+
+    def __init__(
+        self,
+        *,
+        argv: Sequence[str],
+        environment: Mapping[str, str] | None = None,
+        folder: Path | None = None,
+        stdin: int | None = None,
+        output: int | None = None,
+        inherited: Sequence[int] = (),
+        grace_s: float = _GRACE_S,
+    ) -> None:
+        self._argv = tuple(argv)
+        self._environment = environment
+        self._folder = folder
+        self._stdin = stdin
+        self._output = output
+        self._inherited = tuple(inherited)
+        self._grace_s = grace_s
+        self._process: subprocess.Popen[bytes] | None = None
+        self._id: ProcessId | None = None
+        self._on_end: Callable[[ChildProcess], None] | None = None
+        self._ended = asyncio.Event()
+        self._exit_end: int | None = None
+        self._stderr = b""
+        self._group_ended = False
+
+    @property
+    def pid(self) -> int | None:
+        """Return the process id; None before the start."""
+        return None if self._process is None else self._process.pid
+
+    @property
+    def identity(self) -> ProcessId | None:
+        """Return id and start time; None before the start, or when it ended at once."""
+        return self._id
+
+    @property
+    def running(self) -> bool:
+        """Return whether the program itself runs."""
+        return self._process is not None and not self._ended.is_set()
+
+    @property
+    def exit_code(self) -> int | None:
+        """Return how it ended, negative by a signal; None while it lives."""
+        return None if self._process is None else self._process.returncode
+
+    @property
+    def stderr_tail(self) -> str:
+        """Return the end of what it wrote to stderr."""
+        lines = self._stderr.decode(errors="replace").splitlines()[-_TAIL_LINES:]
+        return "\n".join(line.rstrip() for line in lines)[-_TAIL_BYTES:]
+
+    def start(self, on_end: Callable[["ChildProcess"], None] | None = None) -> None:
+        """Start it; `on_end` is called once when it has ended. Raises OSError.
+
+        Called in the main thread: a signal at a parent's death comes at the end of the thread
+        that started the child.
+        """
+        loop = asyncio.get_running_loop()
+        own_output = subprocess.DEVNULL if self._output is None else self._output
+        self._process = process = subprocess.Popen(  # noqa: S603 - the program that was asked for
+            self._argv,
+            bufsize=0,
+            stdin=subprocess.DEVNULL if self._stdin is None else self._stdin,
+            stdout=own_output,
+            stderr=subprocess.PIPE if self._output is None else self._output,
+            env=self._environment,
+            cwd=self._folder,
+            pass_fds=self._inherited,
+            start_new_session=True,
+        )
+        self._on_end = on_end
+        self._id = ProcessId.of(process.pid)
+        if process.stderr is not None:
+            os.set_blocking(process.stderr.fileno(), False)
+            loop.add_reader(process.stderr.fileno(), self._read_stderr)
+        try:
+            self._exit_end = exit_descriptor(process.pid)
+        except OSError:
+            process.kill()
+            process.wait()
+            self.release()
+            raise
+        loop.add_reader(self._exit_end, self._take_end)
+
+    async def wait(self, timeout_s: float | None = None) -> int | None:
+        """Wait until it ends; returns its exit code, None when it still runs after `timeout_s`."""
+        with contextlib.suppress(TimeoutError):
+            async with wall_timeout(timeout_s):
+                await self._ended.wait()
+        return self.exit_code
+
+    async def end(self) -> None:
+        """End it and all that it started: SIGTERM, and after the grace period SIGKILL."""
+        if self._process is None or self._group_ended:
+            return
+        try:
+            self._signal(signal.SIGTERM)
+            if not await self._all_gone(self._grace_s):
+                self._signal(signal.SIGKILL)
+                await self._all_gone(_KILL_GRACE_S)
+            await self._ended.wait()
+        except asyncio.CancelledError:
+            # Nothing may go on, however this is ended.
+            self.kill()
+            raise
+        self._group_ended = True
+        self.release()
+
+    def kill(self) -> None:
+        """Kill it and all that it started, now; it is still to be ended."""
+        self._signal(signal.SIGKILL)
+
+    def release(self) -> None:
+        """Watch it no longer; one that runs is left to itself."""
+        loop = asyncio.get_running_loop()
+        if self._exit_end is not None:
+            loop.remove_reader(self._exit_end)
+            os.close(self._exit_end)
+            self._exit_end = None
+        if self._process is not None and self._process.stderr is not None:
+            loop.remove_reader(self._process.stderr.fileno())
+            self._process.stderr.close()
+            self._process.stderr = None
+
+    def _signal(self, number: signal.Signals) -> None:
+        if self._process is not None and not self._group_ended:
+            # The group outlives its leader for as long as a child of it lives, and its number too.
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, number)
+
+    async def _all_gone(self, within_s: float) -> bool:
+        """Return whether every process of the group ends within a time."""
+        with contextlib.suppress(TimeoutError):
+            async with wall_timeout(within_s):
+                await self._ended.wait()
+                while self.pid is not None and group_lives(self.pid):  # noqa: ASYNC110 - theirs
+                    await asyncio.sleep(_POLL_S)
+                return True
+        return False
+
+    def _take_end(self) -> None:
+        """Reap the program (called by the loop when it has ended)."""
+        if self._process is None or self._process.poll() is None or self._exit_end is None:
+            return
+        asyncio.get_running_loop().remove_reader(self._exit_end)
+        os.close(self._exit_end)
+        self._exit_end = None
+        self._read_stderr()
+        self._ended.set()
+        if self._on_end is not None:
+            self._on_end(self)
+
+    def _read_stderr(self) -> None:
+        """Keep the end of stderr, and the pipe empty."""
+        stderr = None if self._process is None else self._process.stderr
+        while self._process is not None and stderr is not None:
+            try:
+                data = os.read(stderr.fileno(), _READ_BYTES)
+            except BlockingIOError:
+                return
+            if not data:
+                asyncio.get_running_loop().remove_reader(stderr.fileno())
+                stderr.close()
+                self._process.stderr = None
+                return
+            self._stderr = (self._stderr + data)[-2 * _TAIL_BYTES :]
+
+
+async def run_briefly(argv: Sequence[str], *, timeout_s: float = 10.0) -> None:
+    """Run a command for its effect, for a limited time. Raises OSError."""
+    child = ChildProcess(argv=argv)
+    child.start()
+    await child.wait(timeout_s)
+    await child.end()
+
+
+def how_it_ended(code: int | None) -> str:
+    """Return in words how a process ended; code: negative by a signal."""
+    if code is None:
+        return "ended"
+    if code >= 0:
+        return f"ended with exit code {code}"
+    try:
+        return f"was ended by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"was ended by signal {-code}"

@@ -1,0 +1,103 @@
+"""Which process is meant: its id and its start time together, for ids are used again."""
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+_END_S = 3.0
+_POLL_S = 0.02
+_ENDED = frozenset({psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD})
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessId:
+    """A process; started: when it started, in hundredths of a second since boot."""
+
+    pid: int
+    started: int
+
+    @classmethod
+    def of(cls, pid: int) -> "ProcessId | None":
+        """Return the process that has this id now; None when none runs by it."""
+        try:
+            process = psutil.Process(pid)
+            if process.status() in _ENDED:
+                return None
+            return cls(pid, _started(process))
+        except psutil.Error:
+            return None
+
+    @classmethod
+    def own(cls) -> "ProcessId":
+        """Return this process."""
+        return cls(os.getpid(), _started(psutil.Process()))
+
+    @property
+    def lives(self) -> bool:
+        """Return whether it runs; one that only waits to be reaped does not."""
+        return ProcessId.of(self.pid) == self
+
+    def end(self, *, grace_s: float = _END_S) -> str:
+        """End it, also where another is its parent: SIGTERM, then SIGKILL; returns what it took.
+
+        Blocks for up to `grace_s` after each signal.
+        """
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            give_up_s = time.monotonic() + grace_s
+            if self.lives:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(self.pid, number)
+            while self.lives and time.monotonic() < give_up_s:
+                time.sleep(_POLL_S)
+            if not self.lives:
+                return f"ended by {number.name}"
+        return "it does not end"
+
+
+def boot_id() -> str:
+    """Return what tells this boot of the machine from others; empty where unknown."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+
+
+def working_in(folder: Path) -> Iterator[ProcessId]:
+    """Yield the processes whose working directory is a folder."""
+    inside = str(folder.resolve())
+    for process in psutil.process_iter(["cwd"]):
+        if process.info["cwd"] == inside and (found := ProcessId.of(process.pid)) is not None:
+            yield found
+
+
+def group_lives(group: int) -> bool:
+    """Return whether a process of a group runs; one that waits to be reaped does not."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return any(_runs_in(group, pid) for pid in psutil.pids())
+
+
+def _runs_in(group: int, pid: int) -> bool:
+    try:
+        return os.getpgid(pid) == group and psutil.Process(pid).status() not in _ENDED
+    except (OSError, psutil.Error):
+        return False
+
+
+def _started(process: psutil.Process) -> int:
+    # psutil adds the time of boot, which moves whenever the system clock is set.
+    while True:
+        boot_s = psutil.boot_time()
+        started_s = process.create_time() - boot_s
+        if psutil.boot_time() == boot_s:
+            return round(100.0 * started_s)
