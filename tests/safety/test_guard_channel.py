@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from safety.geofence import Fence
@@ -72,6 +73,19 @@ async def test_a_position_without_a_finite_time_is_garbage() -> None:
     await asyncio.sleep(0.05)
     assert ends.received == [Alive()]
     assert ends.receiver.garbage == 1
+    ends.close()
+
+
+async def test_numbers_of_numpy_travel_as_plain_ones() -> None:
+    ends = Ends()
+    north_m, t_s = np.float64(2.5), np.float32(1.5)
+    message = Position(np.int64(1), t_s, (north_m, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
+    ends.sender.send(message)
+    await asyncio.sleep(0.05)
+    (received,) = ends.received
+    assert received == message
+    assert isinstance(received, Position)
+    assert {type(one) for one in (received.t_s, *received.position_ned_m)} == {float}
     ends.close()
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
+import numpy as np
 
 Finite = Annotated[float, msgspec.Meta(ge=-1e300, le=1e300)]
 """A number that is neither NaN nor infinite."""
@@ -46,6 +47,8 @@ class Codec(Generic[Value]):
             raise MessageError(f"{len(packet)} bytes cannot be read: {error}") from error
 
     def _to_plain(self, value: object) -> object:
+        if isinstance(value, np.generic):
+            return value.item()
         for kind, (to_plain, _) in self._plain.items():
             if isinstance(value, kind):
                 return to_plain(value)
