@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, Speeds
-from vehicles.embedded.controller import Target
-from vehicles.embedded.states import Motion
+from vehicles.embedded.physics.controller import Target
+from vehicles.embedded.physics.states import Motion
 
 _CENTRED = 0.05
 """Less than this of a stick's way is none."""

@@ -16,7 +16,7 @@ from vehicles.embedded.autopilot.flight.mission_items import (
     item_of,
 )
 
-__all__ = ["ACCEPTED", "FENCE", "MISSION", "RALLY", "Accept", "MissionServer"]
+__all__ = ["ACCEPTED", "FENCE", "MISSION", "RALLY", "Accept", "MissionService"]
 
 MISSION: int = mavlink.MAV_MISSION_TYPE_MISSION
 FENCE: int = mavlink.MAV_MISSION_TYPE_FENCE
@@ -44,7 +44,7 @@ Accept = Callable[[int, tuple[Item, ...]], int]
 """Takes the kind and the items of a whole upload; returns a MAV_MISSION_RESULT."""
 
 
-class MissionServer:
+class MissionService:
     """Keeps the three lists and speaks the protocol for them.
 
     home: gives item 0 of every mission, as in ArduPilot, where it is home and not the user's; None
