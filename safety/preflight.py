@@ -26,23 +26,23 @@ Check = Literal[
     "disk",
 ]
 CHECKS: Mapping[Check, str] = {
-    "failsafe": "what the autopilot does by itself when nobody is heard any more",
-    "return_altitude": "its return stays beneath the fence's ceiling",
-    "fence": "the autopilot holds the fence that it was given, as read back",
-    "home": "it stands inside of the fence, as far from it as keep_m",
-    "battery": "its charge is at least min_battery",
+    "failsafe": "what the autopilot does by itself when it loses the link",
+    "return_altitude": "its RTL altitude is below the fence's ceiling",
+    "fence": "the autopilot's fence, read back, is the one that was sent",
+    "home": "it stands inside the fence, at least keep_m from its boundary",
+    "battery": "its battery charge is at least min_battery",
     "estimator": "its estimator has attitude, velocity, position and height",
-    "position": "its poses come, from GPS or motion capture, and it stands where the world says",
-    "gps": "its receiver has a fix with height, of enough satellites that stand well",
-    "mocap": "motion capture sees it now, and often enough",
-    "clock": "how far its clock is from ours is known well enough",
-    "pair": "real and twin stand alike, each from its start",
-    "disk": "there is room for the recordings",
+    "position": "its poses arrive, from GPS or motion capture, and match its start pose",
+    "gps": "its receiver has a 3D fix with enough satellites and a low HDOP",
+    "mocap": "motion capture reports its pose now, at a sufficient rate",
+    "clock": "the offset of its clock is known to within a limit",
+    "pair": "real and twin have the same offset from their start poses",
+    "disk": "the disk has room for the recordings",
 }
 """In words for people."""
 _FIX_WITH_HEIGHT = 3
 """GPS_FIX_TYPE_3D_FIX; what is better has greater numbers."""
-_NO_RECEIVER = "it has no receiver; where it flies without one, preflight.gps: null"
+_NO_RECEIVER = "it has no GPS receiver; set preflight.gps: null where it flies without one"
 Outcome = Literal["ok", "refused", "overridden"]
 
 
@@ -91,7 +91,7 @@ def at_least(
     if actual is None or not math.isfinite(actual):
         return Item(check, vehicle, "refused", None, limit, unit, f"{what} is not known")
     if actual < limit:
-        text = f"{what} is {_amount(actual, unit)}, and at least {_amount(limit, unit)} is wanted"
+        text = f"{what} is {_amount(actual, unit)}, and at least {_amount(limit, unit)} is required"
         return Item(check, vehicle, "refused", actual, limit, unit, text)
     return Item(check, vehicle, "ok", actual, limit, unit)
 
@@ -117,7 +117,7 @@ def without_faults(check: Check, vehicle: str, faults: Iterable[str]) -> Item:
 def home_item(vehicle: str, fence: Fence, position_ned_m: Vec3 | None, keep_m: float) -> Item:
     """Return whether a vehicle stands inside of its fence."""
     if position_ned_m is None:
-        return Item("home", vehicle, "refused", None, keep_m, "m", "where it stands is not known")
+        return Item("home", vehicle, "refused", None, keep_m, "m", "its position is not known")
     margin_m = fence.margin_m(position_ned_m)
     if margin_m >= keep_m:
         return Item("home", vehicle, "ok", margin_m, keep_m, "m")
@@ -142,24 +142,24 @@ def gps_items(
     fix: GPS_FIX_TYPE, satellites, and HDOP; None where nothing was said of it.
     """
     if fix is None:
-        return (Item("gps", vehicle, "refused", text="nothing is said of its receiver"),)
+        return (Item("gps", vehicle, "refused", text="it reports nothing of its GPS receiver"),)
     kind, satellites, hdop = fix
     if kind < _FIX_WITH_HEIGHT:
-        said = _NO_RECEIVER if kind == 0 else "it has no fix with height"
+        said = _NO_RECEIVER if kind == 0 else "it has no 3D fix"
         return (Item("gps", vehicle, "refused", float(kind), float(_FIX_WITH_HEIGHT), text=said),)
     # Whole numbers would not be read back from a result as they were written.
     seen = None if satellites is None else float(satellites)
     least = float(min_satellites)
     return (
-        at_least("gps", vehicle, seen, least, unit="", what="satellites in sight"),
-        at_most("gps", vehicle, hdop, max_hdop, unit="", what="their dilution (HDOP)"),
+        at_least("gps", vehicle, seen, least, unit="", what="satellites visible"),
+        at_most("gps", vehicle, hdop, max_hdop, unit="", what="HDOP"),
     )
 
 
 def pair_item(real_m: Vec3 | None, twin_m: Vec3 | None, tolerance_m: float) -> Item:
     """Return whether the vehicles of a pair stand alike; where each is, from its own start."""
     apart_m = None if real_m is None or twin_m is None else norm(subtract(real_m, twin_m))
-    what = "how far apart real and twin stand, each from its start,"
+    what = "the difference of the offsets of real and twin from their start poses"
     return at_most("pair", "", apart_m, tolerance_m, unit="m", what=what)
 
 

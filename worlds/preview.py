@@ -45,14 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m worlds.preview", description=__doc__)
     parser.add_argument("world", type=Path, help="a world file")
-    parser.add_argument("picture", type=_image_file, help="where the picture goes (.png, .jpg)")
+    parser.add_argument("picture", type=_image_file, help="the image to write (.png, .jpg)")
     for name, default, text in (
-        ("north", 0.0, "camera's place, metres"),
-        ("east", 0.0, "camera's place, metres"),
-        ("up", 1.5, "camera's place, metres"),
-        ("yaw", 0.0, "where it looks, degrees from north over east"),
-        ("pitch", 0.0, "how far it looks up, degrees"),
-        ("fov", 69.0, "how much it sees from left to right, degrees"),
+        ("north", 0.0, "camera position, metres"),
+        ("east", 0.0, "camera position, metres"),
+        ("up", 1.5, "camera position, metres"),
+        ("yaw", 0.0, "camera yaw, degrees clockwise from north"),
+        ("pitch", 0.0, "camera pitch, degrees upwards"),
+        ("fov", 69.0, "horizontal field of view, degrees"),
         ("at", 0.0, "time of motions, seconds after t0"),
     ):
         parser.add_argument(f"--{name}", type=float, default=default, help=f"{text} ({default:g})")
@@ -67,14 +67,14 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[("goal", 0.0)],
         metavar="NAME=TIME",
-        help=f"when something happened that motions wait for: {', '.join(MOMENTS)} (goal=0)",
+        help=f"when an event happened that motions wait for: {', '.join(MOMENTS)} (goal=0)",
     )
     return parser
 
 
 def _image_file(text: str) -> Path:
     if Path(text).suffix.lower() not in (".png", ".jpg", ".jpeg"):
-        raise argparse.ArgumentTypeError("the picture's name must end in .png or .jpg")
+        raise argparse.ArgumentTypeError("the image's name must end in .png or .jpg")
     return Path(text)
 
 
@@ -84,7 +84,7 @@ def _size(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError("must be WIDTHxHEIGHT, such as 960x540")
     size = (int(width), int(height))
     if not all(1 <= side <= 8192 for side in size):
-        raise argparse.ArgumentTypeError("sides go from 1 to 8192")
+        raise argparse.ArgumentTypeError("width and height are 1 to 8192")
     return size
 
 

@@ -25,7 +25,9 @@ class PlaceAutonomy:
         """
         del seed
         if "north_m" not in goal:
-            raise ValueError("it flies to a place: the goal needs a position")
+            raise ValueError(
+                "this autonomy flies to a position: the goal needs position_ned_m or its keys"
+            )
         for name, value in parameters.items():
             if name not in {*_KNOWN, _FACE}:
                 known = ", ".join((*_KNOWN, _FACE))

@@ -78,7 +78,7 @@ def _gates(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
         if gate not in setup.world.objects:
             yield _no_object(files.campaign, path, gate, setup.world)
         elif gate not in scene:
-            said = f"'{gate}' does not stand in {which} in mode {mode} (see its exists_in)"
+            said = f"'{gate}' is not in {which} in mode {mode} (see its exists_in)"
             yield files.campaign.problem(path, said)
         elif not scene[gate].shape.openings:
             said = f"'{gate}' is a {scene[gate].shape.kind}, which has no opening to fly through"
@@ -188,7 +188,7 @@ def _limits(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
     for name in FLIES[mode]:
         if name not in setup.fences:
             whose = "the campaign" if not setup.fences else f"'{name}'"
-            said = f"needs a geofence to stay inside of; {whose} has none"
+            said = f"needs a geofence; {whose} has none"
             yield files.campaign.problem(("limits", "inside_geofence"), said)
 
 

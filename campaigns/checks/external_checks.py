@@ -28,7 +28,7 @@ def external_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pr
         yield from _outlet(files, setup, mode, index, outlet)
         first = seen.setdefault(outlet.name, index)
         if first != index:
-            said = f"{outlet.name} is taken by delivery {first + 1}"
+            said = f"{outlet.name} is used by delivery {first + 1}"
             yield files.campaign.problem(("deliver", index), said)
     for injection in setup.outside.injections:
         yield from _injection(files, setup, mode, injection)

@@ -128,7 +128,7 @@ def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -
     rooms = [thing for thing in scene.objects if thing.is_room]
     if rooms and not any(_room_height_m(room, start) is not None for room in rooms):
         names = " and ".join(f"'{room.name}'" for room in rooms)
-        said = f"'{vehicle.name}' starts outside of room {names}"
+        said = f"'{vehicle.name}' starts outside room {names}"
         yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
 
 
@@ -139,7 +139,7 @@ def _start_in_object(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> I
     standing = replace(vehicle.start, position_ned_m=(north_m, east_m, down_m - _STANDS_M))
     for clearance in probe.sweep(standing, 0.0, standing, 0.0):
         if clearance.clearance_m <= 0.0:
-            said = f"'{vehicle.name}' starts inside of '{clearance.object_name}'"
+            said = f"'{vehicle.name}' starts inside '{clearance.object_name}'"
             yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
 
 

@@ -17,7 +17,10 @@ def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pro
     for vehicle in setup.vehicles.values():
         yield from _spare_problems(files, vehicle)
         if vehicle.driver == "mavsdk" and vehicle.system_id == OWN_SYSTEM:
-            said = f"the driver mavsdk has system id {OWN_SYSTEM} itself; give the vehicle another"
+            said = (
+                f"the driver mavsdk uses system id {OWN_SYSTEM} itself; give the vehicle "
+                "another one"
+            )
             yield files.campaign.problem(("vehicles", vehicle.name, "system_id"), said)
     if mode == "wil":
         yield from _pair_problems(files, setup)
@@ -45,7 +48,7 @@ def _pace_problems(
         path = ("vehicles", launched.name, "link", _pace_key(launched))
         said = (
             f"{attached} is attached and flies in real time: it cannot follow; leave "
-            f"'{_pace_key(launched)}' out"
+            f"'{_pace_key(launched)}'"
         )
         yield files.campaign.problem(path, said)
 
@@ -62,7 +65,7 @@ def _pair_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
         yield files.campaign.problem(path, said)
     shared = next((one for one in twin.addresses if one in real.addresses), None)
     if shared is not None:
-        said = f"both vehicles are on {shared}; each needs a link of its own"
+        said = f"both vehicles are on {shared}; each needs its own link"
         key = "link" if shared == twin.attached else "spare_links"
         yield files.campaign.problem(("vehicles", "twin", key), said)
 

@@ -73,7 +73,7 @@ def control_problems(
     for name, control in part.controls.items():
         path = ("controls", name)
         if name in part.cases:
-            said = f"'{name}' is a case already; its folder of results would be the same"
+            said = f"'{name}' is also a case; their results would share one folder"
             yield base.problem(path, said, key=True)
         if control.case is not None and control.case not in part.cases:
             said = f"there is no case '{control.case}'"
@@ -91,7 +91,7 @@ def _oracle_problems(base: Document, name: str, oracle: str, setup: Setup) -> It
     path = ("controls", name, "expect", "oracle")
     required = {use.name: use.parameters.required for use in setup.oracles}
     if oracle in required and not required[oracle]:
-        said = f"'{oracle}' is only reported (required: false), and fails no run"
+        said = f"'{oracle}' is not required (required: false), so it cannot fail a run"
         yield base.problem(path, said)
     elif oracle not in required and oracle not in ALWAYS_JUDGED:
         known = (*required, *ALWAYS_JUDGED)

@@ -242,7 +242,7 @@ def _shares(
     found: dict[tuple[str, str], Share] = {}
     for case, shares in part.accept.items():
         if case not in part.cases:
-            said = f"accept names no case '{case}'"
+            said = f"accept names an unknown case '{case}'"
             meant = closest(case, part.cases)
             problems.append(base.problem(("accept", case), said, meant, key=True))
             continue

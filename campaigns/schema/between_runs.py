@@ -30,5 +30,5 @@ class BetweenRunsPart(Part):
     def _of_flying(self) -> "BetweenRunsPart":
         if self.do == "ask":
             for key in self.model_fields_set - {"do"}:
-                raise KeyFaultError(key, "says nothing where a person puts it back")
+                raise KeyFaultError(key, "has no effect with between_runs: ask")
         return self

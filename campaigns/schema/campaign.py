@@ -86,11 +86,11 @@ class AutonomyPart(Part):
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
         if self.use is None and self.program is None:
-            raise ValueError("give use: (a class) or program: (a command)")
+            raise ValueError("give use: (a class) or program: (a command line)")
         if self.program is not None:
             for key in ("use", "rate_hz"):
                 if key in self.model_fields_set:
-                    raise KeyFaultError(key, "says nothing beside a program")
+                    raise KeyFaultError(key, "has no effect with a program")
         return self
 
 
@@ -139,8 +139,8 @@ class ClockPart(Part):
 
 
 _ACCEPTS_NOTHING = (
-    "requires nothing, and no run of it would ever be accepted: name modes with their shares "
-    "({sim: 5/5}); or leave `accept` out, and every run is required"
+    "requires no run, so the campaign would never be accepted: name modes with their shares "
+    "({sim: 5/5}); or remove `accept` to require every run"
 )
 
 PictureFormat = Literal["jpeg", "png", "raw", "none"]

@@ -26,7 +26,7 @@ class ExpectPart(Part):
         if self.oracle is None and self.cause is None:
             raise ValueError("name the oracle that must fail, or a text of the reason as `cause`")
         if self.oracle is not None and self.verdict != "FAIL":
-            said = f"an oracle comes to FAIL, not to {self.verdict}: say the cause as `cause`"
+            said = f"an oracle fails with FAIL, not {self.verdict}: give the cause as `cause`"
             raise KeyFaultError("oracle", said)
         return self
 

@@ -75,7 +75,7 @@ def _check_address(kind: str, address: str) -> None:
         if match is None or not 0 < int(match[2]) < 65536:
             raise KeyFaultError("rtp", "must be HOST:PORT, as in 127.0.0.1:5600")
         if int(match[2]) % 2:
-            raise KeyFaultError("rtp", "RTP wants an even port; the next one is RTCP's")
+            raise KeyFaultError("rtp", "RTP needs an even port; the next one is for RTCP")
     elif kind == "zmq":
         if not re.fullmatch(r"(tcp://[^:/\s]+:(\d{1,5}|\*)|ipc://\S+)", address):
             raise KeyFaultError("zmq", "must be an address to bind, as tcp://127.0.0.1:5601")
@@ -134,7 +134,7 @@ class InjectPart(Part):
     @model_validator(mode="after")
     def _one_estimate(self) -> Self:
         if self.vision_position_estimate is not None and self.odometry is not None:
-            raise KeyFaultError("odometry", "vision_position_estimate gives the pose already")
+            raise KeyFaultError("odometry", "vision_position_estimate delivers the pose already")
         return self
 
     def setups(self) -> tuple[InjectionSetup, ...]:
@@ -166,7 +166,7 @@ def ground_station_link(link: str) -> str:
     try:
         address = parse_link(link)
     except LinkAddressError as error:
-        raise ValueError(f"is no link: {error}") from error
+        raise ValueError(f"is not a link: {error}") from error
     if address.kind not in {"udpout", "tcpout"}:
-        raise ValueError("must lead out: udpout://HOST:14550 or tcpout://HOST:PORT")
+        raise ValueError("must be outgoing: udpout://HOST:14550 or tcpout://HOST:PORT")
     return link

@@ -39,7 +39,7 @@ class OutagePart(Part):
         if (self.from_s is None) == (self.on is None):
             raise ValueError("give from_s, or the stage `on` after which it begins")
         if self.from_s is not None and "after_s" in self.model_fields_set:
-            raise KeyFaultError("after_s", "counts from a stage; from_s says it already")
+            raise KeyFaultError("after_s", "counts from a stage; from_s is given already")
         return self
 
 

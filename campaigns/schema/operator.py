@@ -16,7 +16,9 @@ def _is_link(link: str) -> str:
     except LinkAddressError as error:
         raise ValueError(f"must be a link such as udpout://127.0.0.1:14550: {error}") from error
     if address.kind == "memory":
-        raise ValueError("memory:// leads to nobody; write udpout://, udpin://, tcpin:// or serial")
+        raise ValueError(
+            "memory:// connects to nothing; write udpout://, udpin://, tcpin:// or serial"
+        )
     return link
 
 
@@ -30,13 +32,13 @@ def _is_broker(text: str) -> str:
 
 def _is_variable(text: str) -> str:
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,127}", text):
-        raise ValueError(f"'{text}' is no name of an environment variable (like WIL_TOKEN)")
+        raise ValueError(f"'{text}' is not the name of an environment variable (like WIL_TOKEN)")
     return text
 
 
 def _is_topic(text: str) -> str:
     if not re.fullmatch(r"[^/+#$\s][^+#\s]{0,199}(?<!/)", text):
-        raise ValueError(f"'{text}' is no topic to begin with (like wil, or site/hall)")
+        raise ValueError(f"'{text}' is not a topic prefix (like wil, or site/hall)")
     return text
 
 

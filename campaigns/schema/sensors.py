@@ -90,7 +90,7 @@ class ImagePart(Part):
             raise ValueError("a camera needs fov_deg or fx_px")
         given = [key for key in _FOCAL_KEYS if getattr(self, key) is not None]
         if self.fov_deg is not None and given:
-            raise KeyFaultError(given[0], "fov_deg says this already; give one of the two")
+            raise KeyFaultError(given[0], "fov_deg determines this already; give one of the two")
         return self
 
     def _needs_optics(self) -> bool:
@@ -141,7 +141,9 @@ class CameraPart(ImagePart):
     def _require_single_lens(self) -> Self:
         for key in ("fov_deg", *_FOCAL_KEYS, "distortion") if self.calibration is not None else ():
             if key in self.model_fields_set:
-                raise KeyFaultError(key, "the calibration says this already; give one of the two")
+                raise KeyFaultError(
+                    key, "the calibration determines this already; give one of the two"
+                )
         return self
 
     def _has_optics(self) -> bool:

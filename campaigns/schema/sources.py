@@ -58,12 +58,14 @@ class SourcePart(Part):
     def _require_fitting_keys(self) -> "SourcePart":
         if re.match(r"[a-z0-9+]+://", self.address) and self._scheme() is None:
             known = ", ".join(scheme for scheme in _SCHEMES if scheme.endswith("://"))
-            raise KeyFaultError("address", f"'{self.address}': known are {known}, and files")
+            raise KeyFaultError(
+                "address", f"'{self.address}': the known schemes are {known}, and files"
+            )
         if self._scheme() is None:
             return self  # what a file is, its folder tells
         for key, kinds in _ONLY_FOR.items():
             if key in self.model_fields_set and self._scheme() not in kinds:
-                raise KeyFaultError(key, f"says nothing about a source of {self._scheme()}")
+                raise KeyFaultError(key, f"has no effect on a source of {self._scheme()}")
         return self
 
     def setup(self, folder: Path, *, latency_s: float) -> SourceSetup:
@@ -126,7 +128,7 @@ class MocapPart(Part):
     def _require_known_scheme(self) -> "MocapPart":
         kind, _, _ = self._parse_address()
         if self.topic and kind != "zmq":
-            raise KeyFaultError("topic", "is for tcp:// alone")
+            raise KeyFaultError("topic", "applies to tcp:// only")
         return self
 
     def setup(self, vehicle: str) -> MocapSetup:

@@ -63,14 +63,14 @@ def _link(text: str) -> str:
     except LinkAddressError as error:
         raise ValueError(f"must be embedded, a link, or a launch: {error}") from error
     if address.kind == "memory":
-        raise ValueError("memory:// leads out of this program to nobody; write embedded")
+        raise ValueError("memory:// connects to nothing outside this program; write embedded")
     return text
 
 
 def _spare(text: str) -> str:
     """Refuse what is no address of another link to a vehicle outside."""
     if text == "embedded":
-        raise ValueError("must be a link; the embedded vehicle has one of its own")
+        raise ValueError("must be a link; the embedded vehicle has its own")
     return _link(text)
 
 
@@ -172,12 +172,12 @@ class VehiclePart(Part):
         for name, sensor in self.sensors.items():
             captured = sensor.type == "pose" and self.pose_source == "mocap"
             if self.link != "embedded" and sensor.type in _OURS_ALONE and not captured:
-                said = "only the embedded vehicle has one of ours; leave it out"
+                said = "only the embedded vehicle takes a profile; remove it"
                 raise KeyFaultError(("sensors", name, "type"), said)
         if self.anchor == "mocap" and self.pose_source != "mocap":
-            raise KeyFaultError("anchor", "is by motion capture: it needs pose_source: mocap")
+            raise KeyFaultError("anchor", "uses motion capture: it needs pose_source: mocap")
         if self.spare_links and (not isinstance(self.link, str) or self.link == "embedded"):
-            raise KeyFaultError("spare_links", "only a vehicle at a link of its own has more")
+            raise KeyFaultError("spare_links", "only a vehicle with its own link can have more")
         launched = None if isinstance(self.link, str) else self.link.launch
         if launched not in {None, self.autopilot}:
             raise KeyFaultError("autopilot", f"the link launches {launched}")

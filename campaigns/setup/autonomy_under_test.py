@@ -83,7 +83,7 @@ def _check_autonomy(found: object, use: str) -> AutonomyFactory:
         raise BadReferenceError(f"'{use}' is neither a class nor a function")
     lacking = _lacks(found) if inspect.isclass(found) else ""
     if lacking:
-        raise BadReferenceError(f"'{use}' is no autonomy: it has no method '{lacking}'")
+        raise BadReferenceError(f"'{use}' is not an autonomy: it has no method '{lacking}'")
     try:
         inspect.signature(found).bind(goal={}, parameters={}, seed=0)
     except (TypeError, ValueError) as error:

@@ -100,7 +100,7 @@ def external_setup(
     for index, one in enumerate(part.deliver):
         if one.sensor is None and len(cameras) != 1:
             there = ", ".join(cameras) or "none"
-            said = f"say of which camera, by `sensor` (there are: {there})"
+            said = f"name the camera by `sensor` (there are: {there})"
             problems.append(campaign.problem(("deliver", index), said))
         outlets.append(one.outlet(cameras[0] if cameras else ""))
     return ExternalSetup(
@@ -120,7 +120,7 @@ def program_problems(campaign: Document, command: tuple[str, ...], folder: Path)
     if not Path(found).is_file():
         return [campaign.problem(path, f"there is no file '{program}' beside the campaign")]
     if not os.access(found, os.X_OK):
-        said = f"'{program}' may not be executed: chmod +x it, or name its interpreter before it"
+        said = f"'{program}' is not executable: chmod +x it, or name its interpreter before it"
         return [campaign.problem(path, said)]
     return []
 

@@ -85,7 +85,7 @@ def _redrawn(
     except FenceError as error:
         raise BadInput([document.problem((), str(error))]) from error
     if not fences:
-        said = "no vehicle has a fence, whose floor and ceiling it could keep"
+        said = "no vehicle has a fence whose floor and ceiling could be kept"
         raise BadInput([document.problem((), said)])
     return fences
 

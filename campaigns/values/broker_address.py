@@ -42,7 +42,7 @@ def parse_broker(text: str) -> BrokerAddress:
         raise BrokerAddressError(f"broker '{text}' cannot be read {_LIKE}")
     if parts.password is not None:
         raise BrokerAddressError(
-            "a password in an address ends up in logs; name the variable that holds it by "
+            "a password in an address would appear in logs; name the variable that holds it by "
             "password_env"
         )
     tls = parts.scheme == "mqtts"

@@ -61,7 +61,7 @@ class BoardSearch:
     def seen(self) -> BoardViews:
         """Return what was seen. Raises CalibrationError when the board never was."""
         if self._size is None:
-            raise CalibrationError("there is no picture to look at")
+            raise CalibrationError("there is no image to search")
         if not self._found:
             raise CalibrationError(
                 f"{self._board.name} was seen in none of {self._looked} pictures: count a "

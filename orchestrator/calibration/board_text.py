@@ -31,5 +31,5 @@ def parse_board(text: str) -> Board:
 def _metres(millimetres: str) -> float:
     metres = float(millimetres) / 1000.0
     if not 0.0 < metres < 10.0:
-        raise ValueError(f"{millimetres} mm is no size of a square")
+        raise ValueError(f"{millimetres} mm is not the size of a square")
     return metres

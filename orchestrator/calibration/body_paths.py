@@ -46,7 +46,7 @@ def path_in_csv(path: Path) -> BodyPath:
     except OSError as error:
         raise OfflineError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (csv.Error, UnicodeDecodeError) as error:
-        raise OfflineError(f"{path}: is no CSV file: {error}") from error
+        raise OfflineError(f"{path}: is not a CSV file: {error}") from error
 
 
 def path_in_run(folder: Path, vehicle: str) -> BodyPath:
@@ -73,6 +73,8 @@ def _pose(path: Path, line: int, row: dict[str, str | None]) -> TimedPose:
         raise OfflineError(f"{path}:{line}: {error}") from error
     length = math.hypot(*q)
     if not all(map(math.isfinite, (t_s, north, east, down))) or not 0.5 < length < 2.0:
-        raise OfflineError(f"{path}:{line}: is no pose: finite numbers, and q of length 1")
+        raise OfflineError(
+            f"{path}:{line}: is not a pose: it needs finite numbers, and q of length 1"
+        )
     w, x, y, z = (part / length for part in q)
     return t_s, Pose((north, east, down), (w, x, y, z))

@@ -145,7 +145,7 @@ def _refuse_rivals(name: str, links: Iterable[Link]) -> None:
         said = next(iter(link.rivals.values()), None) if isinstance(link, UdpLink) else None
         if said is not None:
             raise IdentifyError(
-                f"{name} on {link.name}: {said}; switch one off, or give it another id "
+                f"{name} on {link.name}: {said}; switch one off, or give one another id "
                 "(MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
             )
 

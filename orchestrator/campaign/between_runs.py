@@ -85,7 +85,7 @@ class BetweenRuns:
         else:
             off = off_start(read_standing_pose(order.folder, "real"), back.start)
             if off is None:
-                why = "nobody knows where it stands"
+                why = "its position is unknown"
             elif off[0] > wanted.tolerance_m or off[1] > wanted.tolerance_deg:
                 why = f"it stands {off[0]:.2f} m and {off[1]:.0f} degrees off"
             else:
@@ -105,7 +105,7 @@ class BetweenRuns:
             return why
         off = off_start(stand, start)
         if stand is None or off is None:
-            return "nobody knows where it stands"
+            return "its position is unknown"
         if off[0] <= wanted.tolerance_m and off[1] <= wanted.tolerance_deg:
             return None
         altitude_m = setup.goal.altitude_m

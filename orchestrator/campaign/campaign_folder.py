@@ -40,9 +40,9 @@ def make_folder(parent: Path) -> Path:
     except OSError as error:
         reason = error.strerror or error
         raise OutputError(
-            f"the results cannot be written to {parent}: {reason}; choose another place by --out"
+            f"the results cannot be written to {parent}: {reason}; choose another folder with --out"
         ) from error
-    raise OutputError(f"{parent} has a thousand folders of this second already")
+    raise OutputError(f"{parent} has 1000 folders of this second already")
 
 
 def require_writable(out: Path, *, junit: Path | None) -> None:
@@ -92,7 +92,7 @@ def make_run_folder(folder: Path, run: str) -> None:
         for parent in folder.parents[: len(Path(run).parts)]:
             sync_folder(parent)
     except OSError as error:
-        raise OutputError(f"{folder} cannot be made: {error.strerror or error}") from error
+        raise OutputError(f"{folder} cannot be created: {error.strerror or error}") from error
 
 
 @contextmanager
@@ -106,7 +106,7 @@ def held(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise TakenError(f"another process flies into {folder}") from error
+            raise TakenError(f"{folder} is in use by another wil-campaign") from error
         except OSError:
             # A file system without locks: nothing says that anybody is there.
             pass

@@ -154,7 +154,7 @@ def _require_room(campaign: Campaign, folder: Path) -> None:
     wanted = [setup.preflight for setup in campaign.setups.values()]
     least_mb = max([one.min_disk_mb for one in wanted if "disk" not in one.override], default=0.0)
     if said := disk_item(folder, least_mb).text:
-        raise OutputError(f"{said}; make room, or lower preflight.min_disk_mb")
+        raise OutputError(f"{said}; free space, or lower preflight.min_disk_mb")
 
 
 def _write(path: Path, content: str | bytes) -> None:

@@ -49,7 +49,7 @@ class Repositioning:
         terminal = sys.stdin.isatty()
         how = "press Enter, or " if terminal else ""
         self._say(
-            f"put {self._vehicles} back to its start, look at its battery, and step away; then "
+            f"move {self._vehicles} back to its start, check its battery, and step away; then "
             f"{how}say: wil-campaign resume"
         )
         loop = asyncio.get_running_loop()
@@ -73,7 +73,7 @@ class Repositioning:
         self._stop_waiting()
         if not self._controller.held or self._controller.stopped is not None:
             return
-        self._say(f"nobody said that {self._vehicles} is back within {self._wait_s:g} s")
+        self._say(f"nobody confirmed that {self._vehicles} is back within {self._wait_s:g} s")
         self._controller.obey(OperatorCommand("abort", _WHO))
 
     def _stop_waiting(self) -> None:

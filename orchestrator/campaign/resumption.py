@@ -69,10 +69,12 @@ def resumed_manifest(folder: Path, now: Mapping[str, object]) -> Mapping[str, ob
         raise ResumeError(f"{path} cannot be read: {error}") from error
     present = json.loads(to_json(now))
     if not isinstance(before, dict) or not before.keys() >= present.keys():
-        raise ResumeError(f"{path} is of another version: begin the campaign anew")
+        raise ResumeError(
+            f"{path} was written by another version: start the campaign again without --resume"
+        )
     if said := list(_differences(before, present)):
         raise ResumeError(
-            f"{folder} cannot be taken up: {'; '.join(said)}. Results of two campaigns do not make "
+            f"{folder} cannot be resumed: {'; '.join(said)}. Results of two campaigns do not make "
             "one: bring back what was, or begin anew without --resume"
         )
     again = [*before.get("resumed_utc", []), present["started_utc"]]
@@ -151,7 +153,7 @@ def _wait_for(home: Path, say: Say) -> None:
                 return
         except TakenError:
             if not told:
-                say(f"{home} is being flown still: waiting until it has landed")
+                say(f"{home} is still in flight: waiting until it has landed")
                 told = True
             time.sleep(_LOOK_S)
     raise OutputError(

@@ -55,7 +55,7 @@ class _Done(Generic[Outcome]):
     outcome: Outcome | WorkerLost
 
 
-_ITSELF = "the run itself: the program that ordered it died"
+_ITSELF = "the run itself: its parent process died"
 
 
 class PipeInbox:
@@ -237,7 +237,7 @@ class Pool(Generic[Order, Outcome]):
                     self._report(message)
         except TimeoutError:
             worker.process.kill()
-            return WorkerLost(f"its process said nothing for {patience_s:g} s; it was killed")
+            return WorkerLost(f"its process did not respond for {patience_s:g} s; it was killed")
         except (EOFError, OSError):
             loop = asyncio.get_running_loop()
             await loop.run_in_executor(None, worker.process.join, 5.0)
@@ -252,11 +252,11 @@ class Pool(Generic[Order, Outcome]):
         await loop.run_in_executor(None, worker.process.join, 20.0)
         if worker.process.is_alive():
             print(  # noqa: T201  # the last word to a person about a process that hangs
-                f"worker process {worker.process.pid} did not end; it is killed", file=sys.stderr
+                f"worker process {worker.process.pid} did not exit; killing it", file=sys.stderr
             )
             worker.process.kill()
             await loop.run_in_executor(None, worker.process.join)
-            return f"worker process {worker.process.pid} did not end; it was killed"
+            return f"worker process {worker.process.pid} did not exit; it was killed"
         if worker.process.exitcode:
             return _exit_text(worker.process.exitcode, "after its last verdict")
         return ""

@@ -61,7 +61,7 @@ def clear(
     wanted = _clock(campaign, clock)
     shared = shared_of(campaign)
     if jobs is not None and jobs < 1:
-        raise RefusedError(f"--jobs {jobs}: at least one run has to fly at a time", REFUSED)
+        raise RefusedError(f"--jobs {jobs}: must be at least 1", REFUSED)
     if shared and (jobs or 1) > 1:
         raise RefusedError(f"--jobs {jobs}: runs of this campaign would share {shared[0]}", REFUSED)
     if not attached:
@@ -109,7 +109,7 @@ def _find_vehicles(campaign: Campaign) -> tuple[AttachedVehicle, ...]:
     for one in found:
         err(one)
         if one.armed:
-            raise RefusedError(f"{one.name} is armed already; disarm it, and begin anew", NOT_HAD)
+            raise RefusedError(f"{one.name} is armed already; disarm it and start again", NOT_HAD)
     return found
 
 

@@ -11,7 +11,7 @@ from orchestrator.campaign.attached_vehicles import flown_vehicles
 from orchestrator.model.clock import Clock
 from worlds.files.documents import BadInput, Path
 
-_REAL_TIME = "{} comes in real time: fly with --clock wall"
+_REAL_TIME = "{} runs in real time: use --clock wall"
 _NEEDS_SCALED = (
     "{:g} times real time is flown on the scaled clock: leave --clock out, or say --clock scaled"
 )

@@ -81,7 +81,7 @@ def _docker(which: Which) -> Iterator[Finding]:
         yield Finding(AUTOPILOTS, "note", f"docker does not answer: {error}", "start its daemon")
         return
     if asked.returncode:
-        said = (asked.stderr.strip().splitlines() or ["it said nothing"])[-1]
+        said = (asked.stderr.strip().splitlines() or ["it printed nothing"])[-1]
         yield Finding(
             AUTOPILOTS,
             "note",

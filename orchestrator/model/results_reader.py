@@ -19,7 +19,7 @@ def read_result(path: Path) -> RunResult:
     try:
         text = path.read_text("utf-8")
     except FileNotFoundError as error:
-        raise ResultError(f"there is no {path}") from error
+        raise ResultError(f"{path} does not exist") from error
     except (OSError, UnicodeDecodeError) as error:
         said = getattr(error, "strerror", None) or error
         raise ResultError(f"{path} cannot be read: {said}") from error
@@ -29,7 +29,7 @@ def read_result(path: Path) -> RunResult:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
         said = f"{where}: {first['msg']}" if where else first["msg"]
-        raise ResultError(f"{path} is cut, damaged or of another version: {said}") from error
+        raise ResultError(f"{path} is truncated, damaged or of another version: {said}") from error
     if to_json(result) != text:
         raise ResultError(f"{path} was changed, or is of another version: it is not as we write it")
     return result

@@ -99,7 +99,7 @@ def why_not_on(
     if result.verdict in {"ABORTED", "ERROR"}:
         return f"the run ended as {result.verdict}: {result.reason}"
     if stand is None:
-        return "nobody knows where it stands"
+        return "its position is unknown"
     if stand.armed or stand.stage not in {"landed", "end"}:
         return "it is not landed and disarmed"
     touched = (
@@ -118,7 +118,7 @@ def _troubles(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
         if line.get("event") == "guard" and line.get("kind") in _FORBIDDING:
             yield f"the guard took over: {line.get('text')}"
         if armed and line.get("event") == "vehicle" and line.get("kind") in _FAULTS:
-            yield f"{line.get('vehicle')} told of a {line.get('kind')}: {line.get('text')}"
+            yield f"{line.get('vehicle')} reported a {line.get('kind')}: {line.get('text')}"
 
 
 def why_not_there(
@@ -128,7 +128,7 @@ def why_not_there(
     if fence is not None:
         for point in _points(way):
             if fence.margin_m(point) < keep_m:
-                return f"the way leaves the fence by its {fence.boundary(point)}"
+                return f"the path leaves the fence at its {fence.boundary(point)}"
     _, above, over, _ = way.points
     yaw_rad = way.start.yaw_rad
     poses = [Pose.of(n, e, -d, yaw_rad=yaw_rad) for n, e, d in (above, over)]

@@ -164,11 +164,16 @@ class _Inputs:
         self._kinds = (kind_of(order.real.file), kind_of(order.twin.file))
         real, twin = self._kinds
         if real == "world":
-            raise OfflineError(f"{order.real.file}: is a world; the real side is what was taken")
+            raise OfflineError(
+                f"{order.real.file}: is a world; the real side needs an image, a video "
+                "or a recording"
+            )
         if (real == "recording") != (twin == "recording"):
             raise OfflineError("a recording is mixed with a recording: give both sides as one")
         if (real, twin) == ("image", "video"):
-            raise OfflineError("an image of the real camera beside a video of the twin: give two")
+            raise OfflineError(
+                "the real side is an image and the twin's a video: give two of one kind"
+            )
         self._world = World.parse(load(order.twin.file)) if twin == "world" else None
         self.objects: Mapping[str, int] = {}
         if self._world is not None:

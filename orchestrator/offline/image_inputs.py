@@ -100,7 +100,9 @@ def depth(path: Path) -> DepthImage:
     else:
         found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         if found is None or found.dtype != np.uint16:
-            raise OfflineError(f"{path}: is no 16-bit image; depth is one, in millimetres, or .npy")
+            raise OfflineError(
+                f"{path}: is not a 16-bit image; depth is a 16-bit image in millimetres, or .npy"
+            )
         metres = np.where(found == 0, np.inf, found / _MM_PER_M)
     if metres.ndim != 2 or metres.dtype.kind != "f":
         raise OfflineError(f"{path}: depth is (height, width) of floats, this is {metres.shape}")

@@ -63,7 +63,8 @@ class ImageOut(_Closing):
         reading = pair.mixed.reading
         if self._taken:
             raise OfflineError(
-                f"{self._path}: is one image, and there is more than one; name a video (.mp4)"
+                f"{self._path}: is a single image, and there are several to write; "
+                "name a video (.mp4)"
             )
         self._taken = True
         if isinstance(reading, CameraReading) and pair.mixed.provenance.dropped is None:

@@ -53,7 +53,7 @@ def _beyond_jpeg(recorded: CameraReading, again: CameraReading) -> Difference | 
     far = float((levels.max(axis=2) > JPEG_FAR_LEVELS).mean())
     if found.mean <= JPEG_MEAN_LEVELS and far <= JPEG_FAR_SHARE:
         return None
-    said = f"{far:.2%} of its pixels by more than {JPEG_FAR_LEVELS} levels, beyond what JPEG loses"
+    said = f"{far:.2%} of its pixels by more than {JPEG_FAR_LEVELS} levels, beyond the loss of JPEG"
     return Difference(said, far, found.mean, found.worst)
 
 

@@ -122,7 +122,7 @@ class CampaignController:
     def signal(self, name: str) -> None:
         """Take Ctrl-C or SIGTERM: an abort; a second one changes nothing."""
         if self.stopped is not None:
-            self._say("still landing; the vehicles are brought down first")
+            self._say("still landing; the program ends when the vehicles are down")
             return
         self.obey(OperatorCommand("abort", name), stop="signal")
 
@@ -211,22 +211,22 @@ class CampaignController:
             tell(guard.socket, "abort", who=command.who)
         self._fleet.abort(command)
         if self.stopped is not None:
-            return "all are landing already"
+            return "all vehicles are landing already"
         self.stopped, self.held = stop, False
-        return "what flies lands, and nothing more is flown"
+        return "all vehicles land, and no further run is flown"
 
     def _hold(self, command: OperatorCommand) -> str:
         self._refuse_when_stopped(command)
         if self.held:
-            raise RefusedLineError("hold: all hold already")
+            raise RefusedLineError("hold: all vehicles hold already")
         self.held = True
         self._fleet.pause()
-        return f"held: {_runs(self._fleet.pass_on(command))} in flight; none is begun"
+        return f"held: {_runs(self._fleet.pass_on(command))} in flight; no run is started"
 
     def _resume(self, command: OperatorCommand) -> str:
         self._refuse_when_stopped(command)
         if not self.held:
-            raise RefusedLineError("resume: nothing is held")
+            raise RefusedLineError("resume: no vehicle holds")
         self.held = False
         self._fleet.go_on()
         return f"resumed: {_runs(self._fleet.pass_on(command))} in flight"
@@ -234,13 +234,13 @@ class CampaignController:
     def _change_fences(self, command: OperatorCommand) -> str:
         self._refuse_when_stopped(command)
         if not self._flying:
-            raise RefusedLineError("geofence: nothing flies whose fence could be changed")
+            raise RefusedLineError("geofence: no vehicle in flight has a fence that can be changed")
         count = self._fleet.pass_on(command)
-        return f"passed on to {_runs(count)}, which will answer"
+        return f"sent to {_runs(count)}, which will answer"
 
     def _refuse_when_stopped(self, command: OperatorCommand) -> None:
         if self.stopped is not None:
-            raise RefusedLineError(f"{command.kind}: all are landing already")
+            raise RefusedLineError(f"{command.kind}: all vehicles are landing already")
 
 
 def _runs(count: int) -> str:

@@ -240,7 +240,7 @@ class MqttOperator:
 
     def _reconnected(self) -> None:
         if self._first.done():
-            self._controller.log.note("the broker is back")
+            self._controller.log.note("reconnected to the MQTT broker")
         else:
             self._first.set_result(None)
         if self._away is not None:
@@ -253,7 +253,7 @@ class MqttOperator:
         if not self._connected:
             return
         self._connected = False
-        self._controller.log.note(f"the broker is away: {why}")
+        self._controller.log.note(f"the MQTT broker is disconnected: {why}")
         loop = asyncio.get_running_loop()
         self._away = loop.call_later(self._setup.lost_after_s, self._disconnected_too_long)
 
@@ -270,7 +270,7 @@ class MqttOperator:
     def _unreachable(self, why: str) -> OperatingError:
         broker = self._setup.broker
         if broker.tls and "timed out" in why:
-            why += "; one that does not trust our certificate, or misses it, says no word"
+            why += "; it may require a client certificate"
         return OperatingError(
             f"the broker {broker} cannot be had: {why}; start it, mend operator.mqtt of the "
             "campaign, or fly without --broker"

@@ -42,7 +42,7 @@ class CommandReader:
 
     def __init__(self, *, token: str, session: str, flying: Callable[[], Collection[str]]) -> None:
         if not token:
-            raise ValueError("without a token anybody could command")
+            raise ValueError("without a token anybody could send commands")
         self._token = token
         self._session = session
         self._flying = flying
@@ -86,7 +86,7 @@ class CommandReader:
             ),
             (
                 said.get("session") != self._session,
-                f"for another start of the campaign; this one's session is {self._session}",
+                f"for another session of the campaign; the session is {self._session}",
             ),
             (
                 ("geofence" in said) != (kind == "geofence"),
@@ -94,7 +94,7 @@ class CommandReader:
             ),
             (
                 "run" in said and said["run"] not in list(self._flying()),
-                "for another run; this one does not fly now",
+                "for a run that is not in flight",
             ),
         )
         return next((text for wrong, text in checks if wrong), "")

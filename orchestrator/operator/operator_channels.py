@@ -28,7 +28,7 @@ async def open_operator_channels(
         try:
             await _serve_socket(stack, controller)
         except OSError as error:
-            raise OperatingError(f"no socket for operators can be had: {error}") from error
+            raise OperatingError(f"the operator socket cannot be opened: {error}") from error
         if mqtt is not None:
             await _connect(stack, controller, mqtt)
         yield

@@ -27,7 +27,7 @@ def ask(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise NoAnswerError(f"{path} does not answer: {error}") from error
     if not isinstance(answer, dict):
-        raise NoAnswerError(f"{path} does not answer as it should")
+        raise NoAnswerError(f"{path} does not answer by the protocol")
     return answer
 
 

@@ -130,7 +130,7 @@ class RunRecorder:
     def _break(self, why: str) -> None:
         if not self._is_broken:
             self._is_broken = True
-            self._broken(f"the recording broke off: {why}")
+            self._broken(f"the recording ended early: {why}")
 
     def _report_trouble(self, t_s: float, event: str, **details: str | float | bool | None) -> None:
         self._keep(self._log.write, t_s, event, **details)

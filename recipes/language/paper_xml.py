@@ -103,11 +103,11 @@ class _Reader:
         kind = _TYPES.get(element.tag.lower().replace("_", ""))
         if kind is None:
             meant = closest(element.tag, [*_TYPES])
-            self._note(element.place, f"<{element.tag}> is no sensor", meant)
+            self._note(element.place, f"<{element.tag}> is not a sensor", meant)
             return
         name = self._id(element)
         if name in sensors:
-            self._note(element.place, f"sensor '{name}' stands here twice")
+            self._note(element.place, f"sensor '{name}' is declared twice")
         entries = {"type": _entry(kind, element.place)} | self._attributes(element, ("id",))
         sensors[name] = Entry(element.place, mapping_node(entries, element.place))
 

@@ -196,8 +196,8 @@ def _check_merged(reader: "_Reader", sensor: Sensor, kinds: dict[Side, str], mer
     for side in SIDES:
         if kinds[side] != sensor.kind:
             message = (
-                f"{sensor.name} is a {sensor.kind}, but {side} comes to its merge as {kinds[side]};"
-                " a transform has to make one of the other"
+                f"{sensor.name} is a {sensor.kind}, but {side} reaches its merge as {kinds[side]};"
+                " add a transform that converts one into the other"
             )
             reader.note(merge.path, message, key=True)
             kinds[side] = sensor.kind
@@ -274,7 +274,7 @@ class _Reader:
             return self._check_recipe(own, at, shorthand=False) if own is not None else []
         if not isinstance(given, dict) or len(given) != 1:
             example = next(kind.name for kind in steps() if kind.stage == stage)
-            self.note(at, f"a step is its name, or one mapping {{{example}: parameters}}")
+            self.note(at, f"a step is a name, or one mapping {{{example}: parameters}}")
             return []
         ((name, value),) = given.items()
         kind = self._kind((*at, name), name, stage)

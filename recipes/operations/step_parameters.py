@@ -52,7 +52,7 @@ class RotationPart(Part):
         if self.matrix is not None:
             m = np.array(self.matrix)
             if np.abs(m @ m.T - np.eye(3)).max() > _MATRIX_SLACK or np.linalg.det(m) < 0:
-                raise KeyFaultError("matrix", "is no rotation (orthogonal, determinant 1)")
+                raise KeyFaultError("matrix", "is not a rotation (orthogonal, determinant 1)")
         return self
 
     def quaternion(self) -> Quat:

@@ -130,7 +130,7 @@ class LocalGuard:
         """Let nothing through between us and a vehicle for a while, as the campaign wants it."""
         impaired = self._links[name].impaired
         if impaired is None:
-            raise ValueError(f"the link of {name} is not one that can go dark")
+            raise ValueError(f"the link of {name} does not support outages")
         impaired.start_outage(duration_s)
 
     def alive(self) -> None:

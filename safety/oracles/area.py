@@ -124,7 +124,7 @@ def area(terms: Terms, parameters: AreaParameters, context: OracleContext) -> Or
     return Geofence(terms, fence=fence, what="its area", changes=False)
 
 
-@oracle("altitude", "keeps between min_m and max_m over the world's origin", AltitudeParameters)
+@oracle("altitude", "stays between min_m and max_m over the world's origin", AltitudeParameters)
 def altitude(terms: Terms, parameters: AltitudeParameters, context: OracleContext) -> Oracle:
     """Return the oracle of height."""
     del context

@@ -19,7 +19,9 @@ class EstimatorParameters(Windowed):
     """max_unsound_s: for how long the estimator may report a fault, in seconds."""
 
     max_unsound_s: float = Field(
-        default=0.0, ge=0, description="how long its estimator may lack something; 0 for never"
+        default=0.0,
+        ge=0,
+        description="how long its estimator may report a missing input; 0 for never",
     )
 
 
@@ -34,7 +36,7 @@ class BatteryParameters(Windowed):
     @model_validator(mode="after")
     def _require_one_limit(self) -> Self:
         if (self.min_percent is None) == (self.min_v is None):
-            raise ValueError("give min_percent or min_v; for both, two oracles")
+            raise ValueError("give min_percent or min_v; use two oracles for both")
         return self
 
 
@@ -134,7 +136,7 @@ class Battery(LimitOracle):
             terms,
             unit="%" if self._in_percent else "V",
             limit=self._least,
-            nothing="it never told the state of its battery",
+            nothing="it never reported its battery",
         )
 
     def on_state(self, sample: StateSample) -> Flags:
@@ -206,14 +208,14 @@ class Modes(Oracle):
         )
 
 
-@oracle("estimator", "has a sound estimator in flight", EstimatorParameters)
+@oracle("estimator", "has a healthy estimator in flight", EstimatorParameters)
 def estimator(terms: Terms, parameters: EstimatorParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the estimator's health."""
     del context
     return Estimator(terms, max_unsound_s=parameters.max_unsound_s)
 
 
-@oracle("battery", "keeps a least charge or voltage", BatteryParameters)
+@oracle("battery", "keeps at least a charge or voltage", BatteryParameters)
 def battery(terms: Terms, parameters: BatteryParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the battery."""
     del context

@@ -29,10 +29,11 @@ class ContactParameters(Windowed):
     """exclude: names of objects not judged. ground: objects that one takes off from."""
 
     exclude: Annotated[
-        tuple[str, ...], Field(description="objects that may be touched, never judged")
+        tuple[str, ...],
+        Field(description="objects that may be touched; contact with them is not judged"),
     ] = ()
     ground: Annotated[
-        tuple[str, ...], Field(description="objects that one takes off from or lands on")
+        tuple[str, ...], Field(description="objects that the vehicle takes off from or lands on")
     ] = ()
 
 

@@ -24,7 +24,7 @@ from worlds.files.documents import closest
 class DistanceParameters(Band):
     """object: the thing's name; min_m, max_m: from the vehicle's body to its nearest point."""
 
-    object: Annotated[str, Field(description="the name of the thing in the world")]
+    object: Annotated[str, Field(description="the name of the object in the world")]
     min_m: Annotated[float | None, Field(ge=0, description="never nearer than this")] = None
     max_m: Annotated[float | None, Field(gt=0, description="never farther than this")] = None
 
@@ -79,7 +79,7 @@ class Distance(LimitOracle):
 
 @oracle(
     "distance",
-    "keeps its distance to a thing between min_m and max_m",
+    "keeps its distance to an object between min_m and max_m",
     DistanceParameters,
     window=IN_THE_AIR,
 )

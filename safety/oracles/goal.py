@@ -42,7 +42,7 @@ _AT: dict[LastStage, str] = {
     "at_height": "at height",
     "goal": "given its goal",
     "done": "done",
-    "land": "told to land",
+    "land": "commanded to land",
     "landed": "landed",
     "end": "at the end",
 }

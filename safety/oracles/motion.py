@@ -108,7 +108,7 @@ def speed(terms: Terms, parameters: SpeedParameters, context: OracleContext) -> 
     )
 
 
-@oracle("attitude", "leans no more than its limits", AttitudeParameters)
+@oracle("attitude", "tilts no more than its limits", AttitudeParameters)
 def attitude(terms: Terms, parameters: AttitudeParameters, context: OracleContext) -> Oracle:
     """Return the oracle of attitude."""
     del context

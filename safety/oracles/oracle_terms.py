@@ -56,7 +56,7 @@ class Parameters(BaseModel):
 
     vehicle: Annotated[
         Literal["real", "twin"] | None,
-        Field(description="whom it judges; by default real, in mode sim the twin"),
+        Field(description="the vehicle that it judges; by default real, in mode sim the twin"),
     ] = None
     required: Annotated[
         bool, Field(description="whether its FAIL fails the run, or is only reported")
@@ -74,12 +74,16 @@ class Windowed(Parameters):
         FirstStage | None, Field(alias="from", description="the stage that opens its window")
     ] = None
     to: Annotated[LastStage | None, Field(description="the stage that closes its window")] = None
-    fail_fast: Annotated[bool | None, Field(description="land at once when it fails")] = None
+    fail_fast: Annotated[
+        bool | None, Field(description="lands both vehicles at once when it fails")
+    ] = None
 
     @model_validator(mode="after")
     def _fails_something(self) -> Self:
         if self.fail_fast and not self.required:
-            raise KeyFaultError("fail_fast", "an oracle that is only reported ends no flight")
+            raise KeyFaultError(
+                "fail_fast", "an oracle that is not required does not end the flight"
+            )
         return self
 
     def window(self, usual: Window) -> Window:

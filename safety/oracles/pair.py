@@ -66,7 +66,7 @@ class TwinDivergence(Oracle):
         """Return the largest distance."""
         del t_s
         if self._worst is None:
-            return self.invalid("the two were never seen together")
+            return self.invalid("there are no poses of both at one time")
         distance_m, at_s = self._worst
         margin_m = None if self._max_m is None else self._max_m - distance_m
         return self.verdict(
@@ -87,7 +87,7 @@ def carried(sample: PoseSample, t_s: float) -> Vec3:
 
 @oracle(
     "twin_divergence",
-    "real and twin stay together",
+    "real and twin stay within max_m of each other",
     TwinDivergenceParameters,
     pair_only=True,
     window=Window("takeoff", "land"),

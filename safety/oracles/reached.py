@@ -99,7 +99,7 @@ class Reached(Oracle):
             if isinstance(found, Passage):
                 flags += self._pass(name, found)
             elif isinstance(found, Dip) and name == self._next:
-                self._note(f"went {found.depth_m:.2f} m into {name} and came back")
+                self._note(f"entered {found.depth_m:.2f} m into {name} and came back")
         return flags
 
     def result(self, t_s: float) -> OracleResult:

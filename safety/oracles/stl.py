@@ -128,7 +128,7 @@ class Stl(Oracle):
         if isinstance(best, Unevaluable) or best.value >= 0.0:
             return NO_FLAGS
         self._flagged = True
-        text = f"{self.vehicle}: {self.name} cannot hold any more"
+        text = f"{self.vehicle}: {self.name} cannot be satisfied any more"
         if best.decided_by is not None:
             text += f": {part_of(best.decided_by, best.index, values, self._kinds).violation}"
         return self.flag(t_s, text)
@@ -154,7 +154,7 @@ class Stl(Oracle):
     def evaluated(self, t_s: float) -> Robustness | Unevaluable:
         """Return the robustness as it stands at t_s, or why there is none."""
         if not self._trace.times_s:
-            return Unevaluable("the formula", None, "was not evaluated: its window never opened")
+            return Unevaluable("the formula", None, "was not evaluated: its window never began")
         end_s = self.stages.end_s if self.stages.end_s is not None else t_s
         return self._monitor.robustness(self._trace.times_s, self._trace.values(), end_s)
 
@@ -195,7 +195,7 @@ def _of_both(parameters: StlParameters) -> bool:
 
 @oracle(
     "stl",
-    "has a formula of signal temporal logic hold over the signals of the run",
+    "satisfies a formula of signal temporal logic over the run's signals",
     StlParameters,
     pair_only=_of_both,
     window=ON_GOAL,

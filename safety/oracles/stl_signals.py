@@ -63,9 +63,12 @@ _OF_STATE: dict[str, tuple[SignalKind, OfState]] = {
     ),
     "battery_v": (SignalKind("V", "battery voltage"), lambda s: s.battery_v),
     "armed": (SignalKind("", "its motors are armed"), lambda s: _truth(s.armed)),
-    "on_ground": (SignalKind("", "it says that it is on the ground"), lambda s: _truth(s.landed)),
+    "on_ground": (
+        SignalKind("", "it reports that it is on the ground"),
+        lambda s: _truth(s.landed),
+    ),
     "estimator_sound": (
-        SignalKind("", "its estimator lacks nothing"),
+        SignalKind("", "its estimator reports no fault"),
         lambda s: _truth(s.estimator_fault is None),
     ),
     **{
@@ -80,14 +83,14 @@ _REPORTS: Mapping[str, ReportName] = {
     "estimator_sound": "estimator",
 }
 CLEARANCE = SignalKind(
-    "m", "distance to the nearest thing; floors count between at_height and land"
+    "m", "distance to the nearest object; floors count between at_height and land"
 )
 FENCE_MARGIN = SignalKind("m", "distance to its geofence, negative outside (if there is one)")
 GOAL_DISTANCE = SignalKind("m", "distance to the goal's position (if it has one)")
 TWIN_DISTANCE_NAME = "twin_distance_m"
 TWIN_DISTANCE = SignalKind("m", "distance between real and twin (in mode wil)")
 SILENCE = SignalKind("s", "time since it was last heard")
-THING_DISTANCE = SignalKind("m", "distance to one thing of the world, by its name")
+THING_DISTANCE = SignalKind("m", "distance to one object of the world, by its name")
 
 
 def signal_docs() -> dict[str, SignalKind]:

@@ -19,7 +19,7 @@ from safety.oracles.oracle import (
 class LinkParameters(Windowed):
     """max_gap_s: the longest silence of the vehicle that is borne, in seconds."""
 
-    max_gap_s: float = Field(gt=0, description="the longest silence that is borne")
+    max_gap_s: float = Field(gt=0, description="the longest silence that is allowed")
 
 
 class VehicleFault(Oracle):
@@ -141,7 +141,7 @@ class LandedOracle(Oracle):
         if last.armed:
             faults.append("still armed")
         if last.landed is None:
-            faults.append("never said whether it is on the ground")
+            faults.append("never reported whether it is on the ground")
         elif not last.landed:
             faults.append("not on the ground")
         detail = " and ".join(faults)

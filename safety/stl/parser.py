@@ -66,7 +66,7 @@ def _formula(node: Node) -> Formula:
 def _term(node: Node) -> Term:
     if isinstance(node, TERMS):
         return node
-    raise StlError("is a statement, where a value is needed", _begin(node))
+    raise StlError("is a statement; a value is needed here", _begin(node))
 
 
 def _begin(node: Node) -> int:
@@ -115,11 +115,13 @@ class _Parser:
         if token.kind == "end":
             return StlError(f"the formula ends too soon: {message}", token.at)
         if before is not None and before.kind == "number" and token.kind == "name":
-            said = f"'{before.text} {token.text}': numbers stand without a unit, "
-            return StlError(said + "they have that of the signal beside them", token.at)
+            said = f"'{before.text} {token.text}': a number has no unit, "
+            return StlError(
+                said + "it takes the unit of the signal that it is compared with", token.at
+            )
         if before is not None and before.kind == "name" and token.text in {"(", "["}:
             meant = closest(before.text, WORDS)
-            return StlError(f"'{before.text}' is no word of the language", before.at, meant)
+            return StlError(f"'{before.text}' is not a word of the language", before.at, meant)
         return StlError(message, token.at)
 
     def junction(self, level: int) -> Node:

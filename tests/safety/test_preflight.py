@@ -35,7 +35,7 @@ SOUND: dict[str, dict[str, float]] = {
         (
             at_least("battery", "real", 0.2, 0.3, unit="", what="its charge"),
             "refused",
-            "its charge is 0.2, and at least 0.3 is wanted",
+            "its charge is 0.2, and at least 0.3 is required",
         ),
         (
             at_least("battery", "real", None, 0.3, unit="", what="its charge"),
@@ -69,7 +69,7 @@ SOUND: dict[str, dict[str, float]] = {
             "refused",
             "it stands 0.50 m outside of the fence's side",
         ),
-        (home_item("real", FENCE, None, 0.0), "refused", "where it stands is not known"),
+        (home_item("real", FENCE, None, 0.0), "refused", "its position is not known"),
         (pair_item((0, 0, 0), (0.3, 0.4, 0), 0.5), "ok", ""),
         (pair_item((0, 0, 0), (0.3, 0.41, 0), 0.5), "refused", "and at most 0.5 m is allowed"),
         (pair_item((0, 0, 0), None, 0.5), "refused", "is not known"),

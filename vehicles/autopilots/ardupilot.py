@@ -90,7 +90,9 @@ class ArduCopter(Autopilot):
     )
     failsafes: ClassVar[tuple[FailsafeParameter, ...]] = (
         FailsafeParameter("GUID_TIMEOUT", "seconds without setpoints until GUIDED stops"),
-        FailsafeParameter("FS_GCS_ENABLE", "what it does when no ground station is heard; 0 off"),
+        FailsafeParameter(
+            "FS_GCS_ENABLE", "what it does when it loses the ground station; 0 is off"
+        ),
         FailsafeParameter("FS_GCS_TIMEOUT", "seconds until the ground station counts as lost"),
         FailsafeParameter("FS_THR_ENABLE", "what it does when the remote control is lost"),
         FailsafeParameter("FS_EKF_ACTION", "what it does when its estimator fails"),

@@ -208,7 +208,7 @@ class Autopilot(ABC):
     def _needed_amsl(self, ground_amsl_m: float | None) -> float:
         if ground_amsl_m is None:
             raise VehicleError(
-                f"{self.label} takes off to a height above sea level, and none is known: it sent "
+                f"{self.label} takes off to a height above sea level, which is not known: it sent "
                 "neither GLOBAL_POSITION_INT nor HOME_POSITION; wait for its GPS"
             )
         return ground_amsl_m

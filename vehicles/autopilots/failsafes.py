@@ -59,12 +59,12 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
             names=("FS_GCS_ENABLE",),
             wanted=_ARDUPILOT_LAND,
             sound=frozenset({1, 2, 3, 4, 5, 6, 7}),
-            wrong="it would hover until its battery is empty when nobody is heard",
+            wrong="on link loss it would hover until its battery is empty",
         ),
         FailsafeRule(
             names=("FS_GCS_TIMEOUT",),
             longest_s=30.0,
-            wrong="it would take too long to notice that nobody is heard",
+            wrong="it would take too long to detect a link loss",
         ),
         FailsafeRule(
             names=("MAV_GCS_SYSID", "SYSID_MYGCS"),
@@ -78,12 +78,12 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
             names=("NAV_DLL_ACT",),
             wanted=_PX4_LAND,
             sound=frozenset({1, 2, 3}),
-            wrong="it would not come down when nobody is heard, or fall",
+            wrong="on link loss it would not land, or it would fall",
         ),
         FailsafeRule(
             names=("COM_DL_LOSS_T",),
             longest_s=30.0,
-            wrong="it would take too long to notice that nobody is heard",
+            wrong="it would take too long to detect a link loss",
         ),
         FailsafeRule(
             names=("COM_OBL_RC_ACT",),

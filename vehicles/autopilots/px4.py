@@ -105,7 +105,7 @@ class Px4(Autopilot):
     failsafes: ClassVar[tuple[FailsafeParameter, ...]] = (
         FailsafeParameter("COM_OF_LOSS_T", "seconds without setpoints until OFFBOARD is lost"),
         FailsafeParameter("COM_OBL_RC_ACT", "what it does when OFFBOARD is lost"),
-        FailsafeParameter("NAV_DLL_ACT", "what it does when no ground station is heard"),
+        FailsafeParameter("NAV_DLL_ACT", "what it does when it loses the ground station"),
         FailsafeParameter("COM_DL_LOSS_T", "seconds until the ground station counts as lost"),
         FailsafeParameter("NAV_RCL_ACT", "what it does when the remote control is lost"),
         FailsafeParameter("COM_RCL_EXCEPT", "modes in which a lost remote control is ignored"),

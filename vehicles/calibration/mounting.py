@@ -130,14 +130,16 @@ def _check_fit(found: Any, problem: "_Problem", pictures: int) -> MountingFit:
         raise CalibrationError(_move_more(f"± {fit.spread_m:.2f} m"))
     if not fit.spread_s < 0.02:
         raise CalibrationError(
-            f"the latency cannot be told (± {1000 * fit.spread_s:.0f} ms): move faster, to and fro"
+            f"the latency cannot be determined (± {1000 * fit.spread_s:.0f} ms): move "
+            "it back and forth faster"
         )
     return fit
 
 
 def _move_more(known: str) -> str:
     return (
-        f"the mounting cannot be told ({known}): turn the body by 20 degrees and more about two "
+        f"the mounting cannot be determined ({known}): turn the body by 20 degrees and "
+        "more about two "
         "axes at least (nose up and down, left and right, to the sides), with the board in view"
     )
 
@@ -151,7 +153,7 @@ class _Track:
         fresh = np.concatenate(([True], np.diff(times) > 0.0))
         self._t_s = times[fresh]
         if len(self._t_s) < 2:
-            raise CalibrationError("the body's pose is not known: no poses came")
+            raise CalibrationError("the body's pose is not known: no poses arrived")
         self._positions = path.position_ned_m[order][fresh]
         q = path.q_wxyz[order][fresh]
         self._slerp = Slerp(self._t_s, Rotation.from_quat(q[:, [1, 2, 3, 0]]))
@@ -206,7 +208,7 @@ def _board_from_camera(one: Sighting, intrinsics: Intrinsics) -> tuple[Points, P
     matrix, distortion = _lens(intrinsics)
     done, turn, shift = cv2.solvePnP(one.board_m, one.pixels, matrix, distortion)
     if not done:
-        raise CalibrationError("a picture's board has no pose; take the recording anew")
+        raise CalibrationError("a picture's board has no pose; record it again")
     rotation = _OPTICAL_FROM_FRD.T @ cv2.Rodrigues(turn)[0]
     return rotation, _OPTICAL_FROM_FRD.T @ np.asarray(shift).ravel()
 
@@ -265,7 +267,7 @@ def _informative_pairs(rotations: Points) -> tuple[Indices, Indices]:
     # Of two axes of turning the lesser must be seen as well, on the average in each pair.
     least = _LEAST_OF_TWO * _LEAST_TURN_RAD * np.sqrt(len(axes))
     if len(axes) < FEWEST or np.linalg.svd(axes, compute_uv=False)[1] < least:
-        raise CalibrationError(_move_more("it hardly turned, or about one axis alone"))
+        raise CalibrationError(_move_more("it hardly rotated, or about one axis only"))
     return first[telling], second[telling]
 
 

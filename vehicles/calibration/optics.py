@@ -61,7 +61,7 @@ def fit_optics(
     if (slant := _slant(chosen)) < _LEAST_SLANT:
         raise CalibrationError(
             f"the board faces the camera in all {len(chosen)} pictures (the most slanted is off by "
-            f"{slant:.0%}): focal length and distance cannot be told apart; tilt it by 30 degrees "
+            f"{slant:.0%}): focal length and distance cannot be separated; tilt it by 30 degrees "
             "and more, to each side"
         )
     matrix, distortion, errors = _calibrate(chosen, size, coefficients)

@@ -305,7 +305,7 @@ class VehicleClock:
         if self._map.known:
             return self._map.run_time(boot_s + self._epoch_shift_s)
         if self._raw_delay.value == math.inf:
-            raise ValueError("neither TIMESYNC nor telemetry told the vehicle's time yet")
+            raise ValueError("neither TIMESYNC nor telemetry has given the vehicle's time yet")
         return boot_s + self._raw_delay.value
 
     def boot_time(self, t_s: float) -> float:

@@ -380,7 +380,7 @@ class Driver:
     def _circumstances(self) -> str:
         """Return what people want to know beside an error; empty, or begins with a semicolon."""
         texts = () if self._status is None else self._status.last_texts()
-        said = "it last said: " + " | ".join(texts) if texts else ""
+        said = "its last STATUSTEXT: " + " | ".join(texts) if texts else ""
         return "".join(f"; {words}" for words in (self._presence.silence(), said) if words)
 
     def _begin_listening(self) -> None:

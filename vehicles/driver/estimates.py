@@ -92,7 +92,8 @@ class Estimates:
         if self._anchor is None or self._here is None:
             lacks = "is not anchored" if self._anchor is None else "has sent no GLOBAL_POSITION_INT"
             raise AnchorError(
-                f"{self._session.link.name}: no latitude and longitude of places can be told: it "
+                f"{self._session.link.name}: positions cannot be converted to latitude "
+                "and longitude: it "
                 f"{lacks}; give it satellites, or set its estimator's origin"
             )
         frame, local = self._here

@@ -50,7 +50,7 @@ class IdentifiedVehicle:
         now_s = asyncio.get_running_loop().time()
         reasons += [f"{name} does not come" for name in self.streams.missing(now_s)]
         if not self.status.state.link_up:
-            reasons.append("nothing is heard from it")
+            reasons.append("it is silent")
         if not self.clock.synchronised:
             reasons.append("it does not answer TIMESYNC")
         if self.autopilot.takeoff_needs_amsl and self.estimates.amsl_m is None:

@@ -31,5 +31,5 @@ def open_link(address: LinkAddress, *, patient: bool = False, signed: bool = Fal
             return SerialLink(address=address)
         case "memory":
             raise LinkError(
-                "memory:// links have two ends in one process; memory_pair() makes both at once"
+                "memory:// links have both ends in one process; memory_pair() creates both"
             )

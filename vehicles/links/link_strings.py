@@ -70,7 +70,7 @@ def parse_link(text: str) -> LinkAddress:
         return _serial(text, rest)
     match = _HOST_PORT.fullmatch(rest)
     if match is None:
-        raise _unreadable(text, f"{kind}:// wants host:port")
+        raise _unreadable(text, f"{kind}:// needs host:port")
     port = int(match["port"])
     if not 1 <= port <= 65535:
         raise _unreadable(text, f"port {port} is not within 1..65535")
@@ -80,10 +80,10 @@ def parse_link(text: str) -> LinkAddress:
 def _serial(text: str, rest: str) -> LinkAddress:
     match = _DEVICE_BAUD.fullmatch(rest)
     if match is None:
-        raise _unreadable(text, "serial:// wants device:baud")
+        raise _unreadable(text, "serial:// needs device:baud")
     baud = int(match["baud"])
     if not 1200 <= baud <= 12_000_000:
-        raise _unreadable(text, f"no serial port runs at {baud} baud")
+        raise _unreadable(text, f"{baud} is not a baud rate of serial ports")
     return LinkAddress("serial", device=match["device"], baud=baud)
 
 

@@ -68,7 +68,10 @@ class Reconnection:
         if self._unsteady < _FLAPS:
             _log.warning("%s: lost (%s)", self._name, why)
         elif self._unsteady == _FLAPS:
-            said = "%s: lost (%s), again: it flaps; no more of it until it stays for %g s"
+            said = (
+                "%s: lost again (%s): the link flaps; further losses are not logged until "
+                "it holds for %g s"
+            )
             _log.warning(said, self._name, why, _STEADY_S)
         if self._again is not None:
             self._task = start(self._try(self._again), name=f"{self._name}: again")

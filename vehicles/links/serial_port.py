@@ -50,7 +50,7 @@ def remedy(error: OSError, device: str, baud: int) -> str:
         case errno.ENOENT | errno.ENODEV | errno.ENXIO:
             there = ", ".join(ports())
             return f"there is no {device}; " + (
-                f"these are there: {there}" if there else "no serial device is plugged in"
+                f"these are there: {there}" if there else "no serial device is connected"
             )
         case errno.EACCES | errno.EPERM:
             group = group_of(device)
@@ -64,7 +64,7 @@ def remedy(error: OSError, device: str, baud: int) -> str:
                 "that was left over); end it"
             )
         case errno.ENOTTY | errno.EISDIR:
-            return f"{device} is no serial port"
+            return f"{device} is not a serial port"
         case errno.EINVAL:
             return f"{device} does not run at {baud} baud"
         case _:

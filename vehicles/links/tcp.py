@@ -238,10 +238,11 @@ def _remedy(error: OSError, address: LinkAddress) -> str:
         errno.ECONNREFUSED: f"nothing listens on port {address.port} of {address.host}; is the "
         "vehicle running, and is the port right?",
         errno.EHOSTUNREACH: f"{address.host} cannot be reached; check network and address",
-        errno.ENETUNREACH: f"no network leads to {address.host}; check cable, WLAN and address",
+        errno.ENETUNREACH: f"there is no route to {address.host}; check cable, WLAN and address",
         errno.EADDRINUSE: f"port {address.port} is taken by another program (a ground station, or "
         "a run that was left over); end it, or choose another port",
-        errno.EADDRNOTAVAIL: f"{address.host} is no address of this machine; 0.0.0.0 listens on "
+        errno.EADDRNOTAVAIL: f"{address.host} is not an address of this machine; 0.0.0.0 "
+        "listens on "
         "all of them",
         errno.EACCES: f"no permission for port {address.port}; choose one above 1023",
     }.get(error.errno or 0)

@@ -151,7 +151,7 @@ class UdpLink(asyncio.DatagramProtocol):
             return
         said = (
             f"system {key} speaks from {rival[0]}:{rival[1]} as well as from {believed[0]}:"
-            f"{believed[1]}; two vehicles have one system id, and only the latter is believed"
+            f"{believed[1]}; two vehicles have the same system id; only the latter is accepted"
         )
         self.rivals[rival] = said
         if self._rival is not None:
@@ -177,7 +177,7 @@ def _remedy(error: OSError, address: LinkAddress) -> str:
             "was left over); end it, or choose another port"
         )
     if error.errno == errno.EADDRNOTAVAIL:
-        return f"{address.host} is no address of this machine; 0.0.0.0 listens on all of them"
+        return f"{address.host} is not an address of this machine; 0.0.0.0 listens on all of them"
     if error.errno in {errno.EACCES, errno.EPERM}:
         return f"no permission for port {address.port}; choose one above 1023"
     return f"{error.strerror or error}; check the network and the address"

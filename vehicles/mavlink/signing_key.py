@@ -73,7 +73,7 @@ def _key(raw: bytes, where: str) -> SigningKey:
     secret = _from_text(raw)
     if secret is None or len(secret) != KEY_BYTES:
         # The cause may quote the key: it is left out.
-        raise SigningKeyError(f"{where} holds no signing key; it may be {_FORMS}") from None
+        raise SigningKeyError(f"{where} has no signing key; it may be {_FORMS}") from None
     return SigningKey(secret)
 
 

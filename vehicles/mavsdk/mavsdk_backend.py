@@ -57,7 +57,8 @@ class MavsdkBackend:
             await self.client.order(make, f"system {target.system}", 2.0 * _FIND_S)
         except RefusedError as error:
             raise IdentifyError(
-                f"{self._name}: system {target.system} is heard, but mavsdk does not find it "
+                f"{self._name}: system {target.system} sends heartbeats, but mavsdk "
+                "does not find it "
                 f"({error.result})"
             ) from error
 

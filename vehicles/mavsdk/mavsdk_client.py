@@ -204,7 +204,7 @@ class MavsdkClient:
         owes = self._owed_s is not None and now_s - self._owed_s > _FLYING_SILENT_S
         if owes or now_s - self._heard_s > _SILENT_S:
             silent_s = now_s - self._heard_s
-            self._fail(f"mavsdk's process hangs: no sign of it for {silent_s:.1f} s")
+            self._fail(f"mavsdk's process hangs: no response for {silent_s:.1f} s")
             return
         for waiting in self._waiting.values():
             if now_s > waiting.until_s and not waiting.future.done():
@@ -226,7 +226,7 @@ class MavsdkClient:
         if self._failure is not None:
             return
         self._watch.stop()
-        self._failure = VehicleError(f"{self._name}: {what}; it is told nothing any more")
+        self._failure = VehicleError(f"{self._name}: {what}; nothing more is sent to it")
         if self._child is not None:
             # What hangs might wake and go on with what it was told.
             self._child.kill()

@@ -145,7 +145,7 @@ def main(arguments: list[str]) -> int:
     try:
         end = socket.socket(fileno=os.dup(sys.stdin.fileno()))
     except OSError as error:
-        sys.stderr.write(f"stdin is no socket to a driver: {error}\n")
+        sys.stderr.write(f"stdin is not a socket to a driver: {error}\n")
         return BAD_USE
     end.setblocking(True)
     return serve(end, arguments[0])

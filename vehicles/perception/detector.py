@@ -106,7 +106,7 @@ def _network(path: Path) -> Any:
     try:
         net = cv2.dnn.readNetFromONNX(str(path))
     except cv2.error as error:
-        raise DetectorError(f"'{path.name}' is no ONNX network: {_short(error)}") from error
+        raise DetectorError(f"'{path.name}' is not an ONNX network: {_short(error)}") from error
     if net.empty():
         raise DetectorError(f"'{path.name}' is an empty network")
     return net
@@ -114,7 +114,7 @@ def _network(path: Path) -> Any:
 
 def _short(error: cv2.error) -> str:
     said = str(error).strip().splitlines()
-    return said[0][-160:] if said else "OpenCV says nothing"
+    return said[0][-160:] if said else "OpenCV gives no reason"
 
 
 def letterboxed(image_bgr: BgrImage, input_px: tuple[int, int]) -> tuple[BgrImage, Letterbox]:
@@ -176,7 +176,7 @@ def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end
         candidates.append("end2end")
     if not candidates:
         raise DetectorError(
-            f"the output (1, {shape[0]}, {shape[1]}) is of no known layout for {classes} classes"
+            f"the output (1, {shape[0]}, {shape[1]}) has an unknown layout for {classes} classes"
         )
     return candidates[0]
 

@@ -36,7 +36,7 @@ class HsvRange:
             raise ValueError(f"hue_deg {list(self.hue_deg)} lies outside of 0 to 360")
         for name, (low, high) in (("saturation", self.saturation), ("value", self.value)):
             if not 0.0 <= low <= high <= 1.0:
-                raise ValueError(f"{name} [{low}, {high}] is no range within 0 to 1")
+                raise ValueError(f"{name} [{low}, {high}] is not a range within 0 to 1")
 
 
 def _hue(low: float, high: float, saturation: float = 0.35, value: float = 0.15) -> HsvRange:

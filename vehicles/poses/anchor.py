@@ -139,7 +139,7 @@ class PoseAverage:
         if len(poses) < self._least_samples:
             raise AnchorError(
                 f"only {len(poses)} position estimates within {self._span_s:g} s, "
-                f"{self._least_samples} are needed to tell where the vehicle stands"
+                f"{self._least_samples} are needed to determine its position"
             )
         positions = [pose.position_ned_m for pose in poses]
         if not all(math.isfinite(value) for position in positions for value in position):

@@ -122,7 +122,7 @@ def lens_fault(intrinsics: Intrinsics) -> str:
     with np.errstate(all="ignore"):
         rays = _rays(pixels, intrinsics)
         if not np.isfinite(rays).all():
-            return "the lens sees in no direction at some pixels"
+            return "the lens model has no direction at some pixels"
         again, _ = cv2.projectPoints(
             np.concatenate([rays, np.ones((len(rays), 1))], axis=1),
             np.zeros(3),
@@ -137,7 +137,7 @@ def lens_fault(intrinsics: Intrinsics) -> str:
         span[1] * intrinsics.fy_px / intrinsics.height_px,
     )
     if not folded <= _FOLDED_PX or not wider <= _MOST_TIMES_WIDER:
-        return "the lens folds over within the picture: no direction belongs to some pixels"
+        return "the lens model folds over within the image: some pixels have no direction"
     return ""
 
 

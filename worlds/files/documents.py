@@ -132,14 +132,14 @@ def _replace_value(node: Node, steps: tuple[str, ...], entry: Entry, dotted_key:
     value = {} if node.value is None else node.value
     if isinstance(value, tuple):
         if not (step.isascii() and step.isdigit() and int(step) < len(value)):
-            count = f"a list of {len(value)}, counted from 0"
-            raise _no_way(entry, dotted_key, f"'{step}' is no place in {count}")
+            count = f"a list of {len(value)}, indices begin at 0"
+            raise _no_way(entry, dotted_key, f"'{step}' is not an index of {count}")
         items = list(value)
         inner = items[int(step)]
         items[int(step)] = _replace_value(inner, rest, entry, dotted_key) if rest else entry.node
         return sequence_node(tuple(items), node.place)
     if not isinstance(value, dict):
-        raise _no_way(entry, dotted_key, f"'{step}' would stand in {describe(value)}")
+        raise _no_way(entry, dotted_key, f"'{step}' would be inside {describe(value)}")
     if not rest:
         return mapping_node({**value, step: entry}, node.place)
     if step not in value and (meant := closest(step, value)):

@@ -196,7 +196,7 @@ class _Builder:
         if node is not None:
             return node
         if event.anchor in self._anchors:
-            self._note(event, f"'*{event.anchor}' stands inside of what it refers to")
+            self._note(event, f"'*{event.anchor}' is inside the value that it refers to")
         else:
             self._note(event, f"'*{event.anchor}' refers to no '&{event.anchor}' above")
         return Node(None, self._place(event))
@@ -217,7 +217,7 @@ class _Builder:
                 merged = {**self._merge_keys(event, node), **merged}
             elif key is not None and key in own:
                 first = own[key].key.line
-                self._note(event, f"key '{key}' stands here twice, first in line {first}")
+                self._note(event, f"key '{key}' is declared twice, first in line {first}")
             elif key is not None:
                 own[key] = Entry(self._place(event), node)
         return mapping_node({**merged, **own}, self._place(start))
@@ -244,7 +244,7 @@ class _Builder:
         place = self._place(event)
         text = str(event.value)
         if any("\ud800" <= letter <= "\udfff" for letter in text):
-            self._note(event, "half of a surrogate pair is no character")
+            self._note(event, "an unpaired surrogate is not a character")
             return Node(None, place)
         return Node(_resolve(text) if event.style is None and not event.tag else text, place)
 

@@ -32,17 +32,17 @@ def damage(path: Path) -> str:
 
 def _glb(data: bytes) -> str:
     if data[:4] != b"glTF":
-        return "it is no GLB file: it does not begin with 'glTF'"
+        return "it is not a GLB file: it does not begin with 'glTF'"
     if len(data) < _GLB_HEAD.size + _GLB_CHUNK.size:
         return f"it is cut off after {len(data)} bytes"
     _, version, length = _GLB_HEAD.unpack_from(data)
     if version != 2:
-        return f"it is of glTF version {version}; 2 is read"
+        return f"it is of glTF version {version}; only version 2 is supported"
     if len(data) < length:
         return f"it is cut off: {len(data)} of {length} bytes are there"
     count, kind = _GLB_CHUNK.unpack_from(data, _GLB_HEAD.size)
     if kind != b"JSON":
-        return "its first part is not its description"
+        return "its first chunk is not JSON"
     begin = _GLB_HEAD.size + _GLB_CHUNK.size
     return _json(data[begin : begin + count], "its description")
 
@@ -55,7 +55,7 @@ def _json(data: bytes, what: str) -> str:
     except (UnicodeDecodeError, RecursionError):
         return f"{what} is not JSON"
     if not isinstance(said, dict) or "asset" not in said:
-        return f"{what} is JSON, but no glTF"
+        return f"{what} is JSON but not glTF"
     return ""
 
 
@@ -64,13 +64,13 @@ def _xml(data: bytes) -> str:
         root = ET.fromstring(data)  # noqa: S314 - a file that the user names, on the user's machine
     except ET.ParseError as error:
         line, column = error.position
-        return f"it is no XML (line {line}, column {column + 1})"
-    return "" if root.tag.endswith("COLLADA") else "it is XML, but no Collada"
+        return f"it is not XML (line {line}, column {column + 1})"
+    return "" if root.tag.endswith("COLLADA") else "it is XML but not Collada"
 
 
 def _stl(data: bytes) -> str:
     if data[:5].lower() == b"solid":
-        return "its text is not as an STL file's: facets of three vertices"
+        return "its text is not STL: facets need three vertices"
     if len(data) < _STL_HEAD_BYTES:
         return f"it is cut off after {len(data)} bytes"
     (count,) = struct.unpack_from("<I", data, _STL_HEAD_BYTES - 4)

@@ -94,7 +94,7 @@ def load_mesh_shape(
     empty, not finite, or has more than MAX_FACES faces, or when a file that it names is missing.
     """
     if path.suffix.lower() not in SUFFIXES:
-        raise MeshFileError(f"'{path.suffix}' is none of {', '.join(SUFFIXES)}")
+        raise MeshFileError(f"'{path.suffix}' is not one of {', '.join(SUFFIXES)}")
     if not path.is_file():
         raise MeshFileError("no such file")
     loaded = _load(path)
@@ -106,7 +106,7 @@ def load_mesh_shape(
     meshes = [_convert(part, turn) for part in loaded if len(part.faces)]
     if not meshes:
         why = damage(path)
-        raise MeshFileError(f"there are no triangles in it{': ' if why else ''}{why}")
+        raise MeshFileError(f"it has no triangles{': ' if why else ''}{why}")
     mesh = merge(meshes)
     surface = SurfaceShape(mesh.vertices_m, mesh.faces)
     return Shape("mesh", mesh, (Part("surface", surface, Pose((0.0, 0.0, 0.0))),))
@@ -124,7 +124,7 @@ def _load(path: Path) -> list[Any]:
     except Exception as error:
         # The readers behind trimesh raise whatever a broken file makes them stumble over, in words
         # about their own insides.
-        why = damage(path) or "it is damaged, or of another format than its name says"
+        why = damage(path) or "it is damaged, or its format does not match its suffix"
         raise MeshFileError(f"cannot be read as a mesh: {why}") from error
     parts = [part for part in dumped if isinstance(part, trimesh.Trimesh)]
     if not all(np.isfinite(part.vertices).all() for part in parts):
@@ -145,7 +145,7 @@ def _check_companions(path: Path) -> None:
 def _material_name(path: Path, keyword: str) -> list[Path]:
     """Return the files that lines of a text file name; options before the name are skipped."""
     if not path.is_file():
-        raise MeshFileError(f"it names the materials '{path.name}': no such file")
+        raise MeshFileError(f"it refers to the materials '{path.name}': no such file")
     lines = path.read_text("utf-8", "replace").splitlines()
     pattern = re.compile(rf"\s*{keyword}\s+(?:-\S+\s+(?:[\d.+-]+\s+|on\s+|off\s+)*)*(.+)")
     found = [pattern.match(line) for line in lines]

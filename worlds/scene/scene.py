@@ -58,9 +58,9 @@ class Scene:
         by_name = {thing.name: thing for thing in self.objects}
         ids = {thing.object_id for thing in self.objects}
         if len(by_name) != len(self.objects) or len(ids) != len(self.objects):
-            raise ValueError("every object of a scene needs a name and an id of its own")
+            raise ValueError("every object of a scene needs a unique name and a unique id")
         if not all(1 <= object_id <= MAX_OBJECTS for object_id in ids):
-            raise ValueError(f"object ids go from 1 to {MAX_OBJECTS}")
+            raise ValueError(f"object ids are 1 to {MAX_OBJECTS}")
         object.__setattr__(self, "_by_name", by_name)
 
     @property

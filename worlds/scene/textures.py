@@ -95,7 +95,7 @@ def load_texture(path: Path) -> BgrTexture:
     data = np.frombuffer(path.read_bytes(), np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if picture is None:
-        raise ValueError("no picture that OpenCV can read")
+        raise ValueError("not an image that OpenCV can read")
     return to_powers_of_two(np.asarray(picture, np.uint8))
 
 

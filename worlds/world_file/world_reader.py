@@ -55,7 +55,7 @@ class WorldReader:
     def read(self, models: dict[str, ObjectModel]) -> tuple[Placed, ...]:
         """Return all things, in order; check `problems` before using them."""
         if len(models) > MAX_OBJECTS:
-            self._note(("objects",), f"{len(models)} objects: pictures tell {MAX_OBJECTS} apart")
+            self._note(("objects",), f"{len(models)} objects; at most {MAX_OBJECTS} are supported")
             return ()
         placed = tuple(
             Placed(self._object(object_id, name, model), _exists_in(model))
@@ -89,7 +89,7 @@ class WorldReader:
         if model.color is None:
             return None
         if model.shape.room is not None:
-            self._note((*at, "color"), "a room has textures of its own, no colour")
+            self._note((*at, "color"), "a room has its own textures and takes no colour")
             return None
         try:
             return parse_color(model.color)

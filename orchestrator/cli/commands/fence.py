@@ -47,7 +47,7 @@ def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> 
     if len(flying.campaigns) > 1:
         # A fence is drawn for one world; an abort may mean all of them, this may not.
         folders = ", ".join(str(campaign.folder) for campaign in flying.campaigns)
-        err(f"several campaigns fly here; name the one you mean by its folder: {folders}")
+        err(f"several campaigns are in flight; name one by its folder: {folders}")
         return NOBODY
     answers = [
         _change_fences(campaign, document, f"cli:{who or account()}")

@@ -65,7 +65,11 @@ def find_campaigns(folder: Path | None) -> Places | None:
         err(error)
         return None
     if not flying.campaigns and not flying.guards:
-        err("nothing flies here" if folder is None else f"nothing flies in {folder}")
+        err(
+            "no campaign is in flight on this machine"
+            if folder is None
+            else f"no run is in flight in {folder}"
+        )
         return None
     return flying
 

@@ -101,7 +101,7 @@ def _as_text(report: ReplayReport) -> str:
 
 
 def _lines(one: Replayed) -> list[str]:
-    how = "to the bit" if one.exact else "within what JPEG loses"
+    how = "to the bit" if one.exact else "within the loss of JPEG"
     left_out = ", ".join(f"{what} {count}" for what, count in one.dropped.items())
     mixed = f"{one.name}: {one.mixed} of {one.frames} mixed"
     mixed += f" ({left_out})" if left_out else ""

@@ -95,7 +95,7 @@ def run(
         Print summary.json on standard output and nothing else there.
     """
     if flights.no_arm and resume:
-        err("--no-arm tries what a campaign would do, and leaves nothing to --resume")
+        err("--no-arm leaves no results that --resume could continue")
         return 2
     campaign = load_campaign(file, choice.options(*_sets(flights)))
     try:

@@ -22,7 +22,7 @@ class ImageSettings:
 
     def __post_init__(self) -> None:
         if not 1 <= self.quality <= 100:
-            raise ValueError(f"JPEG quality goes from 1 to 100, not {self.quality}")
+            raise ValueError(f"JPEG quality is 1 to 100, not {self.quality}")
 
 
 EXACT = ImageSettings("raw", depth=True, object_ids=True)

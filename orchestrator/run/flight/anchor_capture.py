@@ -52,5 +52,5 @@ async def anchor_by_mocap(context: VehicleContext) -> None:
         context.driver.set_anchor(Anchor.of_poses(local=local.mean(), world=world.mean()))
     except AnchorError as error:
         raise AnchorError(
-            f"{context.name}, anchored by motion capture: {error}; let it stand still, in sight"
+            f"{context.name}, anchored by motion capture: {error}; keep it still and in view"
         ) from error

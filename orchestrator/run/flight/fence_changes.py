@@ -20,7 +20,7 @@ ABOARD_S = 30.0
 """How long an upload may take: 70 corners over a radio that loses a tenth."""
 _AGAIN_S = 1.0
 _LANDING: frozenset[str] = frozenset(get_args(Cause))
-_OLD_HOLDS = "the old fence holds"
+_OLD_HOLDS = "the old fence applies"
 
 Answer = Callable[[OperatorCommand, bool, str], None]
 """Takes a command, whether it was obeyed, and what was done or why not."""
@@ -65,7 +65,7 @@ class FenceChanges:
     def ask(self, command: OperatorCommand) -> None:
         """Take a command; its answer comes later, unless another one is under way."""
         if not self._idle.is_set():
-            why = "another change of the fence is under way; ask again when it is answered"
+            why = "another change of the fence is in progress; try again when it is answered"
             self._answer(command, False, f"geofence: {why}")
             return
         self._idle.clear()
@@ -104,7 +104,7 @@ class FenceChanges:
             if change.done():
                 self._answer(command, *change.result())
             else:
-                self._answer(command, False, f"geofence: all are landing; {_OLD_HOLDS}")
+                self._answer(command, False, f"geofence: all vehicles are landing; {_OLD_HOLDS}")
         finally:
             await stop(change, landing)
         while self._aboard.unsettled and not self._ending:
@@ -139,7 +139,7 @@ class FenceChanges:
         fences = changed_fences(document, self._frame, self._present)
         mine: dict[str, Fence] = {name: one for name, one in fences.items() if name in self._flying}
         if not mine:
-            raise VehicleError(f"{' and '.join(fences)} does not fly here")
+            raise VehicleError(f"{' and '.join(fences)} is not in flight here")
         return mine
 
     async def _upload(self, fences: Mapping[str, Fence]) -> None:
@@ -167,5 +167,8 @@ class FenceChanges:
             await self._aboard.put_back()
         except VehicleError as error:
             names = " and ".join(self._aboard.unsettled)
-            return f"the guard keeps the old one, the autopilot of {names} maybe not yet: {error}"
+            return (
+                f"the guard applies the old one; the autopilot of {names} may still have "
+                f"the new one: {error}"
+            )
         return ""

@@ -32,5 +32,5 @@ async def see_at_rest(pair: Pair, run_state: RunState) -> None:
     """
     if await pair.guard.at_rest(_AGREED_S):
         return
-    run_state.decide("ERROR", "a vehicle said that it was disarmed, and was heard armed after that")
+    run_state.decide("ERROR", "a vehicle reported disarmed, and armed after that")
     await bring_down(pair, run_state)

@@ -154,8 +154,8 @@ def _require_two(contexts: tuple[VehicleContext, ...]) -> None:
     for one, other in itertools.combinations(contexts, 2):
         if same_vehicle(one.driver.identity, other.driver.identity):
             raise FlightError(
-                f"{one.name} and {other.name} are one vehicle: both answer with the uid "
-                f"{one.driver.identity.uid}; look where their links lead"
+                f"{one.name} and {other.name} are the same vehicle: both answer with the uid "
+                f"{one.driver.identity.uid}; check where their links lead"
             )
 
 

@@ -68,10 +68,10 @@ def call_autonomy(ask: Callable[[], T], *, within_s: float = LONGEST_ANSWER_S) -
 def command_of(answer: object) -> Command:
     """Return what `act` answered as a command of plain finite numbers. Raises AutonomyFault."""
     if not isinstance(answer, Command):
-        raise AutonomyFault(f"answered {_kind(answer)}, not a Command")
+        raise AutonomyFault(f"returned {_kind(answer)}, not a Command")
     note = answer.note
     if not isinstance(note, str):
-        raise AutonomyFault(f"answered a note that is {_kind(note)}, not text")
+        raise AutonomyFault(f"returned a note that is {_kind(note)}, not text")
     return Command(_setpoint(answer.setpoint), bool(answer.done), printable(note)[:_LONGEST_NOTE])
 
 
@@ -79,7 +79,7 @@ def _setpoint(given: object) -> Setpoint:
     match given:
         case VelocitySetpoint(velocity, yaw_rad, yaw_rate_rad_s):
             if yaw_rad is not None and yaw_rate_rad_s is not None:
-                raise AutonomyFault("answered a setpoint with both yaw_rad and yaw_rate_rad_s")
+                raise AutonomyFault("returned a setpoint with both yaw_rad and yaw_rate_rad_s")
             return VelocitySetpoint(
                 _vector("velocity_ned_m_s", velocity),
                 _optional("yaw_rad", yaw_rad),
@@ -89,14 +89,14 @@ def _setpoint(given: object) -> Setpoint:
             return PositionSetpoint(
                 _vector("position_ned_m", position), _optional("yaw_rad", yaw_rad)
             )
-    raise AutonomyFault(f"answered a Command whose setpoint is {_kind(given)}")
+    raise AutonomyFault(f"returned a Command whose setpoint is {_kind(given)}")
 
 
 def _vector(name: str, given: Sequence[object]) -> Vec3:
     try:
         north, east, down = given
     except (TypeError, ValueError):
-        raise AutonomyFault(f"answered a setpoint whose {name} is not three numbers") from None
+        raise AutonomyFault(f"returned a setpoint whose {name} is not three numbers") from None
     return (_number(name, north), _number(name, east), _number(name, down))
 
 
@@ -106,15 +106,15 @@ def _optional(name: str, given: object) -> float | None:
 
 def _number(name: str, given: object) -> float:
     if isinstance(given, str):
-        raise AutonomyFault(f"answered a setpoint whose {name} has {_kind(given)} in it")
+        raise AutonomyFault(f"returned a setpoint whose {name} contains {_kind(given)}")
     try:
         number = float(given)  # type: ignore[arg-type]  # also NumPy's; what is none is said
     except (TypeError, ValueError, OverflowError):
-        raise AutonomyFault(f"answered a setpoint whose {name} has {_kind(given)} in it") from None
+        raise AutonomyFault(f"returned a setpoint whose {name} contains {_kind(given)}") from None
     if not math.isfinite(number):
-        raise AutonomyFault(f"answered a setpoint whose {name} is not finite ({number})")
+        raise AutonomyFault(f"returned a setpoint whose {name} is not finite ({number})")
     if abs(number) > _LARGEST:
-        raise AutonomyFault(f"answered a setpoint whose {name} is beyond {_LARGEST:g} ({number:g})")
+        raise AutonomyFault(f"returned a setpoint whose {name} is beyond {_LARGEST:g} ({number:g})")
     return number
 
 
@@ -152,7 +152,7 @@ def _error_text(error: BaseException) -> str:
     try:
         words = str(error)
     except BaseException:  # noqa: BLE001 - the words of the code under test may raise anything
-        words = "(it has no words that can be shown)"
+        words = "(its message cannot be shown)"
     text = printable(" ".join(words.split()))[:_LONGEST_TEXT]
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 

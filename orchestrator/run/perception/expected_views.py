@@ -102,5 +102,5 @@ class ExpectedViews:
 
 def _needed(ids: Ids | None) -> Ids:
     if ids is None:
-        raise TypeError("our renderer gives ids where they are wanted")
+        raise TypeError("our renderer returns ids where they are requested")
     return ids

@@ -89,9 +89,9 @@ class VisibilityProbes:
         if combination.sensor.kind not in _SHOWING:
             return f"a reading of type {combination.sensor.kind} shows no objects"
         if not virtual.names:
-            return "nothing that the recipe mixes in stands in the virtual world alone"
+            return "the recipe mixes in no object that exists in the virtual world only"
         if isinstance(real, CameraSetup) and _is_file(real):
-            return "pictures from a file do not say where they were taken"
+            return "images from a file have no camera pose"
         if combination.sensor.kind == "lidar_points" and not isinstance(twin, LidarPointsSetup):
             return f"the points are made of a {twin.kind} reading"
         return ""

@@ -12,4 +12,4 @@ def last_statustext(pair: Pair, event: GuardEvent) -> str:
     if context is None or event.kind not in {"lost", "failsafe"}:
         return ""
     texts = [said.text.strip() for said in context.driver.state.texts[-_LAST_TEXTS:]]
-    return f"; it last said: {' | '.join(texts)}" if texts else ""
+    return f"; its last STATUSTEXT: {' | '.join(texts)}" if texts else ""

@@ -117,7 +117,9 @@ class OnboardConfiguration:
         try:
             await stack.aclose()
         except VehicleError as error:
-            self._run_state.decide("ERROR", f"{name} keeps what was put aboard: {error}")
+            self._run_state.decide(
+                "ERROR", f"{name} keeps the onboard configuration of this run: {error}"
+            )
 
     async def _fetch_log(self, context: VehicleContext) -> None:
         logs, folder = context.driver.onboard.logs, self._setup.order.folder

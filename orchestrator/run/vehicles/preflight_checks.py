@@ -91,7 +91,7 @@ class Preflight:
                 uncertainty_s,
                 wanted.max_clock_error_s,
                 unit="s",
-                what="how far its clock may be from where we take it to be",
+                what="the uncertainty of its clock",
             ),
         ]
         if fence is not None:
@@ -104,8 +104,8 @@ class Preflight:
         if context.pose_source == "mocap":
             seen_s = context.poses.at(asyncio.get_running_loop().time()).gap_s
             rate_hz = context.poses.rate_hz(_RATE_OVER_S)
-            since = "how long ago motion capture saw it"
-            often = "how often motion capture sees it"
+            since = "the age of its motion capture pose"
+            often = "the rate of its motion capture poses"
             return (
                 at_most("mocap", name, seen_s, _FRESH_S, unit="s", what=since),
                 at_least("mocap", name, rate_hz, wanted.min_mocap_hz, unit="Hz", what=often),
@@ -137,7 +137,7 @@ class Preflight:
         ]
         if ceiling_m is not None:
             altitude_m = return_altitude_m(autopilot, await first_known(parameters, names))
-            what = "the height it returns at"
+            what = "its RTL altitude"
             yielded.append(
                 at_most("return_altitude", context.name, altitude_m, ceiling_m, unit="m", what=what)
             )
@@ -216,7 +216,7 @@ def ceiling_above_home_m(
 def disk_item(folder: Path, least_mb: float) -> Item:
     """Return whether there is room for recordings; how much there is differs from run to run."""
     free_mb = shutil.disk_usage(folder).free / _MEGABYTE
-    item = at_least("disk", "", free_mb, least_mb, unit="MB", what=f"what is free in {folder}")
+    item = at_least("disk", "", free_mb, least_mb, unit="MB", what=f"free space in {folder}")
     return item if item.outcome == "refused" else Item("disk", "", "ok", None, least_mb, "MB")
 
 
@@ -230,7 +230,7 @@ def _advice(items: Iterable[Item]) -> str:
 
 def _position_item(context: VehicleContext, place: Vec3 | None, tolerance_m: float) -> Item:
     away = _from_start(context, place)
-    what = f"how far from its start it stands by {context.pose_source}"
+    what = f"its distance from its start pose by {context.pose_source}"
     return at_most(
         "position",
         context.name,

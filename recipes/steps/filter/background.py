@@ -36,7 +36,9 @@ class SubtractBackgroundParameters(SidedParameters):
     @model_validator(mode="after")
     def _check_image_with_method(self) -> "SubtractBackgroundParameters":
         if (self.picture is None) == (self.method == "picture"):
-            raise KeyFaultError("method", "method 'picture' and the key 'picture' go together")
+            raise KeyFaultError(
+                "method", "method 'picture' needs the key 'picture', and only that method takes it"
+            )
         return self
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
@@ -51,7 +53,7 @@ def _unreadable_fault(path: FilePath) -> str:
     if not path.is_file():
         return f"there is no file '{path.name}' beside the recipe"
     if cv2.imread(str(path), cv2.IMREAD_COLOR) is None:
-        return f"'{path.name}' is no picture that can be read"
+        return f"'{path.name}' is not an image that can be read"
     return ""
 
 

@@ -38,7 +38,7 @@ class IsolateDetectionsParameters(SidedParameters):
     def _require_known_classes(self) -> "IsolateDetectionsParameters":
         for index, name in enumerate(self.keep):
             if name not in self.names:
-                said = f"'{name}' is no class of the detector"
+                said = f"'{name}' is not a class of the detector"
                 raise KeyFaultError(("keep", index), said, closest(name, self.names))
         return self
 

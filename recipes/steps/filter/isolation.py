@@ -32,7 +32,7 @@ class RangePart(Part):
     @classmethod
     def _in_order(cls, pair: list[float]) -> list[float]:
         if pair[0] > pair[1]:
-            raise ValueError(f"[{pair[0]}, {pair[1]}] has its ends the wrong way round")
+            raise ValueError(f"[{pair[0]}, {pair[1]}] has its limits in the wrong order")
         return pair
 
     def range(self) -> HsvRange:
@@ -118,7 +118,7 @@ class IsolateObjectsParameters(SidedParameters):
     @classmethod
     def _only_the_twin(cls, on: str) -> str:
         if on != "twin":
-            raise ValueError("only the twin's pictures say which object a pixel shows")
+            raise ValueError("only the twin's images have object ids per pixel")
         return on
 
     def objects(self) -> tuple[tuple[Path, str], ...]:
@@ -148,7 +148,7 @@ def isolate_objects(parameters: IsolateObjectsParameters, context: Context) -> O
     ) -> Masked[Identified]:
         ids = work.reading.object_ids
         if ids is None:
-            raise CannotMixError("no_ids", "isolate_objects: the reading says no objects' ids")
+            raise CannotMixError("no_ids", "isolate_objects: the reading has no object ids")
         # OpenCV is quicker for pictures, and makes nothing of an empty cloud.
         kept = cv2.LUT(ids, table) if ids.ndim == 2 else table[ids]
         return Masked(work.reading, both(kept, work.mask))

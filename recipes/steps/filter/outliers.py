@@ -116,7 +116,7 @@ class MedianParameters(SidedParameters):
     def refuses(self, kind: str) -> str:
         """Return why a window is too large for a sensor."""
         if kind == "depth" and self.window > 5:
-            return "the median of a depth picture takes a window of 3 or 5"
+            return "the median of a depth image takes a window of 3 or 5"
         return ""
 
 

@@ -125,7 +125,7 @@ def isolate_depth(parameters: IsolateDepthParameters, context: Context) -> Opera
     def operator(work: Masked[Picture], other: AnyMasked | None) -> Masked[Picture]:  # noqa: ARG001 - the interface
         depth_m = work.reading.depth_m
         if depth_m is None:
-            raise CannotMixError("no_depth", "isolate_depth: the picture tells no depth")
+            raise CannotMixError("no_depth", "isolate_depth: the image has no depth")
         return Masked(work.reading, both(cv2.inRange(depth_m, low, high), work.mask))
 
     return operator
@@ -199,7 +199,7 @@ class IsolateBoxParameters(SidedParameters):
     @classmethod
     def _in_order(cls, pair: list[float]) -> list[float]:
         if pair[0] > pair[1]:
-            raise ValueError(f"[{pair[0]}, {pair[1]}] has its ends the wrong way round")
+            raise ValueError(f"[{pair[0]}, {pair[1]}] has its limits in the wrong order")
         return pair
 
 

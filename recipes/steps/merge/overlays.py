@@ -61,9 +61,9 @@ class OverlayParameters(StepParameters):
     def refuses(self, kind: str) -> str:
         """Return why what is asked for makes no sense for a sensor."""
         if self.soft_edge_px and kind != "camera":
-            return f"a soft edge is for pictures of a camera, not for {kind}"
+            return f"a soft edge applies to camera images, not to {kind}"
         if self.occlusion == "by_depth" and kind not in ("camera", "depth"):
-            return f"occlusion by depth is for pictures, not for {kind}"
+            return f"occlusion by depth applies to images, not to {kind}"
         return ""
 
 
@@ -120,7 +120,7 @@ def _visible_mask(layer: AnyMasked, ground: AnyMasked, occlusion: str) -> Mask |
     if upper is None or lower is None:
         if occlusion == "by_depth":
             without = layer.reading.source if upper is None else ground.reading.source
-            raise CannotMixError("no_depth", f"overlay by depth: {without} tells no depth")
+            raise CannotMixError("no_depth", f"overlay by depth: {without} has no depth")
         return layer.mask
     nearer: Mask = cv2.compare(upper, lower, cv2.CMP_LE)
     return nearer if layer.mask is None else cv2.bitwise_and(nearer, layer.mask, dst=nearer)
@@ -160,6 +160,6 @@ def refuse_mismatch(layer: AnyMasked, ground: AnyMasked) -> None:
     if not apart_px <= MAX_DISAGREEMENT_PX:
         raise CannotMixError(
             "mismatch",
-            f"overlay: the cameras see one point up to {apart_px:.1f} px apart;"
+            f"overlay: the cameras project one point up to {apart_px:.1f} px apart;"
             " give both the same field of view, or add a camera_model step",
         )

@@ -50,7 +50,7 @@ class ConditionPart(Part):
     def _some_limit(self) -> "ConditionPart":
         known = [name for kind in QUANTITIES.values() for name in kind]
         if self.what not in known:
-            said = f"nothing is called '{self.what}'"
+            said = f"there is no value '{self.what}'"
             raise KeyFaultError("what", said, closest(self.what, known))
         if self.above is None and self.below is None:
             raise ValueError("a condition needs 'above' or 'below'")
@@ -74,9 +74,9 @@ class ReplaceParameters(StepParameters):
     def refuses(self, kind: str) -> str:
         """Return why a rule makes no sense for a sensor."""
         if self.sector is not None and kind not in ("lidar", "lidar_points"):
-            return f"a sector is for lidars, not for {kind}"
+            return f"a sector applies to lidars, not to {kind}"
         if self.region is not None and kind not in PICTURES:
-            return f"a region is for pictures, not for {kind}"
+            return f"a region applies to images, not to {kind}"
         if self.when is not None and self.when.what not in QUANTITIES[kind]:
             known = ", ".join(QUANTITIES[kind])
             return f"a {kind} has no '{self.when.what}' (it has {known})"

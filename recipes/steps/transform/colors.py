@@ -78,7 +78,7 @@ class MatchPhotometryParameters(SidedParameters):
     @model_validator(mode="after")
     def _one_side(self) -> "MatchPhotometryParameters":
         if self.on == "both":
-            raise ValueError("one side is matched to the other; 'on' is real or twin")
+            raise ValueError("one side is matched to the other; 'on' must be real or twin")
         if self.gains_bgr is not None and min(self.gains_bgr) <= 0:
             raise ValueError("gains_bgr must be positive")
         return self
@@ -114,7 +114,7 @@ class _Matcher:
             missing = "twin" if self._p.on == "real" else "real"
             raise CannotMixError(
                 "no_twin" if missing == "twin" else "no_real",
-                f"match_photometry: there is no picture of {missing}",
+                f"match_photometry: there is no image of {missing}",
             )
         if self._now is None or self._frame % self._p.measure_every == 0:
             wanted = self._wanted_look(work, other)

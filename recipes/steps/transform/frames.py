@@ -179,7 +179,7 @@ class OffsetParameters(SidedParameters):
     def refuses(self, kind: str) -> str:
         """Return why a fix cannot be turned about an origin that it does not know."""
         if kind == "gps" and self.about == "origin":
-            return "a gps fix has no origin to be turned about; use local first"
+            return "a GPS position has no origin to rotate about; use local first"
         return ""
 
 

@@ -24,7 +24,7 @@ class Size(Part):
 def refuse_own(parameters: SidedParameters, to: object, what: str) -> None:
     """Raise KeyFaultError when a step takes something of the side that it works on."""
     if to in parameters.sides():
-        raise KeyFaultError("to", f"{to} would take its own {what}; 'on' says {parameters.on}")
+        raise KeyFaultError("to", f"{to} would be given its own {what}; 'on' is {parameters.on}")
 
 
 def the_other(name: str, to: Side, other: Work | None) -> Work:

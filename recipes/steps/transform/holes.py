@@ -31,7 +31,7 @@ def fill_depth(parameters: FillDepthParameters, context: Context) -> Operator:  
 
     depth_m (height, width) float32 metres; a hole is where it is infinite and what is seen lies
     around it. It takes the nearest distance that closes it; wide openings stay as they are. Drops
-    the overlay ("no_depth") when a picture tells no depth.
+    the overlay ("no_depth") when a picture has no depth.
     """
     width = parameters.holes_px + 1 + parameters.holes_px % 2
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
@@ -39,7 +39,7 @@ def fill_depth(parameters: FillDepthParameters, context: Context) -> Operator:  
     def operator(work: Masked[Picture], other: AnyMasked | None) -> Masked[Picture]:  # noqa: ARG001 - the interface
         depth_m = work.reading.depth_m
         if depth_m is None:
-            raise CannotMixError("no_depth", "fill_depth: the picture tells no depth")
+            raise CannotMixError("no_depth", "fill_depth: the image has no depth")
         return Masked(replace(work.reading, depth_m=_fill_holes(depth_m, disc)), work.mask)
 
     return operator

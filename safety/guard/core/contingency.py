@@ -14,14 +14,14 @@ class Phase(Enum):
     """Where a contingency stands; the value is what people read."""
 
     IDLE = "not needed"
-    PAUSE = "held for the operator"
+    PAUSE = "holding for the operator"
     HOLD = "holding"
-    LAND = "told to land"
+    LAND = "commanded to land"
     DESCEND = "descending"
-    SUPERVISE = "flown by its own failsafe"
+    SUPERVISE = "in the autopilot's own failsafe"
     DISARM = "on the ground"
     TERMINATE = "motors cut"
-    PILOT = "flown by the pilot"
+    PILOT = "under the pilot's control"
     DOWN = "down"
 
 
@@ -56,9 +56,9 @@ class Facts:
 
 
 def require_landing(mode: Mode) -> None:
-    """Raise ValueError for a mode that is no way to land."""
+    """Raise ValueError for a mode that is not a landing mode."""
     if mode not in {Mode.LAND, Mode.RTL}:
-        raise ValueError(f"{mode.value!r} is no way to land")
+        raise ValueError(f"{mode.value!r} is not a landing mode")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,14 +147,16 @@ def _hopeless(v: _View) -> bool:
     return v.plan.terminate and v.stalled and v.stalls >= v.plan.stalls_to_terminate
 
 
-_LAND_SEEN = _Step(lambda v: v.facts.mode is v.landing, Phase.DESCEND, "its landing mode is seen")
+_LAND_SEEN = _Step(
+    lambda v: v.facts.mode is v.landing, Phase.DESCEND, "its landing mode is confirmed"
+)
 _ON_GROUND = _Step(_has_landed, Phase.DISARM, "it is on the ground")
-_FAILSAFE = _Step(_own_failsafe, Phase.SUPERVISE, "its own failsafe flies it")
-_HOPELESS = _Step(_hopeless, Phase.TERMINATE, "it does not come down")
+_FAILSAFE = _Step(_own_failsafe, Phase.SUPERVISE, "its own failsafe is active")
+_HOPELESS = _Step(_hopeless, Phase.TERMINATE, "it does not descend")
 
 _ALWAYS: tuple[_Step, ...] = (
     _Step(lambda v: v.facts.armed is False, Phase.DOWN, "it is disarmed"),
-    _Step(lambda v: v.facts.pilot, Phase.PILOT, "a pilot flies it"),
+    _Step(lambda v: v.facts.pilot, Phase.PILOT, "the pilot has control"),
 )
 """Looked at first in every phase that is under way."""
 
@@ -167,7 +169,7 @@ _TABLE: dict[Phase, tuple[_Step, ...]] = {
         _Step(
             lambda v: v.facts.mode is not Mode.HOLD and v.elapsed_s >= v.plan.hold_timeout_s,
             Phase.LAND,
-            "its hold mode was not seen",
+            "its hold mode was not confirmed",
         ),
     ),
     Phase.LAND: (
@@ -187,11 +189,11 @@ _TABLE: dict[Phase, tuple[_Step, ...]] = {
     Phase.SUPERVISE: (
         _ON_GROUND,
         _Step(_lands_already, Phase.DESCEND, "its failsafe lands it"),
-        _Step(_has_not_helped, Phase.LAND, "its own failsafe does not bring it down"),
+        _Step(_has_not_helped, Phase.LAND, "its own failsafe does not land it"),
         _Step(
             lambda v: not _own_failsafe(v) and v.facts.mode is not Mode.RTL,
             Phase.HOLD,
-            "its own failsafe is over",
+            "its own failsafe ended",
         ),
     ),
     Phase.DISARM: (_Step(lambda v: v.facts.landed is False, Phase.HOLD, "it is in the air again"),),
@@ -247,20 +249,20 @@ class Contingency:
         """Begin, if it has not begun; returns what to send at once."""
         if self.started:
             return []
-        self._enter(Phase.HOLD, t_s, "it is brought down")
+        self._enter(Phase.HOLD, t_s, "it is being landed")
         return self.step(facts, t_s)
 
     def pause(self, facts: Facts, t_s: float) -> list[Action]:
         """Hold until `resume`; nothing once it was started."""
         if self.phase is not Phase.IDLE:
             return []
-        self._enter(Phase.PAUSE, t_s, "the operator holds it")
+        self._enter(Phase.PAUSE, t_s, "the operator commanded hold")
         return self.step(facts, t_s)
 
     def resume(self, t_s: float) -> None:
         """End a pause; nothing once it was started."""
         if self.phase is Phase.PAUSE:
-            self._enter(Phase.IDLE, t_s, "the operator lets it go on")
+            self._enter(Phase.IDLE, t_s, "the operator commanded resume")
 
     def step(self, facts: Facts, t_s: float) -> list[Action]:
         """Take the facts as they are now; returns what to send now."""

@@ -178,14 +178,18 @@ class GuardCore:
         """
         who = command.who
         if command.kind == "geofence":
-            raise ValueError("a guard is given fences, not a document")
+            raise ValueError("the guard takes parsed fences, not a file's text")
         if command.kind == "abort":
             return tuple(self._latch("abort", "", f"aborted by {who}", t_s))
         if self.latched is not None:
-            return (self._event(t_s, "refused", "", f"{who}: {command.kind}: all are landing"),)
+            return (
+                self._event(
+                    t_s, "refused", "", f"{who}: {command.kind}: all vehicles are landing already"
+                ),
+            )
         if command.kind == "hold":
             if self.paused:
-                return (self._event(t_s, "refused", "", f"{who}: hold: all hold already"),)
+                return (self._event(t_s, "refused", "", f"{who}: hold: all vehicles hold already"),)
             self.paused = True
             out: list[Output] = []
             for supervised in self._supervised_vehicles.values():
@@ -193,7 +197,7 @@ class GuardCore:
                 out += self._send(supervised, actions, t_s)
             return (*out, self._event(t_s, "hold", "", f"held by {who}"))
         if not self.paused:
-            return (self._event(t_s, "refused", "", f"{who}: resume: nothing is held"),)
+            return (self._event(t_s, "refused", "", f"{who}: resume: no vehicle holds"),)
         self.paused = False
         for supervised in self._supervised_vehicles.values():
             supervised.contingency.resume(t_s)
@@ -209,7 +213,10 @@ class GuardCore:
         why = self._refusal_of(fences, t_s)
         if why:
             return (self._event(t_s, "refused", "", f"{who}: geofence: {why}"),)
-        text = f"{who} wants another fence for {names}; the old one holds until it is aboard"
+        text = (
+            f"{who} requests another fence for {names}; the old one applies until the "
+            "autopilot has the new one"
+        )
         return (self._event(t_s, "proposed", "", text),)
 
     def change_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
@@ -223,7 +230,7 @@ class GuardCore:
 
     def _refusal_of(self, fences: Mapping[str, Fence], t_s: float) -> str:
         if self.latched is not None:
-            return "all are landing"
+            return "all vehicles are landing"
         motions = {name: self._supervised_vehicles[name].seen.motion(t_s) for name in fences}
         return refusal_of_changes(fences, motions, self.settings)
 
@@ -236,7 +243,7 @@ class GuardCore:
         out: Outputs = ()
         last_s, self._alive_s = self._alive_s, t_s
         if last_s is not None and t_s - last_s > self.settings.orchestrator_silent_s:
-            out = (self._event(t_s, "heard", "", "the orchestrator is back"),)
+            out = (self._event(t_s, "heard", "", "the orchestrator is heard again"),)
         return out
 
     def orchestrator_ended(self, t_s: float) -> Outputs:
@@ -260,7 +267,7 @@ class GuardCore:
         out: list[Output] = []
         silent_s = 0.0 if self._alive_s is None else t_s - self._alive_s
         if silent_s > self.settings.orchestrator_silent_s:
-            out += self._latch("silence", "", "the orchestrator fell silent", t_s)
+            out += self._latch("silence", "", "no heartbeat from the orchestrator", t_s)
         for supervised in self._supervised_vehicles.values():
             out += self._check_lost(supervised, t_s)
             if supervised.meter is not None:
@@ -369,7 +376,7 @@ class GuardCore:
         self.dropped[key] = self.dropped.get(key, 0) + 1
         if self.dropped[key] > 1:
             return ()
-        return (self._event(t_s, "dropped", supervised.name, f"{key[1]} was not passed"),)
+        return (self._event(t_s, "dropped", supervised.name, f"{key[1]} was not forwarded"),)
 
     def _latch(self, cause: Cause, name: str, text: str, t_s: float) -> list[Output]:
         """Take over, and say why; a later cause only says so, once for each vehicle."""

@@ -151,7 +151,7 @@ class SetpointLimiter:
         if fence is None or speed <= _TOLERANCE_M_S:
             return velocity
         if motion is None:
-            found.append(LimitReport("speed at an unknown place", speed, 0.0, "m/s"))
+            found.append(LimitReport("speed at an unknown position", speed, 0.0, "m/s"))
             return (0.0, 0.0, 0.0)
         part = self._part_inside(fence, motion.position_ned_m, velocity)
         if part >= 1.0:
@@ -194,7 +194,9 @@ class SetpointLimiter:
         target = self._at_height(asked.position_ned_m, found)
         if motion is None:
             if self._fence is not None or self.limits.speed_m_s is not None:
-                return None, (LimitReport("a position asked from an unknown place", 1.0, 0.0, ""),)
+                return None, (
+                    LimitReport("a position setpoint at an unknown position", 1.0, 0.0, ""),
+                )
         else:
             target = self._way_inside(motion.position_ned_m, target, found)
             target = self._carrot(motion.position_ned_m, target, found)
@@ -223,7 +225,7 @@ class SetpointLimiter:
         gone_m = _inside_m(self._fence, place, way, self.limits.keep_m)
         if gone_m >= length_m:
             return target
-        found.append(LimitReport("way towards the fence", length_m, gone_m, "m"))
+        found.append(LimitReport("path towards the fence", length_m, gone_m, "m"))
         return add(place, scale(way, gone_m / length_m))
 
     def _carrot(self, place: Vec3, target: Vec3, found: list[LimitReport]) -> Vec3:

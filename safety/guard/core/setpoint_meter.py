@@ -46,7 +46,7 @@ class SetpointMeter:
         asked = read_setpoint(frame, anchor)
         if asked is None:
             name = message_name(frame.message_id)
-            self._note(LimitReport(f"{name} cannot be limited and", 1.0, 0.0, ""), t_s)
+            self._note(LimitReport(f"{name} cannot be limited and is", 1.0, 0.0, ""), t_s)
             return None
         given, found = self._limiter.limit(asked, motion, t_s)
         for one in found:
@@ -82,6 +82,6 @@ def _excess_of(limiting: LimitReport) -> float:
 
 def _report_text(limiting: LimitReport) -> str:
     if not limiting.unit:
-        return f"{limiting.what} is not passed"
+        return f"{limiting.what} is not forwarded"
     asked = "any" if math.isinf(limiting.asked) else f"{limiting.asked:.2f}"
     return f"{limiting.what} limited from {asked} to {limiting.given:.2f} {limiting.unit}"

@@ -165,13 +165,13 @@ class ObservedVehicle:
             if self.taken_over:
                 return None
             self.taken_over = True
-            return ModeChange("takeover", f"a pilot flies it in {self._mode_name}")
+            return ModeChange("takeover", f"the pilot has control in {self._mode_name}")
         if old is None or new is old:
             return None
         self.failsafe = was_armed is True and self._is_unrequested(old, new, t_s, commanded)
         if not self.failsafe:
             return None
-        text = f"its autopilot went from {old_name} to {self._mode_name} by itself"
+        text = f"its autopilot changed from {old_name} to {self._mode_name} without a command"
         return ModeChange("failsafe", text)
 
     def _lost_guidance(self, old: Mode | None) -> bool:

@@ -40,20 +40,22 @@ class OperatorOrders:
         core = self._shell.core
         if command.kind == "abort":
             self._shell.command(command)
-            return "all are brought down"
+            return "all vehicles are being landed"
         if command.kind == "geofence":
             raise RefusedLineError("geofence: send it to the campaign, not to the guard")
         if core.latched is not None:
-            raise RefusedLineError(f"{command.kind}: all are landing already ({core.latched})")
+            raise RefusedLineError(
+                f"{command.kind}: all vehicles are landing already ({core.latched})"
+            )
         if command.kind == "hold":
             if core.paused:
-                raise RefusedLineError("hold: all hold already")
+                raise RefusedLineError("hold: all vehicles hold already")
             self._shell.command(command)
             return "all hold"
         if not core.paused:
-            raise RefusedLineError("resume: nothing is held")
+            raise RefusedLineError("resume: no vehicle holds")
         self._shell.command(command)
-        return "all go on"
+        return "all vehicles resume"
 
     def status(self) -> dict[str, Any]:
         """Return where all stand, for the operator."""

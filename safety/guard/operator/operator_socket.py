@@ -94,7 +94,10 @@ class OperatorSocket:
             self._clients.add(task)
         try:
             if len(self._clients) > _MOST_CLIENTS or not _is_ours(writer):
-                self._refused("a stranger, or too many at once")
+                self._refused(
+                    "connection refused: it belongs to another user, or 16 clients "
+                    "are connected already"
+                )
                 return
             await self._converse(reader, writer)
         except (ConnectionError, TimeoutError):
@@ -110,7 +113,7 @@ class OperatorSocket:
                 async with asyncio.timeout(_IDLE_S):
                     line = await reader.readline()
             except ValueError:
-                self._refused("too long a line")
+                self._refused("a line is too long")
                 writer.write(answer(ok=False, text=f"longer than {LONGEST_LINE_BYTES} bytes"))
                 return
             if not line:

@@ -130,7 +130,8 @@ class ClockFollower:
             self._publish_pace(
                 leader,
                 "stalled",
-                f"{leader} stands still: its time has not grown for {STALL_S:g} s; its simulator "
+                f"{leader} stands still: its time has not advanced for {STALL_S:g} s; "
+                "its simulator "
                 "hangs, or was stopped",
             )
         elif self._steering.locked:

@@ -70,9 +70,11 @@ class GuardConfig:
         try:
             guard_config = _codec.decode(packed)
         except MessageError as error:
-            raise GuardConfigError(f"the charter cannot be read: {error}") from error
+            raise GuardConfigError(f"the guard's configuration cannot be read: {error}") from error
         if not guard_config.vehicles or not math.isfinite(guard_config.epoch_s):
-            raise GuardConfigError("a charter names vehicles, and when the run clock was zero")
+            raise GuardConfigError(
+                "the guard's configuration names the vehicles and the origin of the run clock"
+            )
         return guard_config
 
 

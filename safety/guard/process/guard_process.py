@@ -120,7 +120,7 @@ class GuardProcess:
             with account.of(loop):
                 await self._guard(GuardConfig.unpacked(message.packed))
         except (GuardConfigError, VehicleError, OSError) as error:
-            self._channel.send(Failed(f"the guard cannot begin: {error}"))
+            self._channel.send(Failed(f"the guard cannot start: {error}"))
             return 1
         finally:
             self._channel.close()
@@ -291,7 +291,9 @@ class GuardProcess:
             case End():
                 self._over.set()
             case _:
-                self._note("refused", text=f"{type(message).__name__} makes no sense now")
+                self._note(
+                    "refused", text=f"{type(message).__name__} is not expected in this state"
+                )
 
     async def _start(self, start: Start) -> None:
         """Start a vehicle's process; its death is told as soon as it is seen."""
@@ -338,7 +340,7 @@ class GuardProcess:
             if loop.time() - since_s > self._guard_config.patience_s and not self._await_vehicles(
                 busy
             ):
-                self._note("given up", text=f"{', '.join(busy)} did not come down")
+                self._note("given up", text=f"{', '.join(busy)} did not land")
                 return
             await asyncio.sleep(_LAST_POLL_S)
 

@@ -18,7 +18,7 @@ def guard_stderr_tail(folder: str) -> str:
     words = ""
     with contextlib.suppress(OSError):
         words = (Path(folder) / _NAME).read_text(encoding="utf-8")
-    return f"the guard's process ended: {words[-_LONGEST:].strip() or 'it said nothing'}"
+    return f"the guard's process ended: {words[-_LONGEST:].strip() or 'it printed nothing'}"
 
 
 def remove_if_empty(folder: str) -> None:

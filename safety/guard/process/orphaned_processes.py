@@ -57,7 +57,7 @@ def runtime_folder() -> Path:
     about = folder.lstat()
     if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.getuid() or about.st_mode & 0o077:
         raise RuntimeFolderError(
-            f"{folder} belongs to another, or others may write there; remove it, or set "
+            f"{folder} belongs to another user, or others may write to it; remove it or set "
             "XDG_RUNTIME_DIR to a folder of your own"
         )
     return folder
@@ -108,7 +108,7 @@ def reap_orphans(folder: Path) -> tuple[str, ...]:
         if record.guard.lives or (record.owner is not None and record.owner.lives):
             continue
         done += [
-            f"process {child.pid} was left over from {record.run} in {record.folder}: {how}"
+            f"process {child.pid} is left from {record.run} in {record.folder}: {how}"
             for child in record.children
             if child.lives and (how := child.end())
         ]

@@ -279,9 +279,9 @@ class RemoteGuard:
         if sign.done():
             return
         how = self._ended.get(name)
-        said = f"it said nothing for {timeout_s:g} s" if how is None else how.last_output
+        said = f"it reported nothing for {timeout_s:g} s" if how is None else how.last_output
         code = "" if how is None else f" (exit status {how.exit_code})"
-        raise LinkError(f"{name} did not start{code}: {said or 'it said nothing'}")
+        raise LinkError(f"{name} did not start{code}: {said or 'it printed nothing'}")
 
     async def end_of(self, name: str) -> int | None:
         """Wait for the end of a vehicle's process; returns its exit code."""
@@ -374,7 +374,7 @@ class RemoteGuard:
         self._down.clear()
         self._rest.set()
         self._aftermath = start(self._watch_failsafes(), name="after the guard")
-        text = "the guard's process ended; the autopilots' own failsafes have to act"
+        text = "the guard's process ended; the autopilots' own failsafes must act"
         self._dispatch_event(GuardEvent(now_s, "guard", "", text))
 
     async def _watch_failsafes(self) -> None:
@@ -404,7 +404,7 @@ class RemoteGuard:
         """Wait for the guard; one that still has a vehicle in the air is left to it."""
         if await self._process.wait(_END_S) is None:
             now_s = asyncio.get_running_loop().time()
-            text = "the guard goes on by itself: something is in the air still"
+            text = "the guard continues by itself: a vehicle is still in the air"
             self._dispatch_event(GuardEvent(now_s, "guard", "", text))
         self._process.release()
         self._channel.close()

@@ -95,7 +95,11 @@ ONE_PLACE = [
     ("collision: {}", "collision: @5", "must be a mapping, is 5"),
     ("accept: {large: {sim: 3/3, wil: 2/3}}", "accept: @{}", "requires nothing, and no run"),
     ("{large: {sim: 3/3, wil: 2/3}}", "{large: @{}}", "requires nothing, and no run of it"),
-    ("large: {sim: 3/3", "@lagre: {sim: 3/3", "accept names no case 'lagre'; did you mean 'large'"),
+    (
+        "large: {sim: 3/3",
+        "@lagre: {sim: 3/3",
+        "accept names an unknown case 'lagre'; did you mean 'large'",
+    ),
     ("{sim: 3/3", "{@real: 3/3", "mode 'real' is not flown (modes: sim, wil)"),
     ("{sim: 3/3", "{sim: @3/4", "3/4 is of 4 runs, but there are 3 repetitions"),
     ("{sim: 3/3", "{sim: @4/3", "must ask for at least 1 pass and at most all, is '4/3'"),
@@ -246,14 +250,14 @@ def test_a_gate_outside_of_the_fence_is_told(files: Any) -> None:
 def test_a_start_outside_of_the_room_is_told(files: Any) -> None:
     files.change("pose: {north_m: 1.5}", "pose: {north_m: 3.5}", "world.yaml")
     found = files.faults()
-    assert "campaign.yaml:8:5: 'real' starts outside of room 'cage'" in found
-    assert any("'twin' starts outside of room 'cage'" in fault for fault in found)
+    assert "campaign.yaml:8:5: 'real' starts outside room 'cage'" in found
+    assert any("'twin' starts outside room 'cage'" in fault for fault in found)
 
 
 def test_a_start_inside_of_a_thing_is_told(files: Any) -> None:
     box = "  crate:\n    shape: {box: {size_m: [1, 1, 0.5]}}\n    pose: {up_m: 0.25}\n"
     files.append(box + "    exists_in: {sim: none, wil: W}\n", "world.yaml")
-    assert files.faults() == ["campaign.yaml:8:5: 'real' starts inside of 'crate'"]
+    assert files.faults() == ["campaign.yaml:8:5: 'real' starts inside 'crate'"]
 
 
 def test_a_start_on_top_of_a_thing_is_good(files: Any) -> None:

@@ -80,7 +80,7 @@ def test_a_source_has_its_times(files: Files) -> None:
     [
         ("none.mp4", "there is no file or folder 'none.mp4' beside the campaign"),
         ("http://camera/x", "known are rtsp://"),
-        ("{address: 'rtp://h:5600', topic: /camera}", "says nothing about a source of rtp"),
+        ("{address: 'rtp://h:5600', topic: /camera}", "has no effect on a source of rtp"),
         ("{address: 'rtsp://h', transport: quic}", "must be tcp or udp"),
         ("{address: 'rtsp://h', latency: 3}", "unknown key 'latency'"),
         ("{latency_ms: 3}", "missing key 'address'"),
@@ -165,7 +165,7 @@ def test_motion_capture_comes_from_an_address(files: Files) -> None:
     [
         ("serial://x", "must be udp://HOST:PORT"),
         ("udp://0.0.0.0", "must be udp://HOST:PORT"),
-        ("{address: 'udp://127.0.0.1:5570', topic: x}", "is for tcp:// alone"),
+        ("{address: 'udp://127.0.0.1:5570', topic: x}", "applies to tcp:// only"),
     ],
 )
 def test_motion_capture_that_cannot_be_is_refused(files: Files, mocap: str, said: str) -> None:
@@ -288,8 +288,8 @@ def test_a_program_beside_the_campaign_is_found(files: Files) -> None:
     [
         ("{program: [no-such-program]}", "there is no program 'no-such-program' in PATH"),
         ("{program: []}", "at least 1"),
-        ("{with: {}}", "give use: (a class) or program: (a command)"),
-        ("{use: pilot.py:Pilot, program: [python3]}", "says nothing beside a program"),
+        ("{with: {}}", "give use: (a class) or program: (a command line)"),
+        ("{use: pilot.py:Pilot, program: [python3]}", "has no effect with a program"),
     ],
 )
 def test_programs_that_cannot_be_are_refused(files: Files, text: str, said: str) -> None:

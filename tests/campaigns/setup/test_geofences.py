@@ -355,7 +355,7 @@ def test_a_drawn_fence_keeps_floor_and_ceiling(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (GEOJSON, "no vehicle has a fence, whose floor and ceiling it could keep"),
+        (GEOJSON, "no vehicle has a fence whose floor and ceiling could be kept"),
         ("{file: x.plan, up_m: [0, 2]}", "send the file itself, or its areas"),
         ("{real: {file: x.plan, up_m: [0, 2]}}", "send the file itself, or its areas"),
         (

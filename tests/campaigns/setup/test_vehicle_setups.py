@@ -224,7 +224,7 @@ def test_one_link_for_two(files: Any) -> None:
     outside(files, "udpin://0.0.0.0:14540")
     files.change("    link: embedded\n", "    link: udpin://0.0.0.0:14540\n")
     (fault,) = files.faults()
-    assert "each needs a link of its own" in fault
+    assert "each needs its own link" in fault
 
 
 def test_more_links_to_one_vehicle(files: Any) -> None:
@@ -246,7 +246,7 @@ def test_more_links_to_one_vehicle(files: Any) -> None:
     ("spares", "said"),
     [
         ("[udpin://0.0.0.0:14540]", "udpin://0.0.0.0:14540 is named twice"),
-        ("[embedded]", "must be a link; the embedded vehicle has one of its own"),
+        ("[embedded]", "must be a link; the embedded vehicle has its own"),
         ("[udp:14550]", "cannot be read"),
     ],
 )
@@ -262,7 +262,7 @@ def test_more_links_that_are_none(files: Any, spares: str, said: str) -> None:
 def test_the_embedded_vehicle_has_one_link(files: Any) -> None:
     files.change("    profile: cage\n", "    profile: cage\n    spare_links: [udpin://0.0.0.0:9]\n")
     (fault,) = files.faults()
-    assert "only a vehicle at a link of its own has more" in fault
+    assert "only a vehicle with its own link can have more" in fault
 
 
 def test_the_fence_aboard(files: Any) -> None:

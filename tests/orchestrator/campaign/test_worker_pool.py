@@ -121,7 +121,7 @@ def test_a_worker_that_says_nothing_any_more_is_killed() -> None:
     asyncio.run(pool.fly(["stop", "next"]))
     lost = outcomes["stop"]
     assert isinstance(lost, WorkerLost)
-    assert lost.reason == "its process said nothing for 0.5 s; it was killed"
+    assert lost.reason == "its process did not respond for 0.5 s; it was killed"
     assert outcomes["next"] == "flown next"
 
 

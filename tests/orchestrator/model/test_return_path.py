@@ -149,7 +149,7 @@ ARMED = {"event": "stage", "stage": "arm"}
         (result(verdict="INVALID", reason="mixing"), LANDED, [], ""),
         (result(verdict="ABORTED", reason="by anna"), LANDED, [], "ended as ABORTED: by anna"),
         (result(verdict="ERROR", reason="lost"), LANDED, [], "ended as ERROR: lost"),
-        (result(), None, [], "nobody knows where it stands"),
+        (result(), None, [], "its position is unknown"),
         (result(), replace(LANDED, armed=True), [], "not landed and disarmed"),
         (result(), replace(LANDED, stage="land"), [], "not landed and disarmed"),
         (
@@ -191,8 +191,8 @@ def test_after_which_runs_it_may_fly_on(
     ("back", "why"),
     [
         (way(), ""),
-        (way(altitude_m=4.5), "the way leaves the fence by its ceiling"),
-        (way(STOOD, Pose.of(9.0, 0.0, 0.0)), "the way leaves the fence by its side"),
+        (way(altitude_m=4.5), "the path leaves the fence at its ceiling"),
+        (way(STOOD, Pose.of(9.0, 0.0, 0.0)), "the path leaves the fence at its side"),
         (way(Pose.of(3.0, 5.5, 0.0)), "pillar is nearer than 0.5 m to the way"),
         (way(Pose.of(3.0, 5.5, 0.0), altitude_m=3.9), ""),
     ],

@@ -202,7 +202,7 @@ BAD = [
     (("color.yaml", "text.mcap", "text.mcap", "m.mcap"), 2, "text.mcap"),
     (("objects.yaml", "photo.png", "render.png", "m.png"), 2, "give a world file"),
     (("elsewhere.yaml", "photo.png", "world.yaml", "m.png"), 2, "did you mean 'gate'?"),
-    (("objects.yaml", "photo.png", "world.yaml", "m.png"), 3, "real tells no depth"),
+    (("objects.yaml", "photo.png", "world.yaml", "m.png"), 3, "real has no depth"),
     (("plain.yaml", "photo.png", "half.png", "m.png"), 3, "add a resize step"),
     (("color.yaml", "photo.png", "render.png", "photo.png"), 2, "is an input"),
     (("mine.yaml", "photo.png", "render.png", "m.png"), 3, "mine.py:half, frame 0: ZeroDivision"),

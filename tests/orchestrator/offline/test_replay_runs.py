@@ -124,12 +124,12 @@ def test_pictures_recorded_as_jpeg_are_replayed_within_what_jpeg_loses(
     assert [one["exact"] for one in report["combinations"]] == [False, True, True]
     assert main(["replay", str(folder)]) == 0
     said = capsys.readouterr().out
-    assert "all as recorded, within what JPEG loses" in said
+    assert "all as recorded, within the loss of JPEG" in said
     other = tmp_path / "other.yaml"
     other.write_text(RECIPE.replace("merge: overlay", "merge: {overlay: [real, twin]}"))
     code, report = replayed(capsys, str(folder), "--recipe", str(other))
     assert code == 1
-    assert "beyond what JPEG loses" in report["combinations"][0]["divergences"][0]["what"]
+    assert "beyond the loss of JPEG" in report["combinations"][0]["divergences"][0]["what"]
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def test_abort_wins_and_is_told_once(tmp_path: Path) -> None:
     controller.obey(HOLD)
     controller.obey(ABORT)
     assert (controller.stopped, controller.held, fleet.aborted) == ("command", False, [ABORT])
-    assert controller.obey(ABORT) == "all are landing already"
+    assert controller.obey(ABORT) == "all vehicles are landing already"
     for command in (HOLD, RESUME):
         with pytest.raises(RefusedLineError, match="landing already"):
             controller.obey(command)
@@ -68,7 +68,7 @@ def test_while_held_nothing_is_begun(tmp_path: Path) -> None:
     controller = make_desk(tmp_path, fleet)
     with pytest.raises(RefusedLineError, match="nothing is held"):
         controller.obey(RESUME)
-    assert controller.obey(HOLD) == "held: 2 runs in flight; none is begun"
+    assert controller.obey(HOLD) == "held: 2 runs in flight; no run is started"
     assert not fleet.going
     with pytest.raises(RefusedLineError, match="all hold already"):
         controller.obey(HOLD)
@@ -84,7 +84,7 @@ def test_a_signal_aborts_and_counts_as_a_signal(tmp_path: Path) -> None:
     controller.signal("Ctrl-C")
     assert controller.stopped == "signal"
     assert [command.who for command in fleet.aborted] == ["Ctrl-C"]
-    assert said[-1] == "still landing; the vehicles are brought down first"
+    assert said[-1] == "still landing; the program ends when the vehicles are down"
 
 
 def test_a_run_that_a_pilot_ended_ends_the_campaign(tmp_path: Path) -> None:
@@ -95,7 +95,7 @@ def test_a_run_that_a_pilot_ended_ends_the_campaign(tmp_path: Path) -> None:
     controller.finished(RESULT)
     assert controller.stopped is None
     assert controller.status()["flying"] == {}
-    controller.finished(replace(RESULT, rep=2, verdict="ABORTED", reason="a pilot flies it"))
+    controller.finished(replace(RESULT, rep=2, verdict="ABORTED", reason="the pilot has control"))
     assert controller.stopped == "command"
     assert fleet.aborted[0].who == "large/wil/2 (a pilot flies it)"
     assert controller.status()["finished"] == {"large/wil/1": "PASS", "large/wil/2": "ABORTED"}

@@ -133,9 +133,9 @@ async def test_commands_are_obeyed_and_answered(scene: Scene, tmp_path: Path) ->
     assert (status["state"], status["session"]) == ("flying", tmp_path.name)
     hold = await person.command("hold")
     assert (hold["ok"], hold["id"], hold["who"]) == (True, "id 1", "mqtt:anna")
-    assert hold["text"] == "held: 1 run in flight; none is begun"
+    assert hold["text"] == "held: 1 run in flight; no run is started"
     again = await person.command("hold")
-    assert (again["ok"], again["text"]) == (False, "hold: all hold already")
+    assert (again["ok"], again["text"]) == (False, "hold: all vehicles hold already")
     abort = await person.command("abort")
     assert abort["ok"]
     assert [one.who for one in scene.fleet.aborted] == ["mqtt:anna"]
@@ -239,7 +239,7 @@ async def test_a_broker_that_comes_back_finds_us_again(tmp_path: Path) -> None:
             assert (await person.command("abort"))["ok"]
         notes = [one["text"] for one in log(tmp_path) if not one["command"]]
         assert notes[0].startswith("the broker is away: ")
-        assert notes[1:] == ["the broker is back"]
+        assert notes[1:] == ["reconnected to the MQTT broker"]
     await scene.stop_broker()
 
 

@@ -92,7 +92,9 @@ def test_every_sensor_is_delayed_and_held(sensor: str) -> None:
 
 def test_a_choice_by_time_stands_before_what_changes_readings() -> None:
     said = refusal("lidar", "transform: [{resample_beams: real}, {delay: 100}], merge: overlay")
-    assert "'delay' chooses among readings as they came: it belongs before 'resample_beams'" in said
+    assert (
+        "'delay' selects among the received readings: it must come before 'resample_beams'" in said
+    )
     other_side = "transform: [{resample_beams: real}, {delay: {by_ms: 100, on: real}}]"
     mixer("lidar", f"{other_side}, merge: {{aggregate: min}}")
 
@@ -232,7 +234,7 @@ def test_types_are_followed_through_the_steps() -> None:
         "gps",
         "transform: [{geodetic: {latitude_deg: 1, longitude_deg: 2}}], merge: {replace: twin}",
     )
-    assert "twin comes to its merge as pose" in refusal(
+    assert "twin reaches its merge as pose" in refusal(
         "gps", "merge: {replace: twin}", ", twin_type: pose"
     )
     assert "works on camera and depth, not on lidar" in refusal(

@@ -122,7 +122,7 @@ def test_what_is_nearer_hides_what_is_farther(far: Any, near: Any, mask: Any) ->
 
 def test_occlusion_needs_both_depths_when_it_is_asked_for() -> None:
     twin = camera(plain(RED), depth_m=np.full((HEIGHT, WIDTH), 2, np.float32))
-    with pytest.raises(CannotMixError, match="real tells no depth") as caught:
+    with pytest.raises(CannotMixError, match="real has no depth") as caught:
         merged("overlay", camera(source="real"), twin, occlusion="by_depth")
     assert caught.value.reason == "no_depth"
     shown = merged("overlay", camera(source="real"), twin, occlusion="where_known")

@@ -45,7 +45,10 @@ def test_a_vehicle_that_is_not_seen_keeps_its_fence() -> None:
     assert told(core.propose_fences({"real": NEW}, "anna", 1.0)) == [("refused", text)]
     core.position(place("real", 0.0, 1.0))
     (proposed,) = told(core.propose_fences({"real": NEW}, "anna", 1.5))
-    wanted = "anna wants another fence for real; the old one holds until it is aboard"
+    wanted = (
+        "anna requests another fence for real; the old one applies until the autopilot "
+        "has the new one"
+    )
     assert proposed == ("proposed", wanted)
     assert fence_of(core, "real") is OLD
     assert told(core.propose_fences({"real": NEW}, "anna", 2.5)) == [("refused", text)]

@@ -133,7 +133,7 @@ def test_silence_after_landing_does_not_count() -> None:
         (True, True, "still armed"),
         (True, False, "still armed and not on the ground"),
         (False, False, "not on the ground"),
-        (False, None, "never said whether it is on the ground"),
+        (False, None, "never reported whether it is on the ground"),
     ],
 )
 def test_landed(armed: bool, landed: bool | None, detail: str) -> None:

@@ -178,7 +178,7 @@ def test_battery_by_charge_and_by_voltage() -> None:
     for judge in (charge, voltage):
         stage(judge, takeoff=1.0)
         assert judge.on_state(said(2.0)) == ()
-        assert judge.result(2.0).detail == "it never told the state of its battery"
+        assert judge.result(2.0).detail == "it never reported its battery"
     assert charge.on_state(said(3.0, percent=20.0, volts=9.0)) == ()
     assert voltage.on_state(said(3.0, percent=5.0, volts=10.6)) == ()
     assert charge.on_state(said(4.0, percent=19.0, volts=9.0))[0].text == "real: battery at 19 %"

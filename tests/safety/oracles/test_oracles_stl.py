@@ -237,7 +237,7 @@ def test_a_window_that_never_opens_cannot_be_judged() -> None:
     heights(judge, 1.0)
     result = judge.result(9.0)
     assert (result.verdict, result.at_s) == ("INVALID", None)
-    assert result.detail == "the formula was not evaluated: its window never opened"
+    assert result.detail == "the formula was not evaluated: its window never began"
 
 
 @pytest.mark.parametrize("formula", ["{} >= 0", "not ({} >= 0)", "{} < 0"])
@@ -315,7 +315,7 @@ def test_it_fails_fast_once_it_can_hold_no_more() -> None:
     assert 5.0 < flag.t_s <= 6.1
     assert flag.decisive
     assert flag.text == (
-        "real: stl cannot hold any more: up_m >= 3 is violated: 1.500 m against 3 m"
+        "real: stl cannot be satisfied any more: up_m >= 3 is violated: 1.500 m against 3 m"
     )
 
 

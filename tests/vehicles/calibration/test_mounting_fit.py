@@ -45,7 +45,7 @@ def test_a_body_that_is_not_turned_tells_nothing() -> None:
 def test_too_few_pictures_with_a_pose_are_refused() -> None:
     with pytest.raises(CalibrationError, match="pictures show the board while the body's pose"):
         fit_mounting(HAND.sightings(16.0)[:40], HAND.path(2.0), LENS)
-    with pytest.raises(CalibrationError, match="no poses came"):
+    with pytest.raises(CalibrationError, match="no poses arrived"):
         fit_mounting(HAND.sightings(4.0), HAND.path(0.0), LENS)
 
 

@@ -42,7 +42,9 @@ def _run(
 
 
 def _commander(session: Session) -> Commander:
-    return Commander(session=session, circumstances=lambda: "; it last said: Crash: Disarming")
+    return Commander(
+        session=session, circumstances=lambda: "; its last STATUSTEXT: Crash: Disarming"
+    )
 
 
 def test_an_accepted_command_is_sent_once(fake_pair: Callable[..., Any]) -> None:

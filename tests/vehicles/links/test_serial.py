@@ -137,7 +137,7 @@ async def test_a_missing_device(tmp_path: Path) -> None:
 
 async def test_no_serial_port(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a port")
-    with pytest.raises(LinkError, match="is no serial port"):
+    with pytest.raises(LinkError, match="is not a serial port"):
         await _link(tmp_path / "file").__aenter__()
 
 

@@ -145,11 +145,11 @@ def test_aliases_and_merge_keys_are_written_out() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("a: 1\na: 2", "x.yaml:2:1: key 'a' stands here twice, first in line 1"),
-        ("a: {b: 1, b: 2}", "x.yaml:1:11: key 'b' stands here twice, first in line 1"),
+        ("a: 1\na: 2", "x.yaml:2:1: key 'a' is declared twice, first in line 1"),
+        ("a: {b: 1, b: 2}", "x.yaml:1:11: key 'b' is declared twice, first in line 1"),
         ("a: 1\n---\nb: 2", "x.yaml:2:1: a second YAML document begins here; a file holds one"),
         ("a: *b", "x.yaml:1:4: '*b' refers to no '&b' above"),
-        ("a: &b [*b]", "x.yaml:1:8: '*b' stands inside of what it refers to"),
+        ("a: &b [*b]", "x.yaml:1:8: '*b' is inside the value that it refers to"),
         ("a: !!python/none x", "x.yaml:1:4: tag 'tag:yaml.org,2002:python/none': tags are not"),
         ("[1]: 2", "x.yaml:1:1: a key must be a word"),
         ("a: {<<: 5}", "x.yaml:1:5: '<<' takes a mapping"),
@@ -159,7 +159,7 @@ def test_aliases_and_merge_keys_are_written_out() -> None:
         ("a: 1\n\tb: 2", "x.yaml:2:1: not YAML: while scanning for the next token, found char"),
         ("a: b: c", "x.yaml:1:5: not YAML: mapping values are not allowed here"),
         ("a: '\x07'", "x.yaml:1:5: a character that YAML does not allow"),
-        ('a: "\\ud800"', "x.yaml:1:4: half of a surrogate pair is no character"),
+        ('a: "\\ud800"', "x.yaml:1:4: an unpaired surrogate is not a character"),
         ("", "x.yaml: is empty"),
         ("# nothing\n", "x.yaml: is empty"),
     ],
@@ -376,8 +376,8 @@ def test_an_override_leaves_aliases_of_the_value_alone() -> None:
     [
         ("objects.gaet.size", "there is no 'gaet'; did you mean 'gate'?"),
         ("objects.gate.size.x", "'x' would stand in 5"),
-        ("list.2", "'2' is no place in a list of 2, counted from 0"),
-        ("list.-1", "'-1' is no place in a list of 2, counted from 0"),
+        ("list.2", "'2' is no place in a list of 2, indices begin at 0"),
+        ("list.-1", "'-1' is no place in a list of 2, indices begin at 0"),
     ],
 )
 def test_an_override_that_leads_nowhere_is_told(key: str, said: str) -> None:

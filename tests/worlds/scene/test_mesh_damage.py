@@ -27,29 +27,29 @@ def said_of(path: Path, data: bytes) -> str:
     ("name", "data", "said"),
     [
         ("a.glb", b"", "it is empty"),
-        ("a.glb", b"solid x", "it is no GLB file: it does not begin with 'glTF'"),
+        ("a.glb", b"solid x", "it is not a GLB file: it does not begin with 'glTF'"),
         ("a.glb", whole("glb")[:15], "it is cut off after 15 bytes"),
         ("a.glb", whole("glb")[:-40], "bytes are there"),
         ("a.glb", whole("glb")[:20] + b"!" + whole("glb")[21:], "its description is not JSON"),
         (
             "a.glb",
             whole("glb")[:4] + b"\7" + whole("glb")[5:],
-            "it is of glTF version 7; 2 is read",
+            "it is of glTF version 7; only version 2 is supported",
         ),
         ("a.gltf", b'{"asset": \n {"version": }}', "it is not JSON (line 2, column 14)"),
-        ("a.gltf", b"{}", "it is JSON, but no glTF"),
-        ("a.dae", b"<COLLADA>\n<a></COLLADA>", "it is no XML (line 2, column 6)"),
-        ("a.dae", b"<a/>", "it is XML, but no Collada"),
+        ("a.gltf", b"{}", "it is JSON but not glTF"),
+        ("a.dae", b"<COLLADA>\n<a></COLLADA>", "it is not XML (line 2, column 6)"),
+        ("a.dae", b"<a/>", "it is XML but not Collada"),
         ("a.stl", whole("stl")[:-60], "it is cut off: 10 of 12 facets are there"),
         ("a.stl", b"\0\1", "it is cut off after 2 bytes"),
-        ("a.ply", b"\0\1garbage", "it is damaged, or of another format than its name says"),
+        ("a.ply", b"\0\1garbage", "it is damaged, or its format does not match its suffix"),
     ],
 )
 def test_what_is_the_matter_is_told_in_our_words(
     tmp_path: Path, name: str, data: bytes, said: str
 ) -> None:
     text = said_of(tmp_path / name, data)
-    assert text.startswith(("cannot be read as a mesh: it", "there are no triangles in it: it"))
+    assert text.startswith(("cannot be read as a mesh: it", "it has no triangles: it"))
     assert said in text
 
 

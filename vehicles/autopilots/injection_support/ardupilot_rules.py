@@ -32,7 +32,7 @@ _PROXIMITY = Needs(
 _AVOID = Needs("AVOID_ENABLE", "the proximity sensor does not stop it (bit 1)", 2, bits=2)
 _AVOID_MODES = InModes(frozenset({"GUIDED", "ALT_HOLD", "LOITER"}), "simple avoidance is not used")
 # AP_OAPathPlanner.cpp, var_info: TYPE 1 BendyRuler, 2 Dijkstra, 3 both.
-_PLANNER = Needs("OA_TYPE", "no path is planned round obstacles", 1, one_of=(1, 2, 3), reboot=True)
+_PLANNER = Needs("OA_TYPE", "no path is planned around obstacles", 1, one_of=(1, 2, 3), reboot=True)
 _PATHLESS: tuple[Setpoints, ...] = ("velocity", "attitude")
 # Parameters.cpp: GUID_OPTIONS bit 6, "Waypoint navigation used for position targets".
 _GUIDED_BY_WAYPOINTS = Needs(

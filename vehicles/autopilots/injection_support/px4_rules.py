@@ -37,7 +37,7 @@ PX4: Mapping[Thing, tuple[Rule, ...]] = MappingProxyType(
         ),
         "path_planning": (
             Never(
-                "PX4 plans no path round obstacles",
+                "PX4 plans no path around obstacles",
                 "let the autonomy plan, from the mixed lidar",
             ),
         ),

@@ -55,9 +55,7 @@ async def restore_fence(folder: Path, *, fences: FenceProtocol, vehicle: str) ->
                     given = True
                 note.remove()
         except (ValueError, KeyError, TypeError) as error:
-            raise MissionError(
-                f"{path} is no note of a fence; look at it, and remove it"
-            ) from error
+            raise MissionError(f"{path} is not a fence backup; inspect it and remove it") from error
     return given
 
 

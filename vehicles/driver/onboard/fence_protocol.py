@@ -117,7 +117,9 @@ def fence_areas(items: Sequence[MissionItem]) -> tuple[FenceArea, ...]:
             inside = item.command == _CIRCLE_INCLUSION
             areas.append(FenceCircle(_place(item), item.params[0], inside))
         elif item.command != mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT:
-            raise MissionError(f"fence item {at} has command {item.command}, which draws no fence")
+            raise MissionError(
+                f"fence item {at} has command {item.command}, which is not a fence item"
+            )
         at += taken
     return tuple(areas)
 

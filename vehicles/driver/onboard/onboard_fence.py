@@ -111,7 +111,7 @@ class OnboardFence:
     async def confirm(self) -> None:
         """Let what was offered count: it is what `put_back` puts back from now on."""
         if self._offered is None:
-            raise RuntimeError("nothing was offered")
+            raise RuntimeError("no fence was sent")
         self.fence, context = self._offered
         self._offered = None
         self._stack.push_async_exit(context)

@@ -130,7 +130,7 @@ class ParameterBackup:
                 self._journal.close()
         if failed:
             kept = self._journal.path if self._journal is not None else None
-            later = f"; {kept} keeps what they were for the next start" if kept else ""
+            later = f"; {kept} has the original values for the next start" if kept else ""
             raise ParameterError(f"could not set back {'; '.join(failed)}{later}")
 
 
@@ -203,7 +203,7 @@ class _BackupFile:
             if note is not None:
                 note.close()
             raise ParameterError(
-                f"{path} is no journal of parameters; look at it, and remove it"
+                f"{path} is not a parameter backup; inspect it and remove it"
             ) from error
         note.close()
         return None

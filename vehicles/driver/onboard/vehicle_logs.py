@@ -119,7 +119,7 @@ class VehicleLogs:
                 if len(entries) >= total:
                     return tuple(entries[number] for number in sorted(entries))
         have = "nothing came" if total is None else f"{len(entries)} of {total} came"
-        raise LogError(f"{self._session.link.name}: no whole list of logs: {have}")
+        raise LogError(f"{self._session.link.name}: the list of logs is incomplete: {have}")
 
     async def _fetch(
         self,

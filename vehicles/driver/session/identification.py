@@ -97,7 +97,7 @@ def _received_text(session: Session, wanted: Wanted, timeout_s: float) -> str:
         trouble = session.link.trouble if isinstance(session.link, TellsTrouble) else ""
         said = f" ({trouble})" if trouble else ""
         return (
-            f"{awaited}nothing was heard{said}; check that the vehicle runs and that it sends to "
+            f"{awaited}nothing arrived{said}; check that the vehicle runs and that it sends to "
             "this address and port"
         )
     if codec.garbage_bytes >= codec.bytes_seen / 2:
@@ -105,4 +105,4 @@ def _received_text(session: Session, wanted: Wanted, timeout_s: float) -> str:
             f"{awaited}{codec.bytes_seen} bytes came, and they are not MAVLink; wrong port or "
             "wrong baud rate?"
         )
-    return f"{awaited}MAVLink came, but no heartbeat; is the autopilot still starting?"
+    return f"{awaited}MAVLink arrives, but no heartbeat; is the autopilot still starting?"

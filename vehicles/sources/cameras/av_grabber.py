@@ -71,7 +71,7 @@ class AvGrabber:
                 raise nothing_came(source.url) from error
             raise opening_error(source.url, error) from error
         if not self._container.streams.video:
-            raise SourceError(f"{shown(source.url)}: carries no video")
+            raise SourceError(f"{shown(source.url)}: has no video")
         self._stream = self._container.streams.video[0]
         # More threads decode more pictures at once, each of them later.
         self._stream.codec_context.thread_count = 1

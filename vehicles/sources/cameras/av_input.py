@@ -130,7 +130,7 @@ _REMEDIES: tuple[tuple[type[Exception], str], ...] = (
         ConnectionRefusedError,
         "nothing listens there; start the camera or its server, and check host and port",
     ),
-    (TimeoutError, "no answer came in time; check host, port and network"),
+    (TimeoutError, "no answer in time; check host, port and network"),
     (av.error.InvalidDataError, "is not video that can be decoded; play it with ffplay to see"),
     (av.error.HTTPUnauthorizedError, "asks for a user and password: rtsp://USER:PASSWORD@HOST/..."),
     (av.error.HTTPForbiddenError, "refuses this user; check user and password"),
@@ -142,7 +142,7 @@ _REMEDIES: tuple[tuple[type[Exception], str], ...] = (
 def nothing_came(address: str) -> SourceError:
     """Return the error for an address from which no picture came in time."""
     return SourceError(
-        f"{shown(address)}: no picture came in time; check that it is sent to this host and port"
+        f"{shown(address)}: no image in time; check that it is sent to this host and port"
     )
 
 

@@ -37,7 +37,8 @@ def live_camera(
     )
     if source.kind == "file":
         raise SourceError(
-            f"{shown(address)}: is no live camera; those are rtsp://..., rtp://HOST:PORT, "
+            f"{shown(address)}: is not a live camera; live cameras are rtsp://..., "
+            "rtp://HOST:PORT, "
             "FILE.sdp and /dev/videoN; a video file is a recording"
         )
     return LiveCamera(

@@ -35,7 +35,7 @@ def _guard_decoder(decode: Decode) -> Decode:
         try:
             return decode(message)
         except (ValueError, KeyError, IndexError, RecursionError, struct.error) as error:
-            raise BadMessageError(f"is no compressed image: {error}") from error
+            raise BadMessageError(f"is not a compressed image: {error}") from error
 
     return guarded
 
@@ -126,7 +126,7 @@ def _varint(message: bytes, at: int) -> tuple[int, int]:
 
 def _as_bytes(value: int | bytes) -> bytes:
     if isinstance(value, int):
-        raise BadMessageError("a number stands where bytes belong")
+        raise BadMessageError("there is a number where bytes are expected")
     return value
 
 

@@ -103,7 +103,7 @@ def check_image(name: str, image_bgr: object) -> BgrImage:
         or image_bgr.ndim != 3
         or image_bgr.shape[2] != 3
     ):
-        raise SourceError(f"{name}: is no colour picture of 8 bits")
+        raise SourceError(f"{name}: is not an 8-bit colour image")
     return image_bgr
 
 

@@ -36,7 +36,7 @@ class VideoFile:
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise opening_error(self.name, error) from error
         if not self._container.streams.video:
-            raise SourceError(f"{self.name}: has no video in it; is it sound alone?")
+            raise SourceError(f"{self.name}: has no video; is it audio only?")
         stream = self._container.streams.video[0]
         # Same pictures whatever the machine: some decoders conceal by thread.
         stream.codec_context.thread_count = 1
@@ -67,7 +67,7 @@ class VideoFile:
             )
         if frame.time is None:
             raise SourceError(
-                f"{self.name}: its pictures have no times; wrap it: "
+                f"{self.name}: its images have no times; remux it: "
                 "ffmpeg -r RATE -i IN -c copy OUT.mp4"
             )
         if frame.rotation:

@@ -217,7 +217,7 @@ class LiveCamera:
     def _stall_error(self) -> SourceStalledError:
         return SourceStalledError(
             f"{self.name}: no picture for {self._stall_timeout_s:g} s after "
-            f"{self._delivered} pictures; check the camera's power, cable and network"
+            f"{self._delivered} images; check the camera's power, cable and network"
         )
 
     def _open_error(self) -> SourceError:

@@ -91,8 +91,8 @@ class McapFile:
 
     def _broken_error(self, error: Exception) -> SourceError:
         return SourceError(
-            f"{self._path}: is no MCAP file, or was cut short: {error or type(error).__name__}; "
-            "`mcap recover` mends the latter"
+            f"{self._path}: is not an MCAP file, or is truncated: {error or type(error).__name__}; "
+            "`mcap recover` repairs a truncated one"
         )
 
 

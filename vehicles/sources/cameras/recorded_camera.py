@@ -130,7 +130,7 @@ class RecordedCamera:
 
     def _check_first(self, first: Still | None) -> None:
         if first is None:
-            raise SourceError(f"{self.name}: has no picture in it")
+            raise SourceError(f"{self.name}: has no image")
         check_size(self.name, first.image_bgr, self.intrinsics)
 
     async def _in_thread(self, job: Callable[[], T]) -> T:

@@ -96,7 +96,7 @@ class ZmqCapture:
         except zmq.ZMQError as error:
             self._context.destroy(linger=0)
             raise SourceError(
-                f"{self.name}: is no address: {error.strerror}; it looks like "
+                f"{self.name}: is not an address: {error.strerror}; it looks like "
                 "tcp://192.168.1.10:5570"
             ) from error
         self._loop.add_reader(self._socket.fileno(), self._readable)

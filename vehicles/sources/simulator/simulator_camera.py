@@ -177,7 +177,7 @@ class ZmqImageSource:
         except zmq.ZMQError as error:
             socket.close()
             raise SimulatorError(
-                f"{self.name}: is no address of a simulator: {error.strerror}; it looks like "
+                f"{self.name}: is not an address of a simulator: {error.strerror}; it looks like "
                 "tcp://127.0.0.1:5555"
             ) from error
         return socket
@@ -192,7 +192,7 @@ class ZmqImageSource:
         if not self._socket.poll(_left_ms(deadline_s), zmq.POLLOUT):
             self._count(timeouts=1)
             raise SimulatorTimeoutError(
-                f"{self.name}: no simulator is connected; start it, or see why it stopped"
+                f"{self.name}: no simulator is connected; start it, or check why it stopped"
             )
         # The empty part makes us look like a REQ socket to the simulator's REP.
         self._socket.send_multipart([b"", *parts])

@@ -98,7 +98,7 @@ def test_what_comes_in_real_time_is_flown_on_the_wall_clock_and_no_other(
     for command in (("validate", str(gate)), ("run", str(gate), "--out", str(gate.parent))):
         bad = cli(*command, "--clock", "virtual")
         assert bad.code == 2
-        said = "rtp 127.0.0.1:5600 comes in real time: fly with --clock wall"
+        said = "rtp 127.0.0.1:5600 runs in real time: use --clock wall"
         assert f"{gate}:{last}:11: {said}" in bad.err
     shared = cli("run", str(gate), "--out", str(gate.parent), "--jobs", "2")
     assert shared.code == 2
@@ -113,7 +113,7 @@ def test_mavsdk_flies_on_the_wall_clock_and_no_other(cli: Cli, gate: Path) -> No
     good = cli("validate", str(gate))
     assert (good.code, good.err) == (0, "")
     assert good.out.endswith("; wall clock, for the driver mavsdk of real\n")
-    said = "the driver mavsdk of real comes in real time: fly with --clock wall"
+    said = "the driver mavsdk of real runs in real time: use --clock wall"
     for command in (("validate", str(gate)), ("run", str(gate), "--out", str(gate.parent))):
         for clock in ("virtual", "scaled"):
             bad = cli(*command, "--clock", clock)
@@ -204,7 +204,7 @@ def test_list_oracles_documents_every_parameter(cli: Cli) -> None:
         True,
     )
     text = cli("list", "oracles").out
-    assert "    max_gap_s  number, s  needed  the longest silence that is borne" in text
+    assert "    max_gap_s  number, s  needed  the longest silence that is allowed" in text
     assert "every oracle takes" in text
 
 
@@ -351,7 +351,7 @@ def test_a_ground_station_cannot_follow_virtual_time(cli: Cli, tmp_path: Path) -
     virtual = ("run", "campaigns/gate.yaml", "--out", str(tmp_path), "--clock", "virtual")
     outcome = cli(*virtual, "--gcs", link)
     assert (outcome.code, outcome.out) == (2, "")
-    assert f"the ground station at {link} comes in real time: fly with --clock wall" in outcome.err
+    assert f"the ground station at {link} runs in real time: use --clock wall" in outcome.err
     outcome = cli(*virtual, "--gcs", "rael=" + link)
     assert outcome.code == 2
     assert "unknown key 'rael'; did you mean 'real'?" in outcome.err

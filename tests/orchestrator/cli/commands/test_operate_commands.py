@@ -56,10 +56,10 @@ async def test_where_nothing_flies_this_is_said(cli: Cli, command: str, tmp_path
 async def test_commands_reach_the_campaign_with_a_name(cli: Cli, fleet: FakeFleet) -> None:
     assert await cli("hold", "--who", "anna") == (
         0,
-        "gate: held: 1 run in flight; none is begun\n",
+        "gate: held: 1 run in flight; no run is started\n",
         "",
     )
-    assert await cli("hold") == (3, "", "gate: hold: all hold already\n")
+    assert await cli("hold") == (3, "", "gate: hold: all vehicles hold already\n")
     code, out, _ = await cli("resume", "--who", "anna")
     assert (code, out) == (0, "gate: resumed: 1 run in flight\n")
     assert [(one.kind, one.who) for one in fleet.told] == [
@@ -67,7 +67,7 @@ async def test_commands_reach_the_campaign_with_a_name(cli: Cli, fleet: FakeFlee
         ("resume", "cli:anna"),
     ]
     code, out, _ = await cli("abort", "--who", "anna")
-    assert (code, out) == (0, "gate: what flies lands, and nothing more is flown\n")
+    assert (code, out) == (0, "gate: all vehicles land, and no further run is flown\n")
     assert [one.who for one in fleet.aborted] == ["cli:anna"]
 
 
@@ -109,7 +109,7 @@ async def test_a_fence_is_for_one_campaign(
     monkeypatch.setattr("orchestrator.cli.commands.operate.places", lambda: Places((one, two), ()))
     code, _, said = await cli("fence", str(path))
     assert code == 3
-    assert said.startswith("several campaigns fly here; name the one you mean by its folder: ")
+    assert said.startswith("several campaigns are in flight; name one by its folder: ")
     assert not fleet.told
 
 

@@ -120,6 +120,6 @@ def test_whoever_holds_may_abort(fly_run: Fly) -> None:
     result, folder = fly_held(fly_run, "takeoff", (2.0, "hold"), (4.0, "hold"), (12.0, "abort"))
     assert (result.verdict, result.reason) == ("ABORTED", "aborted by anna")
     said = [line["text"] for line in log_of(folder) if line["event"] == "guard"]
-    assert "anna: hold: all hold already" in said
+    assert "anna: hold: all vehicles hold already" in said
     assert entered(folder)["landed"] > entered(folder)["takeoff"] + 12.0
     assert all_landed(folder)

@@ -192,7 +192,7 @@ def test_a_vehicle_that_dies_in_flight_is_an_error_and_the_other_lands(
         disturb=at_stage(stage, 1.0, lambda pair: pair.vehicles[victim].kill())
     )
     assert result.verdict == "ERROR"
-    assert result.reason.startswith(f"{victim} was not heard for 3 s; it last said: ")
+    assert result.reason.startswith(f"{victim} was not heard for 3 s; its last STATUSTEXT: ")
     last = {row["vehicle"]: row for row in rows_of(folder)}
     assert last[survivor]["armed"] == "0"
     assert abs(float(last[survivor]["true_down_m"])) < 0.2
@@ -298,7 +298,7 @@ def test_a_full_disk_lands_the_flight_and_is_an_error(
     monkeypatch.setattr(writer, "write", until_full)
     result, folder = fly_run(mode="sim")
     assert result.verdict == "ERROR"
-    assert result.reason == "the recording broke off: No space left on device"
+    assert result.reason == "the recording ended early: No space left on device"
     (landed,) = [oracle for oracle in result.oracles if oracle.name == "landed"]
     assert landed.verdict == "PASS"
     assert (folder / "trajectory.csv").exists()
@@ -342,7 +342,7 @@ def test_a_formula_that_cannot_hold_any_more_lands_the_run(fly_run: Fly) -> None
     formula = "oracles.low={stl: 'always (up_m < 0.6)', from: takeoff, fail_fast: true}"
     result, folder = fly_run(sets=(formula,))
     assert result.verdict == "FAIL"
-    assert "low cannot hold any more" in result.reason
+    assert "low cannot be satisfied any more" in result.reason
     assert "goal" not in [line.get("stage") for line in log_of(folder)]
     (judged,) = [o for o in result.oracles if o.name == "low" and o.vehicle == "real"]
     assert judged.verdict == "FAIL"

@@ -58,7 +58,7 @@ async def test_a_simulation_that_stands_still_ends_the_run(tmp_path: Path) -> No
     assert landed.code == 3
     (run,) = json.loads(landed.out)["runs"]
     assert run["verdict"] == "ERROR"
-    assert run["reason"].startswith("twin stands still: its time has not grown for 5 s")
+    assert run["reason"].startswith("twin stands still: its time has not advanced for 5 s")
     assert 5.0 <= took_s < 40.0
     assert ProcessId.of(pid) is None
 
@@ -89,7 +89,7 @@ async def test_an_orchestrator_that_is_killed_leaves_vehicles_that_land(tmp_path
         ),
         (
             ("--set", "clock.speed=4", "--set", "autonomy={program: [/bin/cat]}"),
-            "the program /bin/cat comes in real time: fly with --clock wall",
+            "the program /bin/cat runs in real time: use --clock wall",
         ),
         (("--set", "clock.speed=0"), "must be greater than 0"),
     ],

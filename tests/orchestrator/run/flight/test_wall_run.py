@@ -76,12 +76,12 @@ async def test_the_operator_holds_and_then_aborts(tmp_path: Path) -> None:
     async with Program(tmp_path / "out", "--json") as program:
         await program.stage("goal", mode="sim")
         held = await program.operate("hold", "--who", "anna")
-        assert (held.code, held.out) == (0, "gate: held: 1 run in flight; none is begun\n")
+        assert (held.code, held.out) == (0, "gate: held: 1 run in flight; no run is started\n")
         aborted = await program.operate("abort", str(program.folder), "--who", "anna")
         assert aborted.code == 0
         assert aborted.out.splitlines() == [
-            "large/sim/1: all are brought down",
-            "gate: what flies lands, and nothing more is flown",
+            "large/sim/1: all vehicles are being landed",
+            "gate: all vehicles land, and no further run is flown",
         ]
         landed = await program.end()
         assert list((program.runtime / "wil-campaign").iterdir()) == []
@@ -153,4 +153,4 @@ async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
     taken = [one for one in lines(program.run_folder() / "guard.jsonl") if "kind" in one]
     phases = [one["text"] for one in taken if one["vehicle"] == "real" and one["kind"] == "action"]
     assert phases[-1] == "real: down: it is disarmed"
-    assert "real: flown by the pilot: a pilot flies it" in phases
+    assert "real: flown by the pilot: the pilot has control" in phases

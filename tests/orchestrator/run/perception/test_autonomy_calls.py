@@ -42,7 +42,7 @@ class WordlessError(Exception):
         (asyncio.CancelledError(), "CancelledError"),
         (GeneratorExit(), "GeneratorExit"),
         (StopIteration(), "StopIteration"),
-        (WordlessError(), "WordlessError: (it has no words that can be shown)"),
+        (WordlessError(), "WordlessError: (its message cannot be shown)"),
         (RuntimeError("two\nlines, \x1b[31mred \ud800"), "RuntimeError: two lines, ?[31mred ?"),
     ],
 )
@@ -153,7 +153,7 @@ class Doing:
         (lambda: None, "the autonomy of real answered nothing, not a Command"),
         (
             lambda: Command(VelocitySetpoint((math.nan, 0.0, 0.0))),
-            "the autonomy of real answered a setpoint whose velocity_ned_m_s is not finite (nan)",
+            "the autonomy of real returned a setpoint whose velocity_ned_m_s is not finite (nan)",
         ),
         (raising(SystemExit(0)), "the autonomy of real crashed: SystemExit: 0 ("),
         (raising(asyncio.CancelledError()), "the autonomy of real crashed: CancelledError ("),

@@ -110,7 +110,8 @@ def test_both_autopilots_have_the_new_fence(
     assert (word, text) == ("ok", "anna changed the fence of real and twin")
     assert at_s < 2.0
     assert said(folder, "proposed", "geofence") == [
-        "anna wants another fence for real and twin; the old one holds until it is aboard",
+        "anna requests another fence for real and twin; the old one applies until the "
+        "autopilot has the new one",
         "anna changed the fence of real and twin",
     ]
     (answer,) = [line for line in log_of(folder) if line["event"] == "answer"]
@@ -180,7 +181,7 @@ def test_a_blackout_that_does_not_end_leaves_the_old_one(fly_run: Fly) -> None:
     result, folder = flown_alone(fly_run, operator, CAN_GO_DARK)
     assert result.verdict in {"ERROR", "FAIL"}
     ((_, word, text),) = operator.answers
-    assert (word, text) == ("refused", "geofence: all are landing; the old fence holds")
+    assert (word, text) == ("refused", "geofence: all vehicles are landing; the old fence holds")
     assert said(folder, "geofence") == []
     assert all_landed(folder)
 
@@ -194,7 +195,7 @@ def test_an_abort_in_the_middle_wins(fly_run: Fly) -> None:
     result, folder = flown(fly_run, operator)
     assert (result.verdict, result.reason) == ("ABORTED", "aborted by bert")
     ((at_s, word, text),) = operator.answers
-    assert (word, text) == ("refused", "geofence: all are landing; the old fence holds")
+    assert (word, text) == ("refused", "geofence: all vehicles are landing; the old fence holds")
     assert at_s < 1.2
     assert said(folder, "geofence") == []
     assert all_landed(folder)
@@ -204,7 +205,7 @@ def test_a_second_change_at_once_is_refused(fly_run: Fly) -> None:
     operator = Operator((1.0, asks(WIDER)), (1.0, asks(TIGHTER)), (3.0, asks(TIGHTER)))
     result, _ = flown_alone(fly_run, operator)
     assert (result.verdict, result.reason) == ("PASS", "")
-    busy = "geofence: another change of the fence is under way; ask again when it is answered"
+    busy = "geofence: another change of the fence is in progress; try again when it is answered"
     assert [(word, text) for _, word, text in operator.answers] == [
         ("refused", busy),
         ("ok", "anna changed the fence of twin"),

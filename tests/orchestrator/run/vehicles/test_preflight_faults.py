@@ -69,7 +69,7 @@ def gps_of(fix: int, satellites: int, hdop_cm: int) -> Any:
 def test_a_battery_that_is_low(fly_run: Fly) -> None:
     disturb = once_ready("twin", lambda vehicle: vehicle._body.battery.set_remaining(0.2))
     (said,) = refusals(fly_run(mode="sim", disturb=disturb))
-    assert said == "twin battery: its charge is 0.2, and at least 0.3 is wanted"
+    assert said == "twin battery: its charge is 0.2, and at least 0.3 is required"
 
 
 @pytest.mark.parametrize("sets", [(), (ARDUPILOT,)], ids=["px4", "ardupilot"])
@@ -101,11 +101,11 @@ def test_an_estimator_that_gives_up(
     ("built", "said"),
     [
         (gps_of(0, 255, 65535), "it has no receiver; where it flies without one, preflight.gps: n"),
-        (gps_of(2, 9, 90), "it has no fix with height"),
-        (gps_of(3, 5, 90), "satellites in sight is 5, and at least 6 is wanted"),
+        (gps_of(2, 9, 90), "it has no 3D fix"),
+        (gps_of(3, 5, 90), "satellites in sight is 5, and at least 6 is required"),
         (gps_of(3, 255, 90), "satellites in sight is not known"),
-        (gps_of(4, 12, 310), "their dilution (HDOP) is 3.1, and at most 2.5 is allowed"),
-        (lambda _: None, "nothing is said of its receiver"),
+        (gps_of(4, 12, 310), "HDOP is 3.1, and at most 2.5 is allowed"),
+        (lambda _: None, "it reports nothing of its GPS receiver"),
     ],
     ids=["no receiver", "no height", "few", "unknown", "diluted", "silent"],
 )
@@ -136,14 +136,15 @@ def silent(vehicle: EmbeddedVehicle) -> None:
 @pytest.mark.parametrize(
     ("fault", "said"),
     [
-        (slow, ["real mocap: how often motion capture sees it is 4 Hz, and at least 10 Hz"]),
+        (slow, ["real mocap: the rate of its motion capture poses is 4 Hz, and at least 10 Hz"]),
         (
             silent,
             [
                 "real position: how far from its start it stands by mocap is not known",
-                "real mocap: how long ago motion capture saw it is ",
-                "real home: where it stands is not known",
-                "pair: how far apart real and twin stand, each from its start, is not known",
+                "real mocap: the age of its motion capture pose is ",
+                "real home: its position is not known",
+                "pair: the difference of the offsets of real and twin from their "
+                "start poses is not known",
             ],
         ),
     ],
@@ -171,9 +172,7 @@ def test_a_vehicle_that_stands_elsewhere(fly_run: Fly, monkeypatch: pytest.Monke
 def test_a_clock_that_is_not_known_well_enough(fly_run: Fly) -> None:
     sets = ("links.twin={latency_ms: 300}", "sync.ready_timeout_s=90")
     (said,) = refusals(fly_run(mode="sim", sets=sets))
-    assert said.startswith(
-        "twin clock: how far its clock may be from where we take it to be is 0.3"
-    )
+    assert said.startswith("twin clock: the uncertainty of its clock is 0.3")
 
 
 def test_an_override_is_told_at_the_end(fly_run: Fly) -> None:

@@ -74,7 +74,7 @@ def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
         ((ARDUPILOT, FENCE, "vehicles.twin.params={RTL_ALT_M: 15}"), "is 15 m, and at most 2.4"),
         (
             (FENCE, "preflight.failsafe=check"),
-            "twin return_altitude: the height it returns at is 60",
+            "twin return_altitude: its RTL altitude is 60",
         ),
         ((FENCE, "geofence.keep_m=0.99", "preflight.start_tolerance_m=1e-12"), "twin position"),
     ],

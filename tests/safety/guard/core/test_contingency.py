@@ -38,7 +38,7 @@ def test_the_way_down_when_all_obeys() -> None:
     assert c.down
     assert [note.split(":")[0] for note in c.notes] == [
         "holding",
-        "told to land",
+        "commanded to land",
         "descending",
         "on the ground",
         "down",

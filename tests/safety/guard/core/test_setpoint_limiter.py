@@ -136,7 +136,7 @@ def test_a_way_through_an_exclusion_ends_before_it() -> None:
     given_, found = made.limit(PositionSetpoint((10.0, 0.0, -2.0)), AT, 0.0)
     assert isinstance(given_, PositionSetpoint)
     assert 3.69 < given_.position_ned_m[0] < 3.71
-    assert [one.what for one in found] == ["way towards the fence"]
+    assert [one.what for one in found] == ["path towards the fence"]
 
 
 def test_a_far_position_is_drawn_near_by_the_speed_limit() -> None:
@@ -237,7 +237,7 @@ def test_what_cannot_be_limited_is_not_passed(raw: bytes) -> None:
     (event,) = core.from_orchestrator("real", raw, 0.0)
     assert isinstance(event, GuardEvent)
     assert event.kind == "limited"
-    assert event.text.endswith("is not passed")
+    assert event.text.endswith("is not forwarded")
 
 
 def make_core(**limits: Any) -> GuardCore:

@@ -213,7 +213,7 @@ async def test_the_operators_socket(folder: Path) -> None:
         assert flight.kinds() == ["hold", "resume", "abort"]
         assert flight.guard.events[-1].t_s > sent_s
     refused = [line["text"] for line in journal(folder) if line["event"] == "refused"]
-    assert refused == ["anna: resume: nothing is held", "not JSON"]
+    assert refused == ["anna: resume: no vehicle holds", "not JSON"]
 
 
 async def test_the_socket_works_without_an_orchestrator(folder: Path) -> None:

@@ -79,7 +79,7 @@ def fence_of(items: tuple[Item, ...], frame: LocalFrame) -> Fence:
                 raise FenceItemError(f"circle of radius {radius_m}")
             areas.append(Circle(_local(item, frame), radius_m, _CIRCLES[item.command]))
         elif item.command != mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT:
-            raise FenceItemError(f"command {item.command} draws no fence")
+            raise FenceItemError(f"command {item.command} is not a fence item")
         at += 1
     return Fence(tuple(areas))
 
