@@ -76,7 +76,8 @@ class Path:
         speed_m_s = min(self.speed_m_s, far_m)
         velocity = tuple(speed_m_s * each / far_m for each in way) if far_m else (0.0, 0.0, 0.0)
         done = len(self.left) == 1 and far_m < 0.1
-        return Command(VelocitySetpoint(velocity, yaw_rad=0.0), done=done, note=f"{len(self.left)} to go")
+        note = f"{len(self.left)} to go"
+        return Command(VelocitySetpoint(velocity, yaw_rad=0.0), done=done, note=note)
 """
 
 EXPECTED = {
