@@ -30,7 +30,7 @@ cases:
        [1.8, 3.2, 1.5], [1.8, 1.5, 1.5], [4.5, 1.5, 1.5]]
   dip:
     autonomy.with.path:
-      [[2, 1.5, 1.5], [3.08, 1.5, 1.5], [2, 1.5, 1.5], [2, 3.2, 1.5], [4.5, 3.2, 1.5],
+      [[2, 1.5, 1.5], [3.14, 1.5, 1.5], [2, 1.5, 1.5], [2, 3.2, 1.5], [4.5, 3.2, 1.5],
        [4.5, 1.5, 1.5], [7.6, 1.5, 1.5]]
   clip: {autonomy.with.path: [[2, 2.0, 1.5], [7.6, 2.0, 1.5]]}
   fast: {autonomy.with.speed_m_s: 3.5}
@@ -71,11 +71,11 @@ class Path:
         here = telemetry.pose.position_ned_m
         way = [b - a for a, b in zip(here, self.left[0])]
         far_m = math.hypot(*way)
-        if far_m < 0.06 and len(self.left) > 1:
+        if far_m < 0.12 and len(self.left) > 1:
             self.left.pop(0)
-        speed_m_s = min(self.speed_m_s, far_m)
+        speed_m_s = max(0.3, min(self.speed_m_s, 1.5 * far_m))
         velocity = tuple(speed_m_s * each / far_m for each in way) if far_m else (0.0, 0.0, 0.0)
-        done = len(self.left) == 1 and far_m < 0.1
+        done = len(self.left) == 1 and far_m < 0.15
         note = f"{len(self.left)} to go"
         return Command(VelocitySetpoint(velocity, yaw_rad=0.0), done=done, note=note)
 """
