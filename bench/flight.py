@@ -15,9 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from campaigns.expansion import Options, load_campaign
-from orchestrator.operator import OperatorCommand
 from orchestrator.run.run import fly
 from orchestrator.run.setup import RunOrder, RunSetup
+from safety.guard.operator_command import OperatorCommand
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = [sys.executable, "-m", "orchestrator.cli"]

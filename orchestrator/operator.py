@@ -1,26 +1,10 @@
-"""What an operator can ask of a run, from wherever the wish comes."""
+"""Where a run looks for its operator's commands."""
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
-OperatorKind = Literal["abort", "hold", "resume", "geofence"]
-
-
-@dataclass(frozen=True, slots=True)
-class OperatorCommand:
-    """A wish of a person: what, who, and for the record why.
-
-    document: for geofence, what the new fences are: the text of YAML, a plan or GeoJSON.
-    command_id: by which it is answered, where the answer takes time.
-    """
-
-    kind: OperatorKind
-    who: str
-    reason: str = ""
-    document: str = ""
-    command_id: str = ""
+from safety.guard.operator_command import OperatorCommand
 
 
 class Inbox(Protocol):

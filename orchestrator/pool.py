@@ -20,8 +20,9 @@ from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
 from orchestrator.faults import Fault
-from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.operator import Inbox
 from orchestrator.progress import News, Report
+from safety.guard.operator_command import OperatorCommand
 from vehicles.tasks import finish
 
 _FIRST_WORD_S = 600.0

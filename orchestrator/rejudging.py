@@ -8,6 +8,7 @@ from typing import Any
 
 from campaigns.expansion import Campaign, RunPlan
 from orchestrator.control_results import control_result
+from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.judged import FILE_NAME
 from orchestrator.results import RunResult, Summary, summarize
 from orchestrator.results_reading import ResultError, read_result
@@ -25,10 +26,6 @@ _KINDS: dict[str, DecisiveKind] = {
     "FAIL": "FAIL",
     "ABORTED": "ABORTED",
 }
-
-
-class RecordingError(Exception):
-    """A recorded run that cannot be judged again; says which file and why."""
 
 
 @dataclass(frozen=True, slots=True)

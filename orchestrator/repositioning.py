@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 
 from orchestrator.operating.desk import Desk
-from orchestrator.operator import OperatorCommand
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.operator_lines import RefusedLineError
 
 WAIT_S = 1800.0

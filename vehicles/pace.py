@@ -69,7 +69,7 @@ class PacedLoop(asyncio.SelectorEventLoop):
         while timers and (timers[0][0] <= now_s or timers[0][2].cancelled()):
             timer = heappop(timers)[2]
             if not timer.cancelled():
-                self.call_soon(timer._run)  # noqa: SLF001 - asyncio's loops do so
+                self.call_soon(_run_timer, timer)
                 timeout_s = 0.0
         if timeout_s is not None and timeout_s > 0.0:
             rate = self._segment.rate
@@ -78,6 +78,12 @@ class PacedLoop(asyncio.SelectorEventLoop):
             return timeout_s
         wait_s = max(0.0, timers[0][0] - now_s)
         return wait_s if timeout_s is None else min(timeout_s, wait_s)
+
+
+def _run_timer(timer: asyncio.TimerHandle) -> None:
+    """Run a timer that is due, unless it was cancelled meanwhile."""
+    if not timer.cancelled():
+        timer._run()  # noqa: SLF001 - asyncio's loops do so
 
 
 def call_wall_later(delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:

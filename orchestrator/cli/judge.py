@@ -11,7 +11,8 @@ from campaigns.expansion import Options, load_campaign
 from orchestrator.cli.streams import err, out
 from orchestrator.cli.text import table
 from orchestrator.cli.verdicts import closing_lines
-from orchestrator.rejudging import RecordingError, Rejudged, rejudge, summary_of
+from orchestrator.recording.errors import RecordingError
+from orchestrator.rejudging import Rejudged, rejudge, summary_of
 from orchestrator.results import exit_code
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from orchestrator.cli.streams import err, out
 from orchestrator.operating.asking import NoAnswerError, ask
 from orchestrator.operating.records import Place, Places, places
-from orchestrator.operator import OperatorKind
+from safety.guard.operator_command import OperatorKind
 
 NOBODY = 3
 """The exit code when nothing flies, or nothing obeyed."""

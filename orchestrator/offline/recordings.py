@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from orchestrator.offline.errors import OfflineError
+from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.facts import latencies_in
-from orchestrator.recording.mcap_chunks import RecordingError
 from orchestrator.recording.mcap_reader import Recorded, RecordedReading, Recording
 from vehicles.readings import Reading, Source
 

@@ -8,10 +8,10 @@ from typing import Any, Protocol
 from orchestrator.operating.asking import tell
 from orchestrator.operating.log import OperatorLog
 from orchestrator.operating.records import Place
-from orchestrator.operator import OperatorCommand
 from orchestrator.progress import Happening, News, Progress
 from orchestrator.results import RunResult, Stop
-from safety.guard.operator_lines import OperatorLine, RefusedLineError
+from safety.guard.operator_command import OperatorCommand
+from safety.guard.operator_lines import RefusedLineError
 from vehicles.tasks import Contained
 
 _MOST_ANSWERS = 20
@@ -118,19 +118,6 @@ class Desk:
         self._say(f"{command.kind} by {command.who}: {done}")
         self._tell_status()
         return done
-
-    def obey_line(self, line: OperatorLine) -> str:
-        """Do what the operator's socket says. Raises RefusedLineError."""
-        match line.command:
-            case "abort" | "hold" | "resume" as kind:
-                return self.obey(OperatorCommand(kind, line.who))
-            case "geofence":
-                asked = OperatorCommand(
-                    "geofence", line.who, document=line.document, command_id=line.command_id
-                )
-                return self.obey(asked)
-            case "status" | "watch":
-                return "as asked"
 
     def signal(self, name: str) -> None:
         """Take Ctrl-C or SIGTERM: an abort; a second one changes nothing."""

@@ -6,7 +6,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from orchestrator.operator import OperatorCommand
+from safety.guard.operator_command import OperatorCommand
 
 
 class OperatorLog:

@@ -18,9 +18,9 @@ from orchestrator.operating.errors import OperatingError
 from orchestrator.operating.mqtt_commands import CommandReader, RefusedCommandError
 from orchestrator.operating.mqtt_news import ack_of, publications, status_of, verdict_of
 from orchestrator.operating.outbox import Outbox
-from orchestrator.operator import OperatorCommand
 from orchestrator.progress import News
 from orchestrator.results import RunResult
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.operator_lines import RefusedLineError
 from vehicles.tasks import FAULTS, Contained, asked_to_end, leaves, report, start, stop
 
@@ -219,10 +219,10 @@ class MqttOperator:
             self._refuse(kind, error)
             return
         try:
-            text, ok = self._desk.obey(asked.command), True
+            text, ok = self._desk.obey(asked), True
         except RefusedLineError as error:
             text, ok = str(error), False
-        who = asked.command.who
+        who = asked.who
         # Of a fence that was passed on, each run says what became of it.
         final = kind != "geofence" or not ok
         self._answer(id=asked.command_id, command=kind, ok=ok, text=text, who=who, final=final)

@@ -12,10 +12,9 @@ plan, GeoJSON, or the text of a file with one of them.
 
 import json
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from typing import Any, cast, get_args
 
-from orchestrator.operator import OperatorCommand, OperatorKind
+from safety.guard.operator_command import OperatorCommand, OperatorKind
 from safety.guard.operator_lines import RefusedLineError, checked_who, same_token
 
 LONGEST_COMMAND_BYTES = 1 << 16
@@ -35,14 +34,6 @@ class RefusedCommandError(Exception):
         self.who = who
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
-    """A command that is to be obeyed, and the id to answer it by."""
-
-    command: OperatorCommand
-    command_id: str
-
-
 class CommandReader:
     """Reads the messages of one campaign's start; remembers ids, so that none is obeyed twice.
 
@@ -57,7 +48,7 @@ class CommandReader:
         self._flying = flying
         self._seen: dict[str, float] = {}
 
-    def read(self, kind: str, payload: bytes, *, retained: bool, now_s: float) -> Asked:
+    def read(self, kind: str, payload: bytes, *, retained: bool, now_s: float) -> OperatorCommand:
         """Return the command in a message. now_s: since 1970. Raises RefusedCommandError."""
         said = _object(payload)
         command_id = _id(said)
@@ -77,10 +68,9 @@ class CommandReader:
             )
         why = said.get("reason", "")
         text = why if isinstance(why, str) and _is_fit(why, _LONGEST_REASON) else ""
-        command = OperatorCommand(
+        return OperatorCommand(
             cast("OperatorKind", kind), f"mqtt:{who}", text, _document(said), command_id
         )
-        return Asked(command, command_id)
 
     def _refusal(self, kind: str, said: dict[str, Any], *, retained: bool, now_s: float) -> str:
         """Return why a command with the right token is not obeyed; empty when it is."""

@@ -73,7 +73,7 @@ async def _listen(stack: AsyncExitStack, desk: Desk) -> None:
     await stack.enter_async_context(
         OperatorSocket(
             path=record.socket,
-            obey=desk.obey_line,
+            obey=desk.obey,
             status=desk.status,
             refused=desk.log.refused,
             pointer=desk.folder / POINTER,

@@ -18,6 +18,8 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, breakup_chunk
 
+from orchestrator.recording.errors import RecordingError
+
 MAGIC = b"\x89MCAP0\r\n"
 
 Record = Schema | Channel | Message | Metadata
@@ -32,10 +34,6 @@ _DAMAGED = (
     IndexError,
     EOFError,
 )
-
-
-class RecordingError(Exception):
-    """A file that is no recording; says which, and why."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,8 @@ from typing import Any
 from mcap.records import Channel, Message, Metadata
 from numpy.typing import NDArray
 
-from orchestrator.recording.mcap_chunks import End, RecordingError, RecordStream
+from orchestrator.recording.errors import RecordingError
+from orchestrator.recording.mcap_chunks import End, RecordStream
 from orchestrator.recording.mcap_decode import decode, image_of
 from orchestrator.recording.mcap_json import Json
 from vehicles.readings import Reading

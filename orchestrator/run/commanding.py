@@ -4,15 +4,16 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.operator import Inbox
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.run.aboard import Aboard
 from orchestrator.run.fencing import Fencing
-from orchestrator.run.guarding import Guard
 from orchestrator.run.judging import Bench
 from orchestrator.run.opening import Pair
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.telling import Telling
+from safety.guard.base import Guard
+from safety.guard.operator_command import OperatorCommand
 
 _POLL_S = 0.05
 
@@ -36,15 +37,10 @@ class Commanding:
             await asyncio.sleep(_POLL_S)
 
     def _pass_on(self, command: OperatorCommand) -> None:
-        match command.kind:
-            case "abort":
-                self.guard.abort(command.who)
-            case "hold":
-                self.guard.hold(command.who)
-            case "resume":
-                self.guard.resume(command.who)
-            case "geofence":
-                self.fencing.ask(command)
+        if command.kind == "geofence":
+            self.fencing.ask(command)
+        else:
+            self.guard.command(command)
 
 
 def commanding_of(

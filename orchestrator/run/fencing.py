@@ -5,11 +5,11 @@ from collections.abc import Callable, Mapping
 from typing import get_args
 
 from campaigns.fences import changed_fences
-from orchestrator.operator import OperatorCommand
 from orchestrator.run.fences_aboard import FencesAboard
-from orchestrator.run.guarding import Guard
 from safety.geofence import Fence
+from safety.guard.base import Guard
 from safety.guard.events import Cause, GuardEvent
+from safety.guard.operator_command import OperatorCommand
 from vehicles.errors import VehicleError
 from vehicles.tasks import start, stop
 from worlds.documents import BadInput, parse

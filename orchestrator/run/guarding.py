@@ -9,6 +9,7 @@ from campaigns.setup import LinkSetup, VehicleSetup
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
 from orchestrator.run.hangar import Hangar, InProcess, OwnProcesses, vehicle_seed
 from orchestrator.run.setup import RunSetup
+from safety.guard.base import Guard
 from safety.guard.charter import GuardCharter, Guarded
 from safety.guard.events import GuardedVehicle, GuardSettings
 from safety.guard.following import PaceSetup
@@ -28,8 +29,6 @@ HANGING_S = 1.0
 """How long an orchestrator on a busy computer may be silent under the wall clock. The end of its
 process is seen at once, and the guard watches the fence meanwhile; from 1 s on PX4 falls into its
 own failsafe for want of setpoints anyway."""
-
-Guard = GuardShell | RemoteGuard
 
 
 def guard_of(

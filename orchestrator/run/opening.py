@@ -10,11 +10,12 @@ from campaigns.schema import VehicleName
 from campaigns.setup import LinkSetup, VehicleSetup
 from orchestrator.outside.captures import Captures
 from orchestrator.run.course import Course, Stage
-from orchestrator.run.guarding import Guard, guard_of
+from orchestrator.run.guarding import guard_of
 from orchestrator.run.hangar import TRUTH_HZ, Feed
 from orchestrator.run.launching import prepare_launches
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import Station
+from safety.guard.base import Guard
 from safety.guard.shell import Record
 from vehicles.driver import Driver
 from vehicles.links.tapped import TappedLink

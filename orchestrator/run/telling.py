@@ -4,12 +4,12 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping
 
 from campaigns.expansion import RunPlan
-from orchestrator.operator import OperatorCommand
 from orchestrator.progress import Happening, HappeningKind, Progress, Report, VehicleProgress
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.station import Station
 from orchestrator.run.statistics import MixingStatistics
 from safety.guard.events import GuardEvent
+from safety.guard.operator_command import OperatorCommand
 from safety.results import Flag
 from safety.verdict import DecisiveEvent
 

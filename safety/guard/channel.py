@@ -4,13 +4,17 @@ import asyncio
 import socket
 from collections import deque
 from collections.abc import Callable
+from typing import Generic, TypeVar
 
-from safety.guard.messages import Bytes, Message, OnWire, Position
-from safety.guard.protocol import LONGEST_MESSAGE_BYTES, ProtocolError, decode, encode
+from safety.guard.messages import Bytes, OnWire, Position
+from vehicles.pace import call_wall_later
+from vehicles.processes.codec import Codec, Message, MessageError
 
 _PACKETS_A_TURN = 64
 _BUFFER_BYTES = 1 << 20
+LONGEST_PACKET_BYTES = 1 << 17
 _LONGEST_QUEUE = 10_000
+_MOST_WAITING = 64
 _DROPPABLE = (Bytes, Position, OnWire)
 """What is worth nothing when it comes late; all else is kept until the other end reads."""
 
@@ -23,25 +27,33 @@ def channel_pair() -> tuple[socket.socket, socket.socket]:
     return ours, theirs
 
 
-class Channel:
+Received = TypeVar("Received", bound=Message)
+
+
+class Channel(Generic[Received]):
     """Sends and receives messages from an event loop, without ever waiting.
 
-    take: called with each message; what cannot be read is counted in `garbage`. closed: called
-    once when the other end is gone. To an end that does not read, frames and positions are lost
-    and counted in `dropped`; other messages are kept.
+    receives: the messages of the other end. take: called with each of them; packets that cannot
+    be read are counted in `garbage`. closed: called once when the other end is gone. To an end
+    that does not read, frames and positions are lost and counted in `dropped`; other messages are
+    kept.
     """
 
     def __init__(
         self,
         end: socket.socket,
         *,
-        take: Callable[[Message], None],
+        receives: Codec[list[Received]],
+        take: Callable[[Received], None],
         closed: Callable[[], None],
     ) -> None:
         self._socket = end
+        self._codec = receives
         self._take = take
         self._closed = closed
         self._kept: deque[bytes] = deque()
+        self._waiting: list[Message] = []
+        self._flush_timer: asyncio.Handle | None = None
         self._open = False
         self.dropped = 0
         self.garbage = 0
@@ -55,6 +67,8 @@ class Channel:
 
     def close(self) -> None:
         """Stop; `closed` is not called for it."""
+        if self._flush_timer is not None:
+            self._flush_timer.cancel()
         if self._open:
             self._open = False
             self._loop.remove_reader(self._socket)
@@ -62,29 +76,54 @@ class Channel:
         self._socket.close()
 
     def send(self, message: Message) -> None:
-        """Send a message; to an end that is gone nothing is sent."""
+        """Send a message, behind those that wait; to an end that is gone nothing is sent."""
+        self._waiting.append(message)
+        self.flush()
+
+    def send_soon(self, message: Message, *, within_s: float) -> None:
+        """Send a message with the next one, or after so much of the wall's time."""
         if not self._open:
             return
-        packet = encode(message)
+        self._waiting.append(message)
+        if len(self._waiting) >= _MOST_WAITING:
+            self.flush()
+        elif self._flush_timer is None:
+            self._flush_timer = call_wall_later(within_s, self.flush)
+
+    def flush(self) -> None:
+        """Send what waits, in one packet."""
+        if self._flush_timer is not None:
+            self._flush_timer.cancel()
+            self._flush_timer = None
+        messages, self._waiting = self._waiting, []
+        if not self._open or not messages:
+            return
+        packet = self._codec.encode(messages)
+        if len(packet) > LONGEST_PACKET_BYTES:
+            raise MessageError(f"a packet of {len(packet)} bytes is too long")
         if self._kept:
-            self._keep(message, packet)
+            self._keep(messages, packet)
             return
         try:
             self._socket.send(packet)
         except (BlockingIOError, InterruptedError):
-            self._keep(message, packet)
+            self._keep(messages, packet)
         except OSError:
-            return  # What it said last is read first; then `_read` finds the end.
+            return  # What it sent last is read first; then `_read` finds the end.
 
-    def _keep(self, message: Message, packet: bytes) -> None:
-        if isinstance(message, _DROPPABLE) or len(self._kept) >= _LONGEST_QUEUE:
-            self.dropped += 1
+    def _keep(self, messages: list[Message], packet: bytes) -> None:
+        kept = [one for one in messages if not isinstance(one, _DROPPABLE)]
+        self.dropped += len(messages) - len(kept)
+        if not kept:
+            return
+        if len(self._kept) >= _LONGEST_QUEUE:
+            self.dropped += len(kept)
             return
         if not self._kept:
-            self._loop.add_writer(self._socket, self._flush)
-        self._kept.append(packet)
+            self._loop.add_writer(self._socket, self._send_kept)
+        self._kept.append(packet if len(kept) == len(messages) else self._codec.encode(kept))
 
-    def _flush(self) -> None:
+    def _send_kept(self) -> None:
         try:
             while self._kept:
                 self._socket.send(self._kept[0])
@@ -100,26 +139,27 @@ class Channel:
             if not self._open:
                 return
             try:
-                packet = self._socket.recv(LONGEST_MESSAGE_BYTES)
+                packet = self._socket.recv(LONGEST_PACKET_BYTES)
             except (BlockingIOError, InterruptedError):
                 return
             except ConnectionResetError:
-                continue  # It went without reading all; what it said before comes now.
+                continue  # It went without reading all; what it sent before comes now.
             except OSError:
                 packet = b""
             if not packet:
                 self._lose()
                 return
             try:
-                message = decode(packet)
-            except ProtocolError:
+                messages = self._codec.decode(packet)
+            except MessageError:
                 self.garbage += 1
                 continue
-            self._take(message)
+            for message in messages:
+                self._take(message)
 
     def _lose(self) -> None:
         if self._open:
-            # Later, so that nobody is told in the middle of its own sending.
+            # Later, so that nobody is called in the middle of its own sending.
             self._loop.call_soon(self._closed)
             self._open = False
             self._loop.remove_reader(self._socket)

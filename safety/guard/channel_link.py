@@ -2,7 +2,7 @@
 
 import asyncio
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from safety.guard.channel import Channel
 from safety.guard.messages import Bytes
@@ -12,7 +12,7 @@ from vehicles.links.base import Receiver
 class ChannelLink:
     """The link of the vehicle at `index`; the channel's owner calls `arrive`."""
 
-    def __init__(self, *, name: str, index: int, channel: Channel | None = None) -> None:
+    def __init__(self, *, name: str, index: int, channel: Channel[Any] | None = None) -> None:
         self._name = name
         self._index = index
         self.channel = channel

@@ -1,20 +1,19 @@
-"""What a guard's process is told at its start, as values and as what travels; pure."""
+"""What a guard's process is given at its start, as values and as what travels; pure."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal, cast
+from dataclasses import dataclass, field
+from typing import cast
 
 from safety.fence_plain import fence_of_plain, plain_fence
+from safety.geofence import Fence
 from safety.guard.contingency import ContingencyPlan
 from safety.guard.events import GuardedVehicle, GuardSettings
 from safety.guard.following import PaceSetup
-from safety.guard.limits import SetpointLimits
-from vehicles.autopilots.base import AutopilotName, Mode, Target
+from vehicles.autopilots.base import Autopilot, AutopilotName
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.links.conditions import LinkConditions
-
-_LANDINGS = frozenset({Mode.LAND.value, Mode.RTL.value})
+from vehicles.processes.codec import Codec, MessageError
 
 
 class CharterError(ValueError):
@@ -61,91 +60,33 @@ class GuardCharter:
     patience_s: float = 120.0
     pace: PaceSetup | None = None
 
-    def plain(self) -> dict[str, Any]:
-        """Return the charter in plain values, for `from_plain`."""
-        return {
-            "run": self.run,
-            "folder": self.folder,
-            "epoch_s": self.epoch_s,
-            "token": self.token,
-            "patience_s": self.patience_s,
-            "pace": None if self.pace is None else asdict(self.pace),
-            "vehicles": {name: _plain_guarded(one) for name, one in self.vehicles.items()},
-            "settings": asdict(self.settings),
-            "plan": {**asdict(self.plan), "landing": self.plan.landing.value},
-        }
+    def packed(self) -> bytes:
+        """Return the charter for `unpacked`; without signing keys, which stay where they are."""
+        return _codec.encode(self)
 
     @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> "GuardCharter":
-        """Return the charter of plain values. Raises CharterError."""
+    def unpacked(cls, packed: bytes) -> "GuardCharter":
+        """Return the charter of `packed`. Raises CharterError."""
         try:
-            plan = dict(plain["plan"])
-            plan["landing"] = _landing(plan["landing"])
-            charter = cls(
-                run=str(plain["run"]),
-                folder=str(plain["folder"]),
-                epoch_s=float(plain["epoch_s"]),
-                token=str(plain["token"]),
-                patience_s=float(plain["patience_s"]),
-                pace=None if plain["pace"] is None else PaceSetup(**plain["pace"]),
-                vehicles={name: _guarded(one) for name, one in plain["vehicles"].items()},
-                settings=GuardSettings(**plain["settings"]),
-                plan=ContingencyPlan(**plan),
-            )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise CharterError(f"the charter cannot be read: {error!r}") from error
+            charter = _codec.decode(packed)
+        except MessageError as error:
+            raise CharterError(f"the charter cannot be read: {error}") from error
         if not charter.vehicles or not math.isfinite(charter.epoch_s):
             raise CharterError("a charter names vehicles, and when the run clock was zero")
         return charter
 
 
-def _plain_guarded(guarded: Guarded) -> dict[str, Any]:
-    vehicle = guarded.vehicle
-    return {
-        "link": guarded.link,
-        "patient": guarded.patient,
-        "gcs": guarded.gcs,
-        "spares": list(guarded.spares),
-        "conditions": guarded.conditions.plain(),
-        "autopilot": vehicle.autopilot.name,
-        "target": [vehicle.target.system, vehicle.target.component],
-        "fence": None if vehicle.fence is None else plain_fence(vehicle.fence),
-        "attached": vehicle.attached,
-        "landing": vehicle.landing.value,
-        "terminate": vehicle.terminate,
-        "limits": None if vehicle.limits is None else asdict(vehicle.limits),
-    }
-
-
-def _guarded(plain: Mapping[str, Any]) -> Guarded:
-    fence, limits = plain["fence"], plain["limits"]
-    return Guarded(
-        link=str(plain["link"]),
-        patient=bool(plain["patient"]),
-        gcs=str(plain["gcs"]),
-        spares=tuple(str(one) for one in plain["spares"]),
-        conditions=LinkConditions.from_plain(plain["conditions"]),
-        vehicle=GuardedVehicle(
-            autopilot=_autopilot(plain["autopilot"]),
-            target=Target(*plain["target"]),
-            fence=None if fence is None else fence_of_plain(fence),
-            attached=bool(plain["attached"]),
-            landing=_landing(plain["landing"]),
-            terminate=bool(plain["terminate"]),
-            gcs=bool(plain["gcs"]),
-            limits=None if limits is None else SetpointLimits(**limits),
-        ),
-    )
-
-
-def _autopilot(name: str) -> Any:
+def _autopilot(name: str) -> Autopilot:
     try:
         return autopilot_named(cast("AutopilotName", name))
     except StopIteration as error:
         raise ValueError(f"autopilot {name!r} is not known") from error
 
 
-def _landing(value: str) -> Literal[Mode.LAND, Mode.RTL]:
-    if value not in _LANDINGS:
-        raise ValueError(f"{value!r} is no way to land")
-    return Mode.RTL if value == Mode.RTL.value else Mode.LAND
+_codec: Codec[GuardCharter] = Codec(
+    GuardCharter,
+    plain={
+        Fence: (plain_fence, fence_of_plain),
+        Autopilot: (lambda autopilot: autopilot.name, _autopilot),
+    },
+)

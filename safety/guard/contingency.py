@@ -6,7 +6,6 @@ Pure: facts and a time in, actions out. Nothing here knows of bytes, nor of the 
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Literal
 
 from vehicles.autopilots.base import Mode
 
@@ -56,6 +55,12 @@ class Facts:
     seen_s: float | None = None
 
 
+def require_landing(mode: Mode) -> None:
+    """Raise ValueError for a mode that is no way to land."""
+    if mode not in {Mode.LAND, Mode.RTL}:
+        raise ValueError(f"{mode.value!r} is no way to land")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContingencyPlan:
     """How to bring a vehicle down; times in seconds.
@@ -68,7 +73,7 @@ class ContingencyPlan:
     ours is shorter.
     """
 
-    landing: Literal[Mode.LAND, Mode.RTL] = Mode.LAND
+    landing: Mode = Mode.LAND
     terminate: bool = False
     hold_timeout_s: float = 2.0
     settle_s: float = 1.0
@@ -79,6 +84,9 @@ class ContingencyPlan:
     stalls_to_terminate: int = 3
     fresh_s: float = 1.0
     supervise_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        require_landing(self.landing)
 
 
 @dataclass(frozen=True, slots=True)

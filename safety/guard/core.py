@@ -18,13 +18,13 @@ from safety.guard.events import (
     GuardedVehicle,
     GuardEvent,
     GuardSettings,
-    OperatorCommand,
     Output,
     Outputs,
     ToGcs,
     ToOrchestrator,
     ToVehicle,
 )
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.refencing import refusal_of_changes
 from safety.guard.setpoint_frames import SETPOINTS
 from safety.guard.traffic import command_of, frame_name, is_harmless, is_steering
@@ -163,9 +163,14 @@ class GuardCore:
         place, velocity = sample.pose.position_ned_m, sample.velocity_ned_m_s
         return self._place(ward, place, velocity, sample.t_s, told=True)
 
-    def command(self, command: OperatorCommand) -> Outputs:
-        """Take an operator's command. Abort always wins, and nothing undoes it."""
-        t_s, who = command.t_s, command.who
+    def command(self, command: OperatorCommand, t_s: float) -> Outputs:
+        """Take an operator's command. Abort always wins, and nothing undoes it.
+
+        Raises ValueError for a geofence: its document is read first, see `change_fences`.
+        """
+        who = command.who
+        if command.kind == "geofence":
+            raise ValueError("a guard is given fences, not a document")
         if command.kind == "abort":
             return tuple(self._latch("abort", "", f"aborted by {who}", t_s))
         if self.latched is not None:

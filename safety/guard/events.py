@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from safety.geofence import Fence
+from safety.guard.contingency import require_landing
 from safety.guard.limits import SetpointLimits
 from safety.verdict import DecisiveEvent, DecisiveKind
 from vehicles.autopilots.base import Autopilot, Mode, Target
@@ -82,15 +83,6 @@ Output = ToVehicle | ToOrchestrator | ToGcs | GuardEvent
 Outputs = tuple[Output, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class OperatorCommand:
-    """What an operator asks; who: a name for the record ("Ctrl-C", "mqtt:anna")."""
-
-    kind: Literal["abort", "hold", "resume"]
-    who: str
-    t_s: float
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardedVehicle:
     """A vehicle in the guard's care.
@@ -105,10 +97,13 @@ class GuardedVehicle:
     target: Target
     fence: Fence | None = None
     attached: bool = False
-    landing: Literal[Mode.LAND, Mode.RTL] = Mode.LAND
+    landing: Mode = Mode.LAND
     terminate: bool = False
     gcs: bool = False
     limits: SetpointLimits | None = None
+
+    def __post_init__(self) -> None:
+        require_landing(self.landing)
 
     @property
     def may_terminate(self) -> bool:

@@ -1,67 +1,73 @@
-"""What the orchestrator and the guard's process say to each other, as values; see `protocol`."""
+"""The messages between the orchestrator and the guard's process.
 
-from dataclasses import dataclass
-from typing import Any, Literal
+They go through a SOCK_SEQPACKET Unix socket, in packets of one or more. Vehicles go by their place
+in the charter. Times are CLOCK_MONOTONIC, which all processes share; under the scaled clock the run
+clock, as Pace lays it down.
+"""
 
+from typing import Annotated
+
+import msgspec
+
+from safety.fence_plain import fence_of_plain, plain_fence
 from safety.geofence import Fence
 from safety.guard.contingency import Phase
 from safety.guard.events import Cause, GuardEvent
-from worlds.frames import Quat, Vec3
+from safety.guard.operator_command import OperatorCommand
+from vehicles.processes.codec import Codec, Finite, Message, Plain
 
-OrderKind = Literal["abort", "hold", "resume", "bring_down"]
-
-
-@dataclass(frozen=True, slots=True)
-class CharterMessage:
-    """What the guard is to guard, as plain values."""
-
-    plain: dict[str, Any]
+FiniteVec3 = tuple[Finite, Finite, Finite]
 
 
-@dataclass(frozen=True, slots=True)
-class Start:
+class CharterMessage(Message, frozen=True):
+    """What the guard is to guard; packed: see `charter`."""
+
+    packed: bytes
+
+
+class Start(Message, frozen=True):
     """Start a vehicle's process as a child of the guard."""
 
     vehicle: str
-    argv: tuple[str, ...]
+    argv: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
     environment: dict[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class Bytes:
+class Bytes(Message, frozen=True):
     """MAVLink frames of the vehicle at `index`, or for it; t_s: when the guard had them."""
 
     index: int
-    t_s: float
+    t_s: Finite
     data: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Position:
+class Position(Message, frozen=True):
     """Where the vehicle at `index` is, world frame."""
 
     index: int
-    t_s: float
-    position_ned_m: Vec3
-    q_wxyz: Quat
-    velocity_ned_m_s: Vec3
+    t_s: Finite
+    position_ned_m: tuple[float, float, float]
+    q_wxyz: tuple[float, float, float, float]
+    velocity_ned_m_s: tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Alive:
+class Alive(Message, frozen=True):
     """A sign of life of the orchestrator's event loop."""
 
 
-@dataclass(frozen=True, slots=True)
-class Order:
-    """A command; text: who gave it, or for bring_down the reason."""
+class Operate(Message, frozen=True):
+    """An operator's abort, hold or resume."""
 
-    kind: OrderKind
-    text: str
+    command: OperatorCommand
 
 
-@dataclass(frozen=True, slots=True)
-class NewFences:
+class BringDown(Message, frozen=True):
+    """Bring all down for a reason of the orchestrator's own."""
+
+    reason: str
+
+
+class NewFences(Message, frozen=True):
     """Give vehicles new fences, all or none; who: gave the command.
 
     proposed: only say whether they could be given.
@@ -72,51 +78,44 @@ class NewFences:
     proposed: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class AnchorAt:
+class AnchorAt(Message, frozen=True):
     """Where a vehicle's local frame is in the world."""
 
     vehicle: str
-    origin_ned_m: Vec3
-    turn_rad: float
+    origin_ned_m: FiniteVec3
+    turn_rad: Finite
 
 
-@dataclass(frozen=True, slots=True)
-class GoDark:
+class GoDark(Message, frozen=True):
     """Let nothing through between the guard and a vehicle for a while."""
 
     vehicle: str
-    duration_s: float
+    duration_s: Finite
 
 
-@dataclass(frozen=True, slots=True)
-class Follow:
+class Follow(Message, frozen=True):
     """Let the clock follow the vehicle that leads it: all that had to be started runs."""
 
 
-@dataclass(frozen=True, slots=True)
-class End:
+class End(Message, frozen=True):
     """Nothing more is to be flown: reap and end."""
 
 
-@dataclass(frozen=True, slots=True)
-class Opened:
+class Opened(Message, frozen=True):
     """The links are open; ports: the local UDP port of each, 0 for a link without one."""
 
     pid: int
     ports: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Started:
+class Started(Message, frozen=True):
     """A vehicle's process runs."""
 
     vehicle: str
     pid: int
 
 
-@dataclass(frozen=True, slots=True)
-class Ended:
+class Ended(Message, frozen=True):
     """A vehicle's process ended, or could not be started (exit_code None)."""
 
     vehicle: str
@@ -124,24 +123,21 @@ class Ended:
     last_words: str
 
 
-@dataclass(frozen=True, slots=True)
-class OnWire:
+class OnWire(Message, frozen=True):
     """A command that just went to a vehicle."""
 
     index: int
-    t_s: float
+    t_s: Finite
     frame: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Told:
+class Told(Message, frozen=True):
     """An event of the guard."""
 
     event: GuardEvent
 
 
-@dataclass(frozen=True, slots=True)
-class Status:
+class Status(Message, frozen=True):
     """Where the guard stands; sent several times a second, as its sign of life.
 
     at_rest: nothing may be armed, latched or not.
@@ -153,40 +149,36 @@ class Status:
     phases: tuple[Phase, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Pace:
+class Pace(Message, frozen=True):
     """The run clock from now on: `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope."""
 
-    wall_s: float
-    run_s: float
-    rate: float
+    wall_s: Finite
+    run_s: Finite
+    rate: Annotated[float, msgspec.Meta(ge=0.0, le=1e300)]
 
 
-@dataclass(frozen=True, slots=True)
-class Failed:
+class Failed(Message, frozen=True):
     """The guard could not begin; says why."""
 
     text: str
 
 
-Message = (
+ToGuard = (
     CharterMessage
     | Start
     | Bytes
     | Position
     | Alive
-    | Order
+    | Operate
+    | BringDown
     | NewFences
     | AnchorAt
     | GoDark
     | Follow
     | End
-    | Opened
-    | Started
-    | Ended
-    | OnWire
-    | Told
-    | Status
-    | Pace
-    | Failed
 )
+ToOrchestrator = Bytes | OnWire | Opened | Started | Ended | Told | Status | Pace | Failed
+
+_PLAIN: Plain = {Fence: (plain_fence, fence_of_plain)}
+to_guard: Codec[list[ToGuard]] = Codec(list[ToGuard], plain=_PLAIN)
+to_orchestrator: Codec[list[ToOrchestrator]] = Codec(list[ToOrchestrator], plain=_PLAIN)

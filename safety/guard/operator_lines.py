@@ -7,13 +7,16 @@ Answered: {"ok": true, "command": "abort", "text": "...", ...}
 
 import hmac
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any, Literal, cast, get_args
+
+from safety.guard.operator_command import OperatorCommand, OperatorKind
 
 LONGEST_LINE_BYTES = 1 << 16
 _LONGEST_WHO = 64
-OperatorWord = Literal["abort", "hold", "resume", "geofence", "status", "watch"]
-_WORDS: frozenset[str] = frozenset(get_args(OperatorWord))
+Query = Literal["status", "watch"]
+_QUERIES: frozenset[str] = frozenset(get_args(Query))
+_WORDS = (*get_args(OperatorKind), *get_args(Query))
 _KEYS = frozenset({"command", "who", "token", "geofence", "id"})
 
 
@@ -21,18 +24,8 @@ class RefusedLineError(ValueError):
     """A line that is not obeyed; says why."""
 
 
-@dataclass(frozen=True, slots=True)
-class OperatorLine:
-    """A command and who gave it. document, command_id: of a geofence, else empty."""
-
-    command: OperatorWord
-    who: str
-    document: str = ""
-    command_id: str = ""
-
-
-def parse_line(line: bytes, *, token: str = "") -> OperatorLine:
-    """Return the command of a line. Raises RefusedLineError.
+def parse_line(line: bytes, *, token: str = "") -> OperatorCommand | Query:
+    """Return the command of a line, or what it asks to see. Raises RefusedLineError.
 
     token: what it has to bring; with an empty one none is asked for.
     """
@@ -53,14 +46,20 @@ def parse_line(line: bytes, *, token: str = "") -> OperatorLine:
         raise RefusedLineError("wrong token" if "token" in asked else "a token is needed")
     command = asked.get("command")
     if not isinstance(command, str) or command not in _WORDS:
-        raise RefusedLineError(f"command is one of {', '.join(get_args(OperatorWord))}")
+        raise RefusedLineError(f"command is one of {', '.join(_WORDS)}")
     who = checked_who(asked.get("who", "operator"))
-    if command != "geofence":
-        return OperatorLine(cast("OperatorWord", command), who)
+    if command in _QUERIES:
+        return cast("Query", command)
+    return _command(cast("OperatorKind", command), who, asked)
+
+
+def _command(kind: OperatorKind, who: str, asked: Mapping[str, Any]) -> OperatorCommand:
+    if kind != "geofence":
+        return OperatorCommand(kind, who)
     document, command_id = asked.get("geofence"), asked.get("id")
     if not isinstance(document, str) or not isinstance(command_id, str):
         raise RefusedLineError("geofence is the text of a file, and id anything not used before")
-    return OperatorLine("geofence", who, document, command_id)
+    return OperatorCommand("geofence", who, document=document, command_id=command_id)
 
 
 def checked_who(who: Any) -> str:

@@ -4,7 +4,8 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from safety.guard.operator_lines import OperatorLine, RefusedLineError
+from safety.guard.operator_command import OperatorCommand
+from safety.guard.operator_lines import RefusedLineError
 from safety.guard.shell import GuardShell
 
 
@@ -27,31 +28,31 @@ class OperatorOrders:
         self._refused = refused
         self._lost = lost
 
-    def obey(self, line: OperatorLine) -> str:
-        """Do what a line says. Raises RefusedLineError."""
+    def obey(self, command: OperatorCommand) -> str:
+        """Follow a command. Raises RefusedLineError."""
         try:
-            return self._do(line)
+            return self._do(command)
         except RefusedLineError as error:
-            self._refused(f"{line.who}: {error}")
+            self._refused(f"{command.who}: {error}")
             raise
 
-    def _do(self, line: OperatorLine) -> str:
-        core, who = self._shell.core, line.who
-        if line.command == "abort":
-            self._shell.abort(who)
+    def _do(self, command: OperatorCommand) -> str:
+        core = self._shell.core
+        if command.kind == "abort":
+            self._shell.command(command)
             return "all are brought down"
-        if line.command == "geofence":
+        if command.kind == "geofence":
             raise RefusedLineError("geofence: send it to the campaign, not to the guard")
         if core.latched is not None:
-            raise RefusedLineError(f"{line.command}: all are landing already ({core.latched})")
-        if line.command == "hold":
+            raise RefusedLineError(f"{command.kind}: all are landing already ({core.latched})")
+        if command.kind == "hold":
             if core.paused:
                 raise RefusedLineError("hold: all hold already")
-            self._shell.hold(who)
+            self._shell.command(command)
             return "all hold"
         if not core.paused:
             raise RefusedLineError("resume: nothing is held")
-        self._shell.resume(who)
+        self._shell.command(command)
         return "all go on"
 
     def status(self) -> dict[str, Any]:

@@ -9,9 +9,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.operator_lines import (
     LONGEST_LINE_BYTES,
-    OperatorLine,
+    Query,
     RefusedLineError,
     answer,
     parse_line,
@@ -24,7 +25,7 @@ _WATCH_S = 0.5
 _MOST_CLIENTS = 16
 _IDLE_S = 60.0
 
-Obey = Callable[[OperatorLine], str]
+Obey = Callable[[OperatorCommand], str]
 """Does what abort, hold or resume says and returns what was done, for the answer."""
 
 
@@ -116,23 +117,23 @@ class OperatorSocket:
                 return
             asked = self._take(line, writer)
             await writer.drain()
-            if asked is not None and asked.command == "watch":
+            if asked == "watch":
                 await self._watch(writer)
 
-    def _take(self, line: bytes, writer: asyncio.StreamWriter) -> OperatorLine | None:
+    def _take(self, line: bytes, writer: asyncio.StreamWriter) -> OperatorCommand | Query | None:
         try:
             asked = parse_line(line, token=self._token)
         except RefusedLineError as error:
             self._refused(str(error))
             writer.write(answer(ok=False, text=str(error)))
             return None
+        name = asked.kind if isinstance(asked, OperatorCommand) else asked
         try:
-            watching = asked.command in {"status", "watch"}
-            text = "as asked" if watching else self._obey(asked)
+            text = self._obey(asked) if isinstance(asked, OperatorCommand) else "as asked"
         except RefusedLineError as error:
-            writer.write(answer(ok=False, text=str(error), command=asked.command))
+            writer.write(answer(ok=False, text=str(error), command=name))
             return None
-        writer.write(answer(ok=True, text=text, command=asked.command, **self._status()))
+        writer.write(answer(ok=True, text=text, command=name, **self._status()))
         return asked
 
     async def _watch(self, writer: asyncio.StreamWriter) -> None:

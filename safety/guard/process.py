@@ -37,6 +37,7 @@ from safety.guard.leftovers import (
 from safety.guard.messages import (
     Alive,
     AnchorAt,
+    BringDown,
     Bytes,
     CharterMessage,
     End,
@@ -44,17 +45,18 @@ from safety.guard.messages import (
     Failed,
     Follow,
     GoDark,
-    Message,
     NewFences,
     OnWire,
     Opened,
-    Order,
+    Operate,
     Pace,
     Position,
     Start,
     Started,
     Status,
+    ToGuard,
     Told,
+    to_guard,
 )
 from safety.guard.operator_orders import OperatorOrders
 from safety.guard.operator_socket import POINTER, OperatorSocket
@@ -90,7 +92,7 @@ class GuardProcess:
     """Runs one guard from its charter to the end of its last child."""
 
     def __init__(self, *, end: socket.socket, lifeline: int) -> None:
-        self._channel = Channel(end, take=self._take, closed=self._orphaned)
+        self._channel = Channel(end, receives=to_guard, take=self._take, closed=self._orphaned)
         self._lifeline = lifeline
         self._chartered: asyncio.Future[CharterMessage | None]
         self._over = asyncio.Event()
@@ -119,7 +121,7 @@ class GuardProcess:
         account = TaskAccount(fault=self._fault, expected=(VehicleError, OSError))
         try:
             with account.of(loop):
-                await self._guard(GuardCharter.from_plain(message.plain))
+                await self._guard(GuardCharter.unpacked(message.packed))
         except (CharterError, VehicleError, OSError) as error:
             self._channel.send(Failed(f"the guard cannot begin: {error}"))
             return 1
@@ -251,9 +253,11 @@ class GuardProcess:
             # Who is busy with other things on the ground endangers nobody by its silence.
             self._shell.alive()
         self._channel.send(Status(core.latched, core.all_down, rest, tuple(core.phases.values())))
-        call_wall_later(STATUS_S, self._tell_status)
+        # With a tick of the shell's, so that the process wakes once for both.
+        since_s = time.monotonic() - self._shell.started_s
+        call_wall_later(STATUS_S - since_s % STATUS_S, self._tell_status)
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: ToGuard) -> None:
         match message:
             case Bytes(index, _, data) if index < len(self._links):
                 self._links[index].arrive(data, asyncio.get_running_loop().time())
@@ -265,12 +269,14 @@ class GuardProcess:
             case _:
                 self._take_rare(message)
 
-    def _take_rare(self, message: Message) -> None:
+    def _take_rare(self, message: ToGuard) -> None:
         match message:
             case CharterMessage() if not self._chartered.done():
                 self._chartered.set_result(message)
-            case Order() if self._links:
-                self._order(message)
+            case Operate(command) if self._links and command.kind != "geofence":
+                self._shell.command(command)
+            case BringDown(reason) if self._links:
+                self._shell.bring_down(reason)
             case NewFences(who, fences, proposed) if self._links and set(fences) <= {*self._names}:
                 (self._shell.propose_fences if proposed else self._shell.change_fences)(fences, who)
             case AnchorAt(name, origin, turn) if name in self._names:
@@ -287,17 +293,6 @@ class GuardProcess:
                 self._over.set()
             case _:
                 self._note("refused", text=f"{type(message).__name__} makes no sense now")
-
-    def _order(self, order: Order) -> None:
-        match order.kind:
-            case "abort":
-                self._shell.abort(order.text)
-            case "hold":
-                self._shell.hold(order.text)
-            case "resume":
-                self._shell.resume(order.text)
-            case "bring_down":
-                self._shell.bring_down(order.text)
 
     async def _start(self, start: Start) -> None:
         """Start a vehicle's process; its death is told as soon as it is seen."""

@@ -1,6 +1,7 @@
 """The orchestrator's side of a guard in another process: what `GuardShell` is in this one."""
 
 import asyncio
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
@@ -18,6 +19,7 @@ from safety.guard.lost_links import LostLinks, link_maker
 from safety.guard.messages import (
     Alive,
     AnchorAt,
+    BringDown,
     Bytes,
     CharterMessage,
     End,
@@ -25,19 +27,20 @@ from safety.guard.messages import (
     Failed,
     Follow,
     GoDark,
-    Message,
     NewFences,
     OnWire,
     Opened,
-    Order,
-    OrderKind,
+    Operate,
     Pace,
     Position,
     Start,
     Started,
     Status,
     Told,
+    ToOrchestrator,
+    to_orchestrator,
 )
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.shell import Record
 from safety.guard.spawning import spawn_guard
 from safety.guard.waits import happens
@@ -57,6 +60,8 @@ _CHECK_S = 0.2
 _CHECKS_WITHOUT_A_WORD = 10
 """Of our own turns, not of time: a machine that was asleep must not make us kill our guard."""
 _POLL_S = 0.1
+_LATEST_S = 0.06
+"""How long positions well inside the fence, and signs of life, wait for a packet to ride with."""
 
 
 class GuardFailedError(Exception):
@@ -80,6 +85,11 @@ class RemoteGuard:
             name: ChannelLink(name=f"{name} {charter.vehicles[name].link or 'guard'}", index=index)
             for index, name in enumerate(self._names)
         }
+        self._fences = {
+            name: [] if one.vehicle.fence is None else [one.vehicle.fence]
+            for name, one in charter.vehicles.items()
+        }
+        """That hold, held, or were to hold: a position that breaches one does not wait."""
         self.events: list[GuardEvent] = []
         self._listeners: list[Callable[[GuardEvent], None]] = []
         self._phases = dict.fromkeys(self._names, Phase.IDLE)
@@ -93,7 +103,7 @@ class RemoteGuard:
         self._children: dict[str, ProcessId] = {}
         self._ended: dict[str, Ended] = {}
         self._endings: dict[str, asyncio.Event] = {}
-        self._waiting: dict[str, asyncio.Future[Message]] = {}
+        self._waiting: dict[str, asyncio.Future[ToOrchestrator]] = {}
         self._beating: asyncio.Handle | None = None
         self._checking: asyncio.Handle | None = None
         self._clock = LedClock()
@@ -119,16 +129,18 @@ class RemoteGuard:
 
     async def __aenter__(self) -> Self:
         """Start the guard's process and wait until its links are open. Raises LinkError."""
-        opened: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
+        opened: asyncio.Future[ToOrchestrator] = asyncio.get_running_loop().create_future()
         self._waiting[""] = opened
         spawned = spawn_guard(self._charter.folder, scaled=self._charter.pace is not None)
         self._process, self._hold, self._stderr = spawned.process, spawned.hold, spawned.stderr
-        self._channel = Channel(spawned.end, take=self._take, closed=self._lost)
+        self._channel = Channel(
+            spawned.end, receives=to_orchestrator, take=self._take, closed=self._lost
+        )
         for link in self._links.values():
             link.channel = self._channel
         self._channel.open()
         try:
-            self._channel.send(CharterMessage(self._charter.plain()))
+            self._channel.send(CharterMessage(self._charter.packed()))
             async with asyncio.timeout(_OPEN_S):
                 answer = await opened
         except TimeoutError as error:
@@ -186,9 +198,13 @@ class RemoteGuard:
         """Take where a vehicle is, from the fastest source there is."""
         index = self._names.index(sample.vehicle)
         pose = sample.pose
-        self._channel.send(
-            Position(index, sample.t_s, pose.position_ned_m, pose.q_wxyz, sample.velocity_ned_m_s)
+        message = Position(
+            index, sample.t_s, pose.position_ned_m, pose.q_wxyz, sample.velocity_ned_m_s
         )
+        if self._is_urgent(sample):
+            self._channel.send(message)
+        else:
+            self._channel.send_soon(message, within_s=_LATEST_S)
 
     def anchor(self, name: str, anchor: Anchor) -> None:
         """Say where a vehicle's local frame is in the world."""
@@ -200,19 +216,11 @@ class RemoteGuard:
 
     def alive(self) -> None:
         """Give a sign of life; from the start on this is done by itself, from the event loop."""
-        self._channel.send(Alive())
+        self._channel.send_soon(Alive(), within_s=_LATEST_S)
 
-    def abort(self, who: str) -> None:
-        """Bring all down because an operator says so."""
-        self._order("abort", who)
-
-    def hold(self, who: str) -> None:
-        """Have all vehicles hold until `resume`."""
-        self._order("hold", who)
-
-    def resume(self, who: str) -> None:
-        """Give the vehicles back to the orchestrator after a hold."""
-        self._order("resume", who)
+    def command(self, command: OperatorCommand) -> None:
+        """Follow an operator's abort, hold or resume; an event says what comes of it."""
+        self._channel.send(Operate(command))
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Ask whether vehicles could be given new fences; an event says so, or why not."""
@@ -220,11 +228,13 @@ class RemoteGuard:
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Give vehicles new fences, all or none; an event says which."""
+        for name, fence in fences.items():
+            self._fences[name].append(fence)
         self._channel.send(NewFences(who, dict(fences)))
 
     def bring_down(self, reason: str) -> None:
         """Bring all down for a reason of the orchestrator's own."""
-        self._order("bring_down", reason)
+        self._channel.send(BringDown(reason))
 
     async def all_down(self, timeout_s: float) -> bool:
         """Wait until all were brought down; False when they are not after `timeout_s`."""
@@ -241,7 +251,7 @@ class RemoteGuard:
 
         Raises LinkError when it cannot be started.
         """
-        started: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
+        started: asyncio.Future[ToOrchestrator] = asyncio.get_running_loop().create_future()
         self._waiting[name] = started
         self._channel.send(Start(name, tuple(argv), dict(environment or {})))
         try:
@@ -280,11 +290,25 @@ class RemoteGuard:
         """Return how a vehicle's process ended; None while it lives."""
         return self._ended.get(name)
 
-    def _order(self, kind: OrderKind, text: str) -> None:
-        self._channel.send(Order(kind, text))
+    def _is_urgent(self, sample: PoseSample) -> bool:
+        """Return whether a position may be a breach of a fence that holds, or will."""
+        settings, place = self._charter.settings, sample.pose.position_ned_m
+        velocity = sample.velocity_ned_m_s
+        if not math.isfinite(sum(place) + sum(velocity)):
+            return True
+        return any(
+            fence.breached(
+                place,
+                velocity,
+                latency_s=settings.latency_s,
+                braking_m_s2=settings.braking_m_s2,
+                keep_m=settings.keep_m,
+            )
+            for fence in self._fences[sample.vehicle]
+        )
 
     def _beat(self) -> None:
-        self._channel.send(Alive())
+        self.alive()
         self._beating = call_wall_later(ALIVE_S, self._beat)
 
     def _check(self) -> None:
@@ -295,7 +319,7 @@ class RemoteGuard:
             return
         self._checking = call_wall_later(_CHECK_S, self._check)
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: ToOrchestrator) -> None:
         """Take a message of the guard; the frequent ones first."""
         self._silent_checks = 0
         match message:
@@ -325,7 +349,7 @@ class RemoteGuard:
             case _:
                 self._answer("", message)
 
-    def _answer(self, name: str, message: Message) -> None:
+    def _answer(self, name: str, message: ToOrchestrator) -> None:
         future = self._waiting.pop(name, None)
         if future is not None and not future.done():
             future.set_result(message)

@@ -17,12 +17,12 @@ from safety.guard.events import (
     GuardedVehicle,
     GuardEvent,
     GuardSettings,
-    OperatorCommand,
     Outputs,
     ToGcs,
     ToOrchestrator,
     ToVehicle,
 )
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.waits import happens
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
@@ -76,6 +76,11 @@ class GuardShell:
         self._down = asyncio.Event()
         self._rest = asyncio.Event()
         self._start_s = 0.0
+
+    @property
+    def started_s(self) -> float:
+        """Return the loop's time at which the ticks began."""
+        return self._start_s
 
     @property
     def phases(self) -> dict[str, Phase]:
@@ -133,20 +138,10 @@ class GuardShell:
         now_s = self._now_s()
         self._apply(self.core.orchestrator_alive(now_s), now_s)
 
-    def abort(self, who: str) -> None:
-        """Bring all down because an operator says so."""
+    def command(self, command: OperatorCommand) -> None:
+        """Follow an operator's abort, hold or resume; an event says what comes of it."""
         now_s = self._now_s()
-        self._apply(self.core.command(OperatorCommand("abort", who, now_s)), now_s)
-
-    def hold(self, who: str) -> None:
-        """Have all vehicles hold until `resume`."""
-        now_s = self._now_s()
-        self._apply(self.core.command(OperatorCommand("hold", who, now_s)), now_s)
-
-    def resume(self, who: str) -> None:
-        """Give the vehicles back to the orchestrator after a hold."""
-        now_s = self._now_s()
-        self._apply(self.core.command(OperatorCommand("resume", who, now_s)), now_s)
+        self._apply(self.core.command(command, now_s), now_s)
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Ask whether vehicles could be given new fences; an event says so, or why not."""

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from campaigns.expansion import Options, load_campaign
-from orchestrator.operator import OperatorCommand
 from orchestrator.results import RunResult
 from orchestrator.run import run as running
 from orchestrator.run.course import Course, Stage
@@ -24,6 +23,7 @@ from orchestrator.run.opening import Pair
 from orchestrator.run.setup import RunOrder, RunSetup
 from orchestrator.run.warming import warm_up
 from safety.guard.contingency import Phase
+from safety.guard.operator_command import OperatorCommand
 from tests.faults.barriers import UNDISTURBED, acted_after_s, late
 from tests.faults.draws import WHILE_FLOWN, Fault, draw_kill, draw_trouble
 from tests.faults.mortal_loop import MortalLoop

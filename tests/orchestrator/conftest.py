@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 
 from campaigns.expansion import Options, load_campaign
-from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.operator import Inbox
 from orchestrator.progress import Report
 from orchestrator.results import RunResult
 from orchestrator.run.run import Disturb, fly
 from orchestrator.run.setup import RunOrder, RunSetup
+from safety.guard.operator_command import OperatorCommand
 
 ROOT = Path(__file__).parents[2]
 SMALL_CAMERAS = tuple(

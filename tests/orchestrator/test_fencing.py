@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.operator import OperatorCommand
 from orchestrator.results import FenceChange, RunResult
+from safety.guard.operator_command import OperatorCommand
 from tests.orchestrator.flights import all_landed, log_of
 
 Fly = Callable[..., tuple[RunResult, Path]]

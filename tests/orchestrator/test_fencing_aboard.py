@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from campaigns.expansion import Options, load_campaign
-from orchestrator.operator import OperatorCommand
 from orchestrator.progress import Happening, News
 from orchestrator.rejudging import rejudge_run
 from orchestrator.results import RunResult
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.opening import Pair
 from orchestrator.writing import to_json, write_whole
+from safety.guard.operator_command import OperatorCommand
 from tests.orchestrator.conftest import ROOT
 from tests.orchestrator.flights import all_landed, log_of
 from vehicles.embedded.vehicle import EmbeddedVehicle

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from orchestrator.operator import OperatorCommand, OperatorKind
 from orchestrator.results import RunResult
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.opening import Pair
+from safety.guard.operator_command import OperatorCommand, OperatorKind
 from tests.orchestrator.flights import all_landed, log_of
 
 Fly = Callable[..., tuple[RunResult, Path]]

@@ -21,7 +21,7 @@ from mcap.stream_reader import StreamReader
 from orchestrator.clock import run_virtual
 from orchestrator.recording import mcap_file, mcap_writer
 from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
-from orchestrator.recording.mcap_chunks import RecordingError
+from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.mcap_reader import RecordedEvent, RecordedReading, Recording
 from orchestrator.recording.mcap_settings import LOSSLESS
 from orchestrator.recording.mcap_writer import RecordingReport

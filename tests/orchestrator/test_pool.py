@@ -8,9 +8,10 @@ import time
 
 import pytest
 
-from orchestrator.operator import Inbox, OperatorCommand
+from orchestrator.operator import Inbox
 from orchestrator.pool import PipeInbox, Pool, WorkerLost
 from orchestrator.progress import News, Progress, Report
+from safety.guard.operator_command import OperatorCommand
 
 Outcomes = dict[str, "str | WorkerLost"]
 

@@ -9,7 +9,8 @@ import pytest
 
 from campaigns.expansion import Options, RunPlan, load_campaign
 from orchestrator.cli import main
-from orchestrator.rejudging import RecordingError, rejudge_run
+from orchestrator.recording.errors import RecordingError
+from orchestrator.rejudging import rejudge_run
 from orchestrator.results import RunResult
 from orchestrator.writing import to_json, write_whole
 from tests.orchestrator.conftest import ROOT

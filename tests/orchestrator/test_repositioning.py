@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from orchestrator.clock import run_virtual
-from orchestrator.operator import OperatorCommand
 from orchestrator.repositioning import Repositioning
+from safety.guard.operator_command import OperatorCommand
 from tests.orchestrator.operating.desks import FakeFleet, make_desk
 
 

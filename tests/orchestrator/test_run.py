@@ -11,12 +11,12 @@ from typing import Any
 import av
 import pytest
 
-from orchestrator.operator import OperatorCommand
 from orchestrator.recording import run_recorder
 from orchestrator.results import RunResult
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.opening import Pair
 from orchestrator.writing import to_json
+from safety.guard.operator_command import OperatorCommand
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from vehicles.autonomy import Command, Telemetry
 from vehicles.readings import Reading

@@ -4,7 +4,8 @@ from typing import Any
 
 from safety.geofence import Fence
 from safety.guard.core import GuardCore
-from safety.guard.events import GuardedVehicle, GuardSettings, OperatorCommand, ToVehicle
+from safety.guard.events import GuardedVehicle, GuardSettings, ToVehicle
+from safety.guard.operator_command import OperatorCommand
 from vehicles.autopilots.ardupilot import ArduCopter
 from vehicles.autopilots.base import Autopilot, Mode, Target, command_long
 from vehicles.autopilots.px4 import Px4
@@ -57,7 +58,7 @@ def make_pair(
 
 
 def abort(rig: Any, who: str = "anna") -> None:
-    rig.apply(rig.core.command(OperatorCommand("abort", who, rig.t_s)))
+    rig.apply(rig.core.command(OperatorCommand("abort", who), rig.t_s))
 
 
 def to_orchestrator(rig: Any, name: str, data: bytes) -> tuple[bytes, ...]:

@@ -8,7 +8,8 @@ from safety.areas import Circle
 from safety.fence_change import refusal_of_change
 from safety.geofence import Fence
 from safety.guard.core import GuardCore
-from safety.guard.events import GuardedVehicle, GuardEvent, GuardSettings, OperatorCommand
+from safety.guard.events import GuardedVehicle, GuardEvent, GuardSettings
+from safety.guard.operator_command import OperatorCommand
 from safety.samples import FenceSample, PoseSample
 from tests.safety.oracle_rigs import build, pose, stage
 from vehicles.autopilots.base import Target
@@ -91,7 +92,7 @@ def test_the_guard_changes_all_fences_or_none() -> None:
 def test_who_lands_already_keeps_its_fence() -> None:
     core = core_of_two()
     core.position(place("real", 0.0, 1.0))
-    core.command(OperatorCommand("abort", "bert", 1.1))
+    core.command(OperatorCommand("abort", "bert"), 1.1)
     assert told(core.change_fences({"real": NEW}, "anna", 1.2)) == [
         ("refused", "anna: geofence: all are landing")
     ]

@@ -2,7 +2,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.guard.events import OperatorCommand, ToGcs, ToOrchestrator, ToVehicle, decisive
+from safety.guard.events import ToGcs, ToOrchestrator, ToVehicle, decisive
+from safety.guard.operator_command import OperatorCommand
 from safety.samples import PoseSample
 from tests.safety.guard_rigs import (
     GCS,
@@ -174,12 +175,12 @@ def test_a_vehicle_is_heard_by_its_own_system_only(pair: Any) -> None:
 
 
 def test_hold_and_resume(pair: Any) -> None:
-    pair.apply(pair.core.command(OperatorCommand("hold", "anna", pair.t_s)))
+    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
     pair.fly(5.0)
     assert {v.mode for v in pair.vehicles.values()} == {Mode.HOLD}
     assert to_orchestrator(pair, "real", setpoint()) == ()
     assert pair.core.latched is None
-    pair.apply(pair.core.command(OperatorCommand("resume", "anna", pair.t_s)))
+    pair.apply(pair.core.command(OperatorCommand("resume", "anna"), pair.t_s))
     assert to_orchestrator(pair, "real", setpoint())
     to_orchestrator(pair, "real", mode_command(Mode.GUIDED))
     pair.fly(5.0)
@@ -188,10 +189,10 @@ def test_hold_and_resume(pair: Any) -> None:
 
 
 def test_abort_wins_over_hold_and_nothing_resumes_it(pair: Any) -> None:
-    pair.apply(pair.core.command(OperatorCommand("hold", "anna", pair.t_s)))
+    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
     pair.fly(1.0)
     abort(pair)
-    pair.apply(pair.core.command(OperatorCommand("resume", "anna", pair.t_s)))
+    pair.apply(pair.core.command(OperatorCommand("resume", "anna"), pair.t_s))
     assert to_orchestrator(pair, "real", setpoint()) == ()
     pair.fly(20.0)
     assert pair.core.all_down
@@ -201,11 +202,11 @@ def test_abort_wins_over_hold_and_nothing_resumes_it(pair: Any) -> None:
 def test_a_hold_after_an_abort_is_refused(pair: Any) -> None:
     abort(pair)
     for kind in ("hold", "resume"):
-        pair.apply(pair.core.command(OperatorCommand(kind, "anna", pair.t_s)))
+        pair.apply(pair.core.command(OperatorCommand(kind, "anna"), pair.t_s))
     assert pair.kinds() == ["abort", "refused", "refused"]
     assert not pair.core.paused
 
 
 def test_a_resume_of_nothing_is_refused(pair: Any) -> None:
-    pair.apply(pair.core.command(OperatorCommand("resume", "anna", pair.t_s)))
+    pair.apply(pair.core.command(OperatorCommand("resume", "anna"), pair.t_s))
     assert pair.kinds() == ["refused"]

@@ -13,6 +13,7 @@ import pytest
 from orchestrator.clock import run_virtual
 from safety.geofence import Fence
 from safety.guard.events import GuardedVehicle
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.shell import GuardLinks, GuardShell
 from safety.samples import PoseSample
 from vehicles.autopilots.base import Target
@@ -122,7 +123,7 @@ async def interrupt(cause: Cause, at_s: float, seed: int) -> None:
         flight = asyncio.create_task(pair.fly(0.4), name="flight")
         await asyncio.wait([flight], timeout=at_s)
         if cause == "abort":
-            pair.shell.abort("anna")
+            pair.shell.command(OperatorCommand("abort", "anna"))
         elif cause == "bring_down":
             pair.shell.bring_down("the test says so")
         elif cause == "killed":

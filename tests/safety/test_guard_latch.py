@@ -5,7 +5,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from safety.guard.contingency import Phase
-from safety.guard.events import GuardEvent, OperatorCommand, ToVehicle, decisive
+from safety.guard.events import GuardEvent, ToVehicle, decisive
+from safety.guard.operator_command import OperatorCommand
 from tests.safety.guard_rigs import (
     DRIVER,
     abort,
@@ -36,7 +37,7 @@ def test_abort_brings_both_down_in_order(pair: Any) -> None:
 
 
 def test_the_frames_that_brake_come_before_all_words(pair: Any) -> None:
-    outputs = pair.core.command(OperatorCommand("abort", "anna", 2.0))
+    outputs = pair.core.command(OperatorCommand("abort", "anna"), 2.0)
     assert isinstance(outputs[0], ToVehicle)
     assert isinstance(outputs[-1], GuardEvent)
 
@@ -172,7 +173,7 @@ def test_a_fence_is_put_back_once_all_are_down(pair: Any) -> None:
 
 def test_who_is_held_may_be_given_a_fence_and_nothing_that_moves_it(pair: Any) -> None:
     frame = DRIVER.pack(mavlink.MAVLink_mission_count_message(1, 1, 3, 1))
-    pair.apply(pair.core.command(OperatorCommand("hold", "anna", pair.t_s)))
+    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
     assert to_orchestrator(pair, "real", frame) == (frame,)
     for moving in (setpoint(), mode_command(Mode.GUIDED)):
         assert to_orchestrator(pair, "real", moving) == ()

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -143,19 +144,19 @@ _conditions = st.builds(
 @given(_conditions)
 def test_a_charter_carries_the_conditions_of_its_links(conditions: LinkConditions) -> None:
     sent = charter(Path("/run"), conditions=conditions)
-    assert GuardCharter.from_plain(sent.plain()).vehicles["real"].conditions == conditions
+    assert GuardCharter.unpacked(sent.packed()).vehicles["real"].conditions == conditions
 
 
 def test_a_charter_carries_the_spare_links() -> None:
     sent = charter(Path("/run"))
     spares = ("udpin://0.0.0.0:14550", "serial:///dev/ttyUSB0:57600")
     real = replace(sent.vehicles["real"], link="udpin://0.0.0.0:14540", spares=spares)
-    there = GuardCharter.from_plain(replace(sent, vehicles={"real": real}).plain())
+    there = GuardCharter.unpacked(replace(sent, vehicles={"real": real}).packed())
     assert there.vehicles["real"].spares == spares
 
 
 def test_impossible_conditions_are_no_charter() -> None:
-    plain = charter(Path("/run")).plain()
+    plain = msgspec.msgpack.decode(charter(Path("/run")).packed())
     plain["vehicles"]["real"]["conditions"]["outgoing"]["loss"] = 2.0
     with pytest.raises(CharterError, match="loss is 2"):
-        GuardCharter.from_plain(plain)
+        GuardCharter.unpacked(msgspec.msgpack.encode(plain))

@@ -11,6 +11,7 @@ from pymavlink import mavutil
 from safety.geofence import Fence
 from safety.guard.contingency import Phase
 from safety.guard.leftovers import reap_leftovers, records, runtime_folder
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.operator_socket import POINTER
 from safety.guard.remote import RemoteGuard
 from tests.safety.remote_rigs import (
@@ -154,7 +155,7 @@ async def test_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path) -
         assert await flight.guard.all_down(10.0)
         assert not any(map(gone, flight.pids.values()))
         assert all(flight.heard[name] > heard[name] for name in heard)
-        flight.guard.abort("nobody hears this")
+        flight.guard.command(OperatorCommand("abort", "nobody hears this"))
     assert all(map(gone, flight.pids.values()))
     for name in ("real", "twin"):
         assert "FAILSAFE" in [word for _, word in words(folder, name)]

@@ -9,6 +9,7 @@ from orchestrator.clock import run_virtual
 from safety.geofence import Fence
 from safety.guard.contingency import Phase
 from safety.guard.events import GuardedVehicle, GuardEvent
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.shell import GuardLinks, GuardShell
 from safety.samples import PoseSample
 from vehicles.anchor import Anchor
@@ -137,7 +138,7 @@ def test_all_down_is_false_when_a_vehicle_does_not_come_down(fake_vehicle: Any) 
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
             flight.vehicles["real"].deaf = True
-            flight.shell.abort("Ctrl-C")
+            flight.shell.command(OperatorCommand("abort", "Ctrl-C"))
             assert not await flight.shell.all_down(20.0)
             flight.vehicles["real"].deaf = False
             assert await flight.shell.all_down(20.0)
@@ -151,7 +152,7 @@ def test_an_abort_is_at_the_vehicle_after_the_link_s_latency_alone(fake_vehicle:
             flight.setpoint("real")
             await asyncio.sleep(0.01)
             now_s = asyncio.get_running_loop().time()
-            flight.shell.abort("anna")
+            flight.shell.command(OperatorCommand("abort", "anna"))
             await asyncio.sleep(0.01)
             t_s, word = flight.vehicles["real"].heard[1]
             assert word == "ZERO"
@@ -166,10 +167,10 @@ def test_an_abort_is_at_the_vehicle_after_the_link_s_latency_alone(fake_vehicle:
 def test_hold_and_resume_through_the_shell(fake_vehicle: Any) -> None:
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
-            flight.shell.hold("anna")
+            flight.shell.command(OperatorCommand("hold", "anna"))
             await asyncio.sleep(3.0)
             assert {vehicle.mode for vehicle in flight.vehicles.values()} == {Mode.HOLD}
-            flight.shell.resume("anna")
+            flight.shell.command(OperatorCommand("resume", "anna"))
             flight.setpoint("real")
             await asyncio.sleep(0.1)
             assert flight.vehicles["real"].words()[-1] == "SET_POSITION_TARGET_LOCAL_NED"
@@ -221,7 +222,7 @@ def test_a_log_that_cannot_be_written_does_not_stop_the_flight(fake_vehicle: Any
             flight.setpoint("real")
             await asyncio.sleep(1.0)
             assert flight.vehicles["real"].words() == ["SET_POSITION_TARGET_LOCAL_NED"]
-            flight.shell.abort("anna")
+            flight.shell.command(OperatorCommand("abort", "anna"))
             assert await flight.shell.all_down(30.0)
             assert flight.kinds() == ["record", "abort"]
 
@@ -234,7 +235,7 @@ def test_frames_leave_before_events_are_told(fake_vehicle: Any) -> None:
             seen: list[int] = []
             before = len(flight.log)
             flight.shell.on_event(lambda _: seen.append(len(flight.log) - before))
-            flight.shell.abort("anna")
+            flight.shell.command(OperatorCommand("abort", "anna"))
             assert seen
             assert min(seen) >= 4
 
@@ -244,7 +245,7 @@ def test_frames_leave_before_events_are_told(fake_vehicle: Any) -> None:
 def test_ticks_keep_their_raster(fake_vehicle: Any) -> None:
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
-            flight.shell.abort("anna")
+            flight.shell.command(OperatorCommand("abort", "anna"))
             for vehicle in flight.vehicles.values():
                 vehicle.deaf = True
             await asyncio.sleep(1.0)

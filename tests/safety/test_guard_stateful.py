@@ -15,7 +15,8 @@ from hypothesis.stateful import (
 from safety.geofence import Fence
 from safety.guard.contingency import Phase
 from safety.guard.core import GuardCore
-from safety.guard.events import GuardedVehicle, OperatorCommand, ToVehicle
+from safety.guard.events import GuardedVehicle, ToVehicle
+from safety.guard.operator_command import OperatorCommand
 from vehicles.autopilots.ardupilot import ArduCopter
 from vehicles.autopilots.base import Autopilot, Mode, Target, command_long
 from vehicles.autopilots.px4 import Px4
@@ -90,7 +91,7 @@ class Guarded(RuleBasedStateMachine):
 
     @rule(kind=st.sampled_from(["abort", "hold", "resume"]))
     def operator(self, kind: Any) -> None:
-        self.rig.apply(self.rig.core.command(OperatorCommand(kind, "anna", self.rig.t_s)))
+        self.rig.apply(self.rig.core.command(OperatorCommand(kind, "anna"), self.rig.t_s))
 
     @rule()
     def bring_down(self) -> None:
@@ -145,7 +146,7 @@ class Guarded(RuleBasedStateMachine):
         """From any state: both come down, once they hear and sink again."""
         rig = self.rig
         since_s = rig.t_s
-        rig.apply(rig.core.command(OperatorCommand("abort", "anna", rig.t_s)))
+        rig.apply(rig.core.command(OperatorCommand("abort", "anna"), rig.t_s))
         for vehicle in rig.vehicles.values():
             vehicle.mute = vehicle.deaf = vehicle.stuck = False
         while rig.t_s < since_s + 150.0 and not self.settled():

@@ -24,6 +24,25 @@ def test_waits_take_as_much_of_the_wall_s_time_as_the_pace_leaves() -> None:
     assert 0.4 <= time.monotonic() - began_s < 15.0
 
 
+def test_a_wall_timer_that_another_cancels_as_both_are_due_does_not_run() -> None:
+    async def late() -> tuple[list[str], list[object]]:
+        loop, ran, errors = asyncio.get_running_loop(), list[str](), list[object]()
+        loop.set_exception_handler(lambda _, context: errors.append(context.get("exception")))
+        timers: list[asyncio.Handle] = []
+
+        def first() -> None:
+            ran.append("first")
+            timers[1].cancel()
+
+        timers += [call_wall_later(0.0, first), call_wall_later(0.0, lambda: ran.append("second"))]
+        time.sleep(0.01)  # noqa: ASYNC251 - both are due at the loop's next turn
+        await asyncio.sleep(0.1)
+        return ran, errors
+
+    with asyncio.Runner(loop_factory=PacedLoop) as runner:
+        assert runner.run(late()) == (["first"], [])
+
+
 def test_sockets_are_heard_meanwhile() -> None:
     async def heard() -> bytes:
         loop = asyncio.get_running_loop()

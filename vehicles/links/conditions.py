@@ -1,15 +1,15 @@
 """What is put round the link to a vehicle: the signature, and a bad radio made on purpose."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Literal
 
 import numpy as np
 
 from vehicles.links.base import Link
 from vehicles.links.impaired import ImpairedLink
-from vehicles.links.impairment import Blackout, Bursts, Impairment
+from vehicles.links.impairment import Impairment
 from vehicles.links.redundant import RedundantLink
 from vehicles.links.signing import SigningLink
 from vehicles.mavlink.signing_key import SigningKey, key_from_environment, key_from_file
@@ -51,22 +51,6 @@ class LinkConditions:
         """Return whether frames fare worse than on the bare link."""
         return self.may_go_dark or (self.outgoing, self.incoming) != (_FLAWLESS, _FLAWLESS)
 
-    def plain(self) -> dict[str, Any]:
-        """Return them in plain values, for `from_plain`; without the key."""
-        return asdict(self)
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> Self:
-        """Return the conditions of plain values. Raises ValueError, TypeError, KeyError."""
-        signing = plain["signing"]
-        return cls(
-            outgoing=_impairment(plain["outgoing"]),
-            incoming=_impairment(plain["incoming"]),
-            seed=tuple(int(part) for part in plain["seed"]),
-            signing=None if signing is None else KeySource(**signing),
-            may_go_dark=bool(plain["may_go_dark"]),
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class ConditionedLink:
@@ -106,11 +90,3 @@ def under_conditions(
         ]
     together = RedundantLink(links=links, told=told) if spares else links[0]
     return ConditionedLink(together, impaired)
-
-
-def _impairment(plain: Mapping[str, Any]) -> Impairment:
-    values = dict(plain)
-    if values["bursts"] is not None:
-        values["bursts"] = Bursts(**values["bursts"])
-    values["blackouts"] = tuple(Blackout(**each) for each in values["blackouts"])
-    return Impairment(**values)

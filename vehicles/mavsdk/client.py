@@ -22,7 +22,6 @@ from vehicles.mavsdk.messages import (
     Refused,
     Say,
     Unsaid,
-    encode,
 )
 from vehicles.processes.child import ChildProcess, how_it_ended
 
@@ -142,7 +141,7 @@ class MavsdkClient:
             now_s = time.monotonic()
             if self._owed_s is None and name in _SETPOINTS:
                 self._owed_s = now_s
-            self._lines.write(encode(Say(name, fields, now_s)))
+            self._lines.write(Say(name, fields, now_s))
 
     async def order(
         self,
@@ -162,7 +161,7 @@ class MavsdkClient:
         self._count = number = self._count + 1
         future: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
         self._waiting[number] = _Waiting(future, what, time.monotonic() + within_s, progress)
-        self._lines.write(encode(make(number)))
+        self._lines.write(make(number))
         try:
             return await future
         finally:

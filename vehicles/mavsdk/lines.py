@@ -1,22 +1,23 @@
-"""The socket to a mavsdk process, line by line, without ever waiting."""
+"""The socket to a mavsdk process, message by message, without ever waiting."""
 
 import asyncio
 import socket
 from collections.abc import Callable
 from typing import Self, cast
 
-from vehicles.mavsdk.messages import FromProcess, TalkError, decode_answer
+from vehicles.mavsdk.messages import FromProcess, ToProcess, from_process, to_process
+from vehicles.processes.codec import FrameReader, MessageError, framed
 
 _LONGEST_QUEUE_BYTES = 4 << 20
 """A process that does not read is seen to hang long before; a mission of thousands fits in."""
 
 
 class Lines(asyncio.Protocol):
-    """Writes lines and hands on the messages that come; what is none is counted in `garbage`."""
+    """Writes messages and hands on those that come; what is none is counted in `garbage`."""
 
     def __init__(self, take: Callable[[FromProcess], None]) -> None:
         self._take = take
-        self._rest = b""
+        self._frames = FrameReader()
         self._transport: asyncio.Transport | None = None
         self.garbage = 0
 
@@ -28,13 +29,13 @@ class Lines(asyncio.Protocol):
         _, lines = await loop.create_connection(lambda: cls(take), sock=end)
         return lines
 
-    def write(self, line: bytes) -> None:
-        """Write a line; to an end that is gone, or reads nothing, it is lost."""
-        transport = self._transport
+    def write(self, message: ToProcess) -> None:
+        """Write a message; to an end that is gone, or reads nothing, it is lost."""
+        transport, frame = self._transport, framed(to_process.encode(message))
         if transport is None or transport.is_closing():
             return
-        if transport.get_write_buffer_size() + len(line) <= _LONGEST_QUEUE_BYTES:
-            transport.write(line)
+        if transport.get_write_buffer_size() + len(frame) <= _LONGEST_QUEUE_BYTES:
+            transport.write(frame)
 
     def close(self) -> None:
         """Close the socket."""
@@ -50,12 +51,11 @@ class Lines(asyncio.Protocol):
         self._transport = None
 
     def data_received(self, data: bytes) -> None:
-        """Hand on whole lines (asyncio calls this)."""
-        *whole, self._rest = (self._rest + data).split(b"\n")
-        for line in whole:
+        """Hand on whole messages (asyncio calls this)."""
+        for packet in self._frames.feed(data):
             try:
-                message = decode_answer(line)
-            except TalkError:
+                message = from_process.decode(packet)
+            except MessageError:
                 self.garbage += 1
                 continue
             self._take(message)

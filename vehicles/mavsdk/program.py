@@ -25,11 +25,11 @@ from vehicles.mavsdk.messages import (
     Ready,
     Refused,
     Say,
-    TalkError,
     Unsaid,
-    decode_order,
-    encode,
+    from_process,
+    to_process,
 )
+from vehicles.processes.codec import FrameReader, MessageError, framed
 from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 
 BAD_USE, FAILED = 2, 1
@@ -38,6 +38,7 @@ ALIVE_S = 0.2
 STALE_S = 1.0
 """A message that waited longer is not said: setpoints are renewed, and commands said again."""
 _ORDERS = 4
+_READ_BYTES = 1 << 16
 
 
 class Answers:
@@ -51,7 +52,7 @@ class Answers:
         """Send a message."""
         try:
             with self._turn:
-                self._end.sendall(encode(message))
+                self._end.sendall(framed(from_process.encode(message)))
         except OSError:
             return  # The main thread finds the end.
 
@@ -114,11 +115,12 @@ def serve(end: socket.socket, url: str) -> int:
     threading.Thread(target=speaker.run, name="speaker", daemon=True).start()
     orders = ThreadPoolExecutor(_ORDERS, thread_name_prefix="order")
     answers.send(Ready())
-    with end.makefile("rb") as lines:
-        for line in lines:
+    frames = FrameReader()
+    while data := end.recv(_READ_BYTES):
+        for packet in frames.feed(data):
             try:
-                message = decode_order(line)
-            except TalkError as error:
+                message = to_process.decode(packet)
+            except MessageError as error:
                 sys.stderr.write(f"{error}\n")
                 continue
             if isinstance(message, Say):

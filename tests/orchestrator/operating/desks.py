@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from orchestrator.operating.desk import Desk
-from orchestrator.operator import OperatorCommand
+from safety.guard.operator_command import OperatorCommand
 
 
 class FakeFleet:

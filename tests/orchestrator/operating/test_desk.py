@@ -12,9 +12,9 @@ import pytest
 from orchestrator.operating.errors import OperatingError
 from orchestrator.operating.opening import operating
 from orchestrator.operating.records import Place, places
-from orchestrator.operator import OperatorCommand
 from orchestrator.progress import Progress
 from orchestrator.results import RunResult, SyncResult
+from safety.guard.operator_command import OperatorCommand
 from safety.guard.operator_lines import RefusedLineError
 from tests.orchestrator.operating.desks import FakeFleet, make_desk
 

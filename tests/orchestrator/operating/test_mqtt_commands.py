@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.operating.mqtt_commands import CommandReader, RefusedCommandError
-from orchestrator.operator import OperatorCommand
+from safety.guard.operator_command import OperatorCommand
 
 NOW_S = 1_763_739_600.0
 TOKEN = "of the test"  # noqa: S105 - opens nothing
@@ -31,14 +31,14 @@ def read(payload: bytes, kind: str = "abort", *, retained: bool = False) -> Any:
 @pytest.mark.parametrize("kind", ["abort", "hold", "resume"])
 def test_a_good_command_is_obeyed(kind: str) -> None:
     asked = read(said(reason="a bird", run="large/wil/1"), kind)
-    assert (asked.command.kind, asked.command_id) == (kind, "a1")
-    assert asked.command == OperatorCommand(
+    assert (asked.kind, asked.command_id) == (kind, "a1")
+    assert asked == OperatorCommand(
         kind,  # type: ignore[arg-type]
         "mqtt:anna",
         "a bird",
         command_id="a1",
     )
-    assert read(said(who=...)).command.who == "mqtt:operator"
+    assert read(said(who=...)).who == "mqtt:operator"
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_what_is_wrong_is_refused_with_the_reason(payload: bytes, why: str) -> N
 
 @pytest.mark.parametrize("given", ["box: {}", {"box": {"up_m": [0, 2]}}])
 def test_a_geofence_comes_as_text_or_as_an_object(given: Any) -> None:
-    command = read(said(geofence=given), "geofence").command
+    command = read(said(geofence=given), "geofence")
     assert (command.kind, command.command_id) == ("geofence", "a1")
     assert given in (command.document, json.loads(command.document) if given != "box: {}" else "")
     with pytest.raises(RefusedCommandError, match="geofence is for"):
@@ -93,7 +93,7 @@ def test_a_geofence_comes_as_text_or_as_an_object(given: Any) -> None:
 
 def test_a_reason_that_is_fit_for_no_record_is_left_out() -> None:
     for reason in ("x" * 201, "\ud800", "a\nb", 7):
-        assert read(said(reason=reason)).command.reason == ""
+        assert read(said(reason=reason)).reason == ""
 
 
 def test_a_retained_command_and_an_unknown_one_are_refused() -> None:

@@ -25,14 +25,13 @@ from vehicles.mavsdk.messages import (
     Ready,
     Refused,
     Say,
-    TalkError,
     ToProcess,
     Unsaid,
     Upload,
-    decode_answer,
-    decode_order,
-    encode,
+    from_process,
+    to_process,
 )
+from vehicles.processes.codec import FrameReader, MessageError, framed
 
 ITEM = MissionItem(command=16, params=(1.0, 0.5, 0.0, 2.0), x=473_977_419, y=-85_455_939, z=2.5)
 LOG = LogEntry(3, 6978, None)
@@ -51,9 +50,7 @@ LOG = LogEntry(3, 6978, None)
     ],
 )
 def test_orders_arrive_as_they_were_given(message: ToProcess) -> None:
-    line = encode(message)
-    assert line.count(b"\n") == 1
-    assert decode_order(line) == message
+    assert to_process.decode(to_process.encode(message)) == message
 
 
 @pytest.mark.parametrize(
@@ -68,30 +65,37 @@ def test_orders_arrive_as_they_were_given(message: ToProcess) -> None:
     ],
 )
 def test_answers_arrive_as_they_were_given(message: FromProcess) -> None:
-    assert decode_answer(encode(message)) == message
+    assert from_process.decode(from_process.encode(message)) == message
 
 
 def test_an_item_may_hold_what_is_no_number() -> None:
     sent = Upload(1, ItemList.MISSION, (MissionItem(command=16, params=(0.0, 0.0, 0.0, math.nan)),))
-    (item,) = decode_order(encode(sent)).items  # type: ignore[union-attr]  # an Upload
+    (item,) = to_process.decode(to_process.encode(sent)).items  # type: ignore[union-attr]  # an Upload
     assert math.isnan(item.params[3])
 
 
-@pytest.mark.parametrize(
-    "line", [b"", b"{", b"[]", b'{"kind": "say"}', b'{"kind": "sing"}', b"\xff"]
-)
-def test_noise_is_no_message(line: bytes) -> None:
-    for decode in (decode_order, decode_answer):
-        with pytest.raises(TalkError, match="is no message"):
-            decode(line)
+@pytest.mark.parametrize("packet", [b"", b"{", b"\x90", b"\x91\xa3Say", b"\x91\xa4Sing", b"\xff"])
+def test_noise_is_no_message(packet: bytes) -> None:
+    for codec in (to_process, from_process):
+        with pytest.raises(MessageError, match="cannot be read"):
+            codec.decode(packet)
 
 
 @given(st.binary(max_size=80))
-def test_whatever_comes_is_a_message_or_a_talk_error(line: bytes) -> None:
+def test_whatever_comes_is_a_message_or_a_message_error(packet: bytes) -> None:
     try:
-        decode_answer(line)
-    except TalkError:
+        from_process.decode(packet)
+    except MessageError:
         return
+
+
+@given(st.lists(st.binary(max_size=40)), st.integers(1, 9))
+def test_frames_cut_anywhere_come_whole(packets: list[bytes], step: int) -> None:
+    stream, reader = b"".join(map(framed, packets)), FrameReader()
+    cuts = [stream[at : at + step] for at in range(0, len(stream), step)]
+    assert [packet for cut in cuts for packet in reader.feed(cut)] == packets
+    with pytest.raises(MessageError, match="too long"):
+        list(reader.feed(b"\xff" * 4))
 
 
 def test_fields_are_json_with_null_for_nan() -> None:

@@ -1,0 +1,146 @@
+"""What waits for a packet to ride with, between orchestrator and guard, and what never does."""
+
+import asyncio
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from safety.geofence import Fence
+from safety.guard.channel import Channel, channel_pair
+from safety.guard.messages import Alive, Operate, Position, ToGuard, to_guard
+from safety.guard.operator_command import OperatorCommand
+from safety.guard.remote import RemoteGuard
+from safety.samples import PoseSample
+from tests.safety.remote_rigs import charter
+from vehicles.processes.codec import Message
+from worlds.frames import Pose
+
+AT_REST = (0.0, 0.0, 0.0)
+
+
+class Ends:
+    """Both ends of a channel in this loop, and the packets that went over it."""
+
+    def __init__(self) -> None:
+        self.received: list[ToGuard] = []
+        ours, theirs = channel_pair()
+        self.sender = Channel(ours, receives=to_guard, take=lambda _: None, closed=lambda: None)
+        self.receiver = Channel(
+            theirs, receives=to_guard, take=self.received.append, closed=lambda: None
+        )
+        for one in (self.sender, self.receiver):
+            one.open()
+
+    def close(self) -> None:
+        self.sender.close()
+        self.receiver.close()
+
+
+def position(t_s: float) -> Position:
+    return Position(0, t_s, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
+
+
+async def test_what_waits_goes_before_what_does_not() -> None:
+    ends = Ends()
+    sent = [position(1.0), Alive(), position(2.0)]
+    for message in sent:
+        ends.sender.send_soon(message, within_s=30.0)
+    await asyncio.sleep(0.05)
+    assert ends.received == []
+    ends.sender.send(Operate(OperatorCommand("abort", "anna")))
+    await asyncio.sleep(0.05)
+    assert ends.received == [*sent, Operate(OperatorCommand("abort", "anna"))]
+    ends.close()
+
+
+async def test_what_waits_goes_by_itself_in_time() -> None:
+    ends = Ends()
+    ends.sender.send_soon(position(1.0), within_s=0.05)
+    async with asyncio.timeout(5.0):
+        while not ends.received:  # noqa: ASYNC110 - the other end sets no event
+            await asyncio.sleep(0.01)
+    assert ends.received == [position(1.0)]
+    ends.close()
+
+
+async def test_a_position_without_a_finite_time_is_garbage() -> None:
+    ends = Ends()
+    ends.sender.send(position(math.nan))
+    ends.sender.send(Alive())
+    await asyncio.sleep(0.05)
+    assert ends.received == [Alive()]
+    assert ends.receiver.garbage == 1
+    ends.close()
+
+
+async def test_numbers_of_numpy_travel_as_plain_ones() -> None:
+    ends = Ends()
+    north_m, t_s = np.float64(2.5), np.float32(1.5)
+    message = Position(np.int64(1), t_s, (north_m, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
+    ends.sender.send(message)
+    await asyncio.sleep(0.05)
+    (received,) = ends.received
+    assert received == message
+    assert isinstance(received, Position)
+    assert {type(one) for one in (received.t_s, *received.position_ned_m)} == {float}
+    ends.close()
+
+
+class Noted:
+    """A channel that notes what waits and what does not."""
+
+    def __init__(self) -> None:
+        self.at_once: list[Message] = []
+        self.waiting: list[Message] = []
+
+    def send(self, message: Message) -> None:
+        self.at_once.append(message)
+
+    def send_soon(self, message: Message, *, within_s: float) -> None:
+        assert within_s <= 0.1
+        self.waiting.append(message)
+
+
+@pytest.fixture
+def remote(tmp_path: Path) -> tuple[RemoteGuard, Noted]:
+    guard: Any = RemoteGuard(charter=charter(tmp_path))
+    guard._channel = noted = Noted()
+    return guard, noted
+
+
+@pytest.mark.parametrize(
+    ("place", "velocity", "at_once"),
+    [
+        ((0.0, 0.0, -1.0), AT_REST, False),
+        ((0.0, 0.0, -1.0), (1.0, 0.0, 0.0), False),
+        ((6.0, 0.0, -1.0), AT_REST, True),
+        ((0.0, 0.0, -1.0), (8.0, 0.0, 0.0), True),
+        ((math.nan, 0.0, -1.0), AT_REST, True),
+    ],
+)
+def test_only_a_position_that_is_no_breach_waits(
+    remote: tuple[RemoteGuard, Noted],
+    place: tuple[float, float, float],
+    velocity: tuple[float, float, float],
+    *,
+    at_once: bool,
+) -> None:
+    guard, channel = remote
+    guard.position(PoseSample(1.0, "real", Pose(place), velocity))
+    assert (len(channel.at_once), len(channel.waiting)) == ((1, 0) if at_once else (0, 1))
+
+
+def test_a_fence_changed_in_flight_counts_beside_the_old_one(
+    remote: tuple[RemoteGuard, Noted],
+) -> None:
+    guard, channel = remote
+    small = Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))
+    guard.change_fences({"real": small}, "anna")
+    channel.at_once.clear()
+    for north_m in (2.0, 0.0, 6.0):
+        guard.position(PoseSample(1.0, "real", Pose((north_m, 0.0, -1.0)), AT_REST))
+    assert len(channel.at_once) == 2
+    assert len(channel.waiting) == 1
