@@ -71,11 +71,11 @@ class Path:
         here = telemetry.pose.position_ned_m
         way = [b - a for a, b in zip(here, self.left[0])]
         far_m = math.hypot(*way)
+        done = len(self.left) == 1 and far_m < 0.15
         if far_m < 0.12 and len(self.left) > 1:
             self.left.pop(0)
         speed_m_s = max(0.3, min(self.speed_m_s, 1.5 * far_m))
         velocity = tuple(speed_m_s * each / far_m for each in way) if far_m else (0.0, 0.0, 0.0)
-        done = len(self.left) == 1 and far_m < 0.15
         note = f"{len(self.left)} to go"
         return Command(VelocitySetpoint(velocity, yaw_rad=0.0), done=done, note=note)
 """
