@@ -7,10 +7,10 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
-from campaigns.outside_reading import program_problems
-from campaigns.references import BadReferenceError
-from campaigns.under_test import UnderTest
-from worlds.documents import Document, Path, Problem
+from campaigns.setup.autonomy_under_test import UnderTest
+from campaigns.setup.external_reader import program_problems
+from campaigns.values.references import BadReferenceError
+from worlds.files.documents import Document, Path, Problem
 
 LONGEST_BUILD_S = 10.0
 """How long an autonomy may take to be imported and built where it is tried in a child process."""

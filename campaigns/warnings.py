@@ -3,18 +3,18 @@
 import math
 from collections.abc import Iterator
 
-from campaigns.files import CaseFiles
-from campaigns.place_checks import judged_world
+from campaigns.checks.place_checks import judged_world
 from campaigns.schema import Mode
-from campaigns.setup import FLIES, Setup
-from safety.areas import Area, Polygon
-from safety.geofence import Fence
+from campaigns.setup.case_files import CaseFiles
+from campaigns.setup.case_setup import FLIES, Setup
+from safety.fence.areas import Area, Polygon
+from safety.fence.geofence import Fence
 from safety.oracles.contact import ContactParameters
 from safety.oracles.goal import ReachedPositionParameters, TimeLimitParameters
 from safety.oracles.reached import ReachedParameters
-from worlds.documents import Data, Document, Path, Problem
+from worlds.files.documents import Data, Document, Path, Problem
 from worlds.frames import norm, subtract
-from worlds.scene import Scene
+from worlds.scene.scene import Scene
 
 _PART = math.pi / 12.0
 _AS_TYPED = 2e-3
