@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from campaigns.autonomy_checks import IsolatedBuilds, autonomy_problems
+from campaigns.checks.autonomy_checks import IsolatedBuilds, autonomy_problems
 from campaigns.checks.cross_checks import cross_problems
 from campaigns.schema import (
     CampaignPart,

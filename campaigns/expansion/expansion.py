@@ -6,7 +6,8 @@ from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 
-from campaigns.autonomy_checks import IsolatedBuilds
+from campaigns.checks.autonomy_checks import IsolatedBuilds
+from campaigns.checks.case_warnings import case_warnings, unasked_gates
 from campaigns.expansion.case_reader import gathered, read_setup, unique
 from campaigns.expansion.controls import (
     Expectation,
@@ -29,7 +30,6 @@ from campaigns.setup.case_setup import Setup
 from campaigns.setup.operator_setup import MqttSetup, mqtt_setup
 from campaigns.values.acceptance import Requirement, Share, parse_share
 from campaigns.values.seeds import run_seed
-from campaigns.warnings import case_warnings, unasked_gates
 from worlds.files.documents import BadInput, Document, Problem, check, closest, load, parse_value
 
 

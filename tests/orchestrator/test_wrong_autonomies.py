@@ -30,7 +30,7 @@ cases:
        [1.8, 3.2, 1.5], [1.8, 1.5, 1.5], [4.5, 1.5, 1.5]]
   dip:
     autonomy.with.path:
-      [[2, 1.5, 1.5], [3.14, 1.5, 1.5], [2, 1.5, 1.5], [2, 3.2, 1.5], [4.5, 3.2, 1.5],
+      [[2, 1.5, 1.5], [3.06, 1.5, 1.5], [2, 1.5, 1.5], [2, 3.2, 1.5], [4.5, 3.2, 1.5],
        [4.5, 1.5, 1.5], [7.6, 1.5, 1.5]]
   clip: {autonomy.with.path: [[2, 2.0, 1.5], [7.6, 2.0, 1.5]]}
   fast: {autonomy.with.speed_m_s: 3.5}
@@ -82,10 +82,10 @@ class Path:
 
 EXPECTED = {
     "blind": ("reached/twin", "never flew through first (0 of 2 gates); passed 1.5"),
-    "around": ("reached/twin", "never flew through first (0 of 2 gates); passed 1.7"),
+    "around": ("reached/twin", "never flew through first (0 of 2 gates); passed 1."),
     "over": ("reached/twin", "never flew through first (0 of 2 gates); passed 1.5"),
     "backwards": ("reached/twin", "flew through first the wrong way"),
-    "disordered": ("reached/twin", "never flew through second (1 of 2 gates)"),
+    "disordered": ("reached/twin", "(1 of 2 gates); flew through second before first"),
     "dip": ("reached/twin", "into first and came back"),
     "clip": ("collision/twin", "twin touched first.right"),
     "fast": ("speed/twin", "m/s"),

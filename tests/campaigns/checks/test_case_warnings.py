@@ -103,7 +103,7 @@ def test_all_missing_files_and_the_autonomys_are_told_at_once(files: Any, capsys
 def test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault(
     files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch, code: str, text: str
 ) -> None:
-    monkeypatch.setattr("campaigns.autonomy_checks.LONGEST_BUILD_S", 1.0)
+    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 1.0)
     pilot = Path(files.folder) / "pilot.py"
     pilot.write_text(code + pilot.read_text())
     began_s = time.monotonic()
