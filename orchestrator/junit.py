@@ -11,7 +11,13 @@ from collections.abc import Sequence
 from campaigns.acceptance import Requirement, Standing
 from orchestrator.attempts import attempt_text
 from orchestrator.control_results import control_faults
-from orchestrator.reservations import fence_texts, overridden_texts, reported_texts, unjudged_texts
+from orchestrator.reservations import (
+    fence_texts,
+    overridden_texts,
+    reported_texts,
+    unjudged_texts,
+    unmeasured_texts,
+)
 from orchestrator.results import RunResult, Summary, standings_of
 from safety.results import OracleResult
 
@@ -38,6 +44,7 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
         "reported_failed": reported_texts(summary.runs),
         "not_judged": unjudged_texts(summary.runs),
         "caveats": summary.caveats,
+        "mixture_not_measured": unmeasured_texts(summary.runs),
     }
     if any(said.values()):
         properties = ET.SubElement(suite, "properties")

@@ -216,6 +216,21 @@ def test_a_recipe_that_changes_the_whole_picture_is_measured_too(
     assert flown.gate["offset_px"]["p99"] <= 6.0
 
 
+def test_an_object_that_the_recipe_need_not_show_is_not_missed(campaign: Path) -> None:
+    pillar = (
+        "world.objects.pillar={shape: {box: {size_m: [0.3, 0.3, 2.0]}}, color: blue,"
+        " pose: {north_m: 2.5, east_m: 1.2, up_m: 1.0}, exists_in: {sim: Wv, wil: Wv, real: W}}"
+    )
+    missed = fly(campaign, recipe(), pillar)
+    assert missed.run["verdict"] == "INVALID"
+    said = "mixing: the mixture never showed pillar: it was in view in "
+    assert missed.run["reason"].startswith(said)
+    shutil.rmtree(missed.folder)
+    flown = fly(campaign, recipe() + "    shows: [gate]\n", pillar)
+    assert (flown.run["verdict"], flown.run["reason"]) == ("PASS", "")
+    assert set(flown.run["mixing"]["shown"]) == {"gate"}
+
+
 def test_a_recipe_that_shows_no_objects_says_that_it_was_not_measured(campaign: Path) -> None:
     sensors = [f"vehicles.{name}.sensors.pose={{type: pose}}" for name in ("real", "twin")]
     text = "schema: wil/recipe/1\nsensors: {pose: {type: pose}}\ncombine:\n"
@@ -223,3 +238,50 @@ def test_a_recipe_that_shows_no_objects_says_that_it_was_not_measured(campaign: 
     flown = fly(campaign, text, *sensors)
     assert flown.run["mixing"]["not_measured"] == "a reading of type pose shows no objects"
     assert flown.run["mixing"]["shown"] == {}
+
+
+LIDAR = """\
+schema: wil/recipe/1
+sensors: {lidar: {type: lidar, rate_hz: 10}}
+combine:
+  - sensor: lidar
+    transform: [{register: {pose: real, align: interpolate}}MORE]
+    merge: MERGE
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "verdict", "said"),
+    [
+        (LIDAR.replace("MORE", "").replace("MERGE", "{aggregate: min}"), "PASS", ""),
+        (
+            LIDAR.replace("MORE", "").replace("MERGE", "{overlay: [real, twin]}"),
+            "INVALID",
+            "mixing of lidar: the mixture never showed wall: it was in view in ",
+        ),
+        (
+            LIDAR.replace("MORE", ", {units: {length: ft}}").replace("MERGE", "{aggregate: min}"),
+            "INVALID",
+            "mixing of lidar: the mixture shows wall 3.",
+        ),
+    ],
+    ids=["honest", "empty", "feet for metres"],
+)
+def test_beams_are_compared_with_what_geometry_puts_before_them(
+    tmp_path: Path, text: str, verdict: str, said: str
+) -> None:
+    path = tmp_path / "lidar.yaml"
+    path.write_text(text)
+    out, campaign = tmp_path / "out", ROOT / "campaigns" / "avoid-ardupilot.yaml"
+    sets = [f"recipe={path}", "autonomy.with.for_s=3", "oracles.clearance.required=false"]
+    given = [word for one in sets for word in ("--set", one)]
+    which = ["--mode", "wil", "--repetitions", "1", "--jobs", "1", "--clock", "virtual"]
+    flown = Flown(main(["run", str(campaign), *which, *given, "--out", str(out)]), out)
+    assert flown.run["verdict"] == verdict
+    assert flown.run["reason"].startswith(said)
+    wall = flown.run["mixing"]["shown"]["wall"]
+    assert wall["frames_in_view"] >= 5
+    assert wall["offset_px"] is None
+    if verdict == "PASS":
+        assert wall["frames_shown"] == wall["frames_in_view"]
+        assert wall["offset_m"]["p99"] < 0.2
