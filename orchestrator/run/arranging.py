@@ -78,7 +78,9 @@ def build_perception(
         events=events,
         watchers=watchers,
         perception=perception,
-        probes=VisibilityProbes(setup=setup, stations=stations, events=events, outside=outside),
+        probes=VisibilityProbes(
+            setup=setup, stations=stations, events=events, outside=outside, course=course
+        ),
     )
     arranger.arrange()
     return perception

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from campaigns.sensor_setups import CameraSetup, LidarPointsSetup, SensorSetup
 from orchestrator.outside.outside import Outside
+from orchestrator.run.course import Course
 from orchestrator.run.expected_views import ExpectedViews
 from orchestrator.run.setup import RunSetup
 from orchestrator.run.station import HISTORY_S, Station
@@ -39,7 +40,9 @@ class VisibilityProbes:
         stations: Mapping[str, Station],
         events: Mapping[str, float],
         outside: Outside,
+        course: Course,
     ) -> None:
+        self._course = course
         self.views = MixtureViews()
         self._setup = setup
         self._stations = stations
@@ -68,6 +71,7 @@ class VisibilityProbes:
             views=self._views_of_geometry(),
             body=self._body(real),
             is_like=self._drawn_by_us(twin),
+            is_judged=lambda: self._course.stage == "goal",
         )
         return VisibilityProbe(measured, views=self.views)
 
