@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 import orchestrator.cli
 from orchestrator.cli import main
@@ -109,11 +110,15 @@ def campaign(tmp_path: Path) -> Path:
     (tmp_path / "campaigns" / "watch.py").write_text(WATCH)
     (tmp_path / "recipes" / "own.py").write_text(STEPS)
     path = tmp_path / "campaigns" / "gate.yaml"
-    text = path.read_text().replace(
-        "{use: autonomies/gate.py:GateAutonomy, with: {speed_m_s: 0.8}}", "watch.py:Watch"
-    )
-    assert "watch.py" in text
-    path.write_text(text.replace("reached: {}", "reached: {required: false}"))
+    document = yaml.safe_load(path.read_text())
+    document |= {"autonomy": "watch.py:Watch"}
+    document["oracles"]["reached"] = {"required": False}
+    del document["controls"]
+    path.write_text(yaml.safe_dump(document))
+    world = tmp_path / "worlds" / "gate.yaml"
+    document = yaml.safe_load(world.read_text())
+    document["objects"]["gate"]["pose"]["east_m"] = 0
+    world.write_text(yaml.safe_dump(document))
     return path
 
 
@@ -270,13 +275,20 @@ combine:
 def test_beams_are_compared_with_what_geometry_puts_before_them(
     tmp_path: Path, text: str, verdict: str, said: str
 ) -> None:
-    path = tmp_path / "lidar.yaml"
-    path.write_text(text)
-    out, campaign = tmp_path / "out", ROOT / "campaigns" / "avoid-ardupilot.yaml"
-    sets = [f"recipe={path}", "autonomy.with.for_s=3", "oracles.clearance.required=false"]
-    given = [word for one in sets for word in ("--set", one)]
+    (tmp_path / "lidar.yaml").write_text(text)
+    document = yaml.safe_load((ROOT / "campaigns" / "avoid-ardupilot.yaml").read_text())
+    del document["controls"]
+    straight = str(ROOT / "campaigns" / "autonomies" / "straight.py")
+    document["autonomy"] = {
+        "use": f"{straight}:StraightAutonomy",
+        "with": {"speed_m_s": 1.0, "for_s": 3},
+    }
+    document |= {"recipe": "lidar.yaml", "world": str(ROOT / "worlds" / "wall.yaml")}
+    document["oracles"]["clearance"]["required"] = False
+    campaign, out = tmp_path / "avoid.yaml", tmp_path / "out"
+    campaign.write_text(yaml.safe_dump(document))
     which = ["--mode", "wil", "--repetitions", "1", "--jobs", "1", "--clock", "virtual"]
-    flown = Flown(main(["run", str(campaign), *which, *given, "--out", str(out)]), out)
+    flown = Flown(main(["run", str(campaign), *which, "--out", str(out)]), out)
     assert flown.run["verdict"] == verdict
     assert flown.run["reason"].startswith(said)
     wall = flown.run["mixing"]["shown"]["wall"]
