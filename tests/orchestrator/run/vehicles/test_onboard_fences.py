@@ -110,8 +110,10 @@ def test_both_autopilots_have_the_new_fence(
     assert (word, text) == ("ok", "anna changed the fence of real and twin")
     assert at_s < 2.0
     assert said(folder, "proposed", "geofence") == [
-        "anna requests another fence for real and twin; the old one applies until the "
-        "autopilot has the new one",
+        (
+            "anna requests another fence for real and twin; the old one applies until the "
+            "autopilot has the new one"
+        ),
         "anna changed the fence of real and twin",
     ]
     (answer,) = [line for line in log_of(folder) if line["event"] == "answer"]

@@ -143,8 +143,10 @@ def silent(vehicle: EmbeddedVehicle) -> None:
                 "real position: how far from its start it stands by mocap is not known",
                 "real mocap: the age of its motion capture pose is ",
                 "real home: its position is not known",
-                "pair: the difference of the offsets of real and twin from their "
-                "start poses is not known",
+                (
+                    "pair: the difference of the offsets of real and twin from their "
+                    "start poses is not known"
+                ),
             ],
         ),
     ],
