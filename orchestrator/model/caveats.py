@@ -16,7 +16,20 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"fence changed in flight: {text}" for text in fence_texts(runs)]
     lines += [f"reported only, and failed: {text}" for text in reported_texts(runs)]
     lines += [f"not judged: {text}" for text in unjudged_texts(runs)]
+    lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
     return lines
+
+
+def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return why no mixture of a passed run was looked at for the virtual objects, and in which."""
+    return _in_runs(
+        (run.mixing.not_measured, run)
+        for run in runs
+        if run.verdict == "PASS"
+        and run.mixing is not None
+        and run.mixing.not_measured
+        and not any(one.frames_measured for one in run.mixing.combinations)
+    )
 
 
 def in_short(summary: Summary) -> list[str]:

@@ -10,7 +10,13 @@ from collections.abc import Sequence
 
 from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.model.attempts import attempt_text
-from orchestrator.model.caveats import fence_texts, overridden_texts, reported_texts, unjudged_texts
+from orchestrator.model.caveats import (
+    fence_texts,
+    overridden_texts,
+    reported_texts,
+    unjudged_texts,
+    unmeasured_texts,
+)
 from orchestrator.model.control_results import control_faults
 from orchestrator.model.results import RunResult, Summary, standings_of
 from safety.model.oracle_results import OracleResult
@@ -38,6 +44,7 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
         "reported_failed": reported_texts(summary.runs),
         "not_judged": unjudged_texts(summary.runs),
         "caveats": summary.caveats,
+        "mixture_not_measured": unmeasured_texts(summary.runs),
     }
     if any(said.values()):
         properties = ET.SubElement(suite, "properties")

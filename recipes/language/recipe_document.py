@@ -64,6 +64,7 @@ class CombinePart(Part):
     min_rate_hz: Annotated[float, Field(gt=0, le=100_000)] | None = None
     max_registration_error_px: Annotated[float, Field(gt=0, le=10_000)] | None = None
     publish_raw: bool = False
+    shows: Annotated[list[str], Field(min_length=1)] | None = None
 
     @field_validator("merge")
     @classmethod
@@ -121,14 +122,16 @@ def load_recipe(document: Document) -> Recipe:
         part.description,
         sensors,
         tuple(
-            _combination(one, sensors, found)
-            for one, found in zip(part.combine, parsed, strict=True)
+            _combination(one, ("combine", index), sensors, found)
+            for index, (one, found) in enumerate(zip(part.combine, parsed, strict=True))
         ),
         document,
     )
 
 
-def _combination(part: CombinePart, sensors: tuple[Sensor, ...], found: list[Step]) -> Combination:
+def _combination(
+    part: CombinePart, path: Path, sensors: tuple[Sensor, ...], found: list[Step]
+) -> Combination:
     return Combination(
         sensor=next(sensor for sensor in sensors if sensor.name == part.sensor),
         steps=tuple(step for step in found if step.kind.stage != "merge"),
@@ -141,6 +144,8 @@ def _combination(part: CombinePart, sensors: tuple[Sensor, ...], found: list[Ste
             max_registration_error_px=part.max_registration_error_px,
         ),
         publish_raw=part.publish_raw,
+        shows=None if part.shows is None else tuple(part.shows),
+        path=path,
     )
 
 

@@ -64,7 +64,8 @@ class Combination:
     """How one sensor's readings are mixed, and for whom.
 
     steps: transforms and filters in their order. budget: an overlay beyond its skew or latency is
-    not drawn. publish_raw: whether S and Sv go out beside Sm.
+    not drawn. publish_raw: whether S and Sv go out beside Sm. shows: the virtual objects that the
+    mixture has to show; None: all that it can. path: where it stands in the document.
     """
 
     sensor: Sensor
@@ -73,6 +74,8 @@ class Combination:
     publish: tuple[Side, ...]
     budget: Budget
     publish_raw: bool = False
+    shows: tuple[str, ...] | None = None
+    path: Path = ()
 
     @property
     def max_skew_s(self) -> float:
@@ -101,12 +104,18 @@ class Recipe:
 
     def objects(self) -> tuple[tuple[Path, str], ...]:
         """Return the objects that the recipe names, each with its path in the document."""
-        return tuple(
+        named = tuple(
             (step.place_of(path), name)
             for combination in self.combinations
             for step in (*combination.steps, combination.merge)
             for path, name in step.parameters.objects()
         )
+        shown = tuple(
+            ((*combination.path, "shows", index), name)
+            for combination in self.combinations
+            for index, name in enumerate(combination.shows or ())
+        )
+        return named + shown
 
     def unknown_objects(self, known: frozenset[str]) -> tuple[Problem, ...]:
         """Return a problem for each object named that the world does not know."""

@@ -42,6 +42,7 @@ _MOST = 0.5
 _OUTER, _INNER = 0.9, 0.5
 """Which part of the shown outline, and of the expected one, lies within the offset. The expected
 one may be missing in parts."""
+_AROUND = 3
 _MATCHED = 0.5
 """Least correlation with the expected picture for it to be found."""
 
@@ -67,7 +68,8 @@ class PicturePair:
 def compare_pictures(pair: PicturePair) -> FrameVisibility:
     """Return what a mixed picture shows of the virtual objects."""
     expected = pair.expected
-    changed: Mask = (pair.real_bgr != pair.mixed_bgr).any(axis=2)
+    differs = pair.real_bgr != pair.mixed_bgr
+    changed: Mask = differs[:, :, 0] | differs[:, :, 1] | differs[:, :, 2]
     present = pair.virtual.mask_of(expected.ids)
     if expected.unknown is not None:
         changed &= ~expected.unknown
@@ -81,15 +83,18 @@ def compare_pictures(pair: PicturePair) -> FrameVisibility:
 
 
 def _outlined(pair: PicturePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
-    per_sample = pair.expected.px_per_sample
-    to_present, nearest = _distances(ids != 0, ids)
-    to_changed, _ = _distances(changed, None)
+    per_sample, size, share = pair.expected.px_per_sample, changed.size, float(changed.mean())
+    within = _without_edge(changed, _floor_px(pair) / per_sample)
+    part = _box(changed | (ids != 0))
+    changed, within, ids = changed[part], within[part], ids[part]
+    to_present, nearest = _distances(ids)
+    to_changed, _ = _distances(changed.astype(np.uint8))
     outline = _outline(changed)
     objects = []
     for object_id, name in pair.virtual.names.items():
         own = ids == object_id
         count = int(np.count_nonzero(own))
-        in_view = count >= IN_VIEW_SHARE * own.size
+        in_view = count >= IN_VIEW_SHARE * size
         drawn = changed & (nearest == object_id)
         shown = min(1.0, int(np.count_nonzero(drawn)) / count) if count else 0.0
         is_shown = in_view and shown >= SHOWN_SHARE
@@ -98,23 +103,36 @@ def _outlined(pair: PicturePair, changed: Mask, ids: NDArray[np.uint8]) -> Frame
             outer = _quantile(to_present[outline & (nearest == object_id)], _OUTER)
             inner = _quantile(to_changed[_outline(own)], _INNER)
             offset = max(outer, inner) * per_sample
-        extent, limit = count / own.size, _limit_px(own, pair)
+        extent, limit = count / size, _limit_px(own, pair)
         seen = ObjectVisibility(name, in_view, extent, shown, is_shown, offset, limit, "px")
         objects.append(seen)
     reach = max([_floor_px(pair), *(one.limit for one in objects if one.in_view)]) / per_sample
-    away = _away(changed, to_present, reach)
+    away = int(np.count_nonzero(within & (to_present > reach))) / size
     is_unexpected = away >= IN_VIEW_SHARE and not any(one.in_view for one in objects)
-    return FrameVisibility(pair.t_s, tuple(objects), float(changed.mean()), away, is_unexpected)
+    return FrameVisibility(pair.t_s, tuple(objects), share, away, is_unexpected)
 
 
-def _away(changed: Mask, to_present: Distances, reach: float) -> float:
-    """Return which share of the picture is changed farther than `reach` samples from all objects.
+def _without_edge(changed: Mask, reach: float) -> Mask:
+    """Return what is changed farther than `reach` samples from the edge of the picture.
 
     An object whose place is just out of the picture may reach into it by as much.
     """
-    far: Mask = changed & (to_present > reach)
     edge = math.ceil(reach)
-    return int(np.count_nonzero(far[edge:-edge, edge:-edge])) / far.size
+    within = np.zeros_like(changed)
+    within[edge:-edge, edge:-edge] = changed[edge:-edge, edge:-edge]
+    return within
+
+
+def _box(mask: Mask) -> tuple[slice, slice]:
+    """Return the part of a picture in which a mask lies, and what outlines need around it."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not rows.size:
+        return slice(0, 1), slice(0, 1)
+    first_row, first_column = max(0, int(rows[0]) - _AROUND), max(0, int(columns[0]) - _AROUND)
+    return (
+        slice(first_row, int(rows[-1]) + _AROUND + 1),
+        slice(first_column, int(columns[-1]) + _AROUND + 1),
+    )
 
 
 def _matched(pair: PicturePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
@@ -155,15 +173,16 @@ def _limit_px(own: Mask, pair: PicturePair) -> float:
     return max(_floor_px(pair), LIMIT_SHARE_OF_SIZE * size_px)
 
 
-def _distances(mask: Mask, ids: NDArray[np.uint8] | None) -> tuple[Distances, NDArray[np.uint8]]:
-    """Return how far each pixel is from the mask, and the id of what is nearest; in samples."""
+def _distances(ids: NDArray[np.uint8]) -> tuple[Distances, NDArray[np.uint8]]:
+    """Return how far each pixel is from what has an id, and the id of what is nearest; samples."""
+    mask = ids != 0
     away = np.where(mask, np.uint8(0), np.uint8(255))
-    nothing = np.zeros(mask.shape, np.uint8)
-    if not mask.any():
-        return np.full(mask.shape, math.hypot(*mask.shape), np.float32), nothing
-    if ids is None:
-        found = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_5)
-        return np.asarray(found, np.float32), nothing
+    found = np.unique(ids[mask])
+    if not found.size:
+        return np.full(ids.shape, math.inf, np.float32), ids
+    if found.size == 1:
+        distance = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_5)
+        return np.asarray(distance, np.float32), np.full_like(ids, found[0])
     distance, labels = cv2.distanceTransformWithLabels(
         away, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )

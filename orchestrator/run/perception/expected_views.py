@@ -55,8 +55,10 @@ class ExpectedViews:
         physical = tuple(thing for thing in real.objects if thing.name not in virtual)
         everything = Scene((*virtual.objects, *physical))
         self._pictures = ThroughLens(WorldImages(scene=virtual, events=events))
-        self._hiding = ThroughLens(WorldImages(scene=everything, events=events))
         self._has_physical = bool(physical)
+        self._hiding = self._pictures
+        if physical:
+            self._hiding = ThroughLens(WorldImages(scene=everything, events=events))
         self._rays = WorldRays(scene=everything, events=events)
 
     def picture(

@@ -78,7 +78,9 @@ def build_perception(
         events=events,
         watchers=watchers,
         perception=perception,
-        probes=VisibilityProbes(setup=setup, contexts=contexts, events=events, outside=outside),
+        probes=VisibilityProbes(
+            setup=setup, contexts=contexts, events=events, outside=outside, run_state=run_state
+        ),
     )
     arranger.arrange()
     return perception

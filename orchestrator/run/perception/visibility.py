@@ -80,7 +80,8 @@ class Measured:
     """What is measured of one combination's mixtures.
 
     real, twin: the sensors. body: reference of the real vehicle's pose. is_like: whether the
-    twin's pictures are drawn by our renderer.
+    twin's pictures are drawn by our renderer. is_judged: whether mixtures count now,
+    as they do while the goal is flown.
     """
 
     combination: Combination
@@ -90,6 +91,7 @@ class Measured:
     views: ExpectedViews
     body: BodyPose
     is_like: bool
+    is_judged: Callable[[], bool]
 
 
 class VisibilityProbe:
@@ -109,7 +111,9 @@ class VisibilityProbe:
     def measure(self, mixed: Mixed[Reading]) -> FrameVisibility | None:
         """Return what a mixture shows, made since `begin`; None for one that is not measured."""
         t_s = mixed.provenance.real_t_s
-        if mixed.reading is None or t_s is None or not self._is_due(t_s):
+        if mixed.reading is None or t_s is None or not self._measured.is_judged():
+            return None
+        if not self._is_due(t_s):
             return None
         real, body = self._views.merged_real(), self._measured.body(t_s)
         if real is None or body is None:

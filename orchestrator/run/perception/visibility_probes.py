@@ -2,22 +2,23 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from campaigns.values.sensor_setups import CameraSetup, LidarPointsSetup, SensorSetup
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.run.perception.expected_views import ExpectedViews
 from orchestrator.run.perception.visibility import BodyPose, Measured, MixtureViews, VisibilityProbe
 from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.vehicle_context import VehicleContext
+from orchestrator.state.run_state import RunState
+from orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
 from recipes.model.recipe import Combination
 from recipes.pipeline.pipeline import Mixer
 from recipes.steps.filter.isolation import IsolateObjectsParameters
 from recipes.visibility.model import Virtual
+from vehicles.cameras.rendered_cameras import MAX_POSE_AGE_S
+from vehicles.poses.pose_history import PoseHistory
+from vehicles.readings import PoseReading
 from worlds.frames import Pose
 from worlds.scene.scene import Scene
-
-Reference = Literal["truth", "pose_source"]
 
 _SHOWING = frozenset({"camera", "depth", "lidar", "lidar_points", "rangefinder"})
 
@@ -39,14 +40,19 @@ class VisibilityProbes:
         contexts: Mapping[str, VehicleContext],
         events: Mapping[str, float],
         outside: ExternalIo,
+        run_state: RunState,
     ) -> None:
+        self._run_state = run_state
         self.views = MixtureViews()
         self._setup = setup
         self._contexts = contexts
         self._outside = outside
-        self._expected = ExpectedViews(
-            real=setup.real_scene, virtual=setup.virtual_scene, events=events
-        )
+        self._captured = PoseHistory(HISTORY_S)
+        self._expected: ExpectedViews | None = None
+        real = contexts.get("real")
+        if real is not None and real.pose_source != "mocap":
+            real.on_mocap(self._capture)
+        self._events = events
 
     def of(
         self, mixer: Mixer, real: SensorSetup, twin: SensorSetup
@@ -62,18 +68,35 @@ class VisibilityProbes:
             real=real,
             twin=twin,
             virtual=virtual,
-            views=self._expected,
+            views=self._views_of_geometry(),
             body=self._body(real),
             is_like=self._drawn_by_us(twin),
+            is_judged=lambda: self._run_state.stage == "goal",
         )
         return VisibilityProbe(measured, views=self.views)
+
+    def _capture(self, reading: PoseReading) -> None:
+        self._captured.add(reading.t_s, reading.pose)
+
+    def _views_of_geometry(self) -> ExpectedViews:
+        """Return what draws the world; made only where something is measured."""
+        if self._expected is None:
+            self._expected = ExpectedViews(
+                real=self._setup.real_scene,
+                virtual=self._setup.virtual_scene,
+                events=self._events,
+            )
+        return self._expected
 
     def _virtual(self, combination: Combination) -> Virtual:
         """Return the objects that the mixture has to show.
 
-        All of them; where the recipe isolates objects by name, these and the gates of the goal.
+        Those that `shows` of the recipe names; else all of them, or, where the recipe isolates
+        objects by name, these and the gates of the goal.
         """
         things = virtual_only(self._setup.real_scene, self._setup.virtual_scene)
+        if combination.shows is not None:
+            return Virtual({i: name for i, name in things.items() if name in combination.shows})
         named: set[str] = set()
         for step in combination.steps:
             if isinstance(step.parameters, IsolateObjectsParameters):
@@ -97,16 +120,18 @@ class VisibilityProbes:
         return ""
 
     def _body(self, sensor: SensorSetup) -> BodyPose:
-        """Return where the real vehicle truly was; by its pose source where nobody knows better.
+        """Return where the real vehicle was: in truth, by motion capture, or by its pose source.
 
         The truth of a vehicle of ours is no reference for pictures that come from outside.
         """
         context = self._contexts["real"]
         is_live = isinstance(sensor, CameraSetup) and ("real", sensor.name) in self._outside.cameras
+        histories = [*(() if is_live else (context.truth,)), self._captured, context.poses]
 
         def body(t_s: float) -> Pose | None:
-            truth = None if is_live else context.truth.at(t_s).pose
-            return context.poses.at(t_s).pose if truth is None else truth
+            found = (history.at(t_s) for history in histories)
+            fresh = (one.pose for one in found if one.gap_s <= MAX_POSE_AGE_S)
+            return next((pose for pose in fresh if pose is not None), None)
 
         return body
 

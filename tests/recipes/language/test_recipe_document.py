@@ -123,6 +123,15 @@ def test_one_vehicle_cannot_get_two_mixtures_of_a_sensor() -> None:
     assert "'real' gets camera from combination 1 already" in found[0]
 
 
+def test_the_objects_that_a_mixture_has_to_show_are_known_to_the_world() -> None:
+    recipe = read(combine(shows="[gate, gaet]"))
+    assert recipe.combinations[0].shows == ("gate", "gaet")
+    (problem,) = recipe.unknown_objects(frozenset({"gate", "cage"}))
+    assert problem.headline.startswith("r.yaml:3:")
+    assert "no object 'gaet' in the world" in problem.headline
+    assert read(combine()).combinations[0].shows is None
+
+
 def test_unknown_objects_are_told_with_their_places() -> None:
     for filters in ("[{isolate_objects: [gate, gatf]}]", "[{isolate_objects: {names: [gatf]}}]"):
         recipe = read(combine(filter=filters))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 import orchestrator.cli
 from orchestrator.cli import main
@@ -109,11 +110,15 @@ def campaign(tmp_path: Path) -> Path:
     (tmp_path / "campaigns" / "watch.py").write_text(WATCH)
     (tmp_path / "recipes" / "own.py").write_text(STEPS)
     path = tmp_path / "campaigns" / "gate.yaml"
-    text = path.read_text().replace(
-        "{use: autonomies/gate.py:GateAutonomy, with: {speed_m_s: 0.8}}", "watch.py:Watch"
-    )
-    assert "watch.py" in text
-    path.write_text(text.replace("reached: {}", "reached: {required: false}"))
+    document = yaml.safe_load(path.read_text())
+    document |= {"autonomy": "watch.py:Watch"}
+    document["oracles"]["reached"] = {"required": False}
+    del document["controls"]
+    path.write_text(yaml.safe_dump(document))
+    world = tmp_path / "worlds" / "gate.yaml"
+    document = yaml.safe_load(world.read_text())
+    document["objects"]["gate"]["pose"]["east_m"] = 0
+    world.write_text(yaml.safe_dump(document))
     return path
 
 
@@ -216,6 +221,21 @@ def test_a_recipe_that_changes_the_whole_picture_is_measured_too(
     assert flown.gate["offset_px"]["p99"] <= 6.0
 
 
+def test_an_object_that_the_recipe_need_not_show_is_not_missed(campaign: Path) -> None:
+    pillar = (
+        "world.objects.pillar={shape: {box: {size_m: [0.3, 0.3, 2.0]}}, color: blue,"
+        " pose: {north_m: 2.5, east_m: 1.2, up_m: 1.0}, exists_in: {sim: Wv, wil: Wv, real: W}}"
+    )
+    missed = fly(campaign, recipe(), pillar)
+    assert missed.run["verdict"] == "INVALID"
+    said = "mixing: the mixture never showed pillar: it was in view in "
+    assert missed.run["reason"].startswith(said)
+    shutil.rmtree(missed.folder)
+    flown = fly(campaign, recipe() + "    shows: [gate]\n", pillar)
+    assert (flown.run["verdict"], flown.run["reason"]) == ("PASS", "")
+    assert set(flown.run["mixing"]["shown"]) == {"gate"}
+
+
 def test_a_recipe_that_shows_no_objects_says_that_it_was_not_measured(campaign: Path) -> None:
     sensors = [f"vehicles.{name}.sensors.pose={{type: pose}}" for name in ("real", "twin")]
     text = "schema: wil/recipe/1\nsensors: {pose: {type: pose}}\ncombine:\n"
@@ -223,3 +243,57 @@ def test_a_recipe_that_shows_no_objects_says_that_it_was_not_measured(campaign: 
     flown = fly(campaign, text, *sensors)
     assert flown.run["mixing"]["not_measured"] == "a reading of type pose shows no objects"
     assert flown.run["mixing"]["shown"] == {}
+
+
+LIDAR = """\
+schema: wil/recipe/1
+sensors: {lidar: {type: lidar, rate_hz: 10}}
+combine:
+  - sensor: lidar
+    transform: [{register: {pose: real, align: interpolate}}MORE]
+    merge: MERGE
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "verdict", "said"),
+    [
+        (LIDAR.replace("MORE", "").replace("MERGE", "{aggregate: min}"), "PASS", ""),
+        (
+            LIDAR.replace("MORE", "").replace("MERGE", "{overlay: [real, twin]}"),
+            "INVALID",
+            "mixing of lidar: the mixture never showed wall: it was in view in ",
+        ),
+        (
+            LIDAR.replace("MORE", ", {units: {length: ft}}").replace("MERGE", "{aggregate: min}"),
+            "INVALID",
+            "mixing of lidar: the mixture shows wall 3.",
+        ),
+    ],
+    ids=["honest", "empty", "feet for metres"],
+)
+def test_beams_are_compared_with_what_geometry_puts_before_them(
+    tmp_path: Path, text: str, verdict: str, said: str
+) -> None:
+    (tmp_path / "lidar.yaml").write_text(text)
+    document = yaml.safe_load((ROOT / "campaigns" / "avoid-ardupilot.yaml").read_text())
+    del document["controls"]
+    straight = str(ROOT / "campaigns" / "autonomies" / "straight.py")
+    document["autonomy"] = {
+        "use": f"{straight}:StraightAutonomy",
+        "with": {"speed_m_s": 1.0, "for_s": 3},
+    }
+    document |= {"recipe": "lidar.yaml", "world": str(ROOT / "worlds" / "wall.yaml")}
+    document["oracles"]["clearance"]["required"] = False
+    campaign, out = tmp_path / "avoid.yaml", tmp_path / "out"
+    campaign.write_text(yaml.safe_dump(document))
+    which = ["--mode", "wil", "--repetitions", "1", "--jobs", "1", "--clock", "virtual"]
+    flown = Flown(main(["run", str(campaign), *which, "--out", str(out)]), out)
+    assert flown.run["verdict"] == verdict
+    assert flown.run["reason"].startswith(said)
+    wall = flown.run["mixing"]["shown"]["wall"]
+    assert wall["frames_in_view"] >= 5
+    assert wall["offset_px"] is None
+    if verdict == "PASS":
+        assert wall["frames_shown"] == wall["frames_in_view"]
+        assert wall["offset_m"]["p99"] < 0.2
