@@ -66,7 +66,16 @@ def _rates(document: Document, recipe: Recipe, setup: Setup) -> Iterator[Problem
         real_hz = carried.get(sensor.name)
         if sensor.rate_hz is not None and real_hz is not None and sensor.rate_hz > real_hz * 1.001:
             said = f"the real vehicle's '{sensor.name}' comes {real_hz:g} times a second"
-            yield document.problem(("sensors", sensor.name, "rate_hz"), said)
+            asked = f"the recipe asks for {sensor.rate_hz:g}"
+            yield document.problem(("sensors", sensor.name, "rate_hz"), f"{said}, {asked}")
+    for index, combination in enumerate(recipe.combinations):
+        least_hz, real_hz = combination.budget.min_rate_hz, carried.get(combination.sensor.name)
+        if least_hz is not None and real_hz is not None and least_hz > real_hz * 1.001:
+            said = (
+                f"the real vehicle's '{combination.sensor.name}' comes {real_hz:g} times a second"
+            )
+            path = ("combine", index, "min_rate_hz")
+            yield document.problem(path, f"{said}, the recipe asks for at least {least_hz:g}")
 
 
 def _gates(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:

@@ -1,13 +1,12 @@
 """From the files of one case to its setup, with every problem found in any of them at once."""
 
 import itertools
-import sys
 from collections.abc import Callable, Mapping
-from contextlib import redirect_stdout
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from campaigns.checks.autonomy_checks import IsolatedBuilds, autonomy_problems
 from campaigns.checks.cross_checks import cross_problems
 from campaigns.schema import (
     CampaignPart,
@@ -21,12 +20,11 @@ from campaigns.schema.operator import GcsPart
 from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import GoalSetup, GuardingSetup, Setup, SyncSetup
-from campaigns.setup.external_reader import external_setup, program_problems
+from campaigns.setup.external_reader import external_setup
 from campaigns.setup.link_setups import LinkSetup, link_setup
 from campaigns.setup.oracle_uses import oracle_uses
 from campaigns.setup.vehicle_fences import Drawing, fences_of
 from campaigns.setup.vehicle_setups import vehicle_setups
-from campaigns.values.references import BadReferenceError
 from recipes.language.recipe_document import load_recipe
 from safety.evaluation.judge import OracleUse
 from safety.fence.geofence import Fence
@@ -41,14 +39,22 @@ _GRACE_S = 1.0
 """What a goal is given where no time-out is said: ten minutes, and longer than a `time_limit`."""
 
 
-def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
-    """Return the setup of a case, good for these modes. Raises BadInput with every problem."""
+def read_setup(
+    files: CaseFiles, modes: tuple[Mode, ...], *, builds: IsolatedBuilds | None = None
+) -> Setup:
+    """Return the setup of a case, good for these modes. Raises BadInput with every problem.
+
+    builds: tries the autonomy in a child process, for a limited time; None: in this one.
+    """
     problems: list[Problem] = []
     part = gathered(problems, partial(check, files.campaign, CampaignPart))
     uses, oracle_problems = oracle_uses(files.campaign)
     problems += oracle_problems
     world = _read_case(World.parse, files.world, problems)
     recipe = _read_case(load_recipe, files.recipe, problems)
+    if part is not None:
+        # It is said also where the world is missing.
+        problems += autonomy_problems(files.campaign, _under_test(files, part), builds)
     if part is None or world is None or (files.recipe is not None and recipe is None):
         raise BadInput(problems)
     setup = Setup(
@@ -70,7 +76,6 @@ def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
         speed=None if part.clock is None else part.clock.speed,
         collision_always=part.collision_always == "on",
     )
-    problems += _autonomy_problems(files.campaign, setup.under_test)
     if part.geofence is None or setup.fences:
         # Without the fence that it has, everything would be said to lack one.
         problems += cross_problems(files, setup, modes)
@@ -163,26 +168,6 @@ def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
         goal=goal,
         program=None if part.autonomy.program is None else tuple(part.autonomy.program),
     )
-
-
-def _autonomy_problems(campaign: Document, under_test: UnderTest) -> list[Problem]:
-    """Build the autonomy once: what it refuses is a fault of the file, not of a flight."""
-    if under_test.program is not None:
-        return program_problems(campaign, under_test.program, under_test.folder)
-    try:
-        with redirect_stdout(sys.stderr):
-            under_test.build(seed=0)
-    except BadReferenceError as error:
-        path = (
-            ("autonomy", "use") if isinstance(campaign.get(("autonomy",)), dict) else ("autonomy",)
-        )
-        return [campaign.problem(path, str(error), error.suggestion)]
-    except ValueError as error:
-        return [campaign.problem(("autonomy", "with"), f"refused by '{under_test.use}': {error}")]
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - the user's code may raise anything
-        said = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
-        return [campaign.problem(("autonomy",), said)]
-    return []
 
 
 def unique(problems: list[Problem]) -> tuple[Problem, ...]:

@@ -1,11 +1,13 @@
 """A campaign file into runs: cases x modes x repetitions, each with its seed and its files."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 
+from campaigns.checks.autonomy_checks import IsolatedBuilds
+from campaigns.checks.case_warnings import case_warnings, unasked_gates
 from campaigns.expansion.case_reader import gathered, read_setup, unique
 from campaigns.expansion.controls import (
     Expectation,
@@ -36,6 +38,7 @@ class Options:
     """What the command line selects or overrides; empty or None leaves the file's.
 
     cases: globs. sets: KEY=VALUE as given to --set, stronger than what a case overrides.
+    is_autonomy_isolated: whether the autonomy is tried in a child process, for a limited time.
     """
 
     cases: tuple[str, ...] = ()
@@ -43,6 +46,7 @@ class Options:
     repetitions: int | None = None
     seed: int | None = None
     sets: tuple[str, ...] = ()
+    is_autonomy_isolated: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +86,7 @@ class Campaign:
     operators reach it by a broker; None for not at all. between: how an attached vehicle comes back
     to its start; None where nothing is said. controls: the runs that must not pass. warnings: what
     is legal in its files and probably not meant. caveats: those of them that a verdict has to be
-    read with, in words.
+    read with, in words. options: what the command line selected and overrode.
     """
 
     name: str
@@ -103,6 +107,7 @@ class Campaign:
     controls: tuple[RunPlan, ...] = ()
     warnings: tuple[Problem, ...] = ()
     caveats: tuple[str, ...] = ()
+    options: Options = Options()
 
     @property
     def plans(self) -> tuple[RunPlan, ...]:
@@ -120,10 +125,11 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     part = gathered(problems, partial(check, base, CampaignPart))
     files = _files_of_cases(base, overrides, problems)
     of_controls = files_of_controls(base, part, overrides, problems)
-    setups = _setups(files, tuple(part.modes) if part is not None else (), problems)
+    read = partial(read_setup, builds=IsolatedBuilds() if options.is_autonomy_isolated else None)
+    setups = _setups(read, files, tuple(part.modes) if part is not None else (), problems)
     if part is not None:
         for name, one in of_controls.items():
-            setups |= _setups({name: one}, modes_of(part, part.controls[name]), problems)
+            setups |= _setups(read, {name: one}, modes_of(part, part.controls[name]), problems)
         problems += control_problems(base, part, setups)
     if part is None or problems:
         raise BadInput(unique(problems))
@@ -134,6 +140,12 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     mqtt = mqtt_setup(base, part.operator, problems)
     if problems:
         raise BadInput(unique(problems))
+    unasked = [one for name in case_names for one in unasked_gates(files[name], setups[name])]
+    odd = [
+        one
+        for name in case_names
+        for one in case_warnings(files[name], setups[name], tuple(part.modes))
+    ]
     modes = tuple(mode for mode in part.modes if mode in mode_names)
     chosen = [(case, mode) for case in case_names for mode in modes]
     controls = tuple(
@@ -164,6 +176,9 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         retries=part.retries,
         between=part.between_runs,
         controls=controls,
+        warnings=unique([*unasked, *odd]),
+        caveats=tuple(dict.fromkeys(one.message for one in unasked)),
+        options=options,
     )
 
 
@@ -204,11 +219,14 @@ def _files_of_cases(
 
 
 def _setups(
-    files: Mapping[str, CaseFiles], modes: tuple[Mode, ...], problems: list[Problem]
+    read: Callable[[CaseFiles, tuple[Mode, ...]], Setup],
+    files: Mapping[str, CaseFiles],
+    modes: tuple[Mode, ...],
+    problems: list[Problem],
 ) -> dict[str, Setup]:
     found: dict[str, Setup] = {}
     for name, one in files.items():
-        setup = gathered(problems, partial(read_setup, one, modes))
+        setup = gathered(problems, partial(read, one, modes))
         if setup is not None:
             found[name] = setup
     return found

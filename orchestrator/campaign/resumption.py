@@ -170,9 +170,35 @@ def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
     for name, was, present, _ in _changes(before["versions"], now["versions"]):
         yield f"{name} was {was}, and is {present}"
     if before["document"] != now["document"] and not files:
-        yield "options (--set, --seed, --repetitions) were others"
+        yield from _different_keys(before["document"], now["document"])
     elif before["runs"] != now["runs"] and not files:
-        yield f"it had {len(before['runs'])} runs, and has {len(now['runs'])}, or others"
+        yield from _different_runs(before, now)
+
+
+def _different_keys(before: Any, now: Any, key: str = "") -> Iterator[str]:
+    """Yield which keys of the campaign the options (--set, --seed, --repetitions) set otherwise."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for name in dict.fromkeys((*before, *now)):
+            inner = f"{key}.{name}".lstrip(".")
+            yield from _different_keys(before.get(name), now.get(name), inner)
+    elif before != now:
+        was, present = (json.dumps(one, ensure_ascii=False) for one in (before, now))
+        yield f"{key} was {was}, and is {present} (an option, or --set {key}=...)"
+
+
+def _different_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what of the options chose other runs, or reached into other files."""
+    was, present = before.get("options", {}), now.get("options", {})
+    said = [
+        f"--{name} was {_shown(was.get(name))}, and is {_shown(present.get(name))}"
+        for name in present
+        if was.get(name) != present.get(name)
+    ]
+    yield from said or [f"it had {len(before['runs'])} runs, and has {len(now['runs'])}, or others"]
+
+
+def _shown(values: object) -> str:
+    return " and ".join(map(str, values)) if isinstance(values, list) and values else "not given"
 
 
 def _changes(

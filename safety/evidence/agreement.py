@@ -13,6 +13,8 @@ SIGMAS = 5.0
 SPAN_S = 1.0
 """Over which time displacements are compared."""
 _KEPT_S = 3.0
+_MOST_GAP_S = 0.3
+"""Over a longer silence of the other source its velocity is not integrated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +101,8 @@ class Agreement:
         if _on_an_axis(apart_m) > exact_m:
             said = f"it is {norm(apart_m):.2f} m from where {source} has the vehicle at {t_s:.2f} s"
             yield Disagreement(t_s, f"{said}; both are exact to {exact_m:.2f} m on each axis")
+        if self._pairs and t_s - self._pairs[-1][0].t_s > _MOST_GAP_S:
+            self._pairs.clear()  # What it did in between, the other does not say.
         integrated_m = self._integrated(reference)
         self._pairs.append((reference, judged_m, integrated_m))
         while len(self._pairs) > 1 and self._pairs[1][0].t_s <= t_s - SPAN_S + 1e-9:

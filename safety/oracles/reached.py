@@ -79,7 +79,7 @@ class Reached(Oracle):
         self._detectors: dict[str, PassageDetector] = {}
         self._home: int | None = None
         self._through: list[_Through] = []
-        self._wrong: list[str] = []
+        self._wrong: dict[str, str] = {}
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Look whether the way since the last pose leads through the next gate."""
@@ -99,7 +99,7 @@ class Reached(Oracle):
             if isinstance(found, Passage):
                 flags += self._pass(name, found)
             elif isinstance(found, Dip) and name == self._next:
-                self._note(f"went {found.depth_m:.2f} m into {name} and came back")
+                self._note(name, f"went {found.depth_m:.2f} m into {name} and came back")
         return flags
 
     def result(self, t_s: float) -> OracleResult:
@@ -144,38 +144,38 @@ class Reached(Oracle):
         inside = passage.reach_m < gate.limit_m
         if name != self._next:
             if inside and all(name != one.gate for one in self._through):
-                self._note(f"flew through {name} before {self._next}")
+                self._note(name, f"flew through {name} before {self._next}")
             return NO_FLAGS
         if not self._right_way(passage.direction):
             if inside:
-                self._note(f"flew through {name} the wrong way")
+                self._note(name, f"flew through {name} the wrong way")
             return NO_FLAGS
         if not inside:
             return self._beside(name, gate, passage)
         limit_m = gate.limit_m - (passage.reach_m - passage.offset_m)
         self._through.append(_Through(name, passage.offset_m, limit_m, passage.at_s))
         self._home = None
-        self._wrong.clear()
+        self._wrong = {text: gate for text, gate in self._wrong.items() if gate != name}
         return self.flag(passage.at_s, f"{self.vehicle} flew through {name}", decisive=False)
 
     def _beside(self, name: str, gate: Gate, passage: Passage) -> Flags:
         if passage.offset_m < gate.limit_m:
             over_m = passage.reach_m - gate.limit_m
-            self._note(f"passed {name} with its body {over_m:.2f} m beyond the opening")
+            self._note(name, f"passed {name} with its body {over_m:.2f} m beyond the opening")
         else:
-            self._note(f"passed {passage.offset_m:.2f} m beside the centre of {name}")
+            self._note(name, f"passed {passage.offset_m:.2f} m beside the centre of {name}")
         return self.flag(passage.at_s, f"{self.vehicle} passed beside {name}", decisive=False)
 
-    def _note(self, text: str) -> None:
-        if text not in self._wrong:
-            self._wrong.append(text)
+    def _note(self, gate: str, text: str) -> None:
+        """Note a wrong turn, once; it is forgotten when its gate is flown through after all."""
+        self._wrong.setdefault(text, gate)
 
     def _missing(self) -> str:
         if self._last is None:
             return "no pose seen"
         done, total = len(self._through), len(self._route)
         text = f"never flew through {self._next} ({done} of {total} gates)"
-        return "; ".join([text, *self._wrong[:_MOST_TURNS], *self._unfinished()])
+        return "; ".join([text, *list(self._wrong)[:_MOST_TURNS], *self._unfinished()])
 
     def _unfinished(self) -> Iterator[str]:
         detector = self._detectors.get(self._next)

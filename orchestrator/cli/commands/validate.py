@@ -1,8 +1,11 @@
 """`wil-campaign validate`: every fault of campaign, world and recipe files."""
 
 from pathlib import Path
+from typing import Annotated
 
-from campaigns.expansion.expansion import Campaign, load_campaign
+from cyclopts import Parameter
+
+from campaigns.expansion.expansion import Campaign, Options, load_campaign
 from orchestrator.cli.clock_choice import clock_for, external_needs
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.model.clock import Clock
@@ -12,7 +15,11 @@ from worlds.files.documents import BadInput, Problem
 from worlds.world_file.world import World
 
 
-def validate(*files: Path, clock: Clock | None = None) -> int:
+def validate(
+    *files: Path,
+    clock: Clock | None = None,
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
+) -> int:
     """Find every fault of files, fly nothing.
 
     Parameters
@@ -21,6 +28,8 @@ def validate(*files: Path, clock: Clock | None = None) -> int:
         Campaign files, with the world and recipe that each names; or world or recipe files.
     clock
         Whether they can be flown on this clock as well: virtual, wall or scaled.
+    set_
+        KEY=VALUE, as of `run`: campaigns are looked at with that.
     """
     if not files:
         err("validate needs at least one file")
@@ -28,7 +37,7 @@ def validate(*files: Path, clock: Clock | None = None) -> int:
     problems: list[Problem] = []
     for file in files:
         try:
-            out(_check_case(file, clock))
+            out(_check_case(file, clock, set_))
         except BadInput as error:
             problems += error.problems
     if not problems:
@@ -41,7 +50,7 @@ def validate(*files: Path, clock: Clock | None = None) -> int:
     return 2
 
 
-def _check_case(file: Path, clock: Clock | None) -> str:
+def _check_case(file: Path, clock: Clock | None, sets: tuple[str, ...]) -> str:
     """Return a line about a good file, whatever kind it says it is. Raises BadInput."""
     document = load_recipe_document(file)
     schema = document.get(("schema",))
@@ -51,7 +60,9 @@ def _check_case(file: Path, clock: Clock | None) -> str:
     if schema == "wil/recipe/1":
         recipe = load_recipe(document)
         return f"{file}: a recipe of {_count(len(recipe.combinations), 'combination')}"
-    campaign = load_campaign(file)
+    campaign = load_campaign(file, Options(sets=sets, is_autonomy_isolated=True))
+    for warning in campaign.warnings:
+        err(f"warning: {warning}")
     chosen = clock_for(campaign, clock)
     outside = ", ".join(dict.fromkeys(one.name for one in external_needs(campaign)))
     because = f"; {chosen} clock, for {outside}" if outside else ""

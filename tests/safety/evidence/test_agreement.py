@@ -111,3 +111,16 @@ def test_displacements_are_as_exact_as_the_better_of_places_and_velocity() -> No
     assert Accuracy(1.0, 0.1).displacement_m(1.0) == pytest.approx(0.1)
     assert Accuracy(0.01, 0.1).displacement_m(1.0) == pytest.approx(0.01 * math.sqrt(2.0))
     assert Accuracy(0.01).displacement_m(1.0) == pytest.approx(0.01 * math.sqrt(2.0))
+
+
+def test_a_silence_of_the_other_source_is_not_integrated_over() -> None:
+    agreement = Agreement(judged=CAPTURED, other=ESTIMATED, source="the other")
+    found: list[Disagreement | None] = []
+    for tick in range(500):
+        t_s = tick / 50
+        there = (4.0, 0.0, 0.0) if t_s >= 4.2 else (0.0, 0.0, 0.0)
+        place = (4.0 * max(0.0, t_s - 4.2), 0.0, -1.0)
+        found.append(agreement.pose(PoseSample(t_s, "real", Pose(place), there)))
+        if tick % 5 == 0 and not 4.0 < t_s < 7.0:
+            found.append(agreement.reference(ReferenceSample(t_s, "real", "mavlink", place, there)))
+    assert not any(found)

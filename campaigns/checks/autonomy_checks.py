@@ -1,0 +1,101 @@
+"""Whether the autonomy under test can be built: what it refuses is a fault of the file."""
+
+import multiprocessing as mp
+import sys
+import threading
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+
+from campaigns.setup.autonomy_under_test import UnderTest
+from campaigns.setup.external_reader import program_problems
+from campaigns.values.references import BadReferenceError
+from worlds.files.documents import Document, Path, Problem
+
+LONGEST_BUILD_S = 10.0
+"""How long an autonomy may take to be imported and built where it is tried in a child process."""
+_GRACE_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Refusal:
+    """Why an autonomy cannot be built; picklable. key: beneath `autonomy`, empty for all of it."""
+
+    key: str
+    message: str
+    suggestion: str = ""
+
+
+class IsolatedBuilds:
+    """Builds autonomies in child processes, each once however many cases have it.
+
+    A child that takes longer than LONGEST_BUILD_S is ended.
+    """
+
+    def __init__(self) -> None:
+        self._refusals: dict[str, _Refusal | None] = {}
+
+    def refusal(self, under_test: UnderTest) -> _Refusal | None:
+        """Return why it cannot be built; None when it can."""
+        key = repr(under_test)
+        if key not in self._refusals:
+            self._refusals[key] = _refusal_in_child(under_test)
+        return self._refusals[key]
+
+
+def autonomy_problems(
+    campaign: Document, under_test: UnderTest, builds: IsolatedBuilds | None
+) -> list[Problem]:
+    """Build the autonomy once, and return what is wrong with it. builds: None: in this process."""
+    if under_test.program is not None:
+        return program_problems(campaign, under_test.program, under_test.folder)
+    refusal = _refusal(under_test) if builds is None else builds.refusal(under_test)
+    if refusal is None:
+        return []
+    is_mapping = isinstance(campaign.get(("autonomy",)), dict)
+    path: Path = ("autonomy", refusal.key) if refusal.key and is_mapping else ("autonomy",)
+    return [campaign.problem(path, refusal.message, refusal.suggestion)]
+
+
+def _refusal(under_test: UnderTest) -> _Refusal | None:
+    try:
+        with redirect_stdout(sys.stderr):
+            under_test.build(seed=0)
+    except BadReferenceError as error:
+        return _Refusal("use", str(error), error.suggestion)
+    except ValueError as error:
+        return _Refusal("with", f"refused by '{under_test.use}': {error}")
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - the user's code may raise anything
+        said = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
+        return _Refusal("", said)
+    return None
+
+
+def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
+    """Return why it cannot be built, a child that hangs or dies included."""
+    # A fork has all of ours imported already; beside other threads it could inherit their locks.
+    alone = threading.active_count() == 1
+    context = mp.get_context("fork") if alone else mp.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    child = context.Process(target=_report, args=(theirs, under_test), name="autonomy check")
+    child.start()
+    theirs.close()
+    try:
+        if not ours.poll(LONGEST_BUILD_S):
+            said = f"is not imported and built within {LONGEST_BUILD_S:g} s: it blocks"
+            return _Refusal("use", f"'{under_test.use}' {said}")
+        found: _Refusal | None = ours.recv()
+    except EOFError:
+        child.join(_GRACE_S)
+        said = f"ends its process (exit status {child.exitcode}) when it is imported or built"
+        return _Refusal("use", f"'{under_test.use}' {said}")
+    finally:
+        child.kill()
+        child.join()
+        ours.close()
+    return found
+
+
+def _report(connection: Connection, under_test: UnderTest) -> None:
+    connection.send(_refusal(under_test))
+    connection.close()

@@ -1,0 +1,164 @@
+"""What is legal in the files of a case, and probably not meant: said by `validate`, pure."""
+
+import math
+from collections.abc import Iterator
+
+from campaigns.checks.place_checks import judged_world
+from campaigns.schema import Mode
+from campaigns.setup.case_files import CaseFiles
+from campaigns.setup.case_setup import FLIES, Setup
+from safety.fence.areas import Area, Polygon
+from safety.fence.geofence import Fence
+from safety.oracles.contact import ContactParameters
+from safety.oracles.goal import ReachedPositionParameters, TimeLimitParameters
+from safety.oracles.reached import ReachedParameters
+from worlds.files.documents import Data, Document, Path, Problem
+from worlds.frames import norm, subtract
+from worlds.scene.scene import Scene
+
+_PART = math.pi / 12.0
+_AS_TYPED = 2e-3
+"""Angles that people type in radians are parts of a turn, to three digits: 1.571, 0.785, 3.142."""
+_NARROW_DEG = 5.0
+"""No camera of a drone sees less than this across."""
+_FENCE_PER_ROOM = 10.0
+_FENCE_M = 100.0
+"""A fence that is so many times as wide as the room, and so wide, was typed in another unit."""
+
+
+def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
+    """Yield what is probably not meant in a case, for the modes that are flown."""
+    for document in (files.campaign, files.world, files.recipe):
+        if document is not None:
+            yield from _radians(document, document.data)
+    for mode in modes:
+        scene = setup.world.scene(mode, judged_world(mode))
+        yield from _wide_fences(files.campaign, setup, mode, scene)
+        yield from _near_goals(files.campaign, setup, mode, scene)
+        yield from _without_objects(files.campaign, setup, scene)
+    yield from _long_limits(files.campaign, setup)
+
+
+def unasked_gates(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+    """Yield the goal's gates that no required oracle asks for: the run passes without them."""
+    asked: set[str] = set()
+    for use in setup.oracles:
+        if isinstance(use.parameters, ReachedParameters) and use.parameters.required:
+            asked.update(setup.goal.gates if use.parameters.gates is None else use.parameters.gates)
+    for index, gate in enumerate(setup.goal.gates):
+        if gate not in asked:
+            said = f"no required oracle asks whether gate '{gate}' of the goal is flown through"
+            yield files.campaign.problem(("goal", "gates", index), said)
+
+
+def _radians(document: Document, value: Data, path: Path = ()) -> Iterator[Problem]:
+    """Yield angles in degrees that look as radians do."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _radians(document, inner, (*path, key))
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from _radians(document, inner, (*path, index))
+    elif isinstance(value, float | int) and not isinstance(value, bool):
+        key = next((one for one in reversed(path) if isinstance(one, str)), "")
+        if key.endswith("_deg") and _looks_like_radians(key, float(value)):
+            said = f"{value:g} degrees? in radians that would be {math.degrees(value):.4g} degrees"
+            yield document.problem(path, said)
+
+
+def _looks_like_radians(key: str, value: float) -> bool:
+    if key == "fov_deg":
+        return 0.0 < value < _NARROW_DEG
+    parts = value / _PART
+    near = abs(parts - round(parts)) * _PART < _AS_TYPED
+    return near and 1 <= abs(round(parts)) <= 24 and value != round(value)
+
+
+def _wide_fences(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
+    """Yield fences that are so much wider than the room that they keep nothing."""
+    room_m = _room_size_m(scene)
+    if room_m is None:
+        return
+    for name in FLIES[mode]:
+        fence = setup.fences.get(name)
+        if fence is not None and (wide_m := _width_m(fence)) > max(
+            _FENCE_M, _FENCE_PER_ROOM * max(room_m)
+        ):
+            said = (
+                f"the fence is {wide_m:g} m wide, and the room {max(room_m):g} m: it keeps nothing"
+            )
+            yield campaign.problem(("geofence",), said, key=True)
+
+
+def _near_goals(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
+    """Yield positions that are reached within so much that nearly any flight reaches them."""
+    target = setup.goal.position_ned_m
+    subject = setup.vehicles.get(FLIES[mode][0])
+    if target is None or subject is None:
+        return
+    north_m, east_m, _ = subject.start.position_ned_m
+    away_m = norm(subtract(target, (north_m, east_m, -setup.goal.altitude_m)))
+    room_m = _room_size_m(scene)
+    for use in setup.oracles:
+        given = use.parameters
+        if not isinstance(given, ReachedPositionParameters):
+            continue
+        path: Path = ("oracles", use.name, "tolerance_m")
+        within = f"within {given.tolerance_m:g} m counts as reached"
+        if given.tolerance_m >= away_m:
+            said = f"{within}, and the goal is {away_m:.3g} m from the hover: it cannot fail"
+            yield campaign.problem(path, said)
+        elif room_m is not None and given.tolerance_m >= min(room_m) / 2.0:
+            yield campaign.problem(path, f"{within}, in a room of {min(room_m):g} m")
+
+
+def _without_objects(campaign: Document, setup: Setup, scene: Scene) -> Iterator[Problem]:
+    """Yield oracles of contact that leave out all that there is."""
+    for use in setup.oracles:
+        given = use.parameters
+        left = set(scene.names) - set(getattr(given, "exclude", ()))
+        if isinstance(given, ContactParameters) and scene.names and given.exclude and not left:
+            said = f"oracle '{use.name}' leaves out all that stands there: it cannot fail"
+            yield campaign.problem(("oracles", use.name, "exclude"), said)
+
+
+def _long_limits(campaign: Document, setup: Setup) -> Iterator[Problem]:
+    """Yield times that the run never takes, for its goal times out before."""
+    longest_s = setup.sync.goal_timeout_s
+    for use in setup.oracles:
+        given = use.parameters
+        if not isinstance(given, TimeLimitParameters):
+            continue
+        usual = given.from_ in {None, "goal"} and given.to in {None, "done"}
+        if usual and given.limit_s >= longest_s:
+            said = f"the goal times out after {longest_s:g} s (sync.goal_timeout_s): it cannot fail"
+            yield campaign.problem(("oracles", use.name, "limit_s"), said)
+
+
+def _room_size_m(scene: Scene) -> tuple[float, float] | None:
+    """Return how long and wide the largest room of a scene is; None without one."""
+    sizes: list[tuple[float, float]] = []
+    for thing in scene.objects:
+        if thing.is_room:
+            low = thing.shape.mesh.vertices_m.min(axis=0)
+            high = thing.shape.mesh.vertices_m.max(axis=0)
+            sizes.append((float(high[0] - low[0]), float(high[1] - low[1])))
+    return max(sizes, default=None, key=max)
+
+
+def _corners_m(area: Area) -> tuple[tuple[float, float], ...]:
+    """Return corners of the box round an area, or those of the area itself: north, east."""
+    if isinstance(area, Polygon):
+        return area.corners_m
+    north_m, east_m = area.centre_m
+    reach_m = area.radius_m
+    return (north_m - reach_m, east_m - reach_m), (north_m + reach_m, east_m + reach_m)
+
+
+def _width_m(fence: Fence) -> float:
+    """Return the longer side of the box round a fence, on the ground."""
+    points = [point for area in fence.inclusions for point in _corners_m(area)]
+    if not points:
+        return math.inf
+    sides_m = [max(axis) - min(axis) for axis in zip(*points, strict=True)]
+    return float(max(sides_m))

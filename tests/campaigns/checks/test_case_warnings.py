@@ -1,0 +1,118 @@
+"""What `validate` warns of, and what it finds in one pass."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from orchestrator.cli import main
+
+POSITION = "position: {north_m: 2, east_m: 0, up_m: 1.2}"
+
+
+def warned(files: Any) -> list[str]:
+    """Return the warnings of the campaign, without the folder."""
+    return [one.headline.removeprefix(f"{files.folder}/") for one in files.load().warnings]
+
+
+def test_a_good_campaign_is_not_warned_of(files: Any) -> None:
+    assert warned(files) == []
+    assert files.load().caveats == ()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "east_m: 0}",
+            "east_m: 0, yaw_deg: 1.5708}",
+            "1.5708 degrees? in radians that would be 90",
+        ),
+        (
+            "fov_deg: 69}\n  twin",
+            "fov_deg: 1.2}\n  twin",
+            "1.2 degrees? in radians that would be 68.7",
+        ),
+        ("east_m: [-2, 2]", "east_m: [-2000, 2000]", "the fence is 4000 m wide, and the room 6 m"),
+        ("collision: {}", "collision: {exclude: [cage, gate]}", "it cannot fail"),
+        ("limit_s: 40", "limit_s: 40}\n  late: {use: time_limit, limit_s: 90", "it cannot fail"),
+    ],
+)
+def test_what_is_probably_not_meant_is_warned_of(files: Any, old: str, new: str, said: str) -> None:
+    if "late" in new:
+        files.change("seed: 7\n", "seed: 7\nsync: {goal_timeout_s: 60}\n")
+    files.change(old, new)
+    found = warned(files)
+    assert any(said in one for one in found), found
+    assert all(one.startswith("campaign.yaml:") for one in found)
+
+
+@pytest.mark.parametrize("degrees", ["90", "1", "45.5", "-180", "0.5"])
+def test_degrees_are_not_taken_for_radians(files: Any, degrees: str) -> None:
+    files.change("east_m: 0}", f"east_m: 0, yaw_deg: {degrees}}}")
+    assert warned(files) == []
+
+
+@pytest.mark.parametrize(
+    ("tolerance_m", "said"),
+    [("30", "the goal is 2 m from the hover: it cannot fail"), ("0.3", None)],
+)
+def test_a_goal_that_nearly_any_flight_reaches_is_warned_of(
+    files: Any, tolerance_m: str, said: str | None
+) -> None:
+    files.change("gates: [gate]", POSITION)
+    files.change("  reached: {}\n", f"  reached_position: {{tolerance_m: {tolerance_m}}}\n")
+    found = warned(files)
+    assert found == [] if said is None else any(said in one for one in found)
+
+
+def test_a_gate_that_no_required_oracle_asks_for_is_a_caveat(files: Any) -> None:
+    files.change("  reached: {}\n", "  reached: {required: false}\n")
+    text = "no required oracle asks whether gate 'gate' of the goal is flown through"
+    assert warned(files) == [f"campaign.yaml:20:33: {text}"]
+    assert files.load().caveats == (text,)
+
+
+def test_validate_takes_set_and_warns_without_failing(files: Any, capsys: Any) -> None:
+    given = ["validate", str(files.path), "--set", "vehicles.real.start.yaw_deg=1.5708"]
+    assert main(given) == 0
+    assert "warning: --set vehicles.real.start.yaw_deg=1.5708" in capsys.readouterr().err
+    assert main(["validate", str(files.path), "--set", "goal.altitude_m=9"]) == 2
+    assert "ceiling" in capsys.readouterr().err
+
+
+def test_all_missing_files_and_the_autonomys_are_told_at_once(files: Any, capsys: Any) -> None:
+    files.change("world: world.yaml", "world: wrld.yaml")
+    files.change("recipe: recipe.yaml", "recipe: nowhere.yaml")
+    files.change("use: pilot.py:Pilot", "use: pilt.py:Pilot")
+    assert main(["validate", str(files.path)]) == 2
+    said = capsys.readouterr().err
+    for name in ("wrld.yaml", "nowhere.yaml", "pilt.py"):
+        assert name in said
+    assert "3 problems in 1 file" in said
+
+
+@pytest.mark.parametrize(
+    ("code", "text"),
+    [
+        ("import time\ntime.sleep(600)\n", "is not imported and built within 1 s: it blocks"),
+        ("import os\nos._exit(7)\n", "ends its process (exit status 7)"),
+    ],
+)
+def test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault(
+    files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch, code: str, text: str
+) -> None:
+    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 1.0)
+    pilot = Path(files.folder) / "pilot.py"
+    pilot.write_text(code + pilot.read_text())
+    began_s = time.monotonic()
+    assert main(["validate", str(files.path)]) == 2
+    assert text in capsys.readouterr().err
+    assert time.monotonic() - began_s < 60.0
+
+
+def test_a_rate_that_the_cameras_do_not_reach_is_told_with_what_is_asked(files: Any) -> None:
+    files.change("rate_hz: 15", "rate_hz: 30", file="recipe.yaml")
+    (fault,) = files.faults()
+    assert "comes 15 times a second, the recipe asks for 30" in fault

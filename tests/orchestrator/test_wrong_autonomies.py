@@ -1,0 +1,129 @@
+"""Autonomies that do the wrong thing, flown as users fly: none passes, and each reason says why.
+
+One that does it right flies among them, so that a campaign that fails whatever flies would show.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from orchestrator.cli import main
+
+CAMPAIGN = """\
+schema: wil/campaign/1
+campaign: wrong
+vehicles: {twin: {link: embedded, autopilot: px4}}
+world: world.yaml
+autonomy: {use: path.py:Path, with: {path: [[2, 1.5, 1.5], [7.6, 1.5, 1.5]]}}
+goal: {altitude_m: 1.5, gates: [first, second]}
+cases:
+  right: {}
+  blind: {autonomy.with.path: [[8, 0, 1.5]]}
+  around: {autonomy.with.path: [[2, 1.5, 1.5], [2, 3.2, 1.5], [7.6, 3.2, 1.5]]}
+  over: {autonomy.with.path: [[2, 1.5, 1.5], [2, 1.5, 3], [7.6, 1.5, 3]]}
+  backwards: {autonomy.with.path: [[2, 3.2, 1.5], [7.6, 3.2, 1.5], [7.6, 1.5, 1.5], [2, 1.5, 1.5]]}
+  disordered:
+    autonomy.with.path:
+      [[2, 3.2, 1.5], [4.5, 3.2, 1.5], [4.5, 1.5, 1.5], [7.6, 1.5, 1.5], [7.6, 3.2, 1.5],
+       [1.8, 3.2, 1.5], [1.8, 1.5, 1.5], [4.5, 1.5, 1.5]]
+  dip:
+    autonomy.with.path:
+      [[2, 1.5, 1.5], [3.06, 1.5, 1.5], [2, 1.5, 1.5], [2, 3.2, 1.5], [4.5, 3.2, 1.5],
+       [4.5, 1.5, 1.5], [7.6, 1.5, 1.5]]
+  clip: {autonomy.with.path: [[2, 2.0, 1.5], [7.6, 2.0, 1.5]]}
+  fast: {autonomy.with.speed_m_s: 3.5}
+modes: [sim]
+oracles:
+  collision: {}
+  reached: {}
+  speed: {max_m_s: 1.8, axis: horizontal}
+  time_limit: {limit_s: 60}
+  landed: {}
+"""
+WORLD = """\
+schema: wil/world/1
+origin: {latitude_deg: 47.4, longitude_deg: 8.5}
+objects:
+  hall: {shape: {room: {size_north_m: 16, size_east_m: 10, height_m: 5}}, pose: {north_m: 4}}
+  first: {shape: {gate: {inner_size_m: 1.0}}, pose: {north_m: 3, east_m: 1.5, up_m: 1.5}}
+  second: {shape: {gate: {inner_size_m: 1.0}}, pose: {north_m: 6, east_m: 1.5, up_m: 1.5}}
+"""
+AUTONOMY = """\
+import math
+
+from vehicles.autonomy import Command
+from vehicles.setpoints import VelocitySetpoint
+
+
+class Path:
+    '''Flies from point to point (north, east, up), and is done at the last.'''
+
+    def __init__(self, *, goal, parameters, seed):
+        self.left = [(n, e, -u) for n, e, u in parameters["path"]]
+        self.speed_m_s = parameters.get("speed_m_s", 1.0)
+
+    def perceive(self, reading):
+        pass
+
+    def act(self, telemetry):
+        here = telemetry.pose.position_ned_m
+        way = [b - a for a, b in zip(here, self.left[0])]
+        far_m = math.hypot(*way)
+        done = len(self.left) == 1 and far_m < 0.15
+        if far_m < 0.12 and len(self.left) > 1:
+            self.left.pop(0)
+        speed_m_s = max(0.3, min(self.speed_m_s, 1.5 * far_m))
+        velocity = tuple(speed_m_s * each / far_m for each in way) if far_m else (0.0, 0.0, 0.0)
+        note = f"{len(self.left)} to go"
+        return Command(VelocitySetpoint(velocity, yaw_rad=0.0), done=done, note=note)
+"""
+
+EXPECTED = {
+    "blind": ("reached/twin", "never flew through first (0 of 2 gates); passed 1.5"),
+    "around": ("reached/twin", "never flew through first (0 of 2 gates); passed 1."),
+    "over": ("reached/twin", "never flew through first (0 of 2 gates); passed 1.5"),
+    "backwards": ("reached/twin", "flew through first the wrong way"),
+    "disordered": ("reached/twin", "(1 of 2 gates); flew through second before first"),
+    "dip": ("reached/twin", "into first and came back"),
+    "clip": ("collision/twin", "twin touched first.right"),
+    "fast": ("speed/twin", "m/s"),
+}
+"""Of each wrong autonomy what decides, and a part of the reason."""
+
+
+@pytest.fixture(scope="module")
+def summary(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Fly all of them once, by the command line."""
+    folder = tmp_path_factory.mktemp("wrong")
+    (folder / "campaign.yaml").write_text(CAMPAIGN)
+    (folder / "world.yaml").write_text(WORLD)
+    (folder / "path.py").write_text(AUTONOMY)
+    code = main(["run", str(folder / "campaign.yaml"), "--out", str(folder / "out"), "--json"])
+    assert code == 1
+    (path,) = (folder / "out" / "wrong").glob("*/summary.json")
+    document: dict[str, Any] = json.loads(Path(path).read_text("utf-8"))
+    return document
+
+
+def run_of(summary: dict[str, Any], case: str) -> dict[str, Any]:
+    (run,) = [one for one in summary["runs"] if one["case"] == case]
+    found: dict[str, Any] = run
+    return found
+
+
+@pytest.mark.timeout(900)
+def test_the_right_one_passes(summary: dict[str, Any]) -> None:
+    run = run_of(summary, "right")
+    assert (run["verdict"], run["reason"]) == ("PASS", "")
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("case", list(EXPECTED))
+def test_the_wrong_one_fails_by_the_right_oracle(summary: dict[str, Any], case: str) -> None:
+    run = run_of(summary, case)
+    source, text = EXPECTED[case]
+    assert (run["verdict"], run["decided_by"]) == ("FAIL", source), run["reason"]
+    assert text in run["reason"]
+    assert run["reason"].endswith("to go'"), "the autonomy's last note is missing"
