@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from docs import generate
 from recipes.language.paper_xml import parse_paper_xml
 from recipes.language.recipe_document import load_recipe
 from recipes.model.recipe import Recipe
@@ -147,3 +148,60 @@ def test_every_barrier_names_a_test() -> None:
 def test_the_test_that_proves_it_is_there(file: str, name: str) -> None:
     written = (ROOT / file).read_text(encoding="utf-8")
     assert re.search(rf"^\s*(async )?def {name}\(", written, re.MULTILINE)
+
+
+ARCHITECTURE = (DOCS / "architecture.md").read_text(encoding="utf-8")
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+BY_NAME = frozenset(
+    {
+        "campaigns/autonomies/gate.py",
+        "recipes/steps/filter/isolation.py",
+        "recipes/steps/merge/overlays.py",
+    }
+)
+"""Files of a way that no other one of it imports: a registry or a folder finds them by name."""
+WAY = re.compile(r"^## (The way of .+?)\n(.+?)^## ", re.MULTILINE | re.DOTALL)
+
+
+def structure(page: str) -> list[str]:
+    """Return the layers that a page shows: its boxes, its modules and rules, no sentences."""
+    block = page.partition(generate.BEGIN)[2].partition(generate.END)[0]
+    return [line if "|" in line else line[:29].rstrip() for line in block.splitlines()]
+
+
+def test_the_picture_of_the_layers_is_that_of_the_contracts() -> None:
+    made = generate.architecture(ARCHITECTURE)
+    assert structure(made) == structure(ARCHITECTURE), "run: python docs/generate.py"
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted(
+        set(re.findall(r"`((?:[a-z]\w*/)+(?:\w+\.\w+)?)`", ARCHITECTURE + CONTRIBUTING)) - {"docs/"}
+    ),
+)
+def test_a_file_that_a_page_names_is_there(path: str) -> None:
+    assert (ROOT / path).exists(), path
+
+
+@pytest.mark.parametrize(
+    ("title", "text"), [match.groups() for match in WAY.finditer(ARCHITECTURE)]
+)
+def test_a_way_has_as_many_files_as_it_says_and_each_meets_another(title: str, text: str) -> None:
+    """A file of the way imports another one of it, or is imported by one: nothing is made up."""
+    said = re.search(r"<!-- way: (\d+) files", text)
+    files = re.findall(r"^\d+\. `([\w/.]+)`", text, re.MULTILINE)
+    assert said is not None, title
+    assert len(set(files)) == len(files) == int(said[1]), title
+    imports = {file: imported_modules(ROOT / file) for file in files}
+    for file in files:
+        name = file.removesuffix(".py").replace("/", ".")
+        others = {other for other in files if other != file}
+        met = any(name in imports[other] for other in others) or any(
+            other.removesuffix(".py").replace("/", ".") in imports[file] for other in others
+        )
+        assert met or file in BY_NAME, file
+
+
+def imported_modules(path: Path) -> set[str]:
+    return set(re.findall(r"^from ([\w.]+) import", path.read_text("utf-8"), re.MULTILINE))

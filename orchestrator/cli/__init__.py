@@ -60,6 +60,11 @@ _COMMANDS = (
         "orchestrator.cli.commands.calibrate:calibrate",
         "Calibrate a real camera with a board.",
     ),
+    (
+        "vehicle",
+        "orchestrator.cli.commands.vehicle:vehicle",
+        "Fly an embedded PX4 or ArduCopter alone, for other programs.",
+    ),
     ("doctor", "orchestrator.cli.commands.doctor:doctor", "Check what this machine has and lacks."),
     (
         "list",
