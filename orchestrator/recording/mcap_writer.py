@@ -7,7 +7,6 @@ flight: it is counted and said in the report.
 """
 
 import asyncio
-import contextlib
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -43,7 +42,7 @@ class RecordingReport:
 
     written: readings and notes that are in the file. dropped: by topic, what the thread could
     not take in time. failed: what could not be encoded, or came after the file had failed.
-    fault: why, in words; None when nothing went wrong.
+    fault: why, in words; None when nothing went wrong. errors: exceptions of ours, no disk's.
     """
 
     written: int
@@ -51,6 +50,7 @@ class RecordingReport:
     failed: int
     size_bytes: int
     fault: str | None
+    errors: tuple[BaseException, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -99,6 +99,7 @@ class McapRecorder:
         self._written = 0
         self._failed = 0
         self._fault: str | None = None
+        self._errors: list[BaseException] = []
 
     def __enter__(self) -> Self:
         self._file = ChunkedFile(
@@ -160,7 +161,7 @@ class McapRecorder:
             size_bytes = self._done.get()
             dropped = tuple(sorted(self._dropped.items()))
             self._report = RecordingReport(
-                self._written, dropped, self._failed, size_bytes, self._fault
+                self._written, dropped, self._failed, size_bytes, self._fault, tuple(self._errors)
             )
         return self._report
 
@@ -228,8 +229,12 @@ class McapRecorder:
         if self._fault is None:
             self._guarded(lambda: self._file.finish(self._counts()))
         size_bytes = 0
-        with contextlib.suppress(OSError):
+        try:
             size_bytes = self._file.close()
+        except OSError:
+            pass
+        except Exception as error:  # noqa: BLE001  # whoever closes waits for this thread
+            self._errors.append(error)
         self._done.put(size_bytes)
 
     def _next(self) -> _Item | None:
@@ -248,6 +253,7 @@ class McapRecorder:
             messages = item.encode()
         except Exception as error:  # noqa: BLE001  # a reading may be bad in any way there is
             self._failed += 1
+            self._errors.append(error)
             self._missing(item.t_s, f"{type(error).__name__}: {error}")
             return
         written = self._guarded(lambda: self._append(messages, item.schema))
@@ -272,6 +278,7 @@ class McapRecorder:
         except OSError as error:
             self._fault = f"{self._path.name}: {error.strerror or error}; recording ended"
         except Exception as error:  # noqa: BLE001  # a thread that dies would stall a virtual run
+            self._errors.append(error)
             self._fault = f"{self._path.name}: {type(error).__name__}: {error}; recording ended"
         return self._fault is None
 

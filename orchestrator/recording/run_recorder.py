@@ -30,6 +30,7 @@ from vehicles.cameras import sleep_until
 from vehicles.driver.state import VehicleEvent
 from vehicles.mavlink.tlog import TlogWriter
 from vehicles.readings import Reading
+from vehicles.tasks import TakeFault
 
 TRAJECTORY_HZ = 20.0
 _SNAPSHOT_AFTER_S = 1.0
@@ -43,7 +44,8 @@ class RunRecorder:
     pictures that are perceived; None for no video. collision_oracles: names of those whose flags
     are contacts. clock: whether run.mcap waits for its writer or drops. settings: what it holds;
     facts: what it tells of the run. broken: told once, why, when something cannot be written any
-    more (the disk is full); what comes after is let go. `artifacts` names what was written.
+    more (the disk is full); what comes after is let go. fault: told of exceptions of ours.
+    `artifacts` names what was written.
     """
 
     def __init__(
@@ -59,7 +61,9 @@ class RunRecorder:
         settings: RecordingSettings,
         broken: Callable[[str], None],
         facts: Mapping[str, str],
+        fault: TakeFault,
     ) -> None:
+        self._fault = fault
         self._folder = folder
         self._time = time
         self._stack = ExitStack()
@@ -106,8 +110,10 @@ class RunRecorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._told_of_recording(self._mcap.close())
-        self._keep(self._stack.close)
+        try:
+            self._told_of_recording(self._mcap.close())
+        finally:
+            self._keep(self._stack.close)
         shown = self._snapshot or self._last
         if shown is None:
             return
@@ -131,6 +137,8 @@ class RunRecorder:
 
     def _told_of_recording(self, report: RecordingReport) -> None:
         """Say what run.mcap lacks: a replay of it would not show it."""
+        for error in report.errors:
+            self._fault(error, "run.mcap")
         if report.complete:
             return
         dropped = ", ".join(f"{count} of {topic}" for topic, count in report.dropped)

@@ -32,4 +32,5 @@ def recorder_of(setup: RunSetup, course: Course, kinds: Mapping[str, str]) -> Ru
         settings=recording_settings(setup.campaign.record),
         broken=lambda why: course.decide("ERROR", why, source="recording"),
         facts=facts_of(setup),
+        fault=course.fault,
     )

@@ -12,7 +12,10 @@ from unittest import mock
 
 from campaigns.expansion import Options, load_campaign
 from orchestrator import clock
+from orchestrator.faults import fault_log
+from orchestrator.flying import lost_result
 from orchestrator.operator import OperatorCommand
+from orchestrator.pool import _lost_by
 from orchestrator.results import RunResult, exit_code
 from orchestrator.run.course import Course
 from orchestrator.run.opening import Pair
@@ -64,7 +67,8 @@ class Nobody:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What came of a flight. result: None when the run raised. up: who was not down at the end."""
+    """What came of a flight. result: also of a run that raised, as its worker
+    gives it. up: who was not down at the end."""
 
     injection: Injection | None
     result: RunResult | None
@@ -81,7 +85,7 @@ class Outcome:
             return []
         found = [f"{name} is not down" for name in self.up]
         if self.result is None:
-            return [*found, f"the run raised {self.raised}: no result"]
+            return [*found, "no result"]
         if self.result.verdict == "PASS":
             found.append("PASS")
         elif exit_code([self.result], []) == 0:
@@ -153,8 +157,10 @@ class Flights:
                 stack.enter_context(calls_pass_by(probe, but=NOT_CALLED))
             try:
                 result = fly(setup, lambda _: None, Nobody(), disturb=watch)
-            except BaseException as error:  # noqa: BLE001 - what came of it is what is asked
-                raised = f"{type(error).__name__}: {error}"
+            except BaseException as error:  # noqa: BLE001 - a worker takes whatever it was
+                lost = _lost_by(error)
+                raised, result = lost.reason, lost_result(self._plan, lost)
+                fault_log(folder / "log.jsonl")(lost.fault)
         up = [
             name
             for witness in seen

@@ -76,6 +76,9 @@ class Probe:
         wanted = self.injection
         if self.raised or wanted is None or (point, count) != (wanted.point, wanted.nth):
             return None
+        task = asyncio.current_task()
+        if wanted.error == "cancelled" and task is not None and task.cancelling():
+            return None  # It has been asked to end by that very exception.
         self.raised = True
         return wanted.make()
 

@@ -14,7 +14,7 @@ from tests.faults.exceptions.flights import Flights, injections_of
 from tests.faults.exceptions.injection import Injection, Point
 
 _SEED = 9
-_SAMPLE = 6
+_SAMPLE = 4
 """How many of each kind and mode fly in the ordinary suite."""
 _STAGES = {"opening", "start", "identify", "ready", "arm", "takeoff", "at_height", "goal", "done"}
 _STAGES |= {"land", "landed", "end"}

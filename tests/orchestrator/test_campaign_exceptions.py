@@ -1,0 +1,85 @@
+"""Exceptions of ours beside the flights: display, worker processes, the campaign's own loop."""
+
+import asyncio
+import atexit
+import os
+from pathlib import Path
+
+import pytest
+
+from campaigns.expansion import Options, load_campaign
+from orchestrator import flying
+from orchestrator.cli.display import Silent
+from orchestrator.flying import CampaignOutcome, FlyingSettings, fly_campaign
+from orchestrator.operator import Inbox
+from orchestrator.progress import Report
+from orchestrator.results import RunResult
+from orchestrator.run.setup import RunOrder
+from tests.orchestrator.flights import log_of
+from tests.orchestrator.hover import write_hover
+from tests.orchestrator.test_resuming import quick_fly
+
+
+def raise_key_error(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    raise KeyError("lost")
+
+
+def raise_cancelled(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    raise asyncio.CancelledError("lost")
+
+
+def end_badly(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    atexit.register(os._exit, 7)
+    return quick_fly(order, report, inbox)
+
+
+class Raising(Silent):
+    """A display with an error in it."""
+
+    def finished(self, result: RunResult) -> None:
+        raise KeyError("display")
+
+
+def fly(folder: Path, watcher: Silent | None = None) -> CampaignOutcome:
+    campaign = load_campaign(write_hover(folder), Options(repetitions=1))
+    settings = FlyingSettings(out=folder / "out", clock="virtual", jobs=1)
+    return fly_campaign(campaign, settings, watcher or Silent())
+
+
+@pytest.mark.parametrize(
+    ("fly_order", "kind"), [(raise_key_error, "KeyError"), (raise_cancelled, "CancelledError")]
+)
+def test_what_a_worker_raises_is_an_error_with_its_traceback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fly_order: object, kind: str
+) -> None:
+    monkeypatch.setattr(flying, "fly_order", fly_order)
+    outcome = fly(tmp_path)
+    (run,) = outcome.summary.runs
+    assert (run.verdict, outcome.exit_code) == ("ERROR", 3)
+    assert len(run.exceptions) == 1
+    (line,) = log_of(outcome.folder / run.case / run.mode / str(run.rep))
+    assert (line["event"], line["type"]) == ("error", kind)
+    assert "lost" in line["message"]
+    assert "Traceback" in line["trace"]
+
+
+def test_a_display_that_raises_is_never_exit_0(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flying, "fly_order", quick_fly)
+    outcome = fly(tmp_path, Raising())
+    assert [run.verdict for run in outcome.summary.runs] == ["PASS"]
+    assert outcome.exit_code == 3
+    (line,) = log_of(outcome.folder)
+    assert (line["type"], line["message"]) == ("KeyError", "'display'")
+    assert "Traceback" in line["trace"]
+
+
+def test_a_worker_that_ends_badly_after_its_last_run_is_never_exit_0(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flying, "fly_order", end_badly)
+    outcome = fly(tmp_path)
+    assert outcome.exit_code == 3
+    (line,) = log_of(outcome.folder)
+    assert "exit status 7" in line["message"]
