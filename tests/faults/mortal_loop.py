@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextvars import Context
 from typing import Any
 
-from orchestrator.clock import VirtualLoop
+from orchestrator.model.clock import VirtualLoop
 
 _SPARED = ("asyncio", "safety.guard", "tests.faults", "vehicles.embedded", "vehicles.links")
 """Of a killed orchestrator: what belongs to the guard, the vehicles, their links, and to us."""

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any, Literal
 
-from orchestrator.clock import VirtualLoop
+from orchestrator.model.clock import VirtualLoop
 
 ROOT = Path(__file__).parents[3]
 PACKAGES = ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")

@@ -1,0 +1,112 @@
+"""What a vehicle in a process of its own sends beside MAVLink, and is sent."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vehicles.clocks.sim_clock_controller import Segment
+from vehicles.embedded.physics.states import TruthSample
+from vehicles.embedded.process.feed import (
+    GoOn,
+    MakeFault,
+    Mocap,
+    ToVehicle,
+    Truth,
+    WorldEvent,
+    from_vehicle,
+    is_finite,
+    to_vehicle,
+)
+from vehicles.embedded.process.injected_faults import Fault, FaultError, parse_fault
+from vehicles.processes.codec import MessageError
+from vehicles.readings import PoseReading
+from worlds.frames import Pose
+
+number = st.floats(-1e30, 1e30)
+place = st.tuples(number, number, number)
+poses = st.builds(Pose, place, st.tuples(number, number, number, number))
+SAMPLE = TruthSample(
+    12.5,
+    Pose.of(1.0, -2.0, 3.0, yaw_rad=0.5),
+    (0.1, 0.2, 0.3),
+    on_ground=True,
+    motors_stopped=False,
+    contact="wall",
+    rates_frd_rad_s=(1.0, 2.0, 3.0),
+    specific_force_frd_m_s2=(0.1, -0.2, -9.7),
+    thrusts_n=(1.1, 1.2, 1.3, 1.4),
+)
+READING = PoseReading(12.5, 12.6, "twin", Pose.of(1.0, -2.0, 3.0), None)
+
+
+@given(poses, place)
+def test_samples_and_readings_come_back(pose: Pose, velocity: tuple[float, float, float]) -> None:
+    truth = Truth(3, SAMPLE._replace(pose=pose, velocity_ned_m_s=velocity))
+    reading = Mocap(4, replace(READING, pose=pose, velocity_ned_m_s=velocity))
+    for message in (truth, reading, Truth(5, SAMPLE), Mocap(6, READING)):
+        again = from_vehicle.decode(from_vehicle.encode(message))
+        assert again == message
+        assert is_finite(again)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        WorldEvent(1, "start", 2.5),
+        MakeFault(2, "motor 2 0.5"),
+        GoOn(3, Segment(1.0, 2.0, 4.0)),
+        GoOn(3, Segment(1.0, 2.0, 4.0, 0.5)),
+    ],
+)
+def test_what_a_vehicle_is_sent_comes_back(message: ToVehicle) -> None:
+    assert to_vehicle.decode(to_vehicle.encode(message)) == message
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Truth(1, SAMPLE._replace(t_s=math.nan)),
+        Truth(1, SAMPLE._replace(pose=Pose((math.nan, 0.0, 0.0)))),
+        Truth(1, SAMPLE._replace(thrusts_n=(1.0, math.inf, 1.0, 1.0))),
+        Mocap(1, replace(READING, pose=Pose((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0)))),
+        Mocap(1, replace(READING, velocity_ned_m_s=(0.0, math.inf, 0.0))),
+    ],
+)
+def test_what_is_not_finite_is_seen(message: Truth | Mocap) -> None:
+    assert not is_finite(from_vehicle.decode(from_vehicle.encode(message)))
+
+
+@given(st.binary(max_size=500))
+def test_garbage_is_refused_and_never_crashes(data: bytes) -> None:
+    for codec in (from_vehicle, to_vehicle):
+        with pytest.raises(MessageError):
+            codec.decode(data)
+
+
+@given(st.data())
+def test_damaged_datagrams_never_crash(data: st.DataObject) -> None:
+    raw = bytearray(from_vehicle.encode(Truth(3, SAMPLE)))
+    raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    cut = data.draw(st.integers(0, len(raw)))
+    for damaged in (bytes(raw), bytes(raw[:cut])):
+        try:
+            is_finite(from_vehicle.decode(damaged))
+        except MessageError:
+            continue
+
+
+@given(
+    st.sampled_from(["kill", "mute", "unmute"]).map(Fault)
+    | st.builds(Fault, st.just("motor"), st.integers(0, 3), st.floats(0.0, 2.0))
+)
+def test_faults_survive_as_texts(fault: Fault) -> None:
+    assert parse_fault(str(fault)) == fault
+
+
+@pytest.mark.parametrize("text", ["", "explode", "motor", "motor 9 1", "motor x 1", "kill now"])
+def test_unknown_faults_are_refused(text: str) -> None:
+    with pytest.raises(FaultError, match="is no fault"):
+        parse_fault(text)

@@ -1,0 +1,65 @@
+"""The side channel of a vehicle in another process: truth and motion capture out, events in.
+
+One message is one UDP datagram on loopback. Times are CLOCK_MONOTONIC, which all
+processes of a machine share. seq counts up by one per datagram of a sender.
+"""
+
+import math
+
+from vehicles.clocks.sim_clock_controller import Segment
+from vehicles.embedded.physics.states import TruthSample
+from vehicles.processes.codec import Codec, Finite, Message
+from vehicles.readings import PoseReading
+
+
+class Truth(Message, frozen=True):
+    """Where the vehicle truly is, and what it feels."""
+
+    seq: int
+    sample: TruthSample
+
+
+class Mocap(Message, frozen=True):
+    """A motion-capture reading; the receiver says when it arrived, and of which vehicle it is."""
+
+    seq: int
+    reading: PoseReading
+
+
+class WorldEvent(Message, frozen=True):
+    """An event of the world, by its name."""
+
+    seq: int
+    name: str
+    t_s: Finite
+
+
+class MakeFault(Message, frozen=True):
+    """A fault to make, as the text that `faults` reads."""
+
+    seq: int
+    fault: str
+
+
+class GoOn(Message, frozen=True):
+    """How the run clock goes on."""
+
+    seq: int
+    segment: Segment
+
+
+FromVehicle = Truth | Mocap
+ToVehicle = WorldEvent | MakeFault | GoOn
+from_vehicle: Codec[FromVehicle] = Codec(FromVehicle)
+to_vehicle: Codec[ToVehicle] = Codec(ToVehicle)
+
+
+def is_finite(message: FromVehicle) -> bool:
+    """Return whether all numbers of a pose, and its time, are finite."""
+    match message:
+        case Truth(_, sample):
+            felt = (*sample.rates_frd_rad_s, *sample.specific_force_frd_m_s2, *sample.thrusts_n)
+            pose, more = sample.pose, sum((*sample.velocity_ned_m_s, sample.t_s, *felt))
+        case Mocap(_, reading):
+            pose, more = reading.pose, sum((*(reading.velocity_ned_m_s or ()), reading.t_s))
+    return math.isfinite(sum((*pose.position_ned_m, *pose.q_wxyz, more)))
