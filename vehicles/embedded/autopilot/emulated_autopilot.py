@@ -10,9 +10,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
 from vehicles.embedded.autopilot.flight.flight import Flight, FlightStyle
-from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.mission_items import Item, ItemRules
 from vehicles.embedded.autopilot.flight.parameter_table import Parameters
-from vehicles.embedded.autopilot.services import mission_service
+from vehicles.embedded.autopilot.services import discovery, mission_service
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
@@ -37,6 +37,10 @@ from vehicles.embedded.physics.battery import Charge
 from vehicles.embedded.physics.states import Motion, Thrusts
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+_EARLIEST_UNIX_US, _LATEST_UNIX_US = 1_230_768_000_000_000, 1 << 62
+"""Of 2009 on: what is earlier is a clock that was never set."""
+_HIGHEST_INTERVAL_ID = 65535
+"""MESSAGE_INTERVAL carries ids of 16 bits."""
 
 
 class EmulatedAutopilot(ABC):
@@ -48,6 +52,7 @@ class EmulatedAutopilot(ABC):
 
     builders: ClassVar[dict[int, telemetry.Builder]]
     style: ClassVar[FlightStyle]
+    item_rules: ClassVar[ItemRules]
     is_px4: ClassVar[bool]
     """PX4's conventions of the wire rather than ArduPilot's: parameters, texts, missions."""
 
@@ -72,6 +77,8 @@ class EmulatedAutopilot(ABC):
             send=self.outbox.send,
             accept=self._accept_items,
             home=None if self.is_px4 else self._home_item,
+            rules=self.item_rules,
+            go_to=self._go_to_item,
         )
         log_format = ULog if self.is_px4 else DataFlash
         self.logs = FlightLogs(
@@ -117,6 +124,10 @@ class EmulatedAutopilot(ABC):
     def _is_forced(self, command: Command) -> bool:
         """Return whether an arm or disarm command skips the checks."""
 
+    @abstractmethod
+    def _mode_entries(self) -> tuple[discovery.ModeEntry, ...]:
+        """Return the modes as AVAILABLE_MODES lists them."""
+
     def _hears_texts(self) -> bool:
         """Return whether the peer is one that is sent STATUSTEXT."""
         return True
@@ -128,6 +139,10 @@ class EmulatedAutopilot(ABC):
     def _fence_result(self, fence: Fence) -> int:  # noqa: ARG002 - subclasses look at it
         """Return the MAV_MISSION_RESULT of an uploaded fence."""
         return mission_service.ACCEPTED
+
+    def _go_to_item(self, item: Item) -> int:  # noqa: ARG002 - ArduCopter looks at it
+        """Fly a MISSION_ITEM that is to be flown now; return a MAV_MISSION_RESULT."""
+        return int(mavlink.MAV_MISSION_ERROR)
 
     # The loop.
 
@@ -203,6 +218,16 @@ class EmulatedAutopilot(ABC):
             peer = (message.get_srcSystem(), message.get_srcComponent())
             self.outbox.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *peer))
 
+    @on_message("SYSTEM_TIME")
+    def _on_system_time(self, message: Any) -> None:
+        """Take the time of day from a companion computer or a ground station."""
+        if _EARLIEST_UNIX_US < message.time_unix_usec < _LATEST_UNIX_US:
+            self.state.unix_offset_us = message.time_unix_usec - self.state.boot_us
+
+    @on_message("FILE_TRANSFER_PROTOCOL")
+    def _on_file_transfer(self, message: Any) -> None:
+        self.outbox.send(discovery.file_answer(message))
+
     @on_message("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_REQUEST_END", "LOG_ERASE")
     def _on_logs(self, message: Any) -> None:
         self.logs.handle(message)
@@ -233,12 +258,6 @@ class EmulatedAutopilot(ABC):
     def _on_mission(self, message: Any) -> None:
         self.missions.handle(message, self.t_s)
 
-    @on_message("MISSION_SET_CURRENT")
-    def _on_mission_set_current(self, message: Any) -> None:
-        if message.seq < len(self.missions.items(mission_service.MISSION)):
-            self.state.mission_seq = message.seq
-        self.outbox.send(telemetry.mission_current(self.state))
-
     @on_message("COMMAND_LONG")
     def _on_command_long(self, message: Any) -> None:
         self._do(from_long(message))
@@ -250,8 +269,15 @@ class EmulatedAutopilot(ABC):
     @on_message("SET_MODE")
     def _on_set_mode(self, message: Any) -> None:
         """Take the message that old ground stations send instead of the command."""
-        if message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-            self.set_mode(*self._split_mode(message.custom_mode))
+        custom = message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        result = self.set_mode(*self._split_mode(message.custom_mode)) if custom else DENIED
+        # PX4 makes the command of it; ArduPilot acknowledges the message by its own number.
+        number = mavlink.MAV_CMD_DO_SET_MODE if self.is_px4 else mavlink.MAVLINK_MSG_ID_SET_MODE
+        self.outbox.send(
+            mavlink.MAVLink_command_ack_message(
+                number, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
+            )
+        )
 
     def _do(self, command: Command) -> None:
         name = self._commands.get(command.number)
@@ -266,19 +292,21 @@ class EmulatedAutopilot(ABC):
 
     @on_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
     def _set_interval(self, command: Command) -> int:
-        number, interval_us = command.params[0], command.params[1]
-        if number not in mavlink.mavlink_map:
+        number, interval_us = command.whole(0), command.params[1]
+        if number not in mavlink.mavlink_map or math.isnan(interval_us):
             return DENIED
         if interval_us == 0.0:
-            self.streams.reset_rate(int(number), now_s=self.t_s)
+            self.streams.reset_rate(number, now_s=self.t_s)
         else:
             rate_hz = 1e6 / interval_us if interval_us > 0.0 else 0.0
-            self.streams.set_rate(int(number), rate_hz, now_s=self.t_s)
+            self.streams.set_rate(number, rate_hz, now_s=self.t_s)
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL)
     def _get_interval(self, command: Command) -> int:
-        message_id = int(command.params[0])
+        message_id = command.whole(0)
+        if not 0 <= message_id <= _HIGHEST_INTERVAL_ID:
+            return DENIED
         interval_s = self.streams.interval_s(message_id)
         interval_us = -1 if interval_s is None else round(interval_s * 1e6)
         self.outbox.send(mavlink.MAVLink_message_interval_message(message_id, interval_us))
@@ -286,7 +314,13 @@ class EmulatedAutopilot(ABC):
 
     @on_command(mavlink.MAV_CMD_REQUEST_MESSAGE)
     def _request_message(self, command: Command) -> int:
-        return ACCEPTED if self._send_id(int(command.params[0])) else FAILED
+        message_id = command.whole(0)
+        if message_id == discovery.AVAILABLE_MODES:
+            modes = discovery.available_modes(self._mode_entries(), command.whole(1))
+            for message in modes:
+                self.outbox.send_later(message)
+            return ACCEPTED if modes else FAILED
+        return ACCEPTED if self._send_id(message_id) else FAILED
 
     @on_command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES)
     def _request_capabilities(self, _: Command) -> int:
@@ -295,10 +329,9 @@ class EmulatedAutopilot(ABC):
 
     @on_command(mavlink.MAV_CMD_DO_SET_MODE)
     def _set_mode(self, command: Command) -> int:
-        base_mode, mode, submode, _ = command.params
-        if not int(base_mode) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        if not command.whole(0) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return DENIED
-        return self.set_mode(int(mode), int(submode))
+        return self.set_mode(command.whole(1), command.whole(2))
 
     @on_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
     def _arm_disarm(self, command: Command) -> int:
@@ -317,7 +350,7 @@ class EmulatedAutopilot(ABC):
     def _set_home(self, command: Command) -> int:
         if command.params[0] == 1.0:
             self.state.home_ned_m = self.state.now.position_ned_m
-        elif math.isfinite(command.x + command.y + command.z):
+        elif command.has_place:
             self.state.home_ned_m = self.state.frame.to_ned(command.x, command.y, command.z)
         else:
             return DENIED

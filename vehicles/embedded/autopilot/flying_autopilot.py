@@ -12,13 +12,18 @@ from vehicles.embedded.autopilot.emulated_autopilot import EmulatedAutopilot
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, Wanted
 from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
-from vehicles.embedded.autopilot.flight.mission_flight import FlyMission, steps_of
 from vehicles.embedded.autopilot.flight.parameter_table import load_parameters
 from vehicles.embedded.autopilot.flight.setpoint_targets import (
     RELATIVE_ALTITUDE_FRAMES,
     global_setpoint,
 )
-from vehicles.embedded.autopilot.services import mission_service
+from vehicles.embedded.autopilot.flight.sticks import (
+    FlyBySticks,
+    StickLimits,
+    Sticks,
+    sticks_of_manual,
+)
+from vehicles.embedded.autopilot.services import discovery
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     Command,
@@ -47,8 +52,6 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
 
     parameter_file: ClassVar[Path]
     mav_autopilot: ClassVar[int]
-    first_mission_item: ClassVar[int]
-    """Of the user's: ArduPilot's item 0 is home."""
     refused: ClassVar[int]
     """MAV_RESULT of an arm or disarm command that the checks refuse."""
     standard: StandardModes[Mode]
@@ -78,6 +81,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
         )
         self.mode = mode
         self.failsafe = False
+        self.sticks: Sticks | None = None
 
     # What each firmware does in its own way.
 
@@ -117,7 +121,23 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     def _disarm_delay_s(self, *, after_flight: bool) -> float:
         """Return how long it stays armed on the ground; 0 for ever."""
 
+    @abstractmethod
+    def _stick_limits(self) -> StickLimits:
+        """Return what the sticks ask for at their ends."""
+
+    @abstractmethod
+    def _sticks_last_s(self) -> float:
+        """Return how long the sticks count after they came."""
+
+    @abstractmethod
+    def _is_flown_by_hand(self, mode: Mode) -> bool:
+        """Return whether a mode is flown by the sticks."""
+
     # What it says of itself.
+
+    @on_request(discovery.CURRENT_MODE)
+    def _current_mode(self) -> Any:
+        return discovery.current_mode(self._mode_entries(), self._custom_mode())
 
     @on_request(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
     def _heartbeat(self) -> Any:
@@ -139,6 +159,8 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
 
     def enter(self, mode: Mode) -> None:
         """Fly a mode from now on."""
+        if mode != self.mode:
+            self.manoeuvres.forget_speeds()
         self.mode = mode
         if self.flight.armed:
             self.flight.fly(self._behaviour(mode))
@@ -197,6 +219,35 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
         if 0.0 < self._disarm_delay_s(after_flight=landed_at_s is not None) <= self.t_s - since_s:
             self.stop_motors("auto preflight disarming" if landed_at_s is None else "landing")
 
+    # Sticks.
+
+    def fresh_sticks(self) -> Sticks | None:
+        """Return the sticks; None when there are none, or none any longer."""
+        sticks = self.sticks
+        if sticks is None or self.t_s - sticks.at_s > self._sticks_last_s():
+            return None
+        return sticks
+
+    @on_message("MANUAL_CONTROL")
+    def _on_manual_control(self, message: Any) -> None:
+        if message.target in {0, self.identity.system_id}:
+            self._take_sticks(
+                sticks_of_manual(message.x, message.y, message.z, message.r, at_s=self.t_s)
+            )
+
+    def _take_sticks(self, sticks: Sticks | None) -> None:
+        self.sticks = sticks
+        flown = isinstance(self.flight.behaviour, FlyBySticks)
+        if self.flight.armed and self._is_flown_by_hand(self.mode) and not flown:
+            self.flight.fly(self._by_sticks())
+
+    def _by_sticks(self) -> Behaviour:
+        return FlyBySticks(
+            sticks=self.fresh_sticks,
+            limits=self._stick_limits(),
+            yaw_rad=self.state.now.euler_rad[2],
+        )
+
     # Setpoints and places.
 
     def _takes_global_setpoints(self) -> bool:
@@ -209,11 +260,14 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
             self._take_setpoint(global_setpoint(message, state.frame, state.home_down_m))
 
     def _place_of(self, command: Command) -> Vec3:
-        """Return where a command's place is, local; what is not finite is the present."""
+        """Return where a command's place is, local; what is not finite is the present.
+
+        PX4 takes the height above mean sea level, whatever the frame says.
+        """
         state = self.state
         here = state.frame.to_geodetic(state.now.position_ned_m)
         altitude_m = command.z
-        if command.frame in RELATIVE_ALTITUDE_FRAMES:
+        if command.frame in RELATIVE_ALTITUDE_FRAMES and not self.is_px4:
             altitude_m += state.frame.altitude_m - state.home_down_m
         return state.frame.to_ned(
             command.x if math.isfinite(command.x) else here.latitude_deg,
@@ -221,25 +275,5 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
             altitude_m if math.isfinite(altitude_m) else here.altitude_m,
         )
 
-    # Missions.
-
-    def _mission(self) -> Behaviour | None:
-        """Return the flight of the uploaded mission; None when nothing in it is flown."""
-        state = self.state
-        items = self.missions.items(mission_service.MISSION)
-        first = max(self.first_mission_item, state.mission_seq)
-        steps = steps_of(
-            items,
-            first=first,
-            state=state,
-            manoeuvres=self.manoeuvres,
-            go_home=self._return_home,
-        )
-        return FlyMission(steps=steps, reached=self._reached) if steps else None
-
     def _return_home(self) -> Behaviour:
         return self.manoeuvres.go_home()
-
-    def _reached(self, seq: int) -> None:
-        self.outbox.send(mavlink.MAVLink_mission_item_reached_message(seq))
-        self.state.mission_seq = min(seq + 1, self.state.mission_total - 1)

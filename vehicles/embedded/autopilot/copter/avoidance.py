@@ -41,6 +41,8 @@ class SimpleAvoidance:
     def obstacle_distance(self, message: Any, t_s: float) -> None:
         """Take an OBSTACLE_DISTANCE."""
         step_deg = message.increment_f or float(message.increment)
+        if not math.isfinite(step_deg + message.angle_offset):
+            return
         found = tuple(
             (math.radians(message.angle_offset + k * step_deg), cm / 100.0)
             for k, cm in enumerate(message.distances)

@@ -13,19 +13,33 @@ from vehicles.embedded.autopilot.copter.copter_failsafes import Failsafes, View
 from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import TiltWatch
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome, Wanted
+from vehicles.embedded.autopilot.flight.guidance import (
+    Behaviour,
+    Follow,
+    GoTo,
+    ReturnHome,
+    TakeOff,
+    Wanted,
+)
+from vehicles.embedded.autopilot.flight.mission_flight import place_of, starts_with_takeoff
+from vehicles.embedded.autopilot.flight.mission_items import Item, item_fault
+from vehicles.embedded.autopilot.flight.places import is_altitude
 from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.autopilot.flight.sticks import sticks_of_pulses
+from vehicles.embedded.autopilot.services import mission_service
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,
+    UNSUPPORTED,
     Command,
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.services.outbox import INFO
+from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO
 from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
+from worlds.frames import Vec3
 
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""
@@ -79,6 +93,11 @@ class ArduCopter(CopterCore):
     def _takes_global_setpoints(self) -> bool:
         return self.mode is CopterMode.GUIDED
 
+    @on_message("RC_CHANNELS_OVERRIDE")
+    def _on_override(self, message: Any) -> None:
+        pulses_us = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
+        self._take_sticks(sticks_of_pulses(pulses_us, self.fresh_sticks(), at_s=self.t_s))
+
     @on_message("OBSTACLE_DISTANCE")
     def _on_obstacles(self, message: Any) -> None:
         self.avoidance.obstacle_distance(message, self.t_s)
@@ -113,7 +132,7 @@ class ArduCopter(CopterCore):
         flight = self.flight
         if self.mode is not CopterMode.GUIDED or not flight.armed or not flight.landed:
             return FAILED
-        if not command.z > 0.0:
+        if not (command.z > 0.0 and is_altitude(command.z)):
             return FAILED
         down_m = self.state.home_down_m - command.z
         flight.fly(self.manoeuvres.take_off(down_m))
@@ -122,17 +141,17 @@ class ArduCopter(CopterCore):
 
     @on_command(mavlink.MAV_CMD_DO_REPOSITION)
     def _reposition(self, command: Command) -> int:
-        change_mode = int(command.params[1]) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
-        if not math.isfinite(command.x + command.y + command.z):
+        if command.frame is None:
+            return UNSUPPORTED
+        change_mode = command.whole(1) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+        if not command.has_place:
             return DENIED
         if self.mode is not CopterMode.GUIDED:
             if not change_mode:
                 return DENIED
             if self.choose(CopterMode.GUIDED) != ACCEPTED:
                 return FAILED
-        if self.flight.armed and not self.flight.landed:
-            self.velocity_at_s = None
-            self.flight.fly(self.manoeuvres.go_to(self._place_of(command), radius_m=0.3))
+        self._fly_to(self._place_of(command))
         return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION)
@@ -151,14 +170,68 @@ class ArduCopter(CopterCore):
 
     def choose(self, mode: CopterMode) -> int:
         """Switch to the user's mode if it can run; AUTO needs a mission."""
-        if mode is CopterMode.AUTO and self.state.mission_total < 2:
+        if mode is CopterMode.AUTO and not self._can_begin_mission():
             self.outbox.say(INFO, "Mode change to Auto failed: init failed")
             return FAILED
         return super().choose(mode)
 
+    def _can_begin_mission(self) -> bool:
+        """Return whether there is a mission, and from the ground one that takes off."""
+        items = self.missions.items(mission_service.MISSION)[1:]
+        if self.flight.armed and self.flight.landed and not starts_with_takeoff(items):
+            self.outbox.say(CRITICAL, "Auto: Missing Takeoff Cmd")
+            return False
+        return bool(items)
+
+    def _lift(self, down_m: float) -> Behaviour | None:  # noqa: ARG002 - PX4 climbs to it
+        return None
+
+    @on_command(mavlink.MAV_CMD_MISSION_START)
+    def _start_mission(self, command: Command) -> int:
+        """Fly the mission; ArduCopter takes no first and last item."""
+        if command.params[0] != 0.0 or command.params[1] != 0.0:
+            return DENIED
+        return self.choose(CopterMode.AUTO)
+
+    def _go_to_item(self, item: Item) -> int:
+        """Fly to a guided item, in GUIDED and in the air."""
+        rules = self.item_rules
+        placed = item_fault(mission_service.MISSION, item, rules) == mission_service.ACCEPTED
+        if not placed or item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
+            return int(mavlink.MAV_MISSION_INVALID)
+        if self.mode is not CopterMode.GUIDED:
+            return int(mavlink.MAV_MISSION_ERROR)
+        self._fly_to(place_of(item, self.state))
+        return mission_service.ACCEPTED
+
+    def _fly_to(self, position_ned_m: Vec3) -> None:
+        """Fly to a place in GUIDED; on the ground nothing follows."""
+        if self.flight.armed and not self.flight.landed:
+            self.velocity_at_s = None
+            self.flight.fly(self.manoeuvres.go_to(position_ned_m, radius_m=0.3))
+
+    @on_command(mavlink.MAV_CMD_CONDITION_YAW)
+    def _turn(self, command: Command) -> int:
+        """Turn to a heading (param1, degrees), from the present one when param4 is 1."""
+        angle_deg, _, direction, relative = command.params
+        if self.mode is not CopterMode.GUIDED or not math.isfinite(angle_deg):
+            return FAILED
+        if relative not in {0.0, 1.0} or direction not in {-1.0, 0.0, 1.0}:
+            return DENIED
+        yaw_rad = math.radians(math.fmod(angle_deg, 360.0))
+        if relative == 1.0:
+            yaw_rad = self.state.now.euler_rad[2] + (direction or 1.0) * abs(yaw_rad)
+        behaviour = self.flight.behaviour
+        if isinstance(behaviour, TakeOff) and not self.taking_off:
+            behaviour = self.manoeuvres.go_to(behaviour.goal_ned_m, radius_m=0.3)
+            self.flight.fly(behaviour)
+        if isinstance(behaviour, Follow | GoTo):
+            behaviour.face(yaw_rad)
+        return ACCEPTED
+
     def _behaviour(self, mode: CopterMode) -> Behaviour:
         if mode is CopterMode.AUTO:
-            return self._mission() or super()._behaviour(CopterMode.LOITER)
+            return self._mission()
         return super()._behaviour(mode)
 
     # Supervision.
@@ -176,6 +249,7 @@ class ArduCopter(CopterCore):
         if self.velocity_at_s is not None and t_s - self.velocity_at_s > timeout_s:
             self.velocity_at_s = None
             self.follow.stand(self.state.now)
+        self._watch_mission()
         self._check_failsafes()
         if self._tilt.tumbling(self.state.now, t_s):
             self.strike("tumbling")

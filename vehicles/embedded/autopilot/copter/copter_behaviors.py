@@ -2,7 +2,13 @@
 
 import math
 
-from vehicles.embedded.autopilot.flight.guidance import GoTo, LandProfile, Speeds, TakeOff
+from vehicles.embedded.autopilot.flight.guidance import (
+    GoTo,
+    LandProfile,
+    Speeds,
+    TakeOff,
+    speed_limits,
+)
 from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
 from worlds.frames import Vec3
 
@@ -19,15 +25,15 @@ _LEAST_SLOPE = 0.5
 class CopterManoeuvres(Manoeuvres):
     """Behaviours by WP_*, LAND_* and RTL_*."""
 
-    def speeds(self) -> Speeds:
+    def default_speeds(self) -> Speeds:
         """Return the limits of the automatic modes."""
         p = self._p
-        return Speeds(p["WP_SPD"], p["WP_SPD_UP"], p["WP_SPD_DN"])
+        return speed_limits(p["WP_SPD"], p["WP_SPD_UP"], p["WP_SPD_DN"])
 
     def return_speeds(self) -> Speeds:
         """Return the limits of RTL, which may have a speed of its own."""
         limits = self.speeds()
-        return limits._replace(across=self._p["RTL_SPEED_MS"] or limits.across)
+        return limits._replace(across=max(0.0, self._p["RTL_SPEED_MS"]) or limits.across)
 
     def return_height_m(self) -> float:
         """Return how high above home to fly back (ModeRTL::compute_return_target)."""

@@ -11,12 +11,16 @@ from vehicles.embedded.autopilot.copter import copter_boot as boot
 from vehicles.embedded.autopilot.copter import copter_telemetry
 from vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance
 from vehicles.embedded.autopilot.copter.copter_behaviors import CopterManoeuvres
-from vehicles.embedded.autopilot.copter.copter_modes import CopterMode, copter_mode
+from vehicles.embedded.autopilot.copter.copter_missions import RULES
+from vehicles.embedded.autopilot.copter.copter_modes import ENTRIES, CopterMode, copter_mode
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import FlightStyle
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, ReturnHome
-from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, StandardModes
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, ReturnHome, speed_limits
+from vehicles.embedded.autopilot.flight.mission_items import ItemRules
+from vehicles.embedded.autopilot.flight.sticks import StickLimits
+from vehicles.embedded.autopilot.flying_autopilot import StandardModes
+from vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     FAILED,
@@ -25,6 +29,7 @@ from vehicles.embedded.autopilot.services.command_registry import (
     Command,
     on_request,
 )
+from vehicles.embedded.autopilot.services.discovery import ModeEntry
 from vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
 from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
@@ -43,10 +48,11 @@ _GAINS = Gains(
 )
 
 
-class CopterCore(FlyingAutopilot[CopterMode]):
+class CopterCore(MissionAutopilot[CopterMode]):
     """ArduCopter's modes and arming; what it does on messages and in time is in the subclass."""
 
     is_px4: ClassVar[bool] = False
+    item_rules: ClassVar[ItemRules] = RULES
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
     parameter_file: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
     first_mission_item: ClassVar[int] = 1
@@ -168,6 +174,7 @@ class CopterCore(FlyingAutopilot[CopterMode]):
         """Fly a mode from now on."""
         self.taking_off = False
         if mode is not self.mode:
+            self.manoeuvres.forget_speeds()
             self.mode = mode
             # ArduPilot tells a new mode at once, beside its heartbeat of every second.
             self.outbox.send_later(self._heartbeat())
@@ -188,7 +195,24 @@ class CopterCore(FlyingAutopilot[CopterMode]):
             return self.manoeuvres.land()
         if mode in {CopterMode.RTL, CopterMode.SMART_RTL}:
             return self.manoeuvres.go_home()
+        if mode.is_manual and self.sticks is not None:
+            return self._by_sticks()
         return self.manoeuvres.hold()
+
+    def _is_flown_by_hand(self, mode: CopterMode) -> bool:
+        return mode.is_manual
+
+    def _stick_limits(self) -> StickLimits:
+        p = self.parameters
+        down_m_s = p["PILOT_SPD_DN"] or p["PILOT_SPD_UP"]
+        speeds = speed_limits(p["LOIT_SPEED_MS"], p["PILOT_SPD_UP"], down_m_s)
+        return StickLimits(speeds, math.radians(p["PILOT_Y_RATE"]))
+
+    def _sticks_last_s(self) -> float:
+        return self.parameters["RC_OVERRIDE_TIME"]
+
+    def _mode_entries(self) -> tuple[ModeEntry, ...]:
+        return ENTRIES
 
     def _new_follow(self) -> Follow:
         speeds = self.manoeuvres.speeds()

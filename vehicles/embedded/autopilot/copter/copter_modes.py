@@ -5,6 +5,8 @@ Source: ArduCopter/mode.h (4.7).
 
 from enum import Enum
 
+from vehicles.embedded.autopilot.services.discovery import ModeEntry
+
 
 class CopterMode(Enum):
     """The number that HEARTBEAT.custom_mode carries."""
@@ -31,6 +33,16 @@ class CopterMode(Enum):
         return self.needs_position or self is CopterMode.LAND
 
     @property
+    def is_manual(self) -> bool:
+        """Return whether a person's sticks fly it."""
+        return self in {
+            CopterMode.STABILIZE,
+            CopterMode.ALT_HOLD,
+            CopterMode.LOITER,
+            CopterMode.POSHOLD,
+        }
+
+    @property
     def allows_arming(self) -> bool:
         """Return whether arming is allowed in it."""
         return self not in {
@@ -47,6 +59,14 @@ class CopterMode(Enum):
         return {"ALT_HOLD": "AltHold", "POSHOLD": "PosHold", "SMART_RTL": "SmartRTL"}.get(
             self.name, self.name if self is CopterMode.RTL else self.name.capitalize()
         )
+
+
+_STANDARD = {"LOITER": 1, "ALT_HOLD": 4, "SMART_RTL": 5, "AUTO": 6, "LAND": 7}
+"""MAV_STANDARD_MODE of those that are one."""
+
+ENTRIES = tuple(
+    ModeEntry(mode.name, mode.value, standard=_STANDARD.get(mode.name, 0)) for mode in CopterMode
+)
 
 
 def copter_mode(number: int) -> CopterMode | None:

@@ -31,6 +31,8 @@ class State:
     clock_s: float = 0.0
     clock_offset_s: float = 0.0
     """What the clock on the wire shows beyond the time since the autopilot's start."""
+    unix_offset_us: int | None = None
+    """What the time of day is beyond `boot_us`; None as long as nobody said."""
     now: Motion = AT_REST
     touching: bool = True
     home_ned_m: Vec3 | None = None

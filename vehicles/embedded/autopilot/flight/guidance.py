@@ -29,6 +29,11 @@ class Speeds(NamedTuple):
     down: float
 
 
+def speed_limits(across: float, up: float, down: float) -> Speeds:
+    """Return limits from parameters, which may be set to anything: none is below zero."""
+    return Speeds(max(0.0, across), max(0.0, up), max(0.0, down))
+
+
 Limit = Callable[[Vec3, float, float], Vec3]
 """From velocity, heading and time to the velocity that may be flown."""
 
@@ -52,6 +57,9 @@ class Behaviour(ABC):
     @abstractmethod
     def update(self, now: Motion, t_s: float) -> Target:
         """Return the target of this moment."""
+
+    def change_speeds(self, speeds: Speeds) -> None:  # noqa: B027 - most have speeds of their own
+        """Fly on at other speeds, where the behaviour flies at the automatic ones."""
 
 
 class Hold(Behaviour):
@@ -93,6 +101,14 @@ class GoTo(Behaviour):
         if math.dist(now.position_ned_m, self.position_ned_m) < self._radius_m:
             self.done = True
         return self._target
+
+    def change_speeds(self, speeds: Speeds) -> None:
+        """Fly on at other speeds."""
+        self._target = self._target._replace(speed_m_s=speeds)
+
+    def face(self, yaw_rad: float) -> None:
+        """Turn to a heading on the way."""
+        self._target = self._target._replace(yaw_rad=yaw_rad)
 
 
 class Follow(Behaviour):
@@ -137,6 +153,16 @@ class Follow(Behaviour):
         climb, down = wanted.velocity_ned_m_s[2], wanted.position_ned_m[2]
         self._lifts = self._may_lift and (climb < -0.1 or (down or 0.0) < -0.3)
         self._descends = climb > 0.1 or (down is not None and down > 0.0)
+
+    def change_speeds(self, speeds: Speeds) -> None:
+        """Fly setpoints at other speeds, the present one as well."""
+        self._speeds = speeds
+        self._still = self._still._replace(speed_m_s=speeds)
+        self._target = self._target._replace(speed_m_s=speeds)
+
+    def face(self, yaw_rad: float) -> None:
+        """Turn to a heading, and fly the setpoint on."""
+        self._target = self._target._replace(yaw_rad=yaw_rad, yaw_rate_rad_s=0.0)
 
     def stand(self, now: Motion) -> None:
         """Drop the setpoint: zero velocity, present heading."""

@@ -15,7 +15,12 @@ from vehicles.embedded.autopilot.flight.guidance import (
     TakeOff,
 )
 from vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from vehicles.embedded.autopilot.flight.places import FASTEST_M_S
 from worlds.frames import Vec3
+
+_CHANGED = {0.0: "across", 1.0: "across", 2.0: "up", 3.0: "down"}
+"""SPEED_TYPE to the limit that it changes."""
+_TAKE_BACK = -2.0
 
 
 class Manoeuvres(ABC):
@@ -24,10 +29,34 @@ class Manoeuvres(ABC):
     def __init__(self, parameters: Parameters, state: State) -> None:
         self._p = parameters
         self._state = state
+        self._changed: dict[str, float] = {}
 
     @abstractmethod
+    def default_speeds(self) -> Speeds:
+        """Return the limits of the automatic modes by parameters."""
+
     def speeds(self) -> Speeds:
-        """Return the limits of the automatic modes."""
+        """Return the limits of the automatic modes, as DO_CHANGE_SPEED left them."""
+        speeds = self.default_speeds()
+        return speeds._replace(**self._changed) if self._changed else speeds
+
+    def change_speed(self, kind: float, speed_m_s: float) -> bool:
+        """Do DO_CHANGE_SPEED: 0 and 1 across, 2 up, 3 down; return whether there is such a kind.
+
+        A speed of -1 leaves it, and -2 takes it back.
+        """
+        name = _CHANGED.get(kind)
+        if name is None or not math.isfinite(speed_m_s):
+            return False
+        if speed_m_s > 0.0:
+            self._changed[name] = min(speed_m_s, FASTEST_M_S)
+        elif speed_m_s == _TAKE_BACK:
+            self._changed.pop(name, None)
+        return True
+
+    def forget_speeds(self) -> None:
+        """Take back what DO_CHANGE_SPEED left: another mode is flown."""
+        self._changed.clear()
 
     @abstractmethod
     def return_speeds(self) -> Speeds:
@@ -52,6 +81,15 @@ class Manoeuvres(ABC):
     @abstractmethod
     def waypoint(self, position_ned_m: Vec3) -> GoTo:
         """Return the flight to a place of a mission."""
+
+    def stay_at(self, position_ned_m: Vec3) -> GoTo:
+        """Return the flight to a place from where nothing goes on by itself."""
+        return GoTo(
+            position_ned_m=position_ned_m,
+            yaw_rad=self._state.now.euler_rad[2],
+            speeds=self.speeds(),
+            radius_m=0.0,
+        )
 
     def hold(self) -> Hold:
         """Return to brake and stay."""

@@ -1,53 +1,96 @@
-"""Flying an uploaded mission: its items one after the other."""
+"""Flying an uploaded mission: its items one after the other, with jumps and changes of speed."""
 
 from collections.abc import Callable
-from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.flight.autopilot_state import State
-from vehicles.embedded.autopilot.flight.guidance import Behaviour
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Land, ReturnHome, Speeds
 from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
 from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.places import whole
 from vehicles.embedded.autopilot.flight.setpoint_targets import RELATIVE_ALTITUDE_FRAMES
 from vehicles.embedded.physics.controller import Target
 from vehicles.embedded.physics.states import Motion
 from worlds.frames import Vec3
 
-FLOWN = {
+_TO_PLACES = {
     mavlink.MAV_CMD_NAV_WAYPOINT,
+    mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT,
+    mavlink.MAV_CMD_NAV_LOITER_UNLIM,
+    mavlink.MAV_CMD_NAV_LOITER_TURNS,
+    mavlink.MAV_CMD_NAV_LOITER_TIME,
+    mavlink.MAV_CMD_NAV_LOITER_TO_ALT,
+}
+FLOWN = {
+    *_TO_PLACES,
     mavlink.MAV_CMD_NAV_TAKEOFF,
     mavlink.MAV_CMD_NAV_LAND,
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,
-    mavlink.MAV_CMD_NAV_LOITER_TIME,
+    mavlink.MAV_CMD_NAV_DELAY,
 }
-"""Commands of a mission that are flown; others are taken and passed over at once."""
+"""Commands of a mission that are flown; of others, DO_JUMP and DO_CHANGE_SPEED act."""
+_STAYS = {
+    mavlink.MAV_CMD_NAV_WAYPOINT: 1.0,
+    mavlink.MAV_CMD_NAV_LOITER_TIME: 1.0,
+    mavlink.MAV_CMD_NAV_DELAY: 1.0,
+    mavlink.MAV_CMD_NAV_LOITER_TURNS: 18.0,
+}
+"""Seconds to stay for one of param1: a turn takes 18 s at CIRCLE_RATE of 20 degrees/s."""
+_MOST_STEPS = 2000
+"""So many items without one that is flown: the mission jumps in circles and ends."""
 
 
-class Step(NamedTuple):
-    """One item to fly: its place in the mission, and how long to stay."""
+class MissionEvents(Protocol):
+    """What a mission reports to the autopilot that flies it."""
 
-    seq: int
-    make: Callable[[], Behaviour]
-    stay_s: float
+    def begin_item(self, seq: int) -> None:
+        """Take note that an item is being flown from now on."""
+
+    def reach_item(self, seq: int) -> None:
+        """Take note that an item was flown."""
+
+    def finish_mission(self) -> None:
+        """Take note that the last item was flown."""
+
+
+class MissionMakers(NamedTuple):
+    """How a firmware flies items. lift: what is flown first from the ground; None for nothing."""
+
+    manoeuvres: Manoeuvres
+    go_home: Callable[[], Behaviour]
+    lift: Callable[[float], Behaviour | None]
 
 
 class FlyMission(Behaviour):
-    """Fly steps in order; after the last one stay. `reached` is told each seq."""
+    """Fly items in their order from `first` on; after the last one stay."""
 
-    def __init__(self, *, steps: tuple[Step, ...], reached: Callable[[int], None]) -> None:
+    def __init__(
+        self,
+        *,
+        items: tuple[Item, ...],
+        first: int,
+        state: State,
+        makers: MissionMakers,
+        events: MissionEvents,
+    ) -> None:
         super().__init__()
-        self._steps = steps
-        self._reached = reached
-        self._at = 0
-        self._current = steps[0].make()
+        self._items = items
+        self._state = state
+        self._makers = makers
+        self._events = events
+        self._jumps: dict[int, int] = {}
+        self._seq = first
         self._arrived_s: float | None = None
+        self._current: Behaviour = makers.manoeuvres.hold()
+        self._after_lift: Behaviour | None = None
+        self._go_on(first)
 
     @property
     def seq(self) -> int:
         """Return the item being flown."""
-        return self._steps[self._at].seq
+        return self._seq
 
     @property
     def lifts(self) -> bool:
@@ -62,51 +105,94 @@ class FlyMission(Behaviour):
     def update(self, now: Motion, t_s: float) -> Target:
         """Return the target of the present item, going on to the next when it is done."""
         target = self._current.update(now, t_s)
-        if self._current.done and not self.done:
-            if self._arrived_s is None:
-                self._arrived_s = t_s
-            if t_s - self._arrived_s >= self._steps[self._at].stay_s:
-                self._next()
+        if not self._current.done or self.done:
+            return target
+        if self._after_lift is not None:
+            self._current, self._after_lift = self._after_lift, None
+            return target
+        if self._arrived_s is None:
+            self._arrived_s = t_s
+        if t_s - self._arrived_s >= stay_s(self._items[self._seq]):
+            self._reach()
         return target
 
-    def _next(self) -> None:
-        self._reached(self.seq)
+    def take_landing(self) -> None:
+        """Go on after a landing that the present item asked for."""
+        if not self.done and isinstance(self._current, Land | ReturnHome):
+            self._reach()
+
+    def jump_to(self, seq: int) -> None:
+        """Go on with this item."""
+        self.done = False
+        self._go_on(seq)
+
+    def change_speeds(self, speeds: Speeds) -> None:
+        """Fly the present item at other speeds; those that follow take the autopilot's."""
+        self._current.change_speeds(speeds)
+
+    def _reach(self) -> None:
+        self._events.reach_item(self._seq)
+        self._go_on(self._seq + 1)
+
+    def _go_on(self, seq: int) -> None:
+        """Begin the first item from `seq` on that is flown, and do what stands before it."""
         self._arrived_s = None
-        if self._at + 1 < len(self._steps):
-            self._at += 1
-            self._current = self._steps[self._at].make()
-        else:
-            self.done = True
+        for _ in range(_MOST_STEPS):
+            if seq >= len(self._items):
+                break
+            if self._items[seq].command in FLOWN:
+                self._begin(seq)
+                return
+            seq = self._do(seq)
+        self.done = True
+        self._events.finish_mission()
 
+    def _begin(self, seq: int) -> None:
+        self._seq = seq
+        self._events.begin_item(seq)
+        item = self._items[seq]
+        self._current, self._after_lift = self._behaviour(item), None
+        if item.command in _TO_PLACES:
+            lift = self._makers.lift(place_of(item, self._state)[2])
+            if lift is not None:
+                self._current, self._after_lift = lift, self._current
 
-def steps_of(
-    items: tuple[Item, ...],
-    *,
-    first: int,
-    state: State,
-    manoeuvres: Manoeuvres,
-    go_home: Callable[[], Behaviour],
-) -> tuple[Step, ...]:
-    """Return the steps of a mission from item `first` on; items that are not flown are left out."""
+    def _do(self, seq: int) -> int:
+        """Do an item that is not flown; return which comes next."""
+        item = self._items[seq]
+        if item.command == mavlink.MAV_CMD_DO_JUMP:
+            target, times = whole(item.params[0]), whole(item.params[1])
+            done = self._jumps.get(seq, 0)
+            if 0 <= target < len(self._items) and (times < 0 or done < times):
+                self._jumps[seq] = done + 1
+                return target
+        elif item.command == mavlink.MAV_CMD_DO_CHANGE_SPEED:
+            self._makers.manoeuvres.change_speed(item.params[0], item.params[1])
+        return seq + 1
 
-    def behaviour(item: Item) -> Behaviour:
+    def _behaviour(self, item: Item) -> Behaviour:
+        manoeuvres = self._makers.manoeuvres
         if item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-            return go_home()
+            return self._makers.go_home()
         if item.command == mavlink.MAV_CMD_NAV_LAND:
             return manoeuvres.land()
-        north, east, down = _place(item, state)
+        if item.command == mavlink.MAV_CMD_NAV_DELAY:
+            return manoeuvres.hold()
+        north, east, down = place_of(item, self._state)
         if item.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             return manoeuvres.take_off(down)
+        if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
+            return manoeuvres.stay_at((north, east, down))
         return manoeuvres.waypoint((north, east, down))
 
-    return tuple(
-        Step(seq, partial(behaviour, item), stay_s(item))
-        for seq, item in enumerate(items)
-        if seq >= first and item.command in FLOWN
-    )
+
+def starts_with_takeoff(items: tuple[Item, ...]) -> bool:
+    """Return whether the first item that is flown is a takeoff."""
+    flown = (item.command for item in items if item.command in FLOWN)
+    return bool(next(flown, None) == mavlink.MAV_CMD_NAV_TAKEOFF)
 
 
-def _place(item: Item, state: State) -> Vec3:
+def place_of(item: Item, state: State) -> Vec3:
     """Return where an item is; latitude and longitude of zero mean the present place."""
     altitude_m = item.z
     if item.frame in RELATIVE_ALTITUDE_FRAMES:
@@ -118,7 +204,6 @@ def _place(item: Item, state: State) -> Vec3:
 
 
 def stay_s(item: Item) -> float:
-    """Return how long to stay at an item: param1 of waypoints and of loiter by time."""
-    timed = {mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_LOITER_TIME}
-    stay = item.params[0]
-    return stay if item.command in timed and stay > 0.0 else 0.0
+    """Return how long to stay at an item, by its first parameter."""
+    stay = item.params[0] * _STAYS.get(item.command, 0.0)
+    return max(0.0, stay)

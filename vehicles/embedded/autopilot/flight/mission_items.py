@@ -1,6 +1,35 @@
-"""Items of a mission, a fence or a list of rally points, as an autopilot keeps them."""
+"""Items of a mission, a fence or a list of rally points, and what a firmware takes of them."""
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe
+
+ACCEPTED: int = mavlink.MAV_MISSION_ACCEPTED
+_INVALID_PARAMETERS: tuple[int, ...] = (
+    mavlink.MAV_MISSION_INVALID_PARAM1,
+    mavlink.MAV_MISSION_INVALID_PARAM2,
+    mavlink.MAV_MISSION_INVALID_PARAM3,
+    mavlink.MAV_MISSION_INVALID_PARAM4,
+)
+
+PLACED = frozenset(
+    {
+        mavlink.MAV_CMD_NAV_WAYPOINT,
+        mavlink.MAV_CMD_NAV_LOITER_UNLIM,
+        mavlink.MAV_CMD_NAV_LOITER_TURNS,
+        mavlink.MAV_CMD_NAV_LOITER_TIME,
+        mavlink.MAV_CMD_NAV_LAND,
+        mavlink.MAV_CMD_NAV_TAKEOFF,
+        mavlink.MAV_CMD_NAV_LOITER_TO_ALT,
+        mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT,
+        mavlink.MAV_CMD_NAV_RALLY_POINT,
+        mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
+    }
+)
+"""Commands whose x, y and z are a place on the globe."""
 
 
 class Item(NamedTuple):
@@ -13,3 +42,58 @@ class Item(NamedTuple):
     y: int
     z: float
     autocontinue: int = 1
+
+
+class ItemRules(NamedTuple):
+    """What a firmware takes: commands by list (MAV_MISSION_TYPE), frames of placed items.
+
+    nan_is_unset: NaN stands for "not given" in every parameter (PX4), not in the fourth alone.
+    """
+
+    commands: dict[int, frozenset[int]]
+    frames: frozenset[int]
+    nan_is_unset: bool
+
+
+def item_of(message: Any) -> Item | int:
+    """Return the item of a MISSION_ITEM or MISSION_ITEM_INT, or why it is none.
+
+    The degrees of a MISSION_ITEM are floats and may be no numbers: then a MAV_MISSION_RESULT.
+    """
+    x, y = message.x, message.y
+    if message.get_type() == "MISSION_ITEM":
+        if not abs(x) <= 180.0:
+            return int(mavlink.MAV_MISSION_INVALID_PARAM5_X)
+        if not abs(y) <= 180.0:
+            return int(mavlink.MAV_MISSION_INVALID_PARAM6_Y)
+        x, y = round(x * 1e7), round(y * 1e7)
+    return Item(
+        message.frame,
+        message.command,
+        (message.param1, message.param2, message.param3, message.param4),
+        x,
+        y,
+        message.z,
+        message.autocontinue,
+    )
+
+
+def item_fault(kind: int, item: Item, rules: ItemRules) -> int:
+    """Return the MAV_MISSION_RESULT with which a firmware takes or refuses an item of a list."""
+    if item.command not in rules.commands[kind]:
+        return int(mavlink.MAV_MISSION_UNSUPPORTED)
+    for index, value in enumerate(item.params):
+        unset = math.isnan(value) and (rules.nan_is_unset or index == 3)
+        if not (math.isfinite(value) or unset):
+            return _INVALID_PARAMETERS[index]
+    return _place_fault(item, rules) if item.command in PLACED else ACCEPTED
+
+
+def _place_fault(item: Item, rules: ItemRules) -> int:
+    if item.frame not in rules.frames:
+        return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
+    if not is_on_globe(item.x * 1e-7, 0.0):
+        return int(mavlink.MAV_MISSION_INVALID_PARAM5_X)
+    if not is_on_globe(0.0, item.y * 1e-7):
+        return int(mavlink.MAV_MISSION_INVALID_PARAM6_Y)
+    return ACCEPTED if is_altitude(item.z) else int(mavlink.MAV_MISSION_INVALID_PARAM7)

@@ -15,6 +15,11 @@ _KINDS = {
     "float": mavlink.MAV_PARAM_TYPE_REAL32,
 }
 _BYTEWISE_FORMATS = {mavlink.MAV_PARAM_TYPE_INT32: "<i", mavlink.MAV_PARAM_TYPE_REAL32: "<f"}
+_BITS = {
+    mavlink.MAV_PARAM_TYPE_INT8: 8,
+    mavlink.MAV_PARAM_TYPE_INT16: 16,
+    mavlink.MAV_PARAM_TYPE_INT32: 32,
+}
 _REAL32: int = mavlink.MAV_PARAM_TYPE_REAL32
 
 
@@ -68,10 +73,14 @@ class Parameters:
         return self._names[index] if 0 <= index < len(self._names) else None
 
     def set(self, name: str, value: float) -> None:
-        """Set a value; integers drop their fraction. Raises KeyError for an unknown name."""
+        """Set a value; integers drop their fraction and stay in the range of their type.
+
+        Raises KeyError for an unknown name.
+        """
         entry = self._entries[name]
-        if entry.kind != mavlink.MAV_PARAM_TYPE_REAL32:
-            value = float(int(value))
+        bits = _BITS.get(entry.kind)
+        if bits is not None:
+            value = float(int(max(-(2.0 ** (bits - 1)), min(2.0 ** (bits - 1) - 1.0, value))))
         self._entries[name] = entry._replace(value=value)
 
     def to_wire(self, name: str) -> float:

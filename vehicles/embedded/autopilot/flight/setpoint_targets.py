@@ -6,6 +6,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.flight.guidance import Wanted
+from vehicles.embedded.autopilot.flight.places import FARTHEST_M, FASTEST_M_S, bounded
 from vehicles.embedded.physics.states import Motion
 from worlds.frames import Vec3, add, quat_from_euler, rotate
 from worlds.geodesy import LocalFrame
@@ -60,10 +61,15 @@ RELATIVE_ALTITUDE_FRAMES = {
 def _wanted_motion(message: Any, position: Vec3, velocity: Vec3, yaw_rad: float) -> Wanted | None:
     mask = message.type_mask
     axes = [
-        None if mask >> i & 1 or not math.isfinite(position[i]) else position[i] for i in range(3)
+        None
+        if mask >> i & 1 or not math.isfinite(position[i])
+        else bounded(position[i], FARTHEST_M)
+        for i in range(3)
     ]
     speeds = [
-        0.0 if mask >> (3 + i) & 1 or not math.isfinite(velocity[i]) else velocity[i]
+        0.0
+        if mask >> (3 + i) & 1 or not math.isfinite(velocity[i])
+        else bounded(velocity[i], FASTEST_M_S)
         for i in range(3)
     ]
     has_position = any(axis is not None for axis in axes)
@@ -76,6 +82,6 @@ def _wanted_motion(message: Any, position: Vec3, velocity: Vec3, yaw_rad: float)
         (axes[0], axes[1], axes[2]),
         (speeds[0], speeds[1], speeds[2]),
         yaw_rad if has_yaw else None,
-        message.yaw_rate if has_rate and not has_yaw else 0.0,
+        bounded(message.yaw_rate, FASTEST_M_S) if has_rate and not has_yaw else 0.0,
         has_velocity,
     )

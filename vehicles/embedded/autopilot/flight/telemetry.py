@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.flight.autopilot_state import State
+from vehicles.embedded.autopilot.flight.places import FARTHEST_M, bounded
 from worlds.frames import quat_from_euler
 
 Builder = Callable[[State], Any]
@@ -41,7 +42,7 @@ def global_position_int(s: State) -> Any:
         round(here.latitude_deg * 1e7),
         round(here.longitude_deg * 1e7),
         round(here.altitude_m * 1e3),
-        round((s.home_down_m - s.now.position_ned_m[2]) * 1e3),
+        _int32((s.home_down_m - s.now.position_ned_m[2]) * 1e3),
         _centi(north),
         _centi(east),
         _centi(down),
@@ -79,8 +80,11 @@ def gps_global_origin(s: State) -> Any:
 
 
 def system_time(s: State) -> Any:
-    """Return SYSTEM_TIME; the vehicle does not know the time of day."""
-    return mavlink.MAVLink_system_time_message(0, s.boot_ms)
+    """Return SYSTEM_TIME; the time of day is 0 until somebody has said it."""
+    offset_us = s.unix_offset_us
+    return mavlink.MAVLink_system_time_message(
+        0 if offset_us is None else s.boot_us + offset_us, s.boot_ms
+    )
 
 
 def battery_status(s: State) -> Any:
@@ -136,11 +140,6 @@ def scaled_pressure(s: State) -> Any:
     return mavlink.MAVLink_scaled_pressure_message(s.boot_ms, pressure_hpa(altitude_m), 0.0, 1500)
 
 
-def mission_current(s: State) -> Any:
-    """Return MISSION_CURRENT."""
-    return mavlink.MAVLink_mission_current_message(s.mission_seq, s.mission_total)
-
-
 def position_target_local_ned(s: State) -> Any | None:
     """Return POSITION_TARGET_LOCAL_NED, what the controller is flying; None when idle."""
     target = s.target
@@ -156,7 +155,7 @@ def position_target_local_ned(s: State) -> Any | None:
         s.boot_ms,
         mavlink.MAV_FRAME_LOCAL_NED,
         mask,
-        *position,
+        *(bounded(each, FARTHEST_M) for each in position),
         *target.velocity_ned_m_s,
         0.0,
         0.0,
@@ -278,7 +277,6 @@ COMMON: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
-    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: position_target_local_ned,
     mavlink.MAVLINK_MSG_ID_VIBRATION: vibration,
@@ -293,6 +291,10 @@ def _magnetic_field_gauss(s: State) -> tuple[float, float, float]:
 
 def _centi(value: float) -> int:
     return max(-32768, min(32767, round(value * 100.0)))
+
+
+def _int32(value: float) -> int:
+    return max(-(2**31), min(2**31 - 1, round(value)))
 
 
 def _int16(value: float) -> int:

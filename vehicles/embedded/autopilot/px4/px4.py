@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import TiltWatch
 from vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, TakeOff, Wanted
+from vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe
 from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
 from vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from vehicles.embedded.autopilot.px4.px4_failsafes import (
@@ -44,6 +45,10 @@ _FAILSAFE_MODES = {
     Action.RETURN: Px4Mode.RTL,
     Action.LAND: Px4Mode.LAND,
 }
+
+
+_STICKS_LOST = {1: Px4Mode.HOLD, 2: Px4Mode.RTL, 3: Px4Mode.LAND}
+"""NAV_RCL_ACT."""
 
 
 class Px4(Px4Core):
@@ -116,13 +121,40 @@ class Px4(Px4Core):
 
     @on_command(mavlink.MAV_CMD_NAV_TAKEOFF)
     def _take_off(self, command: Command) -> int:
+        if not self._may_be_place(command):
+            return DENIED
         origin_m = self.state.frame.altitude_m
         self._takeoff_down_m = origin_m - command.z if math.isfinite(command.z) else None
         return self.choose(Px4Mode.TAKEOFF)
 
+    @on_command(mavlink.MAV_CMD_MISSION_START)
+    def _start_mission(self, command: Command) -> int:
+        """Fly the mission, and arm for it; param1 is its first item."""
+        if not self.has_mission:
+            self.outbox.say(CRITICAL, "Mission start denied! No valid mission\t")
+            return DENIED
+        first = command.params[0]
+        if not (math.isfinite(first) and -1 <= first < self.state.mission_total):
+            return DENIED
+        if first >= 0:
+            self._set_current(int(first))
+        result = self.choose(Px4Mode.MISSION)
+        return result if result != ACCEPTED else self.arm(force=False)
+
+    def _lift(self, down_m: float) -> Behaviour | None:
+        """Return the climb that PX4 flies before a waypoint that is given on the ground."""
+        if not self.flight.landed:
+            return None
+        state = self.state
+        least_m = self.parameters["MIS_TAKEOFF_ALT"]
+        return self.manoeuvres.take_off(min(down_m, state.home_down_m - least_m))
+
+    def _flies_by_speeds(self) -> bool:
+        return self.mode is not Px4Mode.OFFBOARD
+
     @on_command(mavlink.MAV_CMD_DO_REPOSITION)
     def _reposition(self, command: Command) -> int:
-        if not self.position_valid:
+        if not self.position_valid or not self._may_be_place(command):
             return DENIED
         position = self._place_of(command)
         result = self.choose(Px4Mode.HOLD)
@@ -150,7 +182,7 @@ class Px4(Px4Core):
             self._takeoff_down_m = None
             return self.manoeuvres.take_off(down_m)
         if mode is Px4Mode.MISSION:
-            return self._mission() or super()._behaviour(Px4Mode.HOLD)
+            return self._mission()
         return super()._behaviour(mode)
 
     # Supervision.
@@ -165,14 +197,23 @@ class Px4(Px4Core):
         if not self.flight.armed:
             return
         self._say_phases()
+        self._watch_mission()
         if not self.terminated:
             self._end_takeoff()
             if self._tilt.tumbling(self.state.now, self.t_s) and self._may_terminate():
                 self.terminate("Critical failure detected: terminate flight")
+            if self.mode.is_manual and self.fresh_sticks() is None:
+                self.outbox.say(WARNING, "Manual control lost\t")
+                self.fail(_STICKS_LOST.get(int(self.parameters["NAV_RCL_ACT"]), Px4Mode.RTL))
             decision = self._failsafes.check(self._view())
             if decision is not None:
                 self._act(decision)
         self._disarm_when_due()
+
+    def _may_be_place(self, command: Command) -> bool:
+        """Return whether what is given of a place is one; NaN is not given."""
+        x, y, z = (0.0 if math.isnan(each) else each for each in (command.x, command.y, command.z))
+        return is_on_globe(x, y) and is_altitude(z)
 
     def _may_terminate(self) -> bool:
         return int(self.parameters["CBRK_FLIGHTTERM"]) != _BREAKER_CLOSED

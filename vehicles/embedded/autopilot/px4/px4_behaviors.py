@@ -2,7 +2,13 @@
 
 import math
 
-from vehicles.embedded.autopilot.flight.guidance import GoTo, LandProfile, Speeds, TakeOff
+from vehicles.embedded.autopilot.flight.guidance import (
+    GoTo,
+    LandProfile,
+    Speeds,
+    TakeOff,
+    speed_limits,
+)
 from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
 from worlds.frames import Vec3
 
@@ -12,15 +18,15 @@ _RADIUS_M = 0.3
 class Px4Manoeuvres(Manoeuvres):
     """Behaviours by MPC_*, MIS_*, NAV_* and RTL_*."""
 
-    def speeds(self) -> Speeds:
+    def default_speeds(self) -> Speeds:
         """Return the limits of the automatic modes."""
         p = self._p
-        return Speeds(p["MPC_XY_CRUISE"], p["MPC_Z_V_AUTO_UP"], p["MPC_Z_V_AUTO_DN"])
+        return speed_limits(p["MPC_XY_CRUISE"], p["MPC_Z_V_AUTO_UP"], p["MPC_Z_V_AUTO_DN"])
 
     def offboard_speeds(self) -> Speeds:
         """Return the limits of OFFBOARD."""
         p = self._p
-        return Speeds(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
+        return speed_limits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
 
     def return_speeds(self) -> Speeds:
         """Return the limits of the automatic modes."""

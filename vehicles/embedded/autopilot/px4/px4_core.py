@@ -10,11 +10,15 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import FlightStyle
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow
-from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, StandardModes
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, speed_limits
+from vehicles.embedded.autopilot.flight.mission_items import ItemRules
+from vehicles.embedded.autopilot.flight.sticks import StickLimits
+from vehicles.embedded.autopilot.flying_autopilot import StandardModes
+from vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
 from vehicles.embedded.autopilot.px4 import px4_telemetry
 from vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
-from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode, px4_mode
+from vehicles.embedded.autopilot.px4.px4_missions import RULES
+from vehicles.embedded.autopilot.px4.px4_modes import ENTRIES, Px4Mode, px4_mode
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
@@ -23,6 +27,7 @@ from vehicles.embedded.autopilot.services.command_registry import (
     Command,
     on_request,
 )
+from vehicles.embedded.autopilot.services.discovery import ModeEntry
 from vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
 from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
@@ -41,10 +46,11 @@ _PREARM_BIT_OFF_S = 0.18
 """How long the pre-arm bit falls when a failsafe begins."""
 
 
-class Px4Core(FlyingAutopilot[Px4Mode]):
+class Px4Core(MissionAutopilot[Px4Mode]):
     """PX4's modes and arming; what it does on messages and in time is in the subclass."""
 
     is_px4: ClassVar[bool] = True
+    item_rules: ClassVar[ItemRules] = RULES
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
     parameter_file: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
     first_mission_item: ClassVar[int] = 0
@@ -102,7 +108,11 @@ class Px4Core(FlyingAutopilot[Px4Mode]):
             return False
         if self.mode is Px4Mode.OFFBOARD and not self.setpoints_stream:
             return False
-        return not (self.mode.prevents_arming or self.mode.is_manual)
+        if self.mode is Px4Mode.MISSION and not self.has_mission:
+            return False
+        if self.mode.is_manual and self.fresh_sticks() is None:
+            return False
+        return not self.mode.prevents_arming
 
     def _prearm_bit(self) -> bool:
         """Return the bit of SYS_STATUS: later than the checks, and off as a failsafe begins."""
@@ -191,12 +201,12 @@ class Px4Core(FlyingAutopilot[Px4Mode]):
         return ACCEPTED
 
     def _can_run(self, mode: Px4Mode) -> bool:
-        if mode.is_manual or self.terminated:
+        if self.terminated or (mode.is_manual and self.fresh_sticks() is None):
             return False
         if mode is Px4Mode.OFFBOARD:
             return self.setpoints_stream
         if mode is Px4Mode.MISSION:
-            return self.state.mission_total > 0
+            return self.has_mission
         return self.position_valid
 
     def fail(self, mode: Px4Mode) -> None:
@@ -213,7 +223,23 @@ class Px4Core(FlyingAutopilot[Px4Mode]):
             return self.manoeuvres.land()
         if mode is Px4Mode.RTL:
             return self._return_home()
+        if mode.is_manual and self.sticks is not None:
+            return self._by_sticks()
         return self.manoeuvres.hold()
+
+    def _is_flown_by_hand(self, mode: Px4Mode) -> bool:
+        return mode.is_manual
+
+    def _stick_limits(self) -> StickLimits:
+        p = self.parameters
+        speeds = speed_limits(p["MPC_VEL_MANUAL"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
+        return StickLimits(speeds, math.radians(p["MPC_MAN_Y_MAX"]))
+
+    def _sticks_last_s(self) -> float:
+        return self.parameters["COM_RC_LOSS_T"]
+
+    def _mode_entries(self) -> tuple[ModeEntry, ...]:
+        return ENTRIES
 
     def _return_home(self) -> Behaviour:
         state, height_m = self.state, self.manoeuvres.return_height_m()

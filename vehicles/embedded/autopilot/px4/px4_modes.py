@@ -7,6 +7,8 @@ from enum import Enum
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from vehicles.embedded.autopilot.services.discovery import ModeEntry
+
 _MANUAL_BITS: int = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | (
     mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
 )
@@ -62,6 +64,15 @@ class Px4Mode(Enum):
     def words(self) -> str:
         """Return what PX4 calls it in its texts."""
         return {"RTL": "Return"}.get(self.name, self.name.capitalize())
+
+
+_STANDARD = {"POSITION": 1, "ALTITUDE": 4, "RTL": 5, "MISSION": 6, "LAND": 7, "TAKEOFF": 8}
+"""MAV_STANDARD_MODE of those that are one."""
+
+ENTRIES = tuple(
+    ModeEntry(mode.words, mode.custom_mode, standard=_STANDARD.get(mode.name, 0))
+    for mode in Px4Mode
+)
 
 
 def px4_mode(main: int, sub: int) -> Px4Mode | None:

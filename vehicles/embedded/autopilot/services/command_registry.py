@@ -6,6 +6,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe, whole
+
 ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 TEMPORARILY_REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 DENIED: int = mavlink.MAV_RESULT_DENIED
@@ -33,6 +35,15 @@ class Command(NamedTuple):
     """MAV_FRAME of a COMMAND_INT; None of a COMMAND_LONG."""
     from_system: int
     from_component: int
+
+    def whole(self, index: int) -> int:
+        """Return a parameter (0 to 3) as the integer that a firmware casts it to."""
+        return whole(self.params[index])
+
+    @property
+    def has_place(self) -> bool:
+        """Return whether x, y, z are a latitude, a longitude and an altitude."""
+        return is_on_globe(self.x, self.y) and is_altitude(self.z)
 
 
 def from_long(message: Any) -> Command:

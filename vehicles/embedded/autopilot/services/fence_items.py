@@ -6,6 +6,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.places import whole
 from worlds.geodesy import LocalFrame
 
 Point = tuple[float, float]
@@ -19,6 +20,9 @@ _CIRCLES = {
     mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION: True,
     mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION: False,
 }
+
+
+FENCE_COMMANDS = frozenset({*_POLYGONS, *_CIRCLES, int(mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT)})
 
 
 class FenceItemError(ValueError):
@@ -60,7 +64,7 @@ def fence_of(items: tuple[Item, ...], frame: LocalFrame) -> Fence:
     while at < len(items):
         item = items[at]
         if item.command in _POLYGONS:
-            count = int(item.params[0])
+            count = whole(item.params[0])
             corners = items[at : at + count]
             if count < 3 or len(corners) < count:
                 raise FenceItemError(f"polygon of {count} corners, {len(corners)} given")

@@ -8,16 +8,25 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.mission_items import (
+    ACCEPTED,
+    Item,
+    ItemRules,
+    item_fault,
+    item_of,
+)
+
+__all__ = ["ACCEPTED", "FENCE", "MISSION", "RALLY", "Accept", "MissionService"]
 
 MISSION: int = mavlink.MAV_MISSION_TYPE_MISSION
 FENCE: int = mavlink.MAV_MISSION_TYPE_FENCE
 RALLY: int = mavlink.MAV_MISSION_TYPE_RALLY
 _ALL: int = mavlink.MAV_MISSION_TYPE_ALL
-ACCEPTED: int = mavlink.MAV_MISSION_ACCEPTED
 _ASK_AGAIN_S = 0.5
 _GIVE_UP_S = 5.0
 _MOST_ITEMS = 700
+_GUIDED = 2
+"""MISSION_ITEM.current of an item that is to be flown to now."""
 
 
 class _Upload:
@@ -39,17 +48,29 @@ class MissionService:
     """Keeps the three lists and speaks the protocol for them.
 
     home: gives item 0 of every mission, as in ArduPilot, where it is home and not the user's; None
-    where a mission begins with the user's first item, as in PX4.
+    where a mission begins with the user's first item, as in PX4. rules: what the firmware takes.
+    go_to: flies a MISSION_ITEM that is no part of an upload but "guided" (current of 2); returns a
+    MAV_MISSION_RESULT.
     """
 
     def __init__(
-        self, *, send: Callable[[Any], None], accept: Accept, home: Callable[[], Item] | None
+        self,
+        *,
+        send: Callable[[Any], None],
+        accept: Accept,
+        home: Callable[[], Item] | None,
+        rules: ItemRules,
+        go_to: Callable[[Item], int],
     ) -> None:
         self._send = send
         self._accept = accept
         self._home = home
+        self._rules = rules
+        self._go_to = go_to
         self._lists: dict[int, tuple[Item, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
         self._upload: _Upload | None = None
+        self._finished: tuple[tuple[int, int], int] | None = None
+        """Who uploaded last, and which list."""
 
     def items(self, kind: int) -> tuple[Item, ...]:
         """Return a list; an ArduPilot mission starts with home."""
@@ -84,9 +105,12 @@ class MissionService:
             self._ask(upload, t_s)
 
     def _begin(self, message: Any, t_s: float) -> None:
-        peer, kind = _peer(message), message.mission_type
+        peer, kind, upload = _peer(message), message.mission_type, self._upload
         if kind not in self._lists:
             self._ack(peer, mavlink.MAV_MISSION_UNSUPPORTED, kind)
+        elif upload is not None and upload.peer != peer:
+            busy = mavlink.MAV_MISSION_ERROR if self._home is None else mavlink.MAV_MISSION_DENIED
+            self._ack(peer, busy, kind)
         elif message.count > _MOST_ITEMS:
             self._ack(peer, mavlink.MAV_MISSION_NO_SPACE, kind)
         elif message.count == 0:
@@ -96,33 +120,56 @@ class MissionService:
             self._ask(self._upload, t_s)
 
     def _take(self, message: Any, t_s: float) -> None:
-        upload, peer = self._upload, _peer(message)
-        if upload is None or upload.peer != peer or upload.kind != message.mission_type:
+        upload, peer, kind = self._upload, _peer(message), message.mission_type
+        item = item_of(message)
+        if message.current == _GUIDED and upload is None and isinstance(item, Item):
+            self._ack(peer, self._go_to(item), kind)
+            return
+        if upload is None or upload.peer != peer or upload.kind != kind:
+            # A lossy link doubles items, and the sender may not have heard that all are there.
+            doubled = self._finished == (peer, kind) and message.seq < len(self._lists[kind])
+            self._ack(peer, ACCEPTED if doubled else mavlink.MAV_MISSION_ERROR, kind)
             return
         upload.heard_s = t_s
         if message.seq != len(upload.items):
             self._ask(upload, t_s)
             return
-        upload.items.append(_item(message))
+        fault = self._fault(upload, item)
+        if fault != ACCEPTED or isinstance(item, int):
+            self._upload = None
+            self._ack(peer, fault, kind)
+            return
+        upload.items.append(item)
         if len(upload.items) < upload.count:
             self._ask(upload, t_s)
             return
         self._upload = None
         self._finish(peer, upload.kind, tuple(upload.items))
 
+    def _fault(self, upload: _Upload, item: Item | int) -> int:
+        """Return why the next item is refused; ArduPilot's home is taken whatever it is."""
+        if isinstance(item, int):
+            return item
+        if upload.kind == MISSION and self._home is not None and not upload.items:
+            return ACCEPTED
+        return item_fault(upload.kind, item, self._rules)
+
     def _finish(self, peer: tuple[int, int], kind: int, items: tuple[Item, ...]) -> None:
         result = self._accept(kind, items)
         if result == ACCEPTED:
             self._lists[kind] = items
+            self._finished = (peer, kind)
         self._ack(peer, result, kind)
 
     def _ask(self, upload: _Upload, t_s: float) -> None:
         upload.asked_s = t_s
-        self._send(
-            mavlink.MAVLink_mission_request_int_message(
-                *upload.peer, len(upload.items), upload.kind
-            )
+        # ArduPilot asks by the old message, whichever form of item comes then; PX4 by the new.
+        ask: Callable[..., Any] = (
+            mavlink.MAVLink_mission_request_int_message
+            if self._home is None
+            else mavlink.MAVLink_mission_request_message
         )
+        self._send(ask(*upload.peer, len(upload.items), upload.kind))
 
     def _count(self, message: Any) -> None:
         kind = message.mission_type
@@ -164,18 +211,3 @@ class MissionService:
 
 def _peer(message: Any) -> tuple[int, int]:
     return message.get_srcSystem(), message.get_srcComponent()
-
-
-def _item(message: Any) -> Item:
-    x, y = message.x, message.y
-    if message.get_type() == "MISSION_ITEM":
-        x, y = round(x * 1e7), round(y * 1e7)
-    return Item(
-        message.frame,
-        message.command,
-        (message.param1, message.param2, message.param3, message.param4),
-        x,
-        y,
-        message.z,
-        message.autocontinue,
-    )

@@ -37,11 +37,11 @@ class ParameterService:
         return [self._value(self._queue.popleft(), indexed=True) for _ in range(count)]
 
     def read(self, message: Any) -> list[Any]:
-        """Answer a PARAM_REQUEST_READ; nothing for an unknown parameter."""
+        """Answer a PARAM_REQUEST_READ; ArduPilot is silent when it is unknown."""
         index = message.param_index
         name = self._parameters.name_at(index) if index >= 0 else message.param_id
         if name is None or name not in self._parameters:
-            return []
+            return self._unknown(message, index)
         return [self._value(name, indexed=True)]
 
     def write(self, message: Any) -> list[Any]:
@@ -49,12 +49,22 @@ class ParameterService:
         name = message.param_id
         parameters = self._parameters
         if name not in parameters:
+            return self._unknown(message, -1)
+        if not self._strict and not math.isfinite(message.param_value):
             return []
         if not self._strict or message.param_type == parameters.kind(name):
             value = parameters.from_wire(message.param_type, message.param_value)
             if math.isfinite(value):
                 parameters.set(name, value)
         return [self._value(name, indexed=self._strict)]
+
+    def _unknown(self, message: Any, index: int) -> list[Any]:
+        if not self._strict:
+            return []
+        peer = (message.get_srcSystem(), message.get_srcComponent())
+        unknown = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
+        name = message.param_id.encode(errors="replace")[:16]
+        return [mavlink.MAVLink_param_error_message(*peer, name, index, unknown)]
 
     def _value(self, name: str, *, indexed: bool) -> Any:
         parameters = self._parameters

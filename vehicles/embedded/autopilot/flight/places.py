@@ -1,0 +1,33 @@
+"""What a place may be: the bounds by which a firmware refuses one."""
+
+import math
+
+HIGHEST_M = 83_000.0
+"""LOCATION_ALT_MAX_M of ArduPilot: what its integer storage of altitudes carries."""
+FARTHEST_M = 1e7
+"""Local setpoints farther off are taken as this far: half the way round the earth is 2e7."""
+FASTEST_M_S = 1e4
+
+
+def is_on_globe(latitude_deg: float, longitude_deg: float) -> bool:
+    """Return whether these are a latitude and a longitude."""
+    return abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0
+
+
+def is_altitude(altitude_m: float) -> bool:
+    """Return whether this is an altitude that a firmware can store."""
+    return abs(altitude_m) <= HIGHEST_M
+
+
+def bounded(value: float, most: float) -> float:
+    """Return a finite value within bounds. Raises ValueError for what is not finite."""
+    if not math.isfinite(value):
+        raise ValueError(f"{value} is not finite")
+    return max(-most, min(most, value))
+
+
+def whole(value: float) -> int:
+    """Return a number of a float field as int32: cut and bounded, 0 where it is NaN."""
+    if math.isnan(value):
+        return 0
+    return int(max(-(2.0**31), min(2.0**31 - 1.0, value)))
