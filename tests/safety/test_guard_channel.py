@@ -11,7 +11,7 @@ import pytest
 from safety.fence.geofence import Fence
 from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.process.channel import Channel, channel_pair
-from safety.guard.process.messages import Alive, Operate, Position, ToGuard, to_guard
+from safety.guard.process.messages import Alive, Bytes, Operate, Position, ToGuard, to_guard
 from safety.guard.process.remote_guard import RemoteGuard
 from safety.model.samples import PoseSample
 from tests.safety.guard.remote_rigs import guard_config
@@ -43,22 +43,42 @@ def position(t_s: float) -> Position:
     return Position(0, t_s, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
 
 
-async def test_what_waits_goes_before_what_does_not() -> None:
+async def test_a_command_overtakes_what_waits_and_takes_it_along() -> None:
     ends = Ends()
-    sent = [position(1.0), Alive(), position(2.0)]
-    for message in sent:
-        ends.sender.send_soon(message, within_s=30.0)
+    abort = Operate(OperatorCommand("abort", "anna"))
+    ends.sender.send_soon(position(1.0), key=0, within_s=30.0)
+    ends.sender.send_soon(Alive(), key=Alive, within_s=30.0)
+    ends.sender.send_soon(position(2.0), key=0, within_s=30.0)
     await asyncio.sleep(0.05)
     assert ends.received == []
-    ends.sender.send(Operate(OperatorCommand("abort", "anna")))
+    ends.sender.send(abort)
     await asyncio.sleep(0.05)
-    assert ends.received == [*sent, Operate(OperatorCommand("abort", "anna"))]
+    assert ends.received == [abort, Alive(), position(2.0)]
+    ends.close()
+
+
+async def test_a_setpoint_that_is_limited_comes_after_the_position_that_limits_it() -> None:
+    ends = Ends()
+    setpoint = Bytes(0, 1.0, b"setpoint")
+    ends.sender.send_soon(position(1.0), key=0, within_s=30.0)
+    ends.sender.send(setpoint, last=True)
+    await asyncio.sleep(0.05)
+    assert ends.received == [position(1.0), setpoint]
+    ends.close()
+
+
+async def test_what_replaces_another_that_waits_goes_alone() -> None:
+    ends = Ends()
+    ends.sender.send_soon(position(1.0), key=0, within_s=0.05)
+    ends.sender.send(position(2.0), replaces=0)
+    await asyncio.sleep(0.15)
+    assert ends.received == [position(2.0)]
     ends.close()
 
 
 async def test_what_waits_goes_by_itself_in_time() -> None:
     ends = Ends()
-    ends.sender.send_soon(position(1.0), within_s=0.05)
+    ends.sender.send_soon(position(1.0), key=0, within_s=0.05)
     async with asyncio.timeout(5.0):
         while not ends.received:  # noqa: ASYNC110 - the other end sets no event
             await asyncio.sleep(0.01)
@@ -96,10 +116,10 @@ class Noted:
         self.at_once: list[Message] = []
         self.waiting: list[Message] = []
 
-    def send(self, message: Message) -> None:
+    def send(self, message: Message, *, replaces: object = None) -> None:
         self.at_once.append(message)
 
-    def send_soon(self, message: Message, *, within_s: float) -> None:
+    def send_soon(self, message: Message, *, key: object, within_s: float) -> None:
         assert within_s <= 0.1
         self.waiting.append(message)
 

@@ -3,7 +3,7 @@
 import asyncio
 import socket
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar
 
 from safety.guard.process.messages import Bytes, FrameSent, Position
@@ -14,7 +14,6 @@ _PACKETS_A_TURN = 64
 _BUFFER_BYTES = 1 << 20
 LONGEST_PACKET_BYTES = 1 << 17
 _LONGEST_QUEUE = 10_000
-_MOST_WAITING = 64
 _DROPPABLE = (Bytes, Position, FrameSent)
 """What is worth nothing when it comes late; all else is kept until the other end reads."""
 
@@ -52,7 +51,7 @@ class Channel(Generic[Received]):
         self._take = take
         self._closed = closed
         self._kept: deque[bytes] = deque()
-        self._waiting: list[Message] = []
+        self._waiting: dict[Hashable, Message] = {}
         self._flush_timer: asyncio.Handle | None = None
         self._open = False
         self.dropped = 0
@@ -75,27 +74,41 @@ class Channel(Generic[Received]):
             self._loop.remove_writer(self._socket)
         self._socket.close()
 
-    def send(self, message: Message) -> None:
-        """Send a message, behind those that wait; to an end that is gone nothing is sent."""
-        self._waiting.append(message)
-        self.flush()
+    def send(
+        self, message: Message, *, last: bool = False, replaces: Hashable | None = None
+    ) -> None:
+        """Send a message, and with it what waits; to an end that is gone nothing is sent.
 
-    def send_soon(self, message: Message, *, within_s: float) -> None:
-        """Send a message with the next one, or after so much of the wall's time."""
+        last: what waits is to be taken before it. replaces: the key of what need not be sent now.
+        """
+        self._waiting.pop(replaces, None)
+        waiting = self._take_waiting()
+        self._send([*waiting, message] if last else [message, *waiting])
+
+    def send_soon(self, message: Message, *, key: Hashable, within_s: float) -> None:
+        """Send a message with the next one, or after so much of the wall's time.
+
+        It takes the place of one with the same key that still waits.
+        """
         if not self._open:
             return
-        self._waiting.append(message)
-        if len(self._waiting) >= _MOST_WAITING:
-            self.flush()
-        elif self._flush_timer is None:
-            self._flush_timer = call_wall_later(within_s, self.flush)
+        self._waiting.pop(key, None)
+        self._waiting[key] = message
+        if self._flush_timer is None:
+            self._flush_timer = call_wall_later(within_s, self._flush)
 
-    def flush(self) -> None:
-        """Send what waits, in one packet."""
+    def _flush(self) -> None:
+        self._send(self._take_waiting())
+
+    def _take_waiting(self) -> list[Message]:
         if self._flush_timer is not None:
             self._flush_timer.cancel()
             self._flush_timer = None
-        messages, self._waiting = self._waiting, []
+        waiting = list(self._waiting.values())
+        self._waiting.clear()
+        return waiting
+
+    def _send(self, messages: list[Message]) -> None:
         if not self._open or not messages:
             return
         packet = self._codec.encode(messages)

@@ -10,11 +10,17 @@ from vehicles.links.link import Receiver
 
 
 class ChannelLink:
-    """The link of the vehicle at `index`; the channel's owner calls `arrive`."""
+    """The link of the vehicle at `index`; the channel's owner calls `arrive`.
 
-    def __init__(self, *, name: str, index: int, channel: Channel[Any] | None = None) -> None:
+    last: positions that wait go before frames, which are limited by them.
+    """
+
+    def __init__(
+        self, *, name: str, index: int, channel: Channel[Any] | None = None, last: bool = False
+    ) -> None:
         self._name = name
         self._index = index
+        self._last = last
         self.channel = channel
         self._receiver: Receiver | None = None
         self._open = False
@@ -31,7 +37,8 @@ class ChannelLink:
     def write(self, data: bytes) -> None:
         """Send bytes to the other end; lost when it is gone."""
         if self._open and self.channel is not None:
-            self.channel.send(Bytes(self._index, asyncio.get_running_loop().time(), data))
+            message = Bytes(self._index, asyncio.get_running_loop().time(), data)
+            self.channel.send(message, last=self._last)
 
     def arrive(self, data: bytes, t_s: float) -> None:
         """Hand on what came for this vehicle."""

@@ -409,7 +409,3 @@ def main(arguments: list[str]) -> int:
     end.set_inheritable(False)
     with asyncio.Runner(loop_factory=PacedLoop if SCALED in arguments[3:] else None) as runner:
         return runner.run(GuardProcess(end=end, lifeline=lifeline).run())
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -61,7 +61,7 @@ _CHECKS_WITHOUT_A_WORD = 10
 """Of our own turns, not of time: a machine that was asleep must not make us kill our guard."""
 _POLL_S = 0.1
 _LATEST_S = 0.06
-"""How long positions well inside the fence, and signs of life, wait for a packet to ride with."""
+"""How long a position that is no breach, and a sign of life, wait for a packet to ride with."""
 
 
 class GuardFailedError(Exception):
@@ -83,7 +83,9 @@ class RemoteGuard:
         self._names = tuple(guard_config.vehicles)
         self._links = {
             name: ChannelLink(
-                name=f"{name} {guard_config.vehicles[name].link or 'guard'}", index=index
+                name=f"{name} {guard_config.vehicles[name].link or 'guard'}",
+                index=index,
+                last=guard_config.vehicles[name].vehicle.limits is not None,
             )
             for index, name in enumerate(self._names)
         }
@@ -204,9 +206,9 @@ class RemoteGuard:
             index, sample.t_s, pose.position_ned_m, pose.q_wxyz, sample.velocity_ned_m_s
         )
         if self._is_urgent(sample):
-            self._channel.send(message)
+            self._channel.send(message, replaces=index)
         else:
-            self._channel.send_soon(message, within_s=_LATEST_S)
+            self._channel.send_soon(message, key=index, within_s=_LATEST_S)
 
     def anchor(self, name: str, anchor: Anchor) -> None:
         """Say where a vehicle's local frame is in the world."""
@@ -218,7 +220,7 @@ class RemoteGuard:
 
     def alive(self) -> None:
         """Give a sign of life; from the start on this is done by itself, from the event loop."""
-        self._channel.send_soon(Alive(), within_s=_LATEST_S)
+        self._channel.send_soon(Alive(), key=Alive, within_s=_LATEST_S)
 
     def command(self, command: OperatorCommand) -> None:
         """Follow an operator's abort, hold or resume; an event says what comes of it."""

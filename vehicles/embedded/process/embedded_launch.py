@@ -2,24 +2,25 @@
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from types import TracebackType
 from typing import Self, cast
 
 from vehicles.clocks.sim_clock_controller import Segment
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.embedded.process.feed import (
-    FeedError,
-    Kind,
-    Motion,
-    Notice,
-    decode,
-    encode,
-    mocap_reading,
-    pace_text,
-    truth_sample,
+    GoOn,
+    MakeFault,
+    ToVehicle,
+    Truth,
+    WorldEvent,
+    from_vehicle,
+    is_finite,
+    to_vehicle,
 )
 from vehicles.embedded.process.injected_faults import Fault
 from vehicles.links.link import LinkError
+from vehicles.processes.codec import MessageError
 from vehicles.readings import PoseReading, Source
 
 
@@ -65,17 +66,15 @@ class FeedClient(asyncio.DatagramProtocol):
 
     def notify(self, event: str, t_s: float) -> None:
         """Pass an event of the world to the vehicle's surroundings."""
-        self._send(Notice(Kind.EVENT, self._next_seq(), round(t_s * 1e6), event))
+        self._send(WorldEvent(self._next_seq(), event, t_s))
 
     def fault(self, fault: Fault) -> None:
         """Make a fault in the vehicle."""
-        t_us = round(asyncio.get_running_loop().time() * 1e6)
-        self._send(Notice(Kind.FAULT, self._next_seq(), t_us, str(fault)))
+        self._send(MakeFault(self._next_seq(), str(fault)))
 
     def pace(self, segment: Segment) -> None:
         """Have the vehicle's clock go on by this piece."""
-        t_us = round(segment.run_s * 1e6)
-        self._send(Notice(Kind.PACE, self._next_seq(), t_us, pace_text(segment)))
+        self._send(GoOn(self._next_seq(), segment))
 
     async def __aenter__(self) -> Self:
         """Bind the port. Raises LinkError when it is taken."""
@@ -104,19 +103,22 @@ class FeedClient(asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Take a datagram of the vehicle."""
         try:
-            datagram = decode(data)
-        except FeedError:
+            message = from_vehicle.decode(data)
+        except MessageError:
             self.garbage += 1
             return
-        if not isinstance(datagram, Motion) or datagram.seq <= self._seq_in:
+        if not is_finite(message):
+            self.garbage += 1
             return
-        self._peer, self._seq_in = addr, datagram.seq
+        if message.seq <= self._seq_in:
+            return
+        self._peer, self._seq_in = addr, message.seq
         self.heard.set()
-        if datagram.kind is Kind.TRUTH:
-            self._give_truth(truth_sample(datagram))
+        if isinstance(message, Truth):
+            self._give_truth(message.sample)
             return
         now_s = asyncio.get_running_loop().time()
-        reading = mocap_reading(datagram, arrived_s=now_s, source=self._source)
+        reading = replace(message.reading, arrived_s=now_s, source=self._source)
         for callback in self._mocaps:
             callback(reading)
 
@@ -131,6 +133,6 @@ class FeedClient(asyncio.DatagramProtocol):
         self._seq_out += 1
         return self._seq_out
 
-    def _send(self, notice: Notice) -> None:
+    def _send(self, message: ToVehicle) -> None:
         if self._transport is not None and self._peer is not None:
-            self._transport.sendto(encode(notice), self._peer)
+            self._transport.sendto(to_vehicle.encode(message), self._peer)

@@ -16,21 +16,23 @@ from vehicles.clocks.sim_clock_controller import Segment
 from vehicles.embedded.physics.config import ContactWorld
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.embedded.process.feed import (
-    FeedError,
-    Kind,
-    Notice,
-    decode,
-    encode,
-    mocap_datagram,
-    pace_of,
-    truth_datagram,
+    FromVehicle,
+    GoOn,
+    MakeFault,
+    Mocap,
+    ToVehicle,
+    Truth,
+    WorldEvent,
+    from_vehicle,
+    to_vehicle,
 )
-from vehicles.embedded.process.injected_faults import FaultError, parse_fault
+from vehicles.embedded.process.injected_faults import Fault, FaultError, parse_fault
 from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.links.link import LinkError
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
+from vehicles.processes.codec import MessageError
 from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 from vehicles.readings import PoseReading
 from worlds.files.documents import BadInput
@@ -55,10 +57,8 @@ class FeedEnd(asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, addr: object) -> None:  # noqa: ARG002 - asyncio's
         """Take an event or a fault; anything else is said on stderr and dropped."""
         try:
-            datagram = decode(data)
-            if isinstance(datagram, Notice):
-                self._take(datagram)
-        except (FeedError, FaultError) as error:
+            self._take(to_vehicle.decode(data))
+        except (MessageError, FaultError) as error:
             sys.stderr.write(f"feed: {error}\n")
 
     def error_received(self, exc: Exception) -> None:
@@ -66,25 +66,27 @@ class FeedEnd(asyncio.DatagramProtocol):
 
     def send_truth(self, sample: TruthSample) -> None:
         """Send a truth sample."""
-        self._send(encode(truth_datagram(sample, self._seq)))
+        self._send(Truth(self._seq, sample))
 
     def send_mocap(self, reading: PoseReading) -> None:
         """Send a motion-capture reading."""
-        self._send(encode(mocap_datagram(reading, self._seq)))
+        self._send(Mocap(self._seq, reading))
 
-    def _send(self, data: bytes) -> None:
+    def _send(self, message: FromVehicle) -> None:
         self._seq += 1
         if self._transport is not None and not self._transport.is_closing():
-            self._transport.sendto(data)
+            self._transport.sendto(from_vehicle.encode(message))
 
-    def _take(self, notice: Notice) -> None:
-        if notice.kind is Kind.EVENT:
-            self._vehicle.notify(notice.text, notice.t_us / 1e6)
-            return
-        if notice.kind is Kind.PACE:
-            _go_on(pace_of(notice.text))
-            return
-        fault = parse_fault(notice.text)
+    def _take(self, message: ToVehicle) -> None:
+        match message:
+            case WorldEvent(_, name, t_s):
+                self._vehicle.notify(name, t_s)
+            case GoOn(_, segment):
+                _go_on(segment)
+            case MakeFault(_, fault):
+                self._make(parse_fault(fault))
+
+    def _make(self, fault: Fault) -> None:
         if fault.name == "kill":
             self._stop.set()
         elif fault.name == "motor":

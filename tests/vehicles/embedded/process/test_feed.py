@@ -1,125 +1,101 @@
+"""What a vehicle in a process of its own sends beside MAVLink, and is sent."""
+
+import math
 from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vehicles.clocks.sim_clock_controller import Segment
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.embedded.process.feed import (
-    Datagram,
-    FeedError,
-    Flag,
-    ImuTruth,
-    Kind,
-    Motion,
-    Notice,
-    decode,
-    encode,
-    mocap_datagram,
-    mocap_reading,
-    truth_datagram,
-    truth_sample,
+    GoOn,
+    MakeFault,
+    Mocap,
+    ToVehicle,
+    Truth,
+    WorldEvent,
+    from_vehicle,
+    is_finite,
+    to_vehicle,
 )
 from vehicles.embedded.process.injected_faults import Fault, FaultError, parse_fault
+from vehicles.processes.codec import MessageError
 from vehicles.readings import PoseReading
 from worlds.frames import Pose
 
-number = st.floats(allow_nan=False, allow_infinity=False)
-text = st.text(max_size=60).filter(lambda value: len(value.encode()) <= 256)
-head = {"seq": st.integers(0, 2**32 - 1), "t_us": st.integers(0, 2**63)}
-felts = st.builds(
-    ImuTruth,
-    st.tuples(number, number, number),
-    st.tuples(number, number, number),
-    st.tuples(number, number, number, number),
+number = st.floats(-1e30, 1e30)
+place = st.tuples(number, number, number)
+poses = st.builds(Pose, place, st.tuples(number, number, number, number))
+SAMPLE = TruthSample(
+    12.5,
+    Pose.of(1.0, -2.0, 3.0, yaw_rad=0.5),
+    (0.1, 0.2, 0.3),
+    on_ground=True,
+    motors_stopped=False,
+    contact="wall",
+    rates_frd_rad_s=(1.0, 2.0, 3.0),
+    specific_force_frd_m_s2=(0.1, -0.2, -9.7),
+    thrusts_n=(1.1, 1.2, 1.3, 1.4),
 )
+READING = PoseReading(12.5, 12.6, "twin", Pose.of(1.0, -2.0, 3.0), None)
 
 
-def felt(motion: Motion, what: ImuTruth) -> Motion:
-    return replace(motion, flags=motion.flags | Flag.HAS_FELT, felt=what)
+@given(poses, place)
+def test_samples_and_readings_come_back(pose: Pose, velocity: tuple[float, float, float]) -> None:
+    truth = Truth(3, SAMPLE._replace(pose=pose, velocity_ned_m_s=velocity))
+    reading = Mocap(4, replace(READING, pose=pose, velocity_ned_m_s=velocity))
+    for message in (truth, reading, Truth(5, SAMPLE), Mocap(6, READING)):
+        again = from_vehicle.decode(from_vehicle.encode(message))
+        assert again == message
+        assert is_finite(again)
 
 
-unfelt = st.builds(
-    Motion,
-    kind=st.sampled_from([Kind.TRUTH, Kind.MOCAP]),
-    flags=st.integers(0, 7).map(Flag),
-    position_ned_m=st.tuples(number, number, number),
-    q_wxyz=st.tuples(number, number, number, number),
-    velocity_ned_m_s=st.tuples(number, number, number),
-    text=text,
-    **head,
+@pytest.mark.parametrize(
+    "message",
+    [
+        WorldEvent(1, "start", 2.5),
+        MakeFault(2, "motor 2 0.5"),
+        GoOn(3, Segment(1.0, 2.0, 4.0)),
+        GoOn(3, Segment(1.0, 2.0, 4.0, 0.5)),
+    ],
 )
-motions = unfelt | st.builds(felt, unfelt, felts)
-notices = st.builds(Notice, kind=st.sampled_from([Kind.EVENT, Kind.FAULT]), text=text, **head)
+def test_what_a_vehicle_is_sent_comes_back(message: ToVehicle) -> None:
+    assert to_vehicle.decode(to_vehicle.encode(message)) == message
 
 
-@given(motions | notices)
-def test_datagrams_survive_the_wire(datagram: Datagram) -> None:
-    assert decode(encode(datagram)) == datagram
+@pytest.mark.parametrize(
+    "message",
+    [
+        Truth(1, SAMPLE._replace(t_s=math.nan)),
+        Truth(1, SAMPLE._replace(pose=Pose((math.nan, 0.0, 0.0)))),
+        Truth(1, SAMPLE._replace(thrusts_n=(1.0, math.inf, 1.0, 1.0))),
+        Mocap(1, replace(READING, pose=Pose((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0)))),
+        Mocap(1, replace(READING, velocity_ned_m_s=(0.0, math.inf, 0.0))),
+    ],
+)
+def test_what_is_not_finite_is_seen(message: Truth | Mocap) -> None:
+    assert not is_finite(from_vehicle.decode(from_vehicle.encode(message)))
 
 
 @given(st.binary(max_size=500))
 def test_garbage_is_refused_and_never_crashes(data: bytes) -> None:
-    with pytest.raises(FeedError):
-        decode(data)
+    for codec in (from_vehicle, to_vehicle):
+        with pytest.raises(MessageError):
+            codec.decode(data)
 
 
-@given(motions | notices, st.data())
-def test_damaged_datagrams_never_crash(datagram: Datagram, data: st.DataObject) -> None:
-    raw = bytearray(encode(datagram))
+@given(st.data())
+def test_damaged_datagrams_never_crash(data: st.DataObject) -> None:
+    raw = bytearray(from_vehicle.encode(Truth(3, SAMPLE)))
     raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
     cut = data.draw(st.integers(0, len(raw)))
     for damaged in (bytes(raw), bytes(raw[:cut])):
         try:
-            decode(damaged)
-        except FeedError:
+            is_finite(from_vehicle.decode(damaged))
+        except MessageError:
             continue
-
-
-def test_too_long_a_text_is_refused() -> None:
-    with pytest.raises(FeedError, match="257 bytes"):
-        encode(Notice(Kind.EVENT, 0, 0, "x" * 257))
-
-
-def test_what_is_felt_and_its_flag_go_together() -> None:
-    motion = Motion(Kind.TRUTH, 7, 1, Flag(0), (1, 2, 3), (1, 0, 0, 0), (4, 5, 6))
-    with pytest.raises(FeedError, match="go together"):
-        encode(replace(motion, flags=Flag.HAS_FELT))
-    with pytest.raises(FeedError, match="too short for what is felt"):
-        decode(encode(motion)[:6] + b"\x08\0" + encode(motion)[8:])
-
-
-def test_the_layout_is_the_documented_one() -> None:
-    motion = Motion(
-        Kind.TRUTH, 7, 1_500_000, Flag.ON_GROUND, (1, 2, 3), (1, 0, 0, 0), (4, 5, 6), "a"
-    )
-    raw = encode(motion)
-    assert raw[:8] == b"WILF\x01\x01\x01\x00"
-    assert raw[8:20] == b"\x07\0\0\0" + (1_500_000).to_bytes(8, "little")
-    assert len(raw) == 101
-    assert raw[100:] == b"a"
-
-
-def test_samples_and_readings_come_back() -> None:
-    pose = Pose.of(1.0, -2.0, 3.0, yaw_rad=0.5)
-    sample = TruthSample(
-        12.5,
-        pose,
-        (0.1, 0.2, 0.3),
-        on_ground=True,
-        motors_stopped=False,
-        contact="wall",
-        rates_frd_rad_s=(1.0, 2.0, 3.0),
-        specific_force_frd_m_s2=(0.1, -0.2, -9.7),
-        thrusts_n=(1.1, 1.2, 1.3, 1.4),
-    )
-    again = decode(encode(truth_datagram(sample, 3)))
-    assert isinstance(again, Motion)
-    assert truth_sample(again) == sample
-    reading = PoseReading(12.5, 12.6, "twin", pose, None)
-    again = decode(encode(mocap_datagram(reading, 3)))
-    assert isinstance(again, Motion)
-    assert mocap_reading(again, arrived_s=12.6, source="twin") == reading
 
 
 @given(
