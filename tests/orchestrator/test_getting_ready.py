@@ -9,8 +9,9 @@ from typing import Any
 
 from campaigns.setup import SyncSetup
 from orchestrator.clock import run_virtual
+from orchestrator.results import NOT_ARMED
 from orchestrator.run.course import Course
-from orchestrator.run.flight import NOT_ARMED, fly_together
+from orchestrator.run.flight import fly_together
 from orchestrator.run.holding import Holding
 from orchestrator.run.written_logs import flight_log
 

@@ -10,7 +10,7 @@ from campaigns.expansion import Options, load_campaign
 from orchestrator.cli import main
 from orchestrator.order import fly_order
 from orchestrator.results import RunResult
-from orchestrator.run import fences_aboard, preflight
+from orchestrator.run import fences_aboard
 from orchestrator.run.setup import RunOrder
 from safety.preflight import Item
 from tests.orchestrator.conftest import Fly, NoCommands
@@ -146,7 +146,7 @@ def test_a_disk_without_room_is_told_before_the_first_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     usage = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(preflight.shutil, "disk_usage", lambda _: usage._replace(free=5_000_000))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=5_000_000))
     out = tmp_path / "out"
     assert main(["run", str(write_hover(tmp_path)), "--out", str(out)]) == 3
     said = capsys.readouterr().err

@@ -13,6 +13,7 @@ import pytest
 from campaigns.outside_setups import MocapSetup, SourceSetup
 from orchestrator.calibrating import live
 from orchestrator.calibrating.live import LiveOrder, look_live
+from orchestrator.outside.captures import Captures
 from tests.vehicles.calibration.board_pictures import CHARUCO, LENS, pictures
 from vehicles.calibration.boards import CalibrationError
 from vehicles.readings import CameraReading
@@ -115,7 +116,7 @@ async def test_motion_capture_that_says_nothing_is_told(
     monkeypatch: pytest.MonkeyPatch, port: int
 ) -> None:
     through(monkeypatch, np.zeros((480, 640, 3), np.uint8))
-    monkeypatch.setattr(live.Captures.ready, "__defaults__", (0.2,))
+    monkeypatch.setattr(Captures.ready, "__defaults__", (0.2,))
     mocap = MocapSetup(kind="udp", host=HOST, port=port, body="drone")
     with pytest.raises(SourceError, match="did not show 'drone'"):
         await look_live(LiveOrder(camera=CAMERA, size=SIZE, for_s=1.0, mocap=mocap), CHARUCO)
