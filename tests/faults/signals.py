@@ -17,11 +17,11 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from campaigns.expansion import Options, load_campaign
-from orchestrator.operator import OperatorCommand
 from orchestrator.run.course import Course, Stage
 from orchestrator.run.opening import Pair
 from orchestrator.run.run import fly
 from orchestrator.run.setup import RunOrder, RunSetup
+from safety.guard.operator_command import OperatorCommand
 from tests.faults.motion_capture import Alter, captured
 from tests.faults.relay import Change, Position, relay
 from tests.orchestrator.wall import write_wall

@@ -14,13 +14,13 @@ from campaigns.expansion import Options, load_campaign
 from orchestrator import clock
 from orchestrator.faults import fault_log
 from orchestrator.flying import lost_result
-from orchestrator.operator import OperatorCommand
 from orchestrator.pool import _lost_by
 from orchestrator.results import RunResult, exit_code
 from orchestrator.run.course import Course
 from orchestrator.run.opening import Pair
 from orchestrator.run.run import Disturb, fly
 from orchestrator.run.setup import RunOrder, RunSetup
+from safety.guard.operator_command import OperatorCommand
 from tests.faults.exceptions.injection import InjectingLoop, Injection, Probe, calls_pass_by
 from tests.faults.witness import Witness
 from tests.orchestrator.hover import STILL, WORLD
