@@ -14,10 +14,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from campaigns.expansion import Options, load_campaign
-from orchestrator.run.run import fly
-from orchestrator.run.setup import RunOrder, RunSetup
-from safety.guard.operator_command import OperatorCommand
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.run.flight.run import fly
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from safety.guard.core.operator_command import OperatorCommand
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = [sys.executable, "-m", "orchestrator.cli"]

@@ -20,26 +20,26 @@ from pathlib import Path
 
 import aiomqtt
 
-from campaigns.broker_address import BrokerAddress
-from campaigns.operator_setup import MqttSetup
-from orchestrator.operating.mqtt import MqttSecrets, mqtt_operating
-from orchestrator.operating.records import Place, places
-from safety.guard.remote import RemoteGuard
-from safety.samples import PoseSample
+from campaigns.setup.operator_setup import MqttSetup
+from campaigns.values.broker_address import BrokerAddress
+from orchestrator.operator.campaign_records import Place, places
+from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
+from safety.guard.process.remote_guard import RemoteGuard
+from safety.model.samples import PoseSample
 from tests.faults.surroundings import broker_process
-from tests.orchestrator.operating.desks import FakeFleet, make_desk
-from tests.orchestrator.operating.mosquitto import free_port
+from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+from tests.orchestrator.operator.mosquitto import free_port
 from tests.orchestrator.wall_runs import ROOT, Program, lines
 from tests.safety.conftest import FakeVehicle
-from tests.safety.remote_rigs import (
+from tests.safety.guard.remote_rigs import (
     PATIENT,
     SYSTEMS,
-    charter,
+    guard_config,
     start_orchestrator,
     until,
     words,
 )
-from vehicles.links.parse import LinkAddress
+from vehicles.links.link_strings import LinkAddress
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.framing import FrameSplitter
 from vehicles.tasks import start, stop
@@ -83,7 +83,7 @@ class Wire:
 @asynccontextmanager
 async def guarded(folder: Path) -> AsyncIterator[tuple[RemoteGuard, Wire]]:
     """A guard's process over two vehicles in the air; gives the one that is timed."""
-    guard = RemoteGuard(charter=charter(folder, settings=PATIENT))
+    guard = RemoteGuard(guard_config=guard_config(folder, settings=PATIENT))
     heard = asyncio.Event()
     async with contextlib.AsyncExitStack() as stack:
         for name in SYSTEMS:
@@ -133,20 +133,20 @@ async def by_mqtt(folder: Path, port: int) -> float:
     token = secrets.token_hex(8)
     setup = MqttSetup(broker=BrokerAddress("127.0.0.1", port))
     fleet = FakeFleet()
-    desk = make_desk(folder, fleet)
+    controller = make_desk(folder, fleet)
 
     def guards() -> tuple[Place, ...]:
         return places().beneath(folder).guards
 
-    desk.guards = guards
+    controller.guards = guards
     async with (
-        mqtt_operating(setup, MqttSecrets(token=token), desk),
+        mqtt_operating(setup, MqttSecrets(token=token), controller),
         aiomqtt.Client("127.0.0.1", port) as client,
     ):
 
         async def act(_: RemoteGuard) -> float:
             body = (
-                f'{{"token": "{token}", "session": "{desk.session}", "id": "1", '
+                f'{{"token": "{token}", "session": "{controller.session}", "id": "1", '
                 f'"at": {time.time()}}}'
             )
             began_s = time.monotonic()

@@ -26,25 +26,25 @@ import numpy as np
 from mixing import POOL, RECIPE, wall
 from render import cage
 
-from orchestrator.delivery.base import Delivery
+from orchestrator.delivery.image_delivery import Delivery
 from orchestrator.delivery.rtp import rtp_delivery
 from orchestrator.delivery.sdp import RtpAddress
-from orchestrator.run.mixing import MixingLoop
-from orchestrator.run.mixtures import Frame
-from orchestrator.run.seeing import WorldPictures
-from orchestrator.run.sensing import in_thread
-from recipes.language import load_recipe
-from recipes.pipeline import compile_recipe
-from vehicles.cameras import AskedCamera
-from vehicles.pose_history import PoseHistory
+from orchestrator.run.perception.mixing_loop import MixingLoop
+from orchestrator.run.perception.sensor_factory import in_thread
+from orchestrator.state.mixtures import MixedFrame
+from recipes.language.recipe_document import load_recipe
+from recipes.pipeline.pipeline import compile_recipe
+from vehicles.cameras.rendered_cameras import OnDemandCamera
+from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import CameraReading
 from vehicles.sensors.lens import ThroughLens
+from vehicles.sensors.world_views import WorldImages
 from vehicles.tasks import start, stop
 from worlds.camera import CameraMount, Intrinsics
-from worlds.documents import load
+from worlds.files.documents import load
 from worlds.frames import Pose
-from worlds.scene import Scene
-from worlds.world import World
+from worlds.scene.scene import Scene
+from worlds.world_file.world import World
 
 WORLD = Path(__file__).parents[1] / "worlds" / "gate.yaml"
 POSE_HZ = 200.0
@@ -98,11 +98,11 @@ class Bench:
         self._pictures = [wall(seed, *size) for seed in range(POOL)]
         self._lens = lens
         (mixer,) = compile_recipe(load_recipe(load(RECIPE)), object_ids={})
-        pictures = WorldPictures(scene=scene, events={"goal": 0.0})
+        pictures = WorldImages(scene=scene, events={"goal": 0.0})
         self.mixing = MixingLoop(
             name="camera",
             mixer=mixer,
-            twin=AskedCamera(
+            twin=OnDemandCamera(
                 source=ThroughLens(pictures),
                 intrinsics=lens,
                 mount=CameraMount(),
@@ -133,7 +133,7 @@ class Bench:
         self.taken_ms.clear()
         self.offered = 0
 
-    def _told(self, frame: Frame) -> None:
+    def _told(self, frame: MixedFrame) -> None:
         reading = frame.mixed.reading
         if not isinstance(reading, CameraReading) or frame.real is None:
             return

@@ -17,16 +17,16 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.guard.charter import GuardCharter, Guarded
-from safety.guard.events import GuardedVehicle
-from safety.guard.remote import RemoteGuard
-from vehicles.autopilots.base import Target
+from safety.guard.core.events import GuardedVehicle
+from safety.guard.process.guard_config import GuardConfig, Guarded
+from safety.guard.process.remote_guard import RemoteGuard
+from vehicles.autopilots.autopilot import Target
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.driver import Driver
-from vehicles.embedded.settings import ProcessSettings
+from vehicles.embedded.process.process_settings import ProcessSettings
 from vehicles.errors import VehicleError
-from vehicles.links.opening import open_link
-from vehicles.links.parse import parse_link
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import parse_link
 from vehicles.mavlink.codec import Codec
 from vehicles.setpoints import VelocitySetpoint
 
@@ -136,7 +136,7 @@ class Pair:
 
     @contextlib.asynccontextmanager
     async def open(self, folder: str) -> AsyncIterator["Pair"]:
-        charter = GuardCharter(
+        guard_config = GuardConfig(
             run="bench",
             folder=folder,
             epoch_s=time.time() - asyncio.get_running_loop().time(),
@@ -149,7 +149,9 @@ class Pair:
                 for number, name in enumerate(NAMES)
             },
         )
-        guard = RemoteGuard(charter=charter, record=lambda *frame: self.wire.append(frame))
+        guard = RemoteGuard(
+            guard_config=guard_config, record=lambda *frame: self.wire.append(frame)
+        )
         async with contextlib.AsyncExitStack() as stack:
             self.guard = await stack.enter_async_context(guard)
             for name in NAMES:

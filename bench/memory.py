@@ -18,8 +18,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from recipes.language import load_recipe
-from recipes.pipeline import Mixer, compile_recipe
+from recipes.language.recipe_document import load_recipe
+from recipes.pipeline.pipeline import Mixer, compile_recipe
 from vehicles.readings import (
     CameraReading,
     ImuReading,
@@ -31,7 +31,7 @@ from vehicles.readings import (
     Source,
 )
 from worlds.camera import Intrinsics
-from worlds.documents import parse
+from worlds.files.documents import parse
 from worlds.frames import Pose
 
 WANTED_PERCENT = 2.0

@@ -17,21 +17,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from orchestrator.clock import run_virtual
-from orchestrator.run.mixing import MixingLoop, Registered
-from orchestrator.run.mixtures import Frame
-from orchestrator.run.registration import box_corners, registration_error_px
-from orchestrator.run.seeing import WorldPictures
-from recipes.language import load_recipe
-from recipes.pipeline import compile_recipe
-from vehicles.cameras import sleep_until
-from vehicles.pose_history import PoseHistory
+from orchestrator.model.clock import run_virtual
+from orchestrator.run.perception.mixing_loop import MixingLoop, RegistrationError
+from orchestrator.run.perception.registration_error import box_corners, registration_error_px
+from orchestrator.state.mixtures import MixedFrame
+from recipes.language.recipe_document import load_recipe
+from recipes.pipeline.pipeline import compile_recipe
+from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import CameraReading, Reading
-from worlds import shapes
+from vehicles.sensors.world_views import WorldImages
 from worlds.camera import Intrinsics
-from worlds.documents import parse
+from worlds.files.documents import parse
 from worlds.frames import Pose, Vec3
-from worlds.scene import Scene, SceneObject
+from worlds.scene import shapes
+from worlds.scene.scene import Scene, SceneObject
 
 CAMERA = Intrinsics.from_fov(640, 480, math.radians(69.0))
 SPEED_M_S = 1.0
@@ -64,7 +64,7 @@ def truth(t_s: float) -> Pose:
 class Twin:
     """A simulator that is asked for pictures and answers at once."""
 
-    pictures: WorldPictures
+    pictures: WorldImages
 
     async def ask(
         self, body: Pose, t_s: float, *, want_depth: bool = False, want_ids: bool = False
@@ -95,22 +95,22 @@ def fly(align: str, seconds: float) -> Seen:
     """Return what comes of a flight past the gate."""
     shape = shapes.gate("square", 1.0, 0.1)
     gate = SceneObject(1, "gate", shape, pose=Pose.of(AHEAD_M, 0.0, UP_M))
-    pictures = WorldPictures(scene=Scene((gate,)), events={})
+    pictures = WorldImages(scene=Scene((gate,)), events={})
     corners = [gate.pose.to_parent(corner) for corner in box_corners(gate)]
     seen = Seen()
 
-    def registration(twin: Reading, exposed_s: float) -> Registered:
+    def registration(twin: Reading, exposed_s: float) -> RegistrationError:
         if not isinstance(twin, CameraReading) or twin.camera_pose is None:
-            return Registered()
+            return RegistrationError()
         error_px = registration_error_px(
             zip(corners, corners, strict=True),
             intrinsics=CAMERA,
             drawn_from=twin.camera_pose,
             reference=truth(exposed_s),
         )
-        return Registered(error_px)
+        return RegistrationError(error_px)
 
-    def tell(frame: Frame) -> None:
+    def tell(frame: MixedFrame) -> None:
         error_px = frame.mixed.provenance.registration_error_px
         if error_px is None or frame.real is None or not isinstance(frame.twin, CameraReading):
             seen.dropped += 1

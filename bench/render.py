@@ -17,16 +17,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from worlds import meshes, shapes
 from worlds.camera import Intrinsics
-from worlds.clearance import BoxShape, ClearanceMinima, ClearanceProbe
+from worlds.clearance.clearance import BoxShape, ClearanceMinima, ClearanceProbe
 from worlds.frames import Pose, matrix_from_quat
-from worlds.meshes import FloatArray, Material, Mesh
-from worlds.parts import Part, SurfaceShape
-from worlds.raycast import RayCaster
-from worlds.render.renderer import Picture, Renderer
-from worlds.scene import Scene, SceneObject
-from worlds.shapes import Shape
+from worlds.rays.raycast import RayCaster
+from worlds.render.renderer import Renderer, RenderOutput
+from worlds.scene import meshes, shapes
+from worlds.scene.meshes import FloatArray, Material, Mesh
+from worlds.scene.parts import Part, SurfaceShape
+from worlds.scene.scene import Scene, SceneObject
+from worlds.scene.shapes import Shape
 
 CAMERA = Intrinsics.from_fov(1280, 720, math.radians(69.0))
 WANTED_MS = 12.0
@@ -125,7 +125,7 @@ def timed_ms(work: Callable[[], object]) -> tuple[float, float]:
     return (time.perf_counter() - start) * 1e3, (time.thread_time() - busy) * 1e3
 
 
-def compare_pictures(scene: Scene, frames: int) -> list[Picture]:
+def compare_pictures(scene: Scene, frames: int) -> list[RenderOutput]:
     """Print the times of rendering and of casting, frame by frame in turns."""
     renderer, cast = Renderer(scene), embree(scene)
     way = flight(frames)

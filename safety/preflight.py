@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from safety.geofence import Fence
+from safety.fence.geofence import Fence
 from worlds.frames import Vec3, norm, subtract
 
 Check = Literal[

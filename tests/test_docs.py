@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from recipes.language import load_recipe
-from recipes.paper_xml import parse_paper_xml
-from recipes.pipeline import compile_recipe
-from recipes.recipe import Recipe
-from recipes.registry import STAGES, StepType, steps
+from recipes.language.paper_xml import parse_paper_xml
+from recipes.language.recipe_document import load_recipe
+from recipes.model.recipe import Recipe
+from recipes.model.registry import STAGES, StepType, steps
+from recipes.pipeline.pipeline import compile_recipe
 from tests.recipes.samples import camera, plain
-from worlds.documents import BadInput, parse
+from worlds.files.documents import BadInput, parse
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

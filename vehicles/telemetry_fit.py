@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.base import Autopilot, TelemetryRates
+from vehicles.autopilots.autopilot import Autopilot, TelemetryRates
 
 LEAST_HZ = 10.0
 """Positions that come less often let the guard see a breach too late."""

@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 
 from worlds.camera import Intrinsics
-from worlds.documents import BadInput, load
+from worlds.files.documents import BadInput, load
 from worlds.frames import Pose
-from worlds.motion import MOMENTS
-from worlds.render.renderer import Picture, Renderer
-from worlds.scene import Scene
-from worlds.world import Mode, Which, World
+from worlds.render.renderer import Renderer, RenderOutput
+from worlds.scene.motion import MOMENTS
+from worlds.scene.scene import Scene
+from worlds.world_file.world import Mode, Which, World
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,21 +31,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write("".join(f"{problem}\n" for problem in error.problems))
         return 2
     scene = world.scene(asked.mode, asked.which)
-    picture = _picture(scene, asked)
+    picture = _draw_image(scene, asked)
     coded, data = cv2.imencode(asked.picture.suffix or ".png", picture.image_bgr)
     try:
         asked.picture.write_bytes(data.tobytes() if coded else b"")
     except OSError as error:
         sys.stderr.write(f"{asked.picture}: {error.strerror}\n")
         return 3
-    sys.stdout.write("".join(f"{line}\n" for line in _shown(scene, picture)))
+    sys.stdout.write("".join(f"{line}\n" for line in _shown_objects(scene, picture)))
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m worlds.preview", description=__doc__)
     parser.add_argument("world", type=Path, help="a world file")
-    parser.add_argument("picture", type=_picture_file, help="where the picture goes (.png, .jpg)")
+    parser.add_argument("picture", type=_image_file, help="where the picture goes (.png, .jpg)")
     for name, default, text in (
         ("north", 0.0, "camera's place, metres"),
         ("east", 0.0, "camera's place, metres"),
@@ -72,7 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _picture_file(text: str) -> Path:
+def _image_file(text: str) -> Path:
     if Path(text).suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise argparse.ArgumentTypeError("the picture's name must end in .png or .jpg")
     return Path(text)
@@ -97,7 +97,7 @@ def _event(text: str) -> tuple[str, float]:
     return name, float(at_s)
 
 
-def _picture(scene: Scene, asked: argparse.Namespace) -> Picture:
+def _draw_image(scene: Scene, asked: argparse.Namespace) -> RenderOutput:
     width_px, height_px = asked.size
     camera = Intrinsics.from_fov(width_px, height_px, math.radians(asked.fov))
     turn = {"pitch_rad": math.radians(asked.pitch), "yaw_rad": math.radians(asked.yaw)}
@@ -105,7 +105,7 @@ def _picture(scene: Scene, asked: argparse.Namespace) -> Picture:
     return Renderer(scene).render(pose, camera, asked.at, dict(asked.event))
 
 
-def _shown(scene: Scene, picture: Picture) -> list[str]:
+def _shown_objects(scene: Scene, picture: RenderOutput) -> list[str]:
     """Return a line for each thing: how much of the picture it fills, and how near it is."""
     lines: list[str] = []
     depth_m, object_ids = picture.depth_m, picture.object_ids

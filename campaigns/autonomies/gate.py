@@ -18,7 +18,7 @@ from campaigns.autonomies.pid import Gains, Pid
 from vehicles.autonomy import Command, Telemetry
 from vehicles.perception.blobs import BlobFinder
 from vehicles.perception.hsv import NAMED_COLORS
-from vehicles.pose_history import PoseHistory
+from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import CameraReading, Reading
 from vehicles.setpoints import VelocitySetpoint
 from worlds.frames import Pose, Vec3, quat_from_euler, subtract

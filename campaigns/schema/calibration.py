@@ -6,7 +6,7 @@ from pydantic import Field
 
 from campaigns.schema.sensors import Distortion, Focal, MountPart, Pixels
 from worlds.camera import Intrinsics
-from worlds.documents import Document, Part, check
+from worlds.files.documents import Document, Part, check
 
 SCHEMA = "wil/calibration/1"
 

@@ -5,8 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
 
-from campaigns.acceptance import parse_share
-from campaigns.schema.between import BetweenRunsPart
+from campaigns.schema.between_runs import BetweenRunsPart
 from campaigns.schema.controls import ControlPart
 from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
 from campaigns.schema.fence import GeofencePart
@@ -15,7 +14,8 @@ from campaigns.schema.links import LinksPart
 from campaigns.schema.operator import OperatorPart
 from campaigns.schema.preflight import PreflightPart
 from campaigns.schema.vehicles import Speedup, VehiclesPart
-from worlds.documents import KeyFaultError, Part
+from campaigns.values.acceptance import parse_share
+from worlds.files.documents import KeyFaultError, Part
 
 Mode = Literal["sim", "wil", "real"]
 Seconds = Annotated[float, Field(gt=0, le=86_400)]

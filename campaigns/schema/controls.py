@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, JsonValue, model_validator
 
-from worlds.documents import KeyFaultError, Part
+from worlds.files.documents import KeyFaultError, Part
 
 FlownMode = Literal["sim", "wil", "real"]
 ControlVerdict = Literal["FAIL", "INVALID", "ERROR"]

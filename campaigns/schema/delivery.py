@@ -5,10 +5,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from campaigns.outside_setups import InjectionSetup, PictureOutlet
+from campaigns.values.external_setups import ImageOutlet, InjectionSetup
 from recipes.working import SIDES, Side
-from vehicles.links.parse import LinkAddressError, parse_link
-from worlds.documents import KeyFaultError, Part
+from vehicles.links.link_strings import LinkAddressError, parse_link
+from worlds.files.documents import KeyFaultError, Part
 
 _HOST_PORT = re.compile(r"([^:/@\s]+):(\d{1,5})")
 _KINDS: tuple[Literal["rtp", "zmq", "v4l2"], ...] = ("rtp", "zmq", "v4l2")
@@ -53,10 +53,10 @@ class DeliverPart(Part):
         _check_address(given[0], str(getattr(self, given[0])))
         return self
 
-    def outlet(self, default_sensor: str) -> PictureOutlet:
+    def outlet(self, default_sensor: str) -> ImageOutlet:
         """Return the way out; default_sensor where none is named."""
         kind = next(kind for kind in _KINDS if getattr(self, kind) is not None)
-        return PictureOutlet(
+        return ImageOutlet(
             kind=kind,
             address=str(getattr(self, kind)),
             sensor=self.sensor or default_sensor,

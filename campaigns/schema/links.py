@@ -4,8 +4,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from vehicles.links.impairment import Blackout, Bursts, Impairment
-from worlds.documents import KeyFaultError, Part
+from vehicles.links.impairment import Bursts, Impairment, LinkOutage
+from worlds.files.documents import KeyFaultError, Part
 
 Chance = Annotated[float, Field(ge=0, le=1)]
 Milliseconds = Annotated[float, Field(ge=0, le=60_000)]
@@ -23,7 +23,7 @@ class BurstsPart(Part):
     loss_between: Chance = 0.0
 
 
-class BlackoutPart(Part):
+class OutagePart(Part):
     """Nothing comes through for `for_s`: so long after the link's opening, or after a stage.
 
     `{from_s: 60, for_s: 3}`, or `{on: goal, after_s: 2, for_s: 3}`.
@@ -62,7 +62,7 @@ class WayPart(Part):
             raise KeyFaultError("jitter_ms", said)
         return self
 
-    def impairment(self, blackouts: tuple[Blackout, ...]) -> Impairment:
+    def impairment(self, blackouts: tuple[LinkOutage, ...]) -> Impairment:
         """Return what it means for a link."""
         bursts, kbit_s = self.bursts, self.bandwidth_kbit_s
         return Impairment(
@@ -83,7 +83,7 @@ class LinkPart(WayPart):
 
     to_vehicle: WayPart | None = None
     from_vehicle: WayPart | None = None
-    blackouts: list[BlackoutPart] = Field(default_factory=list)
+    blackouts: list[OutagePart] = Field(default_factory=list)
 
 
 class LinksPart(Part):

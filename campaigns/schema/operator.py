@@ -5,9 +5,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from campaigns.broker_address import BrokerAddressError, parse_broker
-from vehicles.links.parse import LinkAddressError, parse_link
-from worlds.documents import KeyFaultError, Part
+from campaigns.values.broker_address import BrokerAddressError, parse_broker
+from vehicles.links.link_strings import LinkAddressError, parse_link
+from worlds.files.documents import KeyFaultError, Part
 
 
 def _is_link(link: str) -> str:

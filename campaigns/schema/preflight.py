@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from safety.preflight import Check
-from worlds.documents import Part
+from worlds.files.documents import Part
 
 
 class OwnFencePart(Part):

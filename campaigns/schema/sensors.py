@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from campaigns.schema.sources import SourcePart
-from campaigns.sensor_setups import (
+from campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
     GpsSetup,
@@ -22,7 +22,7 @@ from campaigns.sensor_setups import (
 from vehicles.sensors.lens import lens_fault
 from vehicles.sensors.lidar import GridPattern, ScanPattern
 from worlds.camera import CameraMount, Intrinsics
-from worlds.documents import KeyFaultError, Part
+from worlds.files.documents import KeyFaultError, Part
 from worlds.frames import Pose, quat_from_euler
 
 Pixels = Annotated[int, Field(ge=16, le=8192)]
@@ -66,7 +66,7 @@ class MountPart(Part):
         return Pose((self.forward_m, self.right_m, self.down_m), quat_from_euler(*angles))
 
 
-class PicturePart(Part):
+class ImagePart(Part):
     """A pinhole, its optics given by `fov_deg` (edge to edge, horizontal) or by `fx_px`.
 
     fy_px defaults to fx_px, cx_px and cy_px to the middle. distortion: OpenCV's k1, k2, p1, p2
@@ -118,7 +118,7 @@ class PicturePart(Part):
         return CameraMount(self.mount.pose(), self.stabilized)
 
 
-class CameraPart(PicturePart):
+class CameraPart(ImagePart):
     """A camera. distortion: OpenCV's k1, k2, p1, p2, k3 and on; none without.
 
     source: where its pictures come from; rendered without. calibration: file with its optics, and
@@ -138,7 +138,7 @@ class CameraPart(PicturePart):
         return self
 
     @model_validator(mode="after")
-    def _said_once(self) -> Self:
+    def _require_single_lens(self) -> Self:
         for key in ("fov_deg", *_FOCAL_KEYS, "distortion") if self.calibration is not None else ():
             if key in self.model_fields_set:
                 raise KeyFaultError(key, "the calibration says this already; give one of the two")
@@ -161,7 +161,7 @@ class CameraPart(PicturePart):
         )
 
 
-class DepthPart(PicturePart):
+class DepthPart(ImagePart):
     """A depth camera: stereo or time of flight."""
 
     type: Literal["depth"]
@@ -181,7 +181,7 @@ class RangingPart(Part):
     mount: MountPart = MountPart()
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _require_order(self) -> Self:
         low, high = self.range_min_m, self.range_max_m
         if low is not None and high is not None and low >= high:
             raise KeyFaultError("range_max_m", f"must be more than range_min_m, {low:g}")
@@ -303,7 +303,7 @@ class MicrophonePart(Part):
     block_samples: Annotated[int, Field(ge=16, le=65_536)] = 512
 
     @model_validator(mode="after")
-    def _not_too_often(self) -> Self:
+    def _limit_rate(self) -> Self:
         blocks_hz = self.sample_rate_hz / self.block_samples
         if blocks_hz > 250.0:
             raise KeyFaultError("block_samples", f"gives {blocks_hz:g} blocks/s; at most 250")

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from campaigns.outside_setups import MocapSetup, SourceKind, SourceSetup
-from worlds.documents import KeyFaultError, Part
+from campaigns.values.external_setups import MocapSetup, SourceKind, SourceSetup
+from worlds.files.documents import KeyFaultError, Part
 
 Milliseconds = Annotated[float, Field(ge=0, le=10_000)]
 Seconds = Annotated[float, Field(gt=0, le=600)]
@@ -55,7 +55,7 @@ class SourcePart(Part):
         return {"address": given} if isinstance(given, str) else given
 
     @model_validator(mode="after")
-    def _fitting(self) -> "SourcePart":
+    def _require_fitting_keys(self) -> "SourcePart":
         if re.match(r"[a-z0-9+]+://", self.address) and self._scheme() is None:
             known = ", ".join(scheme for scheme in _SCHEMES if scheme.endswith("://"))
             raise KeyFaultError("address", f"'{self.address}': known are {known}, and files")
@@ -123,15 +123,15 @@ class MocapPart(Part):
         return {"address": given} if isinstance(given, str) else given
 
     @model_validator(mode="after")
-    def _known(self) -> "MocapPart":
-        kind, _, _ = self._parsed()
+    def _require_known_scheme(self) -> "MocapPart":
+        kind, _, _ = self._parse_address()
         if self.topic and kind != "zmq":
             raise KeyFaultError("topic", "is for tcp:// alone")
         return self
 
     def setup(self, vehicle: str) -> MocapSetup:
         """Return it for a vehicle."""
-        kind, host, port = self._parsed()
+        kind, host, port = self._parse_address()
         return MocapSetup(
             kind=kind,
             host=host,
@@ -142,7 +142,7 @@ class MocapPart(Part):
             topic=self.topic,
         )
 
-    def _parsed(self) -> tuple[Literal["udp", "zmq", "vrpn"], str, int]:
+    def _parse_address(self) -> tuple[Literal["udp", "zmq", "vrpn"], str, int]:
         match = re.fullmatch(r"(udp|tcp|vrpn)://([^:/@\s]+)(?::(\d{1,5}))?", self.address)
         port = int(match[3] or (3883 if match[1] == "vrpn" else 0)) if match else 0
         if match is None or not 0 < port < 65536:

@@ -5,13 +5,13 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
-from campaigns.outside_setups import PoseAccuracy
 from campaigns.schema.sensors import SensorPart
 from campaigns.schema.sources import MocapPart
-from vehicles.autopilots.base import AutopilotName
-from vehicles.links.parse import LinkAddressError, parse_link
-from vehicles.voices import DriverName
-from worlds.documents import KeyFaultError, Part
+from campaigns.values.external_setups import PoseAccuracy
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.command_backends import DriverName
+from vehicles.links.link_strings import LinkAddressError, parse_link
+from worlds.files.documents import KeyFaultError, Part
 from worlds.frames import Pose
 
 VehicleName = Literal["real", "twin"]
@@ -98,7 +98,7 @@ class Px4LaunchPart(Part):
     speed: Speedup = 1.0
 
     @model_validator(mode="after")
-    def _one(self) -> Self:
+    def _require_exactly_one(self) -> Self:
         if (self.build is None) == (self.image is None):
             raise ValueError("give the build folder, or the image")
         return self
@@ -114,7 +114,7 @@ class SigningPart(Part):
     environment: Text | None = None
 
     @model_validator(mode="after")
-    def _one(self) -> Self:
+    def _require_exactly_one(self) -> Self:
         if (self.file is None) == (self.environment is None):
             raise ValueError("give a file, or the name of an environment variable")
         return self

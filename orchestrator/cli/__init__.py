@@ -13,27 +13,55 @@ from contextlib import contextmanager
 
 from cyclopts import App, Parameter
 
-from orchestrator.cli.streams import StreamError, err, make_sound
+from orchestrator.cli.standard_streams import StreamError, err, make_sound
 
 USAGE_ERROR = 2
 INTERNAL_ERROR = 3
 INTERRUPTED = 130
 
 _COMMANDS = (
-    ("run", "orchestrator.cli.run:run", "Fly a campaign and write its verdicts."),
-    ("validate", "orchestrator.cli.validate:validate", "Find every fault of files, fly nothing."),
-    ("plan", "orchestrator.cli.plan:plan", "Show the runs of a campaign, fly nothing."),
-    ("judge", "orchestrator.cli.judge:judge", "Judge recorded runs again, fly nothing."),
-    ("abort", "orchestrator.cli.operate:abort", "Land what flies on this machine, at once."),
-    ("hold", "orchestrator.cli.operate:hold", "Have what flies stop and stay in the air."),
-    ("resume", "orchestrator.cli.operate:resume", "Let what is held fly on."),
-    ("fence", "orchestrator.cli.fence:fence", "Give what flies on this machine new fences."),
-    ("watch", "orchestrator.cli.watch:watch", "Show what flies on this machine until it is over."),
-    ("mix", "orchestrator.cli.mix:mix", "Mix pictures, videos or recordings by a recipe."),
-    ("replay", "orchestrator.cli.replay:replay_run", "Mix a recorded run anew, fly nothing."),
-    ("calibrate", "orchestrator.cli.calibrate:calibrate", "Measure a real camera by a board."),
-    ("doctor", "orchestrator.cli.doctor:doctor", "Say what this machine has and lacks."),
-    ("list", "orchestrator.cli.listing:list_things", "List campaigns, operators and the like."),
+    ("run", "orchestrator.cli.commands.run:run", "Fly a campaign and write its verdicts."),
+    (
+        "validate",
+        "orchestrator.cli.commands.validate:validate",
+        "Find every fault of files, fly nothing.",
+    ),
+    ("plan", "orchestrator.cli.commands.plan:plan", "Show the runs of a campaign, fly nothing."),
+    ("judge", "orchestrator.cli.commands.judge:judge", "Judge recorded runs again, fly nothing."),
+    (
+        "abort",
+        "orchestrator.cli.commands.operate:abort",
+        "Land what flies on this machine, at once.",
+    ),
+    ("hold", "orchestrator.cli.commands.operate:hold", "Have what flies stop and stay in the air."),
+    ("resume", "orchestrator.cli.commands.operate:resume", "Let what is held fly on."),
+    (
+        "fence",
+        "orchestrator.cli.commands.fence:fence",
+        "Give what flies on this machine new fences.",
+    ),
+    (
+        "watch",
+        "orchestrator.cli.commands.watch:watch",
+        "Show what flies on this machine until it is over.",
+    ),
+    ("mix", "orchestrator.cli.commands.mix:mix", "Mix pictures, videos or recordings by a recipe."),
+    (
+        "replay",
+        "orchestrator.cli.commands.replay:replay_run",
+        "Mix a recorded run anew, fly nothing.",
+    ),
+    (
+        "calibrate",
+        "orchestrator.cli.commands.calibrate:calibrate",
+        "Measure a real camera by a board.",
+    ),
+    ("doctor", "orchestrator.cli.commands.doctor:doctor", "Say what this machine has and lacks."),
+    (
+        "list",
+        "orchestrator.cli.commands.listing:list_available",
+        "List campaigns, operators and the like.",
+    ),
 )
 
 
@@ -47,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     make_sound()
     try:
         with _interruptible():
-            return _called(tokens)
+            return _call_command(tokens)
     except SystemExit as error:
         return error.code if isinstance(error.code, int) else int(error.code is not None)
     except KeyboardInterrupt:
@@ -59,10 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         err(error)
         return INTERNAL_ERROR
     except BaseException as error:  # noqa: BLE001 - the last place where one can be told to people
-        return _failed(error)
+        return _report_failure(error)
 
 
-def _called(tokens: list[str]) -> int:
+def _call_command(tokens: list[str]) -> int:
     app = build_app()
     if not tokens:
         app.help_print(console=app.error_console)
@@ -111,12 +139,12 @@ def _version() -> str:
         return "not installed"
 
 
-def _failed(error: BaseException) -> int:
+def _report_failure(error: BaseException) -> int:
     """Tell a person about an error, which is the user's to mend or ours; return the exit code."""
     import tempfile  # noqa: PLC0415 - not needed for --help
     import traceback  # noqa: PLC0415 - not needed for --help
 
-    from worlds.documents import BadInput  # noqa: PLC0415 - not needed for --help
+    from worlds.files.documents import BadInput  # noqa: PLC0415 - not needed for --help
 
     if isinstance(error, BadInput):
         err(error)

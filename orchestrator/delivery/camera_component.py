@@ -88,23 +88,23 @@ class CameraComponent:
         command = message.command
         if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
             wanted = _whole(message.param1)
-            return self._asked(message, wanted, t_s, stream=_whole(message.param2))
+            return self._answer_request(message, wanted, t_s, stream=_whole(message.param2))
         if command in _OLDER_REQUESTS:
             stream = _whole(message.param1) if command in _STREAM_REQUESTS else _ALL
-            return self._asked(message, _OLDER_REQUESTS[command], t_s, stream=stream)
+            return self._answer_request(message, _OLDER_REQUESTS[command], t_s, stream=stream)
         if command in _ACCEPTED:
             return [self._ack(message, mavlink.MAV_RESULT_ACCEPTED)]
-        return self._refused(message)
+        return self._refuse_command(message)
 
-    def _asked(self, message: Any, wanted: int, t_s: float, *, stream: int) -> list[Any]:
+    def _answer_request(self, message: Any, wanted: int, t_s: float, *, stream: int) -> list[Any]:
         answer = self._messages.get(wanted)
         if answer is None:
-            return self._refused(message)
+            return self._refuse_command(message)
         if wanted in _OF_STREAMS and stream not in {_ALL, 1}:
             return [self._ack(message, mavlink.MAV_RESULT_DENIED)]
         return [self._ack(message, mavlink.MAV_RESULT_ACCEPTED), answer(t_s)]
 
-    def _refused(self, message: Any) -> list[Any]:
+    def _refuse_command(self, message: Any) -> list[Any]:
         # A broadcast is the autopilot's to refuse: two refusals of one command confuse.
         if message.target_component == _ALL:
             return []

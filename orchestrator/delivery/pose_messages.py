@@ -1,6 +1,6 @@
 """Poses as messages that move an autopilot's estimate, or guide its landing; pure.
 
-Poses are in the autopilot's own local NED frame: `vehicles.anchor.Anchor` brings them there from
+Poses are in the autopilot's own local NED frame: `poses.anchor.Anchor` brings them there from
 the world's. They are off unless a campaign names them: a flying vehicle believes them.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.delivery.range_messages import microseconds
-from vehicles.autopilots.base import AutopilotName
+from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.readings import PoseReading
 from worlds.frames import Pose, Vec3, euler_from_quat, norm, quat_conjugate, rotate
 

@@ -5,11 +5,11 @@ from typing import Any
 
 import av
 
-from orchestrator.delivery.base import DeliveryError
 from orchestrator.delivery.h264_encoder import RTP_CLOCK, H264Settings, to_frame
+from orchestrator.delivery.image_delivery import DeliveryError
 from orchestrator.delivery.sdp import RtpAddress, h264_sdp
-from orchestrator.delivery.threaded import ThreadedDelivery
-from orchestrator.writing import write_whole
+from orchestrator.delivery.threaded_delivery import ThreadedDelivery
+from orchestrator.model.document_writer import write_whole
 from vehicles.readings import CameraReading
 
 _PACKET_BYTES = 1316

@@ -7,9 +7,9 @@ from typing import Any
 
 import av
 
-from orchestrator.delivery.base import DeliveryError
 from orchestrator.delivery.h264_encoder import to_frame
-from orchestrator.delivery.threaded import ThreadedDelivery
+from orchestrator.delivery.image_delivery import DeliveryError
+from orchestrator.delivery.threaded_delivery import ThreadedDelivery
 from vehicles.readings import CameraReading
 
 _HOW = "load one: modprobe v4l2loopback video_nr=10 exclusive_caps=1"

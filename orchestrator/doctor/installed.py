@@ -41,7 +41,7 @@ def packages(find: Version = version, requirements: Requirements = requires) -> 
         said = "install it: pip install -e . in its folder"
         yield Finding(TOPIC, "note", f"{_US} runs from a folder, not installed", said)
         return
-    needed = sorted(_needed(requirements(_US) or []))
+    needed = sorted(_required_packages(requirements(_US) or []))
     missing = [name for name in needed if not _is_there(name, find)]
     if missing:
         text = f"{_US} {own} lacks {', '.join(missing)}"
@@ -59,7 +59,7 @@ def drivers(find: Version = version) -> Iterator[Finding]:
         yield Finding(TOPIC, "note", "no mavsdk; the driver mavlink needs none", said)
 
 
-def strangers(find: Version = version) -> Iterator[Finding]:
+def foreign_packages(find: Version = version) -> Iterator[Finding]:
     """Yield installed packages that stand in the way of ours."""
     if _is_there("safety", find):
         yield Finding(
@@ -70,7 +70,7 @@ def strangers(find: Version = version) -> Iterator[Finding]:
         )
 
 
-def _needed(requirements: list[str]) -> Iterator[str]:
+def _required_packages(requirements: list[str]) -> Iterator[str]:
     for one in requirements:
         if "extra ==" not in one:
             yield re.split(r"[^A-Za-z0-9._-]", one, maxsplit=1)[0]

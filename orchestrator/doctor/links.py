@@ -4,13 +4,13 @@ import asyncio
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from campaigns.expansion import load_campaign
-from orchestrator.attached import attached_vehicles, flown_vehicles
+from campaigns.expansion.expansion import load_campaign
+from orchestrator.campaign.attached_vehicles import attached_vehicles, flown_vehicles
 from orchestrator.doctor.findings import Finding
-from vehicles.links.base import LinkError
-from vehicles.links.opening import open_link
-from vehicles.links.parse import LinkAddress
-from worlds.documents import BadInput
+from vehicles.links.link import LinkError
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import LinkAddress
+from worlds.files.documents import BadInput
 
 TOPIC = "campaigns"
 _OPEN_S = 5.0
@@ -32,10 +32,10 @@ def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
             yield Finding(TOPIC, "good", text)
         for vehicle in attached:
             for address in vehicle.addresses:
-                yield asyncio.run(_opened(f"{file}: {vehicle.name}", address))
+                yield asyncio.run(_open_link(f"{file}: {vehicle.name}", address))
 
 
-async def _opened(who: str, address: LinkAddress) -> Finding:
+async def _open_link(who: str, address: LinkAddress) -> Finding:
     try:
         async with asyncio.timeout(_OPEN_S), open_link(address):
             pass

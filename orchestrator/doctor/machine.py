@@ -11,9 +11,9 @@ from pathlib import Path
 import psutil
 
 from orchestrator.doctor.findings import Finding
-from safety.guard.leftovers import GuardRecord
-from vehicles.driver.fence_notes import waiting_notes
-from vehicles.launch.records import LaunchRecord
+from safety.guard.process.orphaned_processes import GuardRecord
+from vehicles.driver.onboard.fence_backup import waiting_backups
+from vehicles.launch.launch_records import LaunchRecord
 from vehicles.links.serial_port import group_of
 
 CLOCK = "clock"
@@ -103,7 +103,7 @@ def serial(devices: Iterable[str]) -> Iterator[Finding]:
         )
 
 
-def left_over(
+def orphans(
     launches: Iterable[LaunchRecord], guards: Iterable[GuardRecord], journals: Path
 ) -> Iterator[Finding]:
     """Yield what earlier runs left: simulators, vehicles, parameters that were not set back.
@@ -130,7 +130,7 @@ def _vehicles(guards: Iterable[GuardRecord]) -> Iterator[Finding]:
 
 
 def _parameters(journals: Path) -> Iterator[Finding]:
-    if there := waiting_notes(journals):
+    if there := waiting_backups(journals):
         yield Finding(
             LEFT,
             "note",

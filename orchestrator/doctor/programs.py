@@ -49,7 +49,7 @@ def brokers(
     which: Which = shutil.which, port: int = _BROKER_PORT, module: str = "amqtt"
 ) -> Iterator[Finding]:
     """Yield whether an MQTT broker runs here, or could be started."""
-    if _answers(port):
+    if _broker_answers(port):
         yield Finding(BROKERS, "good", f"something answers on tcp {port}, MQTT's port")
     elif which("mosquitto"):
         yield Finding(BROKERS, "note", "mosquitto is installed and does not run", "mosquitto -d")
@@ -102,7 +102,7 @@ def _first(home: Path, place: str) -> Path | None:
     return found if found.is_file() else None
 
 
-def _answers(port: int) -> bool:
+def _broker_answers(port: int) -> bool:
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=0.5):
             return True

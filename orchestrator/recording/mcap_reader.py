@@ -10,9 +10,9 @@ from mcap.records import Channel, Message, Metadata
 from numpy.typing import NDArray
 
 from orchestrator.recording.errors import RecordingError
-from orchestrator.recording.mcap_chunks import End, RecordStream
-from orchestrator.recording.mcap_decode import decode, image_of
-from orchestrator.recording.mcap_json import Json
+from orchestrator.recording.mcap.mcap_chunks import End, RecordStream
+from orchestrator.recording.mcap.mcap_decode import decode, image_of
+from orchestrator.recording.mcap.mcap_json import Json
 from vehicles.readings import Reading
 
 
@@ -64,14 +64,14 @@ class Recording:
     def __iter__(self) -> Iterator[Recorded]:
         stream = RecordStream(self._path)
         channels: dict[int, Channel] = {}
-        pictures = _Pictures()
+        pictures = _ImageDecoder()
         for record in stream:
             if isinstance(record, Channel):
                 channels[record.id] = record
             elif isinstance(record, Metadata):
                 self._note(record)
             elif isinstance(record, Message):
-                found = self._recorded(channels.get(record.channel_id), record, pictures)
+                found = self._add_reading(channels.get(record.channel_id), record, pictures)
                 if found is not None:
                     yield found
         self.end = stream.end
@@ -82,8 +82,8 @@ class Recording:
         elif metadata.name == "wil.counts":
             self.counts = dict(metadata.metadata)
 
-    def _recorded(
-        self, channel: Channel | None, message: Message, pictures: "_Pictures"
+    def _add_reading(
+        self, channel: Channel | None, message: Message, pictures: "_ImageDecoder"
     ) -> Recorded | None:
         part = channel.metadata.get("part", "") if channel is not None else ""
         if channel is None or part not in _PARTS:
@@ -100,7 +100,7 @@ class Recording:
 _PARTS = frozenset({"reading", "depth", "ids", "provenance", "event"})
 
 
-class _Pictures:
+class _ImageDecoder:
     """Depth and ids that wait for the picture they belong to."""
 
     def __init__(self) -> None:
@@ -121,7 +121,7 @@ class _Pictures:
 
 
 def _interpret(
-    part: str, facts: Mapping[str, str], message: Message, pictures: _Pictures
+    part: str, facts: Mapping[str, str], message: Message, pictures: _ImageDecoder
 ) -> Recorded | None:
     document = json.loads(message.data)
     source, sensor = facts["source"], facts["sensor"]

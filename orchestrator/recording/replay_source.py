@@ -35,7 +35,7 @@ class ReplaySource:
         self._offset_s = offset_s
         self._exact_only = exact_only
         self._due_s = float("-inf")
-        self._items = self._wanted(Recording(path))
+        self._items = self._is_wanted(Recording(path))
         self._next = next(self._items, None)
 
     @property
@@ -65,7 +65,7 @@ class ReplaySource:
             for delivered in self.take(max(due_s, loop.time())):
                 yield delivered
 
-    def _wanted(self, recording: Recording) -> Iterator[Delivered]:
+    def _is_wanted(self, recording: Recording) -> Iterator[Delivered]:
         for item in recording:
             if not isinstance(item, RecordedReading):
                 continue

@@ -10,24 +10,24 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from orchestrator.clock import Clock
-from orchestrator.recording.judged import FILE_NAME as JUDGED
-from orchestrator.recording.judged import JudgedWriter
-from orchestrator.recording.mcap_settings import RecordingSettings
-from orchestrator.recording.mcap_writer import McapRecorder, RecordingReport
-from orchestrator.recording.runlog import RunLog
+from orchestrator.model.clock import Clock
+from orchestrator.model.run_log import RunLog
+from orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
+from orchestrator.recording.judge_log_file import JudgeLogWriter
+from orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from orchestrator.recording.video import VideoWriter
-from orchestrator.run.course import Course
-from orchestrator.run.mixtures import Frame, Shown
-from orchestrator.run.station import Station
-from safety.guard.events import GuardEvent
-from safety.guard.operator_command import OperatorCommand
-from safety.results import Flag
-from safety.tape import Taped
-from safety.verdict import DecisiveEvent
-from vehicles.cameras import sleep_until
-from vehicles.driver.state import VehicleEvent
+from orchestrator.state.mixtures import MixedFrame, PreviewImages
+from orchestrator.state.run_state import RunState
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.evaluation.judge_log import LoggedSample
+from safety.guard.core.events import GuardEvent
+from safety.guard.core.operator_command import OperatorCommand
+from safety.model.oracle_results import Flag
+from safety.model.verdict import DecisiveEvent
+from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.driver.vehicle_state import VehicleEvent
 from vehicles.mavlink.tlog import TlogWriter
 from vehicles.readings import Reading
 from vehicles.tasks import TakeFault
@@ -69,7 +69,7 @@ class RunRecorder:
         self._stack = ExitStack()
         self._log = RunLog(path=folder / "log.jsonl")
         self._trajectory = TrajectoryWriter(path=folder / "trajectory.csv")
-        self._judged = JudgedWriter(path=folder / JUDGED)
+        self._judged = JudgeLogWriter(path=folder / JUDGED)
         self._tlogs = {
             name: TlogWriter(path=folder / f"{name}.tlog", epoch_s=epoch_s) for name in vehicles
         }
@@ -82,8 +82,8 @@ class RunRecorder:
             path=folder / "run.mcap", epoch_s=epoch_s, clock=clock, settings=settings, facts=facts
         )
         self._goal_s: float | None = None
-        self._snapshot: Shown | None = None
-        self._last: Shown | None = None
+        self._snapshot: PreviewImages | None = None
+        self._last: PreviewImages | None = None
         self._collision_oracles = collision_oracles
         self.collisions: list[Flag] = []
         self._broken = broken
@@ -111,7 +111,7 @@ class RunRecorder:
         trace: TracebackType | None,
     ) -> None:
         try:
-            self._told_of_recording(self._mcap.close())
+            self._report_losses(self._mcap.close())
         finally:
             self._keep(self._stack.close)
         shown = self._snapshot or self._last
@@ -132,10 +132,10 @@ class RunRecorder:
             self._is_broken = True
             self._broken(f"the recording broke off: {why}")
 
-    def _say(self, t_s: float, event: str, **details: str | float | bool | None) -> None:
+    def _report_trouble(self, t_s: float, event: str, **details: str | float | bool | None) -> None:
         self._keep(self._log.write, t_s, event, **details)
 
-    def _told_of_recording(self, report: RecordingReport) -> None:
+    def _report_losses(self, report: RecordingReport) -> None:
         """Say what run.mcap lacks: a replay of it would not show it."""
         for error in report.errors:
             self._fault(error, "run.mcap")
@@ -153,14 +153,14 @@ class RunRecorder:
         """Record that the run reached a stage."""
         if stage == "goal":
             self._goal_s = t_s
-        self._say(t_s, "stage", stage=stage)
+        self._report_trouble(t_s, "stage", stage=stage)
         self._mcap.event(t_s, "info", "stage", stage)
 
     def decisive(self, event: DecisiveEvent) -> None:
         """Record what settles the run."""
         told = {"note": event.note, "trace": event.trace}
         more = {key: text for key, text in told.items() if text}
-        self._say(
+        self._report_trouble(
             event.t_s, "decisive", kind=event.kind, reason=event.text, source=event.source, **more
         )
         self._mcap.event(event.t_s, "error", event.kind, event.text)
@@ -169,28 +169,32 @@ class RunRecorder:
         """Record a flag of an oracle, at the moment when it is seen."""
         if flag.oracle in self._collision_oracles:
             self.collisions.append(flag)
-        self._say(flag.t_s, "flag", oracle=flag.oracle, vehicle=flag.vehicle, text=flag.text)
+        self._report_trouble(
+            flag.t_s, "flag", oracle=flag.oracle, vehicle=flag.vehicle, text=flag.text
+        )
         self._mcap.event(flag.t_s, "warning", flag.oracle, flag.text)
 
     def guard_event(self, event: GuardEvent) -> None:
         """Record what the guard did."""
-        self._say(event.t_s, "guard", kind=event.kind, vehicle=event.vehicle, text=event.text)
+        self._report_trouble(
+            event.t_s, "guard", kind=event.kind, vehicle=event.vehicle, text=event.text
+        )
 
     def operator(self, command: OperatorCommand) -> None:
         """Record who asked what."""
-        self._say(
+        self._report_trouble(
             self._time(), "operator", kind=command.kind, who=command.who, reason=command.reason
         )
 
     def vehicle_event(self, name: str, event: VehicleEvent) -> None:
         """Record what a vehicle said or did."""
-        self._say(event.t_s, "vehicle", vehicle=name, kind=event.kind, text=event.text)
+        self._report_trouble(event.t_s, "vehicle", vehicle=name, kind=event.kind, text=event.text)
 
     def note(self, event: str, **details: str | float | bool | None) -> None:
         """Record anything else worth knowing later."""
-        self._say(self._time(), event, **details)
+        self._report_trouble(self._time(), event, **details)
 
-    def judged(self, sample: Taped) -> None:
+    def judged(self, sample: LoggedSample) -> None:
         """Record a sample that the oracles judge."""
         self._keep(self._judged.write, sample)
 
@@ -203,14 +207,14 @@ class RunRecorder:
         """Record a reading of real or twin."""
         self._mcap.reading(reading.sensor, reading)
 
-    def mixture(self, frame: Frame) -> None:
+    def mixture(self, frame: MixedFrame) -> None:
         """Record a mixture, or that there was none, with where it came from."""
         mixed = frame.mixed
         self._mcap.mixed(frame.name, mixed.reading, mixed.provenance, now_s=self._time())
         if frame.visibility is not None:
             self._mcap.visibility(frame.name, frame.visibility, now_s=self._time())
 
-    def shown(self, shown: Shown) -> None:
+    def shown(self, shown: PreviewImages) -> None:
         """Record a perceived picture, and one set of pictures for people."""
         if self._video is not None:
             self._keep(self._video.write, shown.perceived.t_s, shown.perceived.image_bgr)
@@ -220,43 +224,43 @@ class RunRecorder:
             self._snapshot = shown
 
     async def follow(
-        self, stations: tuple[Station, ...], course: Course, alive: Callable[[], None]
+        self, contexts: tuple[VehicleContext, ...], run_state: RunState, alive: Callable[[], None]
     ) -> None:
         """Record where all are at 20 Hz until cancelled, and once more then."""
         t0_s, tick = self._time(), 0
         try:
             while True:
                 alive()
-                self._where_all_are(stations, course)
+                self._where_all_are(contexts, run_state)
                 tick = max(tick + 1, int((self._time() - t0_s) * TRAJECTORY_HZ))
                 await sleep_until(t0_s + tick / TRAJECTORY_HZ)
         finally:
-            self._where_all_are(stations, course)
+            self._where_all_are(contexts, run_state)
 
-    def _where_all_are(self, stations: tuple[Station, ...], course: Course) -> None:
+    def _where_all_are(self, contexts: tuple[VehicleContext, ...], run_state: RunState) -> None:
         now_s = self._time()
-        for station in stations:
-            self._keep(self._trajectory.write, _row(station, course.stage, now_s))
+        for context in contexts:
+            self._keep(self._trajectory.write, _row(context, run_state.stage, now_s))
 
 
-def _row(station: Station, stage: str, now_s: float) -> TrajectoryRow:
-    state = station.driver.state
-    truth = station.truth.latest()
+def _row(context: VehicleContext, stage: str, now_s: float) -> TrajectoryRow:
+    state = context.driver.state
+    truth = context.truth.latest()
     return TrajectoryRow(
         t_s=now_s,
-        vehicle=station.name,
+        vehicle=context.name,
         stage=stage,
         mode=state.mode_name,
         armed=state.armed,
         estimate=None if state.estimate is None else state.estimate.pose,
         velocity_ned_m_s=None if state.estimate is None else state.estimate.velocity_ned_m_s,
         truth=truth.pose,
-        setpoint=station.setpoint,
-        note=station.note,
+        setpoint=context.setpoint,
+        note=context.note,
     )
 
 
-def side_by_side(shown: Shown) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+def side_by_side(shown: PreviewImages) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
     """Return real, twin and mixed picture beside each other, each with its name."""
     panels = [("real", shown.real), ("twin", shown.twin), ("mixed", shown.perceived)]
     drawn = []

@@ -8,11 +8,11 @@ from typing import Any, cast
 
 from pydantic import Field, JsonValue
 
-from recipes.registry import Context, ParameterFault, SidedParameters, StepParameters, step
+from recipes.model.registry import Context, ParameterFault, SidedParameters, StepParameters, step
 from recipes.working import AnyMasked, Masked, Merge, Operator, Sides, element_shape
 from vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
 from vehicles.readings.checks import fault_of
-from worlds.references import BadReferenceError, load_reference
+from worlds.files.references import BadReferenceError, load_reference
 
 _ANY = tuple(SENSOR_TYPES)
 _READINGS = tuple(SENSOR_TYPES.values())
@@ -22,19 +22,19 @@ class BadResultError(TypeError):
     """A user's step returned what is no reading, or a reading that is at fault."""
 
 
-def _found(use: str, folder: FilePath) -> Callable[..., Any]:
+def _load_function(use: str, folder: FilePath) -> Callable[..., Any]:
     found = load_reference(use, folder, beside="the recipe")
     if not callable(found):
         raise BadReferenceError(f"'{use}' is neither a function nor a class")
     return found
 
 
-def _faults(
+def _function_faults(
     use: str, given: dict[str, JsonValue], folder: FilePath, arguments: tuple[str, ...]
 ) -> tuple[ParameterFault, ...]:
     """Return what is wrong with a reference: where it leads, and how it can be called."""
     try:
-        found = _found(use, folder)
+        found = _load_function(use, folder)
     except BadReferenceError as error:
         return (ParameterFault(("use",), str(error), error.suggestion),)
     try:
@@ -50,9 +50,11 @@ def _faults(
     return ()
 
 
-def _ready(use: str, given: dict[str, JsonValue], context: Context) -> Callable[..., Any]:
+def _prepare_function(
+    use: str, given: dict[str, JsonValue], context: Context
+) -> Callable[..., Any]:
     """Return what is called for each reading: a function, or an instance of a class."""
-    found = _found(use, context.folder)
+    found = _load_function(use, context.folder)
     if inspect.isclass(found):
         return cast("Callable[..., Any]", found(**given))
     return lambda *arguments: found(*arguments, **given)
@@ -70,7 +72,7 @@ class UseParameters(SidedParameters):
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
         """Return why the function cannot be used."""
-        return _faults(self.use, self.with_, folder, ("work", "other"))
+        return _function_faults(self.use, self.with_, folder, ("work", "other"))
 
 
 @step("use", stage="filter", sensors=_ANY, parameters=UseParameters)
@@ -82,7 +84,7 @@ def use(parameters: UseParameters, context: Context) -> Operator:
     it returns must be whole, and of the same type; a returned reading keeps the mask. A class is
     made once, with what `with` gives, and called as the function would be.
     """
-    called = _ready(parameters.use, parameters.with_, context)
+    called = _prepare_function(parameters.use, parameters.with_, context)
 
     def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:
         made = called(work, other)
@@ -111,7 +113,7 @@ class UseMergeParameters(StepParameters):
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
         """Return why the function cannot be used."""
-        return _faults(self.use, self.with_, folder, ("sides",))
+        return _function_faults(self.use, self.with_, folder, ("sides",))
 
 
 @step("use", stage="merge", sensors=_ANY, parameters=UseMergeParameters)
@@ -121,7 +123,7 @@ def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
     sides: a mapping of "real" and "twin" to recipes.working.Masked; "twin" is missing when there is
     nothing to mix.
     """
-    called = _ready(parameters.use, parameters.with_, context)
+    called = _prepare_function(parameters.use, parameters.with_, context)
 
     def merge(sides: Sides) -> Reading:
         made = called(dict(sides))

@@ -6,8 +6,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from recipes.registry import Context, SidedParameters, StepParameters, step
-from recipes.sounds import Filter, TimeLine, band_pass_kernel, low_pass
+from recipes.model.registry import Context, SidedParameters, StepParameters, step
+from recipes.operations.audio import Filter, TimeLine, band_pass_kernel, low_pass
 from recipes.working import AnyMasked, CannotMixError, Masked, Merge, Operator, Sides
 from vehicles.readings import MicrophoneReading, samples_from_pressure
 

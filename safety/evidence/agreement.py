@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from safety.samples import PoseSample, ReferenceSample
+from safety.model.samples import PoseSample, ReferenceSample
 from worlds.frames import Vec3, add, norm, scale, subtract
 
 SIGMAS = 5.0

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 from safety.evidence.terms import SignalTerms
-from safety.oracles.terms import Stages
-from safety.results import EvidenceResult
-from safety.samples import StageSample
+from safety.model.oracle_results import EvidenceResult
+from safety.model.samples import StageSample
+from safety.oracles.oracle_terms import Stages
 
 _PATIENCE_S = 0.5
 """How long samples may be late before their absence counts: what is delayed carries its own time,

@@ -5,17 +5,17 @@ from collections.abc import Iterable
 from safety.evidence.coverage import Coverage, Fault
 from safety.evidence.poses import NOT_A_NUMBER, PoseCoverage, is_finite
 from safety.evidence.terms import SignalTerms
-from safety.results import EvidenceResult
-from safety.samples import (
+from safety.model.oracle_results import EvidenceResult
+from safety.model.samples import (
     DoubtSample,
-    HeardSample,
+    LinkSample,
     PoseSample,
     ReferenceSample,
     ReportSample,
     StageSample,
     StateSample,
 )
-from safety.verdict import DecisiveEvent
+from safety.model.verdict import DecisiveEvent
 
 POSE = "pose"
 SOURCE = "evidence/"
@@ -73,7 +73,7 @@ class Evidence:
         if sample.vehicle in self._poses:
             self._poses[sample.vehicle].state(sample)
 
-    def heard(self, sample: HeardSample) -> None:
+    def heard(self, sample: LinkSample) -> None:
         """Take that something arrived over a vehicle's link."""
         for signal in self._signals.values():
             if signal.terms.vehicle == sample.vehicle:

@@ -5,7 +5,7 @@ import math
 from safety.evidence.agreement import Agreement, Disagreement
 from safety.evidence.coverage import Coverage
 from safety.evidence.terms import SignalTerms
-from safety.samples import PoseSample, ReferenceSample, StageSample, StateSample
+from safety.model.samples import PoseSample, ReferenceSample, StageSample, StateSample
 from worlds.frames import Vec3
 
 NOT_A_NUMBER = "it is not a number"

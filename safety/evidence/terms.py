@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from safety.evidence.agreement import Accuracy
-from safety.oracles.terms import FLIGHT, Window
+from safety.oracles.oracle_terms import FLIGHT, Window
 
 MOST_GAP_S = 0.5
 """The longest gap that is accepted of a position while the vehicle is armed, unless declared."""

@@ -2,17 +2,17 @@
 
 from safety.oracles import (
     area,
+    autopilot_health,
     contact,
     distance,
     goal,
-    health,
     motion,
     pair,
     reached,
     stl,
-    vehicle,
+    vehicle_health,
 )
-from safety.oracles.base import (
+from safety.oracles.oracle import (
     Oracle,
     OracleContext,
     OracleError,
@@ -30,14 +30,14 @@ __all__ = [
     "Parameters",
     "RunMode",
     "area",
+    "autopilot_health",
     "contact",
     "distance",
     "goal",
-    "health",
     "motion",
     "pair",
     "reached",
     "registry",
     "stl",
-    "vehicle",
+    "vehicle_health",
 ]

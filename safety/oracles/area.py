@@ -4,10 +4,12 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from safety.areas import FenceError
-from safety.fence_parts import FencePart
-from safety.geofence import Fence
-from safety.oracles.base import (
+from safety.fence.areas import FenceError
+from safety.fence.fence_schema import FencePart
+from safety.fence.geofence import Fence
+from safety.model.samples import FenceSample, PoseSample
+from safety.oracles.limit_oracle import Band, LimitOracle, limit_of, margin_of
+from safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -17,9 +19,7 @@ from safety.oracles.base import (
     Windowed,
     oracle,
 )
-from safety.oracles.kept import Band, Kept, limit_of, margin_of
-from safety.samples import FenceSample, PoseSample
-from worlds.documents import KeyFaultError
+from worlds.files.documents import KeyFaultError
 
 
 class AltitudeParameters(Band):
@@ -43,7 +43,7 @@ class AreaParameters(Windowed):
         return self
 
 
-class Geofence(Kept):
+class Geofence(LimitOracle):
     """Stays inside of its fence; the floor holds from at_height to the landing only.
 
     actual: the smallest signed distance to the boundary, positive inside; limit 0. The oracle
@@ -81,7 +81,7 @@ class Geofence(Kept):
         )
 
 
-class Altitude(Kept):
+class Altitude(LimitOracle):
     """Keeps between two heights; the lower one holds from at_height to the landing only."""
 
     def __init__(

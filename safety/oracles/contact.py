@@ -6,7 +6,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from safety.oracles.base import (
+from safety.model.oracle_results import OracleResult
+from safety.model.samples import PoseSample, StageSample
+from safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -18,8 +20,6 @@ from safety.oracles.base import (
     Windowed,
     oracle,
 )
-from safety.results import OracleResult
-from safety.samples import PoseSample, StageSample
 
 _CLEAR_AGAIN_M = 0.02
 """A contact is over when the clearance exceeds this: noise of a pose must not count twice."""
@@ -135,7 +135,7 @@ class Clearance(Oracle):
         actual_m = max(0.0, worst.clearance_m)
         word = "touched" if actual_m == 0.0 else "closest to"
         return self.verdict(
-            passed=self._kept(worst),
+            passed=self._limits_kept(worst),
             actual=actual_m,
             limit=self._min_m,
             unit="m",
@@ -144,7 +144,7 @@ class Clearance(Oracle):
             detail=f"{word} {part_name(worst)}",
         )
 
-    def _kept(self, separation: Separation) -> bool:
+    def _limits_kept(self, separation: Separation) -> bool:
         return separation.clearance_m > 0.0 and separation.clearance_m >= self._min_m
 
     def _judge(self, swept: tuple[Separation, ...]) -> Flags:
@@ -156,7 +156,7 @@ class Clearance(Oracle):
                 continue
             if self._worst is None or separation.clearance_m < self._worst.clearance_m:
                 self._worst = separation
-            if not self._kept(separation):
+            if not self._limits_kept(separation):
                 if key not in self._near:
                     flags += self.flag(separation.at_s, self._text(separation))
                 still_near.add(key)

@@ -5,7 +5,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from safety.oracles.base import (
+from safety.model.samples import PoseSample
+from safety.oracles.limit_oracle import Band, LimitOracle, limit_of
+from safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -15,10 +17,8 @@ from safety.oracles.base import (
     Terms,
     oracle,
 )
-from safety.oracles.kept import Band, Kept, limit_of
-from safety.oracles.terms import IN_THE_AIR
-from safety.samples import PoseSample
-from worlds.documents import closest
+from safety.oracles.oracle_terms import IN_THE_AIR
+from worlds.files.documents import closest
 
 
 class DistanceParameters(Band):
@@ -29,7 +29,7 @@ class DistanceParameters(Band):
     max_m: Annotated[float | None, Field(gt=0, description="never farther than this")] = None
 
 
-class Distance(Kept):
+class Distance(LimitOracle):
     """Keeps its distance to a thing; between two poses the nearest point of the way counts."""
 
     def __init__(

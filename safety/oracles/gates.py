@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from worlds.frames import Vec3, rotate
-from worlds.parts import Crossing, Opening
-from worlds.scene import Scene, SceneObject
+from worlds.scene.parts import Crossing, Opening
+from worlds.scene.scene import Scene, SceneObject
 
 _CLOSE_M = 1e-6
 """So close to the plane the depth is computed as a crossing is: the two must agree on the side."""

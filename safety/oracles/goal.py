@@ -2,7 +2,9 @@
 
 from pydantic import Field
 
-from safety.oracles.base import (
+from safety.model.oracle_results import OracleResult
+from safety.model.samples import PoseSample, StageSample
+from safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -13,9 +15,7 @@ from safety.oracles.base import (
     Windowed,
     oracle,
 )
-from safety.oracles.terms import ON_GOAL, FirstStage, LastStage
-from safety.results import OracleResult
-from safety.samples import PoseSample, StageSample
+from safety.oracles.oracle_terms import ON_GOAL, FirstStage, LastStage
 from worlds.frames import Vec3, norm, subtract
 
 

@@ -5,10 +5,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from safety import signals
-from safety.oracles.base import NO_FLAGS, Flags, Oracle, OracleContext, Terms, Windowed, oracle
-from safety.oracles.kept import Band, Kept, limit_of, margin_of
-from safety.samples import PoseSample
+from safety.model import signals
+from safety.model.samples import PoseSample
+from safety.oracles.limit_oracle import Band, LimitOracle, limit_of, margin_of
+from safety.oracles.oracle import NO_FLAGS, Flags, Oracle, OracleContext, Terms, Windowed, oracle
 
 Axis = Literal["total", "horizontal", "vertical"]
 Angle = Annotated[float | None, Field(gt=0, le=180)]
@@ -40,13 +40,13 @@ class AttitudeParameters(Windowed):
     max_pitch_deg: Annotated[Angle, Field(description="nose up or down")] = None
 
     @model_validator(mode="after")
-    def _some(self) -> Self:
+    def _require_some_limit(self) -> Self:
         if self.max_tilt_deg is None and self.max_roll_deg is None and self.max_pitch_deg is None:
             raise ValueError("give max_tilt_deg, max_roll_deg or max_pitch_deg")
         return self
 
 
-class Speed(Kept):
+class Speed(LimitOracle):
     """Keeps its speed between limits; the lower one holds from at_height to the landing only."""
 
     def __init__(
@@ -71,7 +71,7 @@ class Speed(Kept):
         )
 
 
-class Attitude(Kept):
+class Attitude(LimitOracle):
     """Leans no more than each of its limits; the one with the smallest margin is told."""
 
     def __init__(

@@ -4,7 +4,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from safety.oracles.base import (
+from safety.model.oracle_results import OracleResult
+from safety.model.samples import PoseSample
+from safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -14,8 +16,6 @@ from safety.oracles.base import (
     Windowed,
     oracle,
 )
-from safety.results import OracleResult
-from safety.samples import PoseSample
 from worlds.frames import Vec3, add, norm, scale, subtract
 
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from safety.oracles.context import Gate
-from safety.samples import PoseSample
+from safety.model.samples import PoseSample
+from safety.oracles.oracle_context import Gate
 from worlds.frames import Vec3, add, norm, rotate
 
 Side = Literal[1, -1]

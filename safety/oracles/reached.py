@@ -6,7 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from safety.oracles.base import (
+from safety.model.oracle_results import OracleResult
+from safety.model.samples import PoseSample
+from safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Gate,
@@ -17,10 +19,8 @@ from safety.oracles.base import (
     Windowed,
     oracle,
 )
+from safety.oracles.oracle_terms import ON_GOAL
 from safety.oracles.passages import Body, Dip, Passage, PassageDetector
-from safety.oracles.terms import ON_GOAL
-from safety.results import OracleResult
-from safety.samples import PoseSample
 from worlds.frames import Vec3
 
 Direction = Literal["away", "along", "against", "either"]

@@ -4,7 +4,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from safety.oracles.base import (
+from safety.model.oracle_results import OracleResult
+from safety.model.samples import FenceSample, LinkSample, PoseSample, StageSample, StateSample
+from safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -14,6 +16,7 @@ from safety.oracles.base import (
     Windowed,
     oracle,
 )
+from safety.oracles.oracle_terms import ON_GOAL
 from safety.oracles.stl_signals import (
     TWIN_DISTANCE_NAME,
     FenceMargin,
@@ -23,9 +26,6 @@ from safety.oracles.stl_signals import (
     signals_of,
 )
 from safety.oracles.stl_trace import Trace
-from safety.oracles.terms import ON_GOAL
-from safety.results import OracleResult
-from safety.samples import FenceSample, HeardSample, PoseSample, StageSample, StateSample
 from safety.stl.deciding import part_of
 from safety.stl.evaluation import Unevaluable
 from safety.stl.formula import Formula, StlError, names_of
@@ -54,7 +54,7 @@ class Stl(Oracle):
 
     def __init__(self, terms: Terms, *, text: str, context: OracleContext) -> None:
         super().__init__(terms)
-        self._formula, self._signals = _read(terms, text, context, self)
+        self._formula, self._signals = _read_formula(terms, text, context, self)
         self._kinds = {name: signal.kind for name, signal in self._signals.items()}
         names = tuple(dict.fromkeys(name.name for name in names_of(self._formula)))
         self._used = {name: self._signals[name] for name in names}
@@ -96,7 +96,7 @@ class Stl(Oracle):
         self._add_row(sample.t_s)
         return NO_FLAGS
 
-    def on_heard(self, sample: HeardSample) -> Flags:
+    def on_heard(self, sample: LinkSample) -> Flags:
         """Take a sign of life."""
         if sample.vehicle == self.vehicle:
             self._heard_s = sample.t_s
@@ -168,7 +168,7 @@ class Stl(Oracle):
         self._trace.add_row(t_s)
 
 
-def _read(
+def _read_formula(
     terms: Terms, text: str, context: OracleContext, judge: Oracle
 ) -> tuple[Formula, dict[str, Signal]]:
     signals = signals_of(context, judge.stages)

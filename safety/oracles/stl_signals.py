@@ -5,15 +5,15 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import get_args
 
-from safety import signals
-from safety.geofence import Fence
-from safety.oracles.base import OracleContext, Probe, Stages
+from safety.fence.geofence import Fence
+from safety.model import signals
+from safety.model.samples import PoseSample, StateSample
+from safety.oracles.autopilot_health import ModeName
 from safety.oracles.contact import Limits
-from safety.oracles.health import ModeName
+from safety.oracles.oracle import OracleContext, Probe, Stages
 from safety.oracles.pair import carried
-from safety.samples import PoseSample, StateSample
 from safety.stl.units import SignalKind
-from vehicles.driver.state import ReportName
+from vehicles.driver.vehicle_state import ReportName
 from worlds.frames import norm, subtract
 
 _FARTHEST_M = 1e5

@@ -31,7 +31,7 @@ from safety.stl.formula import (
     Until,
 )
 from safety.stl.tokens import MODALS, WORDS, Token, tokens_of
-from worlds.problems import closest
+from worlds.files.problems import closest
 
 DEEPEST = 40
 NO_STATEMENT = "is a value, not a statement: compare it with something, like clearance_m >= 0.1"

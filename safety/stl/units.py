@@ -16,7 +16,7 @@ from safety.stl.formula import (
     children,
 )
 from safety.stl.parser import NO_STATEMENT
-from worlds.problems import closest
+from worlds.files.problems import closest
 
 Dimension = Mapping[str, int]
 """Base units with their powers: m/s is {m: 1, s: -1}. None stands for a bare number."""
@@ -75,7 +75,7 @@ def _dimension(term: Term, signals: Mapping[str, SignalKind]) -> Dimension | Non
             if not unit:
                 said = f"'{term.name}' is true or false: write it by itself, without a comparison"
                 raise StlError(said, term.at)
-            return _parsed(unit)
+            return _parse_unit(unit)
         case Absolute(inner):
             return _dimension(inner, signals)
         case Calculation(operator, left_term, right_term, at):
@@ -102,7 +102,7 @@ def _require_same(left: Dimension | None, right: Dimension | None, at: int, how:
         raise StlError(f"{_text(left)} cannot be {how} {_text(right)}", at)
 
 
-def _parsed(unit: str) -> Dimension:
+def _parse_unit(unit: str) -> Dimension:
     over, _, under = unit.partition("/")
     return _product({over: 1}, {under: 1} if under else {}, -1)
 

@@ -9,7 +9,7 @@ import pytest
 
 import campaigns
 from safety.oracles import registry
-from safety.oracles.described import described
+from safety.oracles.oracle_docs import describe_oracles
 from safety.oracles.stl_signals import signal_docs
 from safety.preflight import CHECKS
 from vehicles.autopilots.failsafes import FAILSAFES
@@ -55,7 +55,7 @@ def test_every_oracle_its_keys_and_every_signal_are_told() -> None:
     page = (DOCS / "oracles.md").read_text("utf-8")
     rows = {row.split("|")[1].strip(): row for row in page.splitlines() if row.startswith("| `")}
     for kind, spec in registry.items():
-        doc = described(spec)
+        doc = describe_oracles(spec)
         row = rows[f"`{kind}`"]
         assert all(f"`{parameter.name}`" in row for parameter in doc.parameters), kind
         first, _, last = doc.window.removeprefix("from ").partition(" to ")

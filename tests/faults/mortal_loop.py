@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextvars import Context
 from typing import Any, TypeVarTuple
 
-from orchestrator.clock import VirtualLoop
+from orchestrator.model.clock import VirtualLoop
 
 _Ts = TypeVarTuple("_Ts")
 _SPARED = ("asyncio", "safety.guard", "tests.faults", "vehicles.embedded", "vehicles.links")

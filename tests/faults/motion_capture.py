@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from orchestrator.run.course import Course, Stage
-from orchestrator.run.opening import Pair
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_state import RunState, Stage
 from vehicles.readings import PoseReading
 
 Alter = Callable[[PoseReading], Iterable[PoseReading]]
@@ -14,16 +14,16 @@ Alter = Callable[[PoseReading], Iterable[PoseReading]]
 
 def captured(
     vehicle: str, alter: Alter, *, stage: Stage, after_s: float = 0.0
-) -> Callable[[Pair, Course], None]:
+) -> Callable[[Pair, RunState], None]:
     """Return a disturbance: from a stage on, a vehicle's motion capture goes on as `alter` says."""
 
-    def disturb(pair: Pair, course: Course) -> None:
+    def disturb(pair: Pair, run_state: RunState) -> None:
         source: Any = pair.vehicles[vehicle]
         callbacks = source._mocap._callbacks
         deliver = tuple(callbacks)
 
         def take(reading: PoseReading) -> None:
-            since_s = course.entered_s.get(stage)
+            since_s = run_state.entered_s.get(stage)
             now_s = asyncio.get_running_loop().time()
             active = since_s is not None and now_s >= since_s + after_s
             for one in alter(reading) if active else (reading,):

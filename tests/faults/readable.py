@@ -5,8 +5,8 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+from orchestrator.model.results_reader import read_result
 from orchestrator.recording.mcap_reader import read_recording
-from orchestrator.results_reading import read_result
 
 
 def unreadable(folder: Path) -> list[str]:

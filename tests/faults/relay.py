@@ -8,8 +8,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.run.course import Course, Stage
-from orchestrator.run.opening import Pair
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_state import RunState, Stage
 from vehicles.mavlink.framing import Frame, FrameSplitter, with_payload
 
 LOCAL_POSITION_NED: int = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
@@ -61,17 +61,17 @@ def relay(
     stage: Stage,
     after_s: float = 0.0,
     message_id: int = LOCAL_POSITION_NED,
-) -> Callable[[Pair, Course], None]:
+) -> Callable[[Pair, RunState], None]:
     """Return a disturbance: from a stage on, messages of one kind go on as `change` says."""
 
-    def disturb(pair: Pair, course: Course) -> None:
+    def disturb(pair: Pair, run_state: RunState) -> None:
         far: Any = pair.vehicles[vehicle]
         near = far._link._other
         pass_on, splitter = near._take, FrameSplitter()
 
         def take(data: bytes) -> None:
             loop = asyncio.get_running_loop()
-            since_s = course.entered_s.get(stage)
+            since_s = run_state.entered_s.get(stage)
             active = since_s is not None and loop.time() >= since_s + after_s
             for frame in splitter.feed(data):
                 if not active or frame.message_id != message_id:

@@ -16,12 +16,12 @@ from typing import Any, Literal, get_args
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from campaigns.expansion import Options, load_campaign
-from orchestrator.run.course import Course, Stage
-from orchestrator.run.opening import Pair
-from orchestrator.run.run import fly
-from orchestrator.run.setup import RunOrder, RunSetup
-from safety.guard.operator_command import OperatorCommand
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.run.flight.run import fly
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from orchestrator.state.run_state import RunState, Stage
+from safety.guard.core.operator_command import OperatorCommand
 from tests.faults.motion_capture import Alter, captured
 from tests.faults.relay import Change, Position, relay
 from tests.orchestrator.wall import write_wall
@@ -136,7 +136,7 @@ def _plan(fault: SignalFault, folder: Path) -> Any:
     return load_campaign(write_wall(folder), Options(sets=sets)).runs[0]
 
 
-def _disturb(fault: SignalFault) -> Callable[[Pair, Course], None]:
+def _disturb(fault: SignalFault) -> Callable[[Pair, RunState], None]:
     if fault.message_id is None:
         trouble = captured("twin", _alter(fault), stage=fault.stage, after_s=fault.after_s)
     else:
@@ -145,13 +145,13 @@ def _disturb(fault: SignalFault) -> Callable[[Pair, Course], None]:
             "twin", change, stage=fault.stage, after_s=fault.after_s, message_id=fault.message_id
         )
 
-    def disturb(pair: Pair, course: Course) -> None:
+    def disturb(pair: Pair, run_state: RunState) -> None:
         twin: Any = pair.vehicles["twin"]
         if fault.lone:
             twin._truth_callbacks.clear()
             if fault.message_id is not None:
                 twin._mocap._callbacks.clear()
-        trouble(pair, course)
+        trouble(pair, run_state)
 
     return disturb
 

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
-from orchestrator.run import hangar
-from orchestrator.run.opening import Pair
+from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from orchestrator.run.vehicles import vehicle_backends
+from orchestrator.run.vehicles.pair import Pair
 from tests.faults import hostile
 from tests.faults.draws import Fault
 from tests.faults.mortal_loop import MortalLoop
-from vehicles.links.base import Link
-from vehicles.links.signing import SigningLink
+from vehicles.links.link import Link
+from vehicles.links.signed_link import SignedLink
 from vehicles.mavlink.signing_key import key_from_environment
 
 KEY = "WIL_FAULTS_KEY"
@@ -221,25 +221,25 @@ class Strike:
 def signing_vehicles() -> Iterator[None]:
     """Have embedded vehicles sign what they send, and believe only what is signed."""
     os.environ[KEY] = "passphrase:of the fault campaign"
-    plain = hangar.InProcess.link
+    plain = vehicle_backends.InProcessBackend.link
 
     def link(self: Any, vehicle: Any) -> Link:
         near = plain(self, vehicle)
         far = self._far[vehicle.name]
-        self._far[vehicle.name] = SigningLink(
+        self._far[vehicle.name] = SignedLink(
             link=far, key=key_from_environment(KEY), utc_s=VIRTUAL_EPOCH_S, link_id=1
         )
         return near
 
-    hangar.InProcess.link = link  # type: ignore[method-assign]
+    vehicle_backends.InProcessBackend.link = link  # type: ignore[method-assign]
     try:
         yield
     finally:
-        hangar.InProcess.link = plain  # type: ignore[method-assign]
+        vehicle_backends.InProcessBackend.link = plain  # type: ignore[method-assign]
 
 
 def _bare(link: Any) -> Any:
-    return link._link if isinstance(link, SigningLink) else link
+    return link._link if isinstance(link, SignedLink) else link
 
 
 def _revive(vehicle: Any) -> None:

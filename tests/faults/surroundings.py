@@ -20,8 +20,8 @@ import numpy as np
 from tests.faults import hostile
 from tests.faults.inspection import processes_of, vehicle_ports
 from tests.faults.real_draws import RealFault
-from tests.orchestrator.operating.mosquitto import MOSQUITTO, free_port
-from tests.orchestrator.outside.test_outside_flights import FLY, drawn_by, sets, simulator
+from tests.orchestrator.external.test_external_flights import FLY, drawn_by, sets, simulator
+from tests.orchestrator.operator.mosquitto import MOSQUITTO, free_port
 from tests.orchestrator.wall_runs import ROOT, Program
 from vehicles.processes.identity import ProcessId
 
@@ -30,8 +30,8 @@ _JUMP_S = 86400.0
 _DISK_MB = 400
 _BROKER = """
 import asyncio, sys
-from campaigns.broker_address import BrokerAddress
-from orchestrator.operating.embedded_broker import embedded_broker
+from campaigns.values.broker_address import BrokerAddress
+from orchestrator.operator.embedded_broker import embedded_broker
 async def main():
     async with embedded_broker(BrokerAddress("127.0.0.1", int(sys.argv[1]), embedded=True)):
         await asyncio.Event().wait()

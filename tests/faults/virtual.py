@@ -15,22 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from campaigns.expansion import Options, load_campaign
-from orchestrator.results import RunResult
-from orchestrator.run import run as running
-from orchestrator.run.course import Course, Stage
-from orchestrator.run.opening import Pair
-from orchestrator.run.setup import RunOrder, RunSetup
-from orchestrator.run.warming import warm_up
-from safety.guard.contingency import Phase
-from safety.guard.operator_command import OperatorCommand
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.model.results import RunResult
+from orchestrator.run.flight import run as running
+from orchestrator.run.perception.warm_up import warm_up
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from orchestrator.state.run_state import RunState, Stage
+from safety.guard.core.contingency import Phase
+from safety.guard.core.operator_command import OperatorCommand
 from tests.faults.barriers import UNDISTURBED, acted_after_s, late
 from tests.faults.draws import WHILE_FLOWN, Fault, draw_kill, draw_trouble
 from tests.faults.mortal_loop import MortalLoop
 from tests.faults.readable import unreadable
 from tests.faults.strikes import KEY, Strike, signing_vehicles
 from tests.faults.witness import Witness
-from vehicles.links.conditions import KeySource
+from vehicles.links.link_conditions import KeySource
 
 ROOT = Path(__file__).parents[2]
 _HARMLESS = frozenset(
@@ -93,7 +93,7 @@ class _Flight:
         self.folder = folder
         self.stage = "over"
         self.pair: Pair | None = None
-        self.course: Course | None = None
+        self.run_state: RunState | None = None
         self.strike: Strike | None = None
         self.witness = Witness({})
         self.struck_s: float | None = None
@@ -104,8 +104,8 @@ class _Flight:
     def hit(self) -> str:
         return "nobody" if self.strike is None else self.strike.hit
 
-    def disturb(self, pair: Pair, course: Course) -> None:
-        self.pair, self.course = pair, course
+    def disturb(self, pair: Pair, run_state: RunState) -> None:
+        self.pair, self.run_state = pair, run_state
         self.strike = Strike(self.fault, pair, self.folder)
         self.witness = Witness(pair.vehicles)
         self.witness.watch()
@@ -123,11 +123,11 @@ class _Flight:
 
     def _strike(self) -> None:
         assert self.pair is not None
-        assert self.course is not None
+        assert self.run_state is not None
         assert self.strike is not None
         if self.run.done():
             return
-        self.stage = self.course.stage
+        self.stage = self.run_state.stage
         loop = asyncio.get_running_loop()
         assert isinstance(loop, MortalLoop)
         self.struck_s = loop.time()
@@ -290,13 +290,13 @@ def _unsaid(flight: _Flight, result: RunResult | None) -> list[str]:
 
 def _was_needed(flight: _Flight, loop: MortalLoop) -> bool:
     """Return whether there must be no PASS after what was hit."""
-    fault, strike, course = flight.fault, flight.strike, flight.course
-    if strike is None or course is None or strike.hit in _HARMLESS or flight.struck_s is None:
+    fault, strike, run_state = flight.fault, flight.strike, flight.run_state
+    if strike is None or run_state is None or strike.hit in _HARMLESS or flight.struck_s is None:
         return False
     until: Stage = "done" if fault.victim in WHILE_FLOWN else "landed"
     # What the last moments lacked was within the recipe's budget, or the autopilot's patience.
     spare_s = 1.2 if until == "done" else 0.0
-    before_s = course.entered_s.get(until, float("inf")) - spare_s
+    before_s = run_state.entered_s.get(until, float("inf")) - spare_s
     if fault.kind == "trouble":
         dark = fault.victim.startswith("dark")
         if not dark:
@@ -304,7 +304,7 @@ def _was_needed(flight: _Flight, loop: MortalLoop) -> bool:
         if fault.victim == "dark twin":
             # The required oracles judge the real vehicle; the twin's gaps are reported.
             return False
-        armed_s = course.entered_s.get("takeoff", float("inf"))
+        armed_s = run_state.entered_s.get("takeoff", float("inf"))
         begins_s, ends_s = max(armed_s, fault.at_s), min(fault.at_s + fault.for_s, before_s)
         return ends_s - begins_s > _LONGEST_GAP_S + _GAP_SPARE_S
     if fault.kind == "stop":

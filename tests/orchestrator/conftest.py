@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion import Options, load_campaign
-from orchestrator.operator import Inbox
-from orchestrator.progress import Report
-from orchestrator.results import RunResult
-from orchestrator.run.run import Disturb, fly
-from orchestrator.run.setup import RunOrder, RunSetup
-from safety.guard.operator_command import OperatorCommand
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import Report
+from orchestrator.model.results import RunResult
+from orchestrator.run.flight.run import Disturb, fly
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from safety.guard.core.operator_command import OperatorCommand
 
 ROOT = Path(__file__).parents[2]
 SMALL_CAMERAS = tuple(

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.recording.epoch import VIRTUAL_EPOCH_S
+from orchestrator.recording.mcap.mcap_settings import LOSSLESS, RecordingSettings
+from orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
 from orchestrator.recording.mcap_reader import (
     Recorded,
     RecordedEvent,
@@ -15,9 +16,8 @@ from orchestrator.recording.mcap_reader import (
     RecordedReading,
     Recording,
 )
-from orchestrator.recording.mcap_settings import LOSSLESS, RecordingSettings
-from orchestrator.recording.mcap_writer import McapRecorder, RecordingReport
-from recipes.mixed import Provenance, StageTime
+from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from recipes.pipeline.mixture import Provenance, StageTime
 from vehicles.readings import CameraReading, PoseReading, Reading, Source
 from worlds.camera import Intrinsics
 from worlds.frames import Pose

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion import Options, load_campaign
-from orchestrator import flying
-from orchestrator.cli.display import Silent
-from orchestrator.flying import CampaignOutcome, FlyingSettings, fly_campaign
-from orchestrator.operator import Inbox
-from orchestrator.progress import Report
-from orchestrator.results import RunResult
-from orchestrator.run.setup import RunOrder
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.campaign import campaign_runner
+from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
+from orchestrator.cli.progress_display import SilentDisplay
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import Report
+from orchestrator.model.results import RunResult
+from orchestrator.state.run_setup import RunOrder
+from tests.orchestrator.campaign.test_resumption import quick_fly
 from tests.orchestrator.flights import log_of
 from tests.orchestrator.hover import write_hover
-from tests.orchestrator.test_resuming import quick_fly
 
 
 def raise_key_error(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
@@ -33,17 +33,17 @@ def end_badly(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     return quick_fly(order, report, inbox)
 
 
-class Raising(Silent):
+class Raising(SilentDisplay):
     """A display with an error in it."""
 
     def finished(self, result: RunResult) -> None:
         raise KeyError("display")
 
 
-def fly(folder: Path, watcher: Silent | None = None) -> CampaignOutcome:
+def fly(folder: Path, watcher: SilentDisplay | None = None) -> CampaignOutcome:
     campaign = load_campaign(write_hover(folder), Options(repetitions=1))
     settings = FlyingSettings(out=folder / "out", clock="virtual", jobs=1)
-    return fly_campaign(campaign, settings, watcher or Silent())
+    return fly_campaign(campaign, settings, watcher or SilentDisplay())
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def fly(folder: Path, watcher: Silent | None = None) -> CampaignOutcome:
 def test_what_a_worker_raises_is_an_error_with_its_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fly_order: object, kind: str
 ) -> None:
-    monkeypatch.setattr(flying, "fly_order", fly_order)
+    monkeypatch.setattr(campaign_runner, "fly_order", fly_order)
     outcome = fly(tmp_path)
     (run,) = outcome.summary.runs
     assert (run.verdict, outcome.exit_code) == ("ERROR", 3)
@@ -66,7 +66,7 @@ def test_what_a_worker_raises_is_an_error_with_its_traceback(
 def test_a_display_that_raises_is_never_exit_0(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(flying, "fly_order", quick_fly)
+    monkeypatch.setattr(campaign_runner, "fly_order", quick_fly)
     outcome = fly(tmp_path, Raising())
     assert [run.verdict for run in outcome.summary.runs] == ["PASS"]
     assert outcome.exit_code == 3
@@ -78,7 +78,7 @@ def test_a_display_that_raises_is_never_exit_0(
 def test_a_worker_that_ends_badly_after_its_last_run_is_never_exit_0(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(flying, "fly_order", end_badly)
+    monkeypatch.setattr(campaign_runner, "fly_order", end_badly)
     outcome = fly(tmp_path)
     assert outcome.exit_code == 3
     (line,) = log_of(outcome.folder)

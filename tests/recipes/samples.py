@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from recipes.optics import scaled_intrinsics
-from recipes.registry import Context, Stage, find
+from recipes.model.registry import Context, Stage, find
+from recipes.operations.optics import scaled_intrinsics
 from recipes.working import Masked
 from vehicles.readings import (
     BgrImage,

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.guard.core import GuardCore
-from safety.guard.events import GuardEvent, Output, ToOrchestrator, ToVehicle
-from safety.samples import PoseSample
-from tests.safety.guard_rigs import make_pair
-from vehicles.autopilots.base import Autopilot, Mode, Target
+from safety.guard.core.events import GuardEvent, Output, ToOrchestrator, ToVehicle
+from safety.guard.core.guard_core import GuardCore
+from safety.model.samples import PoseSample
+from tests.safety.guard.guard_rigs import make_pair
+from vehicles.autopilots.autopilot import Autopilot, Mode, Target
 from vehicles.autopilots.px4 import Px4, px4_custom_mode
 from vehicles.mavlink.codec import Codec
 from worlds.frames import Pose

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safety.geofence import Fence
-from safety.guard.channel import Channel, channel_pair
-from safety.guard.messages import Alive, Operate, Position, ToGuard, to_guard
-from safety.guard.operator_command import OperatorCommand
-from safety.guard.remote import RemoteGuard
-from safety.samples import PoseSample
-from tests.safety.remote_rigs import charter
+from safety.fence.geofence import Fence
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.process.channel import Channel, channel_pair
+from safety.guard.process.messages import Alive, Operate, Position, ToGuard, to_guard
+from safety.guard.process.remote_guard import RemoteGuard
+from safety.model.samples import PoseSample
+from tests.safety.guard.remote_rigs import guard_config
 from vehicles.processes.codec import Message
 from worlds.frames import Pose
 
@@ -108,7 +108,7 @@ class Noted:
 
 @pytest.fixture
 def remote(tmp_path: Path) -> tuple[RemoteGuard, Noted]:
-    guard: Any = RemoteGuard(charter=charter(tmp_path))
+    guard: Any = RemoteGuard(guard_config=guard_config(tmp_path))
     guard._channel = noted = Noted()
     return guard, noted
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safety.geofence import Fence
+from safety.fence.geofence import Fence
 from safety.preflight import (
     CHECKS,
     Item,

@@ -8,7 +8,7 @@ from typing import Any, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.links.base import Link
+from vehicles.links.link import Link
 from vehicles.links.memory import memory_pair
 from vehicles.mavlink.codec import Codec
 

@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from orchestrator.clock import run_virtual
+from orchestrator.model.clock import run_virtual
 from vehicles.tasks import Contained, TaskAccount, finish, start, stop, together
 
 

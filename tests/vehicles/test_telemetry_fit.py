@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.autopilots.base import TelemetryRates
+from vehicles.autopilots.autopilot import TelemetryRates
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.telemetry_fit import SHARE_DOWN, RadioTooSlowError, fitted, telemetry_bytes_s
 

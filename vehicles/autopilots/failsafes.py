@@ -7,7 +7,7 @@ Parameters: ArduCopter/Parameters.cpp and events.cpp; PX4's commander_params.c a
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from vehicles.autopilots.base import AutopilotName
+from vehicles.autopilots.autopilot import AutopilotName
 
 OWN_SYSTEM_ID = 245
 """Our system id as a ground station, whose heartbeats keep a vehicle from its failsafe."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.base import (
+from vehicles.autopilots.autopilot import (
     IGNORE_ACCELERATION,
     IGNORE_POSITION,
     IGNORE_VELOCITY,

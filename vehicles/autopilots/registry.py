@@ -3,7 +3,7 @@
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.autopilots.ardupilot import ArduCopter
-from vehicles.autopilots.base import Autopilot, AutopilotName
+from vehicles.autopilots.autopilot import Autopilot, AutopilotName
 from vehicles.autopilots.px4 import Px4
 
 _STRATEGIES: tuple[Autopilot, ...] = (Px4(), ArduCopter())

@@ -95,14 +95,14 @@ def fit_mounting(
         x_scale=np.array([0.1] * 3 + [0.05] * 3 + [0.1] * 3 + [0.05] * 3 + [0.05]),
         max_nfev=100,
     )
-    return _judged(found, problem, len(seen))
+    return _check_fit(found, problem, len(seen))
 
 
 def _latencies() -> Points:
     return np.arange(0.0, LONGEST_S, _STEP_S, dtype=np.float64)
 
 
-def _judged(found: Any, problem: "_Problem", pictures: int) -> MountingFit:
+def _check_fit(found: Any, problem: "_Problem", pictures: int) -> MountingFit:
     plain = problem.residuals(found.x)
     rms_px = float(np.sqrt(2.0 * np.mean(np.square(plain))))
     if not rms_px < _POOR_PX:
@@ -226,7 +226,7 @@ def _closed_form(
     rotations, positions = track.at(times_s)
     turned = np.array([board[0] for board in boards])
     shifted = np.array([board[1] for board in boards])
-    first, second = _telling_pairs(rotations)
+    first, second = _informative_pairs(rotations)
     body_r = np.einsum("nji,njk->nik", rotations[first], rotations[second])
     camera_r = np.einsum("nij,nkj->nik", turned[first], turned[second])
     a, b = _logs(body_r), _logs(camera_r)
@@ -254,7 +254,7 @@ def _board_of(
     return mean, middle
 
 
-def _telling_pairs(rotations: Points) -> tuple[Indices, Indices]:
+def _informative_pairs(rotations: Points) -> tuple[Indices, Indices]:
     """Return pairs of pictures between which the body turned. Raises CalibrationError."""
     spaced = np.linspace(0, len(rotations) - 1, min(len(rotations), _SPACED)).astype(int)
     one, other = np.triu_indices(len(spaced), k=1)

@@ -64,11 +64,11 @@ def fit_optics(
             f"{slant:.0%}): focal length and distance cannot be told apart; tilt it by 30 degrees "
             "and more, to each side"
         )
-    matrix, distortion, errors = _calibrated(chosen, size, coefficients)
+    matrix, distortion, errors = _calibrate(chosen, size, coefficients)
     kept = [one for one, e in zip(chosen, errors, strict=True) if e <= _OUTLIER * np.median(errors)]
     if FEWEST <= len(kept) < len(chosen):
         chosen = kept
-        matrix, distortion, errors = _calibrated(chosen, size, coefficients)
+        matrix, distortion, errors = _calibrate(chosen, size, coefficients)
     rms_px = float(np.sqrt(np.mean(np.square(errors))))
     if not rms_px < _POOR_PX:
         raise CalibrationError(
@@ -145,7 +145,7 @@ def _slant(sightings: Sequence[Sighting]) -> float:
     return worst
 
 
-def _calibrated(
+def _calibrate(
     sightings: Sequence[Sighting], size: tuple[int, int], coefficients: int
 ) -> tuple[Points, Points, Points]:
     """Return camera matrix, distortion, and of each picture the error in pixels."""

@@ -6,28 +6,28 @@ from functools import partial
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from vehicles.anchor import Anchor
-from vehicles.autopilots.base import AutopilotName, Mode, Target, TelemetryRates
-from vehicles.driver.changes import Changes
-from vehicles.driver.clocking import Clocking
-from vehicles.driver.commands import Commander
+from vehicles.autopilots.autopilot import AutopilotName, Mode, Target, TelemetryRates
+from vehicles.clocks.timesync import VehicleClock
+from vehicles.driver.command_backend import CommandBackend, FailureListener, FrameBackend
+from vehicles.driver.confirmed_command import SEEN_WITHIN_S, ConfirmedCommand
 from vehicles.driver.estimates import EstimateListener, Estimates
-from vehicles.driver.identifying import find_vehicle, request_identity
-from vehicles.driver.identity import Identity, Wanted
-from vehicles.driver.insisting import SEEN_WITHIN_S, Insistence
-from vehicles.driver.presence import Presence
+from vehicles.driver.identified_vehicle import IdentifiedVehicle
 from vehicles.driver.refusals import arm_refused, not_ready
-from vehicles.driver.session import Session
-from vehicles.driver.setpointing import SetpointSender
-from vehicles.driver.state import EstimateSample, ReportName, VehicleState
-from vehicles.driver.status import EventListener, Status
-from vehicles.driver.streams import Streams
-from vehicles.driver.vehicle import IdentifiedVehicle
-from vehicles.driver.voice import FailureListener, OwnVoice, Voice
+from vehicles.driver.session.commands import Commander
+from vehicles.driver.session.conditions import ConditionWaiter
+from vehicles.driver.session.identification import find_vehicle, request_identity
+from vehicles.driver.session.identity import Identity, Wanted
+from vehicles.driver.session.link_monitor import LinkMonitor
+from vehicles.driver.session.session import Session
+from vehicles.driver.session.timesync_requests import TimesyncRequester
+from vehicles.driver.setpoint_sender import SetpointSender
+from vehicles.driver.status_tracker import EventListener, StatusTracker
+from vehicles.driver.telemetry_streams import TelemetryStreams
+from vehicles.driver.vehicle_state import EstimateSample, ReportName, VehicleState
 from vehicles.errors import AnchorError, CommandError, VehicleError
-from vehicles.links.base import Link
+from vehicles.links.link import Link
+from vehicles.poses.anchor import Anchor
 from vehicles.setpoints import Setpoint
-from vehicles.timesync import VehicleClock
 from worlds.frames import Pose, Vec3
 from worlds.geodesy import Geodetic
 
@@ -61,27 +61,27 @@ class Driver:
         own_component: int = 190,
         silence_s: float = 1.5,
         max_clock_drift: float = 0.02,
-        voice: Voice | None = None,
+        voice: CommandBackend | None = None,
     ) -> None:
         self.name = name
-        self._voice: Voice = voice or OwnVoice()
+        self._voice: CommandBackend = voice or FrameBackend()
         self._link = self._voice.join(link)
         self._wanted = Wanted(None if autopilot == "auto" else autopilot, system_id)
         self._start = start
         self._rates = rates
         self._anchor_given = False
-        self._changes = Changes()
+        self._changes = ConditionWaiter()
         self._session = Session(
             link=self._link, own=Target(own_system_id, own_component), speak=self._voice.speak
         )
-        self._presence = Presence(
+        self._presence = LinkMonitor(
             session=self._session,
             silence_s=silence_s,
             on_lost=partial(self._silent, up=False),
             on_back=partial(self._silent, up=True),
         )
         self._commander = Commander(session=self._session, circumstances=self._circumstances)
-        self._insistence = Insistence(
+        self._insistence = ConfirmedCommand(
             name=name,
             changes=self._changes,
             state=lambda: self.state,
@@ -90,14 +90,14 @@ class Driver:
         self.onboard = self._voice.onboard(session=self._session, circumstances=self._circumstances)
         self.parameters = self.onboard.parameters
         self.clock = VehicleClock(own_id=own_system_id, max_drift=max_clock_drift)
-        self._clocking = Clocking(session=self._session, clock=self.clock)
+        self._clocking = TimesyncRequester(session=self._session, clock=self.clock)
         self._estimates = Estimates(session=self._session, clock=self.clock)
-        self._estimates.on_reboot = self._rebooted
+        self._estimates.on_reboot = self._on_reboot
         self._event_listeners: list[EventListener] = []
-        self._status: Status | None = None
+        self._status: StatusTracker | None = None
         self._vehicle: IdentifiedVehicle | None = None
         self._failure: VehicleError | None = None
-        self._voice.on_failure(self._failed)
+        self._voice.on_failure(self._on_failure)
 
     async def __aenter__(self) -> Self:
         """Open the link and begin with heartbeats. Raises LinkError."""
@@ -123,7 +123,7 @@ class Driver:
     @property
     def identity(self) -> Identity:
         """Return who it is. Raises VehicleError before `identify`."""
-        return self._flying().identity
+        return self._require_flying().identity
 
     @property
     def state(self) -> VehicleState:
@@ -200,7 +200,7 @@ class Driver:
             timeout_s=max(deadline_s - loop.time(), _ANSWER_WITHIN_S),
         )
         self.onboard.identified(autopilot, identity)
-        self._status = status = Status(
+        self._status = status = StatusTracker(
             session=self._session,
             autopilot=autopilot,
             changes=self._changes,
@@ -217,7 +217,9 @@ class Driver:
             orders=self._voice.orders(
                 commander=self._commander, autopilot=autopilot, target=target
             ),
-            streams=Streams(session=self._session, autopilot=autopilot, target=target, plan=plan),
+            streams=TelemetryStreams(
+                session=self._session, autopilot=autopilot, target=target, plan=plan
+            ),
             setpoints=SetpointSender(
                 session=self._session, clock=self.clock, autopilot=autopilot, target=target
             ),
@@ -232,7 +234,7 @@ class Driver:
 
         Raises NotReadyError with the reasons and the last STATUSTEXTs.
         """
-        vehicle = self._flying()
+        vehicle = self._require_flying()
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + timeout_s
         while True:
@@ -252,7 +254,7 @@ class Driver:
 
         Raises ArmRefusedError with the autopilot's reasons, AnchorError, StateTimeoutError.
         """
-        vehicle = self._flying()
+        vehicle = self._require_flying()
         status, autopilot = vehicle.status, vehicle.autopilot
         # On a bad link the last second may hold too few positions to anchor it by.
         await self._changes.until(lambda: not self._reasons(), SEEN_WITHIN_S)
@@ -260,15 +262,15 @@ class Driver:
         if status.state.mode is not autopilot.arming_mode:
             await self._reach(autopilot.arming_mode)
         try:
-            await self._insistence.insist(vehicle.orders.arm, lambda: status.state.armed, "armed")
+            await self._insistence.confirm(vehicle.orders.arm, lambda: status.state.armed, "armed")
         except CommandError as error:
             raise await arm_refused(vehicle, self.name, self._changes, error) from error
 
     async def disarm(self) -> None:
         """Disarm on the ground. Raises CommandError when refused (in the air)."""
-        vehicle = self._flying()
+        vehicle = self._require_flying()
         status = vehicle.status
-        await self._insistence.insist(
+        await self._insistence.confirm(
             vehicle.orders.disarm, lambda: not status.state.armed, "disarmed"
         )
 
@@ -278,7 +280,7 @@ class Driver:
         altitude_m: above where it stands. The frame is written before this returns, so that two
         vehicles get theirs in one turn of the loop. Awaiting raises CommandError.
         """
-        vehicle = self._flying()
+        vehicle = self._require_flying()
         status = vehicle.status
         status.asked_modes = vehicle.autopilot.takeoff_modes
         flies = {"taking_off", "in_air"}
@@ -294,7 +296,7 @@ class Driver:
         Where the autopilot wants a stream of setpoints (PX4), zero velocity is streamed until
         then. Raises CommandError, StateTimeoutError.
         """
-        vehicle = self._flying()
+        vehicle = self._require_flying()
         if vehicle.autopilot.streams_before_guided_s > 0:
             vehicle.setpoints.keep_still()
             await asyncio.sleep(vehicle.autopilot.streams_before_guided_s)
@@ -311,15 +313,15 @@ class Driver:
         anchor = self._estimates.anchor
         if anchor is None:
             raise AnchorError(f"{self.name}: not anchored in the world; await ready() first")
-        self._flying().setpoints.send(anchor.to_local(setpoint))
+        self._require_flying().setpoints.send(anchor.to_local(setpoint))
 
     def keep_still(self) -> None:
         """Stream zero velocity until the next `send` or `hand_over`."""
-        self._flying().setpoints.keep_still()
+        self._require_flying().setpoints.keep_still()
 
     def hand_over(self) -> None:
         """Stream nothing by ourselves any more: somebody else sends setpoints."""
-        self._flying().setpoints.stop()
+        self._require_flying().setpoints.stop()
 
     def tell(self, message: Any) -> None:
         """Send any other message, as what the vehicle would hear from its sensors."""
@@ -339,25 +341,25 @@ class Driver:
 
     async def terminate(self) -> None:
         """Stop the motors at once, in the air too. Raises CommandError."""
-        vehicle = self._flying()
+        vehicle = self._require_flying()
         vehicle.setpoints.stop()
         await vehicle.orders.terminate()
 
     async def disarmed(self, timeout_s: float) -> None:
         """Wait until it is disarmed. Raises StateTimeoutError."""
-        status = self._flying().status
+        status = self._require_flying().status
         await self._insistence.see(lambda: not status.state.armed, timeout_s, "disarmed")
 
-    def _flying(self) -> IdentifiedVehicle:
+    def _require_flying(self) -> IdentifiedVehicle:
         if self._vehicle is None:
             raise VehicleError(f"{self.name}: not identified yet; await identify() first")
         return self._vehicle
 
     async def _reach(self, mode: Mode) -> None:
-        vehicle = self._flying()
+        vehicle = self._require_flying()
         status = vehicle.status
         status.asked_modes = (mode,)
-        await self._insistence.insist(
+        await self._insistence.confirm(
             partial(vehicle.orders.set_mode, mode),
             lambda: status.state.mode is mode,
             f"in {mode.value}",
@@ -373,7 +375,7 @@ class Driver:
                 raise AnchorError(f"{self.name}: {error}") from error
 
     def _reasons(self) -> tuple[str, ...]:
-        return self._flying().reasons(self._rates.position_hz)
+        return self._require_flying().reasons(self._rates.position_hz)
 
     def _circumstances(self) -> str:
         """Return what people want to know beside an error; empty, or begins with a semicolon."""
@@ -382,16 +384,16 @@ class Driver:
         return "".join(f"; {words}" for words in (self._presence.silence(), said) if words)
 
     def _begin_listening(self) -> None:
-        self._flying().streams.ask()
+        self._require_flying().streams.ask()
         self._clocking.start()
         self._presence.watch()
 
-    def _rebooted(self, t_s: float) -> None:
+    def _on_reboot(self, t_s: float) -> None:
         if self._vehicle is not None:
             self._vehicle.status.rebooted(t_s)
             self._begin_listening()
 
-    def _failed(self, error: VehicleError) -> None:
+    def _on_failure(self, error: VehicleError) -> None:
         self._failure = error
         if self._vehicle is not None:
             self._vehicle.setpoints.stop()

@@ -7,12 +7,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.anchor import Anchor, PoseAverage
-from vehicles.driver.pairing import EstimatePairing
-from vehicles.driver.session import Session
-from vehicles.driver.state import EstimateSample, LocalEstimate
+from vehicles.clocks.timesync import VehicleClock
+from vehicles.driver.estimate_pairing import EstimatePairing
+from vehicles.driver.session.session import Session
+from vehicles.driver.vehicle_state import EstimateSample, LocalEstimate
 from vehicles.errors import AnchorError
-from vehicles.timesync import VehicleClock
+from vehicles.poses.anchor import Anchor, PoseAverage
 from worlds.frames import Pose, Vec3, quat_from_euler, subtract
 from worlds.geodesy import Geodetic, LocalFrame
 
@@ -104,7 +104,7 @@ class Estimates:
         self._listeners.append(listener)
 
     def _position(self, payload: bytes, t_s: float) -> None:
-        boot_ms, x, y, z, vx, vy, vz = _unpacked(_POSITION, payload)
+        boot_ms, x, y, z, vx, vy, vz = _unpack_quaternion(_POSITION, payload)
         if not math.isfinite(x + y + z + vx + vy + vz):
             self.not_numbers += 1
             return
@@ -112,7 +112,7 @@ class Estimates:
             self._take(estimate, t_s)
 
     def _quaternion(self, payload: bytes, t_s: float) -> None:
-        boot_ms, w, x, y, z = _unpacked(_QUATERNION, payload)[:5]
+        boot_ms, w, x, y, z = _unpack_quaternion(_QUATERNION, payload)[:5]
         # ATTITUDE is asked for nowhere, but ArduPilot may send it: one of both is enough.
         if self._takes_angles:
             self._takes_angles = False
@@ -190,5 +190,5 @@ class Estimates:
             self.amsl_m = message.altitude * 1e-3
 
 
-def _unpacked(layout: Struct, payload: bytes) -> tuple[float, ...]:
+def _unpack_quaternion(layout: Struct, payload: bytes) -> tuple[float, ...]:
     return layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))

@@ -1,7 +1,7 @@
 """What a driver says of a vehicle that does not become ready, or does not arm."""
 
-from vehicles.driver.changes import Changes
-from vehicles.driver.vehicle import IdentifiedVehicle
+from vehicles.driver.identified_vehicle import IdentifiedVehicle
+from vehicles.driver.session.conditions import ConditionWaiter
 from vehicles.errors import ArmRefusedError, CommandError, NotReadyError
 
 _TEXT_WITHIN_S = 0.5
@@ -20,7 +20,7 @@ def not_ready(
 
 
 async def arm_refused(
-    vehicle: IdentifiedVehicle, name: str, changes: Changes, error: CommandError
+    vehicle: IdentifiedVehicle, name: str, changes: ConditionWaiter, error: CommandError
 ) -> ArmRefusedError:
     """Return the error of a vehicle that refused to arm, with the reasons that it gives."""
 

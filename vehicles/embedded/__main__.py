@@ -2,7 +2,7 @@
 
 import sys
 
-from vehicles.embedded.process import main
+from vehicles.embedded.process.embedded_process import main
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from worlds.documents import Part, check, closest, load
+from worlds.files.documents import Part, check, closest, load
 
 _FOLDER = Path(__file__).parent / "profiles"
 

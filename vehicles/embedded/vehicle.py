@@ -9,14 +9,14 @@ from typing import Self
 import numpy as np
 
 from vehicles.embedded.autopilot.copter.copter import ArduCopter
-from vehicles.embedded.autopilot.emulated_autopilot import COMPONENT, EmbeddedAutopilot
+from vehicles.embedded.autopilot.emulated_autopilot import COMPONENT, EmulatedAutopilot
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.px4.px4 import Px4
-from vehicles.embedded.body import PHYSICS_HZ, Body
-from vehicles.embedded.config import EmbeddedConfig, HearsEvents, Surroundings
-from vehicles.embedded.mocap import MotionCaptureFeed
-from vehicles.embedded.states import STOPPED, Thrusts, TruthSample
-from vehicles.links.base import Link
+from vehicles.embedded.physics.body import PHYSICS_HZ, Body
+from vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig, EventListener
+from vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
+from vehicles.embedded.physics.states import STOPPED, Thrusts, TruthSample
+from vehicles.links.link import Link
 from vehicles.mavlink.codec import Codec
 from vehicles.readings import PoseReading
 from vehicles.tasks import Contained
@@ -46,7 +46,7 @@ class EmbeddedVehicle:
         config: EmbeddedConfig,
         link: Link,
         seed: int,
-        surroundings: Surroundings | None = None,
+        surroundings: ContactWorld | None = None,
     ) -> None:
         self.config = config
         self._link = link
@@ -76,7 +76,7 @@ class EmbeddedVehicle:
         link.receive(self._on_bytes)
 
     @property
-    def autopilot(self) -> EmbeddedAutopilot:
+    def autopilot(self) -> EmulatedAutopilot:
         """Return the autopilot, for tests that look inside."""
         return self._autopilot
 
@@ -103,7 +103,7 @@ class EmbeddedVehicle:
 
     def notify(self, event: str, t_s: float) -> None:
         """Pass an event of the world to the surroundings: what moves may start now."""
-        if isinstance(self._surroundings, HearsEvents):
+        if isinstance(self._surroundings, EventListener):
             self._surroundings.notify(event, t_s)
 
     def kill(self) -> None:
@@ -234,7 +234,7 @@ class EmbeddedVehicle:
             self._link.write(b"".join([pack(message) for message in messages]))
 
 
-def build_autopilot(config: EmbeddedConfig, body: Body) -> EmbeddedAutopilot:
+def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
     """Return the autopilot that a configuration asks for."""
     world = LocalFrame(config.latitude_deg, config.longitude_deg, config.altitude_m)
     start = world.to_geodetic(config.start.position_ned_m)
@@ -245,7 +245,7 @@ def build_autopilot(config: EmbeddedConfig, body: Body) -> EmbeddedAutopilot:
         origin=LocalFrame(start.latitude_deg, start.longitude_deg, start.altitude_m),
     )
     dt_s, charge = 1.0 / PHYSICS_HZ, body.battery.charge
-    autopilot: EmbeddedAutopilot
+    autopilot: EmulatedAutopilot
     if config.autopilot == "px4":
         autopilot = Px4(
             identity=identity,

@@ -8,8 +8,15 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from vehicles.launch.plan import BornWith, Home, LaunchError, LaunchPlan, Port, parameter_text
-from vehicles.links.parse import LinkAddress
+from vehicles.launch.launch_plan import (
+    BornWith,
+    Home,
+    LaunchError,
+    LaunchPlan,
+    Port,
+    parameter_text,
+)
+from vehicles.links.link_strings import LinkAddress
 
 _BASE_PORT = 5760
 _PER_INSTANCE = 10

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from vehicles.launch.plan import Launch, LaunchError, Port
+from vehicles.launch.launch_plan import Launch, LaunchError, Port
 
 
 class Instance:
@@ -53,7 +53,7 @@ def take_instance(launch: Launch, *, locks: Path | None = None) -> Instance:
     stem = "".join(character if character.isalnum() else "-" for character in launch.label.lower())
     taken: list[Port] = []
     for number in range(launch.instances):
-        lock = _locked(folder / f"{stem}-{number}.lock")
+        lock = _lock_instance(folder / f"{stem}-{number}.lock")
         if lock is None:
             continue
         busy = next((port for port in launch.ports(number) if not is_free(port)), None)
@@ -85,7 +85,7 @@ def is_free(port: Port) -> bool:
     return True
 
 
-def _locked(file: Path) -> int | None:
+def _lock_instance(file: Path) -> int | None:
     handle = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

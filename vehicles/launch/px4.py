@@ -12,8 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vehicles.launch.ardupilot import executable
-from vehicles.launch.plan import BornWith, Home, LaunchError, LaunchPlan, Port, parameter_text
-from vehicles.links.parse import LinkAddress
+from vehicles.launch.launch_plan import (
+    BornWith,
+    Home,
+    LaunchError,
+    LaunchPlan,
+    Port,
+    parameter_text,
+)
+from vehicles.links.link_strings import LinkAddress
 
 _API_PORT = 14540
 _LOCAL_PORTS = (14580, 14280, 13030, 18570)

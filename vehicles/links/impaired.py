@@ -7,8 +7,8 @@ from typing import Self
 
 import numpy as np
 
-from vehicles.links.base import Link, Receiver, TellsTrouble
 from vehicles.links.impairment import ImpairedWay, Impairment, ImpairmentCounts
+from vehicles.links.link import Link, Receiver, TellsTrouble
 from vehicles.mavlink.framing import FrameSplitter
 
 
@@ -32,7 +32,7 @@ class ImpairedLink:
         out_rng, in_rng = rng.spawn(2)
         self._out = _Way(outgoing, out_rng, self._send)
         self._in = _Way(incoming, in_rng, self._hand_on)
-        link.receive(self._received)
+        link.receive(self._on_bytes)
 
     @property
     def name(self) -> str:
@@ -62,10 +62,10 @@ class ImpairedLink:
         """Send frames, as well as this link does."""
         self._out.put(data)
 
-    def black_out(self, duration_s: float) -> None:
+    def start_outage(self, duration_s: float) -> None:
         """Let nothing through either way, from now on for a while."""
-        self._out.black_out(duration_s)
-        self._in.black_out(duration_s)
+        self._out.start_outage(duration_s)
+        self._in.start_outage(duration_s)
 
     async def __aenter__(self) -> Self:
         """Open the wrapped link; blackouts count from here. Raises LinkError."""
@@ -85,7 +85,7 @@ class ImpairedLink:
         self._in.close()
         await self._link.__aexit__(kind, error, trace)
 
-    def _received(self, data: bytes, _t_s: float) -> None:
+    def _on_bytes(self, data: bytes, _t_s: float) -> None:
         self._in.put(data)
 
     def _send(self, frames: list[bytes], _t_s: float) -> None:
@@ -131,10 +131,10 @@ class _Way:
             self._timer.cancel()
             self._timer = None
 
-    def black_out(self, duration_s: float) -> None:
+    def start_outage(self, duration_s: float) -> None:
         """Let nothing through for a while."""
         if self._way is not None:
-            self._way.black_out(asyncio.get_running_loop().time(), duration_s)
+            self._way.start_outage(asyncio.get_running_loop().time(), duration_s)
 
     def put(self, data: bytes) -> None:
         """Take bytes that are sent now."""

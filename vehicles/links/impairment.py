@@ -42,7 +42,7 @@ class Bursts:
 
 
 @dataclass(frozen=True, slots=True)
-class Blackout:
+class LinkOutage:
     """A time in which nothing arrives: seconds after the link was opened, and for how long."""
 
     from_s: float
@@ -78,7 +78,7 @@ class Impairment:
     corrupt: float = 0.0
     bandwidth_bit_s: float | None = None
     queue_s: float = 1.0
-    blackouts: tuple[Blackout, ...] = ()
+    blackouts: tuple[LinkOutage, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "reorder", "corrupt"):
@@ -131,7 +131,7 @@ class ImpairedWay:
         self._forced_until_s = -math.inf
         self.counts = ImpairmentCounts()
 
-    def black_out(self, now_s: float, duration_s: float) -> None:
+    def start_outage(self, now_s: float, duration_s: float) -> None:
         """Let nothing through from now on for a while."""
         self._forced_until_s = max(self._forced_until_s, now_s + duration_s)
 
@@ -144,7 +144,7 @@ class ImpairedWay:
         if sent_s is None:
             counts.overflowed += 1
             return
-        if self._dark(now_s):
+        if self._is_in_outage(now_s):
             counts.blacked_out += 1
             return
         if self._lost_in_burst(state, burst, now_s) or lost < setting.loss:
@@ -176,7 +176,7 @@ class ImpairedWay:
         while self._queue and self._queue[0][0] <= now_s:
             due_s, _, frame = heapq.heappop(self._queue)
             # What was under way when the lights went out is gone too.
-            if self._dark(due_s):
+            if self._is_in_outage(due_s):
                 self.counts.blacked_out += 1
             else:
                 arrived.append(frame)
@@ -187,7 +187,7 @@ class ImpairedWay:
         self._number += 1
         heapq.heappush(self._queue, (due_s, self._number, frame))
 
-    def _dark(self, t_s: float) -> bool:
+    def _is_in_outage(self, t_s: float) -> bool:
         if t_s < self._forced_until_s:
             return True
         since_s = t_s - self._opened_s

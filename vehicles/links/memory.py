@@ -5,7 +5,7 @@ from collections import deque
 from types import TracebackType
 from typing import Self
 
-from vehicles.links.base import Link, Receiver
+from vehicles.links.link import Link, Receiver
 
 
 class MemoryLink:

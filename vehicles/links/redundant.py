@@ -9,7 +9,7 @@ from typing import Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.links.base import Link, Receiver, TellsTrouble
+from vehicles.links.link import Link, Receiver, TellsTrouble
 from vehicles.mavlink.framing import Frame, FrameSplitter
 
 SILENT_S = 0.3
@@ -75,7 +75,7 @@ class RedundantLink:
         self.active = 0
         """Which of the links is flown by."""
         for number, link in enumerate(self._links):
-            link.receive(partial(self._received, number))
+            link.receive(partial(self._on_bytes, number))
 
     @property
     def name(self) -> str:
@@ -127,7 +127,7 @@ class RedundantLink:
         """Close all links."""
         await self._stack.__aexit__(kind, error, trace)
 
-    def _received(self, number: int, data: bytes, t_s: float) -> None:
+    def _on_bytes(self, number: int, data: bytes, t_s: float) -> None:
         spoke = any(frame.component == _AUTOPILOT for frame in self._inward[number].feed(data))
         if spoke:
             self._take_sign_of_life(number, t_s)

@@ -6,9 +6,9 @@ import os
 from types import TracebackType
 from typing import Self
 
-from vehicles.links.base import LinkError, Receiver
-from vehicles.links.parse import LinkAddress
-from vehicles.links.recovery import BackOff, Recovery
+from vehicles.links.link import LinkError, Receiver
+from vehicles.links.link_strings import LinkAddress
+from vehicles.links.reconnection import BackOff, Reconnection
 from vehicles.links.serial_port import open_port, remedy
 
 _AT_ONCE = 4096
@@ -30,7 +30,9 @@ class SerialLink:
         self._port: int | None = None
         self._waiting = bytearray()
         self.dropped_writes = 0
-        self._recovery = Recovery(name=self.name, again=self._again, back_off=back_off or BackOff())
+        self._recovery = Reconnection(
+            name=self.name, again=self._reopen, back_off=back_off or BackOff()
+        )
 
     @property
     def name(self) -> str:
@@ -75,7 +77,7 @@ class SerialLink:
         await self._recovery.stop()
         self._close()
 
-    async def _again(self) -> None:
+    async def _reopen(self) -> None:
         if self._loop is not None:
             self._open(self._loop)
 
@@ -103,10 +105,10 @@ class SerialLink:
         except BlockingIOError:
             return
         except OSError as error:
-            self._lost(error)
+            self._on_lost(error)
             return
         if not data:
-            self._lost(OSError(errno.EIO, "it was unplugged"))
+            self._on_lost(OSError(errno.EIO, "it was unplugged"))
         elif self._receiver is not None:
             self._receiver(data, self._loop.time())
 
@@ -118,7 +120,7 @@ class SerialLink:
         except BlockingIOError:
             sent = 0
         except OSError as error:
-            self._lost(error)
+            self._on_lost(error)
             return
         del self._waiting[:sent]
         if self._waiting:
@@ -126,6 +128,6 @@ class SerialLink:
         else:
             self._loop.remove_writer(self._port)
 
-    def _lost(self, error: OSError) -> None:
+    def _on_lost(self, error: OSError) -> None:
         self._close()
         self._recovery.lost(error.strerror or str(error))

@@ -3,7 +3,7 @@
 from types import TracebackType
 from typing import Self
 
-from vehicles.links.base import Link, Receiver, TellsTrouble
+from vehicles.links.link import Link, Receiver, TellsTrouble
 from vehicles.mavlink.framing import FrameSplitter
 
 
@@ -17,7 +17,7 @@ class LinkSplitter:
     def __init__(self, *, link: Link) -> None:
         self._link = link
         self._ends: list[LinkEnd] = []
-        link.receive(self._received)
+        link.receive(self._on_bytes)
 
     def end(self, name: str) -> "LinkEnd":
         """Return one more end of the link."""
@@ -39,7 +39,7 @@ class LinkSplitter:
         """Close the link."""
         await self._link.__aexit__(kind, error, trace)
 
-    def _received(self, data: bytes, t_s: float) -> None:
+    def _on_bytes(self, data: bytes, t_s: float) -> None:
         for end in self._ends:
             end.hear(data, t_s)
 

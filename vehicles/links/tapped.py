@@ -3,7 +3,7 @@
 from types import TracebackType
 from typing import Self
 
-from vehicles.links.base import Link, Receiver
+from vehicles.links.link import Link, Receiver
 
 
 class TappedLink:
@@ -13,7 +13,7 @@ class TappedLink:
         self._link = link
         self._receiver: Receiver | None = None
         self._taps: list[Receiver] = []
-        link.receive(self._received)
+        link.receive(self._on_bytes)
 
     @property
     def name(self) -> str:
@@ -46,7 +46,7 @@ class TappedLink:
         """Close the link."""
         await self._link.__aexit__(kind, error, trace)
 
-    def _received(self, data: bytes, t_s: float) -> None:
+    def _on_bytes(self, data: bytes, t_s: float) -> None:
         if self._receiver is not None:
             self._receiver(data, t_s)
         for tap in self._taps:

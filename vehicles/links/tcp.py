@@ -7,10 +7,10 @@ import sys
 from types import TracebackType
 from typing import Self
 
-from vehicles.links.base import LinkError, Receiver
-from vehicles.links.parse import LinkAddress
-from vehicles.links.recovery import BackOff, Recovery
-from vehicles.links.stream import StreamPeer
+from vehicles.links.byte_stream import StreamPeer
+from vehicles.links.link import LinkError, Receiver
+from vehicles.links.link_strings import LinkAddress
+from vehicles.links.reconnection import BackOff, Reconnection
 from vehicles.mavlink.framing import FrameSplitter
 
 _CONNECT_WITHIN_S = 5.0
@@ -34,7 +34,7 @@ class TcpOutLink:
         self._patient = patient
         self._receiver: Receiver | None = None
         self._peer: StreamPeer | None = None
-        self._recovery = Recovery(
+        self._recovery = Reconnection(
             name=self.name, again=self._connect, back_off=back_off or BackOff()
         )
 
@@ -89,17 +89,17 @@ class TcpOutLink:
             raise LinkError(f"{self.name}: {_remedy(error, self._address)}") from error
 
     def _new_peer(self) -> StreamPeer:
-        return StreamPeer(opened=self._opened, received=self._received, lost=self._lost)
+        return StreamPeer(opened=self._on_open, received=self._on_bytes, lost=self._on_lost)
 
-    def _opened(self, peer: StreamPeer) -> None:
+    def _on_open(self, peer: StreamPeer) -> None:
         _notice_dead_peers(peer)
         self._peer = peer
 
-    def _received(self, _peer: StreamPeer, data: bytes, t_s: float) -> None:
+    def _on_bytes(self, _peer: StreamPeer, data: bytes, t_s: float) -> None:
         if self._receiver is not None:
             self._receiver(data, t_s)
 
-    def _lost(self, _peer: StreamPeer, why: str) -> None:
+    def _on_lost(self, _peer: StreamPeer, why: str) -> None:
         self._peer = None
         self._recovery.lost(why)
 
@@ -120,7 +120,7 @@ class TcpInLink:
         self._receiver: Receiver | None = None
         self._server: asyncio.Server | None = None
         self._peers: dict[StreamPeer, FrameSplitter] = {}
-        self._recovery = Recovery(name=self.name, again=None, back_off=BackOff())
+        self._recovery = Reconnection(name=self.name, again=None, back_off=BackOff())
         self._turned_away = ""
 
     @property
@@ -182,10 +182,10 @@ class TcpInLink:
         await asyncio.sleep(0)
 
     def _new_peer(self) -> StreamPeer:
-        return StreamPeer(opened=self._opened, received=self._received, lost=self._lost)
+        return StreamPeer(opened=self._on_open, received=self._on_bytes, lost=self._on_lost)
 
-    def _opened(self, peer: StreamPeer) -> None:
-        if len(self._peers) >= self._most and not self._made_way(peer.heard_s):
+    def _on_open(self, peer: StreamPeer) -> None:
+        if len(self._peers) >= self._most and not self._make_room(peer.heard_s):
             self._turned_away = f"{peer.address} was turned away: the port is in use"
             peer.close()
             return
@@ -193,7 +193,7 @@ class TcpInLink:
         self._peers[peer] = FrameSplitter()
         self._recovery.back()
 
-    def _made_way(self, now_s: float) -> bool:
+    def _make_room(self, now_s: float) -> bool:
         """Close the client that has been silent the longest; return whether there was one."""
         oldest = min(self._peers, key=lambda peer: peer.heard_s)
         if now_s - oldest.heard_s < _SILENT_S:
@@ -202,7 +202,7 @@ class TcpInLink:
         oldest.close()
         return True
 
-    def _received(self, peer: StreamPeer, data: bytes, t_s: float) -> None:
+    def _on_bytes(self, peer: StreamPeer, data: bytes, t_s: float) -> None:
         splitter = self._peers.get(peer)
         if splitter is None or self._receiver is None:
             return
@@ -211,7 +211,7 @@ class TcpInLink:
         if data:
             self._receiver(data, t_s)
 
-    def _lost(self, peer: StreamPeer, why: str) -> None:
+    def _on_lost(self, peer: StreamPeer, why: str) -> None:
         if self._peers.pop(peer, None) is not None and not self._peers:
             self._recovery.lost(why)
 

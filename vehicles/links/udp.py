@@ -7,8 +7,8 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import NamedTuple, Self, cast
 
-from vehicles.links.base import LinkError, Receiver
-from vehicles.links.parse import LinkAddress
+from vehicles.links.link import LinkError, Receiver
+from vehicles.links.link_strings import LinkAddress
 
 _SILENT_S = 1.5
 """A heartbeat and a half: who speaks MAVLink is not silent for so long."""

@@ -100,7 +100,7 @@ class FrameSplitter:
             length = _frame_length(buffer, at)
             if length and at + length > end:
                 break
-            frame = self._checked(_frame(buffer, at, length)) if length else None
+            frame = self._check_sum(_frame(buffer, at, length)) if length else None
             if frame is not None:
                 frames.append(frame)
                 at += length
@@ -111,7 +111,7 @@ class FrameSplitter:
         self._rest = buffer[at:]
         return frames
 
-    def _checked(self, frame: Frame) -> Frame | None:
+    def _check_sum(self, frame: Frame) -> Frame | None:
         """Return the frame, or None when it is none."""
         who = (frame.system, frame.component)
         if frame.message_id not in _CRC_EXTRAS:

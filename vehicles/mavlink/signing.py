@@ -103,7 +103,7 @@ class Signer:
         # Each frame's timestamp is one more at least: two of one value would be a replay.
         self._newest = stamp = min(max(now, self._newest + 1), _MOST_TICKS)
         self._signed += 1
-        body = _flagged(_bare(frame), signed=True)
+        body = _set_flag(_bare(frame), signed=True)
         covered = body + bytes([self._link_id]) + stamp.to_bytes(6, "little")
         return covered + self._key.signature(covered)
 
@@ -123,7 +123,7 @@ class Signer:
             self._replayed += 1
             return None
         self._accepted += 1
-        return _flagged(_bare(frame), signed=False)
+        return _set_flag(_bare(frame), signed=False)
 
     def _is_new(self, stream: tuple[int, int, int], stamp: int, now: int) -> bool:
         ours = max(now, self._newest)
@@ -139,7 +139,7 @@ def _bare(frame: Frame) -> bytes:
     return frame.raw[:-SIGNATURE_BYTES] if frame.signed else frame.raw
 
 
-def _flagged(raw: bytes, *, signed: bool) -> bytes:
+def _set_flag(raw: bytes, *, signed: bool) -> bytes:
     """Return a frame without a signature, its flag set or not, its checksum right."""
     if bool(raw[2] & _SIGNED) == signed:
         return raw

@@ -2,7 +2,7 @@
 
 import sys
 
-from vehicles.mavsdk.program import main
+from vehicles.mavsdk.mavsdk_process import main
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
-from vehicles.driver.logs import LogEntry
-from vehicles.driver.mission import ItemList, MissionItem
+from vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
+from vehicles.driver.onboard.vehicle_logs import LogEntry
 from vehicles.processes.codec import Codec, Message
 
 Action = Literal["hold", "land", "return_to_launch", "disarm", "terminate"]
@@ -18,7 +18,7 @@ class Choose(Message, frozen=True):
     within_s: float
 
 
-class Say(Message, frozen=True):
+class SendMessage(Message, frozen=True):
     """Send a message. fields: as JSON for MavlinkDirect. at_s: when, CLOCK_MONOTONIC."""
 
     name: str
@@ -73,7 +73,7 @@ class Alive(Message, frozen=True):
     late: int
 
 
-class Unsaid(Message, frozen=True):
+class NotSent(Message, frozen=True):
     """A message that mavsdk cannot send. result: of MavlinkDirect."""
 
     name: str
@@ -103,8 +103,8 @@ class Progress(Message, frozen=True):
 
 
 Order = Choose | Act | Upload | Download | ListLogs | FetchLog
-ToProcess = Order | Say
-FromProcess = Ready | Alive | Unsaid | Done | Refused | Progress
+ToProcess = Order | SendMessage
+FromProcess = Ready | Alive | NotSent | Done | Refused | Progress
 
 to_process: Codec[ToProcess] = Codec(ToProcess)
 from_process: Codec[FromProcess] = Codec(FromProcess)

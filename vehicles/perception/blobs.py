@@ -108,7 +108,7 @@ class BlobFinder:
         Parts whose box is below a quarter of the least area are specks, and left out; all others
         count together, for a gate whose top is out of view is two bars.
         """
-        mask = self._mask_of(_decimated(image_bgr, self._decimate))
+        mask = self._mask_of(_decimate(image_bgr, self._decimate))
         least_px = self._min_area_fraction * mask.size
         box = _without_specks(mask, least_px / 4.0)
         moments = cv2.moments(mask, binaryImage=True)
@@ -116,19 +116,19 @@ class BlobFinder:
             return None
         borders = _borders(box, mask)
         smallest_px = self._min_opening_fraction * box.width_px * box.height_px
-        return _of_whole_picture(
+        return _scale_to_image(
             Blob(
                 area_px=moments["m00"],
                 centroid_px=(moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]),
                 box=box,
                 borders=borders,
-                opening=_opening(mask, borders, smallest_px),
+                opening=_find_opening(mask, borders, smallest_px),
             ),
             self._decimate,
         )
 
 
-def _decimated(image_bgr: BgrImage, factor: int) -> BgrImage:
+def _decimate(image_bgr: BgrImage, factor: int) -> BgrImage:
     if factor == 1:
         return image_bgr
     size = (image_bgr.shape[1] // factor, image_bgr.shape[0] // factor)
@@ -162,7 +162,7 @@ def _borders(box: Box, mask: Mask) -> Borders:
     )
 
 
-def _opening(mask: Mask, borders: Borders, smallest_px: float) -> Opening | None:
+def _find_opening(mask: Mask, borders: Borders, smallest_px: float) -> Opening | None:
     """Return the largest hole of at least this size; edges that the patch touches close it."""
     framed = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
     for touched, edge in (
@@ -198,7 +198,7 @@ def _gap(line: Mask, start: int) -> tuple[float, float] | None:
     return (float(before[-1]) + 0.5, float(start + after[0]) - 0.5)
 
 
-def _of_whole_picture(blob: Blob, factor: int) -> Blob:
+def _scale_to_image(blob: Blob, factor: int) -> Blob:
     """Return the blob in pixels of the picture of which every `factor`-th pixel was looked at."""
     if factor == 1:
         return blob
@@ -212,7 +212,7 @@ def _of_whole_picture(blob: Blob, factor: int) -> Blob:
     return Blob(
         area_px=blob.area_px * factor * factor,
         centroid_px=_times(blob.centroid_px, factor),
-        box=_scaled(blob.box, factor),
+        box=_scale(blob.box, factor),
         borders=blob.borders,
         opening=opening,
     )
@@ -222,7 +222,7 @@ def _times(point_px: tuple[float, float], factor: int) -> tuple[float, float]:
     return (point_px[0] * factor, point_px[1] * factor)
 
 
-def _scaled(box: Box, factor: int) -> Box:
+def _scale(box: Box, factor: int) -> Box:
     return Box(
         box.left_px * factor, box.top_px * factor, box.right_px * factor, box.bottom_px * factor
     )

@@ -94,7 +94,7 @@ class OnnxDetector:
             Detection(
                 self._names[kind],
                 score,
-                *_back(box, how, width_px, height_px),
+                *_to_image(box, how, width_px, height_px),
             )
             for kind, score, box in best(found, self._threshold, self._overlap)
         )
@@ -206,7 +206,7 @@ def _overlap(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
     return common / whole if whole > 0.0 else 0.0
 
 
-def _back(
+def _to_image(
     box: NDArray[np.float32], how: Letterbox, width_px: int, height_px: int
 ) -> tuple[float, float, float, float]:
     """Return a box of the network's input in the picture, cut at its edges."""

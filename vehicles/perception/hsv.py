@@ -89,7 +89,7 @@ class HsvMask:
         kernel = _kernel()
         for index, colors in enumerate(self.ranges):
             target = self._mask if index == 0 else self._more
-            kernel(planes, *_compiled(colors), target.reshape(-1))
+            kernel(planes, *_compile_kernel(colors), target.reshape(-1))
             if index:
                 cv2.bitwise_or(self._mask, self._more, dst=self._mask)
         return self._mask
@@ -103,7 +103,7 @@ def _kernel() -> Any:
     return mark
 
 
-def _compiled(colors: HsvRange) -> tuple[tuple[np.float32, ...], bool, bool]:
+def _compile_kernel(colors: HsvRange) -> tuple[tuple[np.float32, ...], bool, bool]:
     (hue_low, hue_high) = colors.hue_deg
     limits = (
         np.float32(round(hue_low * 10)),

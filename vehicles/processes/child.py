@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from vehicles.pace import wall_timeout
+from vehicles.clocks.paced_loop import wall_timeout
 from vehicles.processes.identity import ProcessId, group_lives
 from vehicles.processes.linux import exit_descriptor
 

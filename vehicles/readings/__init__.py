@@ -6,9 +6,7 @@ name under which its vehicle carries it ("" where nobody said). Arrays in a read
 never written to after construction.
 """
 
-from vehicles.readings.kinds import SENSOR_TYPES, Reading, sensor_type_of
-from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
-from vehicles.readings.pictures import (
+from vehicles.readings.images import (
     BgrImage,
     CameraReading,
     DepthImage,
@@ -16,6 +14,8 @@ from vehicles.readings.pictures import (
     IdImage,
     Source,
 )
+from vehicles.readings.kinds import SENSOR_TYPES, Reading, sensor_type_of
+from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
 from vehicles.readings.ranging import (
     LidarPointsReading,
     LidarScanReading,

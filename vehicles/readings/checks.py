@@ -12,9 +12,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicles.readings.images import CameraReading, DepthReading
 from vehicles.readings.kinds import Reading
 from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
-from vehicles.readings.pictures import CameraReading, DepthReading
 from vehicles.readings.ranging import LidarPointsReading, LidarScanReading, RangefinderReading
 from vehicles.readings.sound import MicrophoneReading
 from worlds.camera import Intrinsics
@@ -60,11 +60,11 @@ def fault_after(reading: Reading, previous: Reading | None) -> Fault | None:
         times = f"{previous.t_s:.6f} s is followed by {reading.t_s:.6f} s"
         return Fault("backwards", f"time does not advance: {times}")
     if isinstance(reading, CameraReading | DepthReading):
-        return _camera_changed(reading.intrinsics, previous)
+        return _camera_change_fault(reading.intrinsics, previous)
     return None
 
 
-def _camera_changed(now: Intrinsics, previous: Reading) -> Fault | None:
+def _camera_change_fault(now: Intrinsics, previous: Reading) -> Fault | None:
     before = getattr(previous, "intrinsics", now)
     if now == before:
         return None

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from vehicles.readings.images import CameraReading, DepthReading
 from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
-from vehicles.readings.pictures import CameraReading, DepthReading
 from vehicles.readings.ranging import LidarPointsReading, LidarScanReading, RangefinderReading
 from vehicles.readings.sound import MicrophoneReading
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vehicles.readings.pictures import Source
+from vehicles.readings.images import Source
 from worlds.frames import Pose, Vec3
 
 

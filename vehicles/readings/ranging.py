@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings.pictures import Source
+from vehicles.readings.images import Source
 from worlds.frames import Pose
 
 AT_BODY = Pose((0.0, 0.0, 0.0))

@@ -46,14 +46,14 @@ class DepthSensor:
             arrived_s=picture.arrived_s,
             seq=picture.seq,
             source=picture.source,
-            depth_m=self._disturbed(picture.depth_m, picture.intrinsics.fx_px, rng),
+            depth_m=self._add_noise(picture.depth_m, picture.intrinsics.fx_px, rng),
             intrinsics=picture.intrinsics,
             object_ids=picture.object_ids,
             camera_pose=picture.camera_pose,
             rendered=picture.rendered,
         )
 
-    def _disturbed(self, depth_m: DepthImage, fx_px: float, rng: np.random.Generator) -> DepthImage:
+    def _add_noise(self, depth_m: DepthImage, fx_px: float, rng: np.random.Generator) -> DepthImage:
         noise = self._noise
         if noise == NO_DEPTH_NOISE:
             return depth_m

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from vehicles.readings import GpsReading, Source
+from vehicles.sensors.gauss_markov import GaussMarkovWalk
 from vehicles.sensors.timing import Timing
 from vehicles.sensors.truth import Truth
-from vehicles.sensors.walk import Walk
 from worlds.geodesy import LocalFrame
 
 _CEP_PER_SIGMA = math.sqrt(2.0 * math.log(2.0))
@@ -59,7 +59,9 @@ class GpsSensor:
         self._frame = frame
         self._noise = noise
         across, down = noise.horizontal_sigma_m, noise.vertical_sigma_m
-        self._walk = Walk(sigma=(across, across, down), time_constant_s=noise.wander_time_s)
+        self._walk = GaussMarkovWalk(
+            sigma=(across, across, down), time_constant_s=noise.wander_time_s
+        )
         self._seq = 0
 
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> GpsReading:

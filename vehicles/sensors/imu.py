@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from vehicles.readings import ImuReading, Source
+from vehicles.sensors.gauss_markov import GaussMarkovWalk
 from vehicles.sensors.timing import Timing
 from vehicles.sensors.truth import Truth
-from vehicles.sensors.walk import Walk
 from worlds.frames import Vec3
 
 
@@ -60,8 +60,10 @@ class ImuSensor:
         # a random walk w that comes back within tau has the stationary deviation w sqrt(tau / 2)
         gyro = noise.gyro_random_walk * math.sqrt(noise.gyro_bias_time_s / 2.0)
         accel = noise.accel_random_walk * math.sqrt(noise.accel_bias_time_s / 2.0)
-        self._gyro_walk = Walk(sigma=(gyro,) * 3, time_constant_s=noise.gyro_bias_time_s)
-        self._accel_walk = Walk(sigma=(accel,) * 3, time_constant_s=noise.accel_bias_time_s)
+        self._gyro_walk = GaussMarkovWalk(sigma=(gyro,) * 3, time_constant_s=noise.gyro_bias_time_s)
+        self._accel_walk = GaussMarkovWalk(
+            sigma=(accel,) * 3, time_constant_s=noise.accel_bias_time_s
+        )
         self._turn_on: list[float] | None = None
         self._silent = noise == NO_IMU_NOISE
         self._seq = 0
@@ -70,12 +72,12 @@ class ImuSensor:
         """Return the reading at t_s."""
         force, rates = truth.specific_force_frd_m_s2, truth.rates_frd_rad_s
         if not self._silent:
-            force, rates = self._disturbed(force, rates, t_s, rng)
+            force, rates = self._add_noise(force, rates, t_s, rng)
         self._seq += 1
         arrived_s = self.timing.arrival_s(t_s, rng)
         return ImuReading(t_s, arrived_s, self._seq - 1, self._source, force, rates)
 
-    def _disturbed(
+    def _add_noise(
         self, force: Vec3, rates: Vec3, t_s: float, rng: np.random.Generator
     ) -> tuple[Vec3, Vec3]:
         if self._turn_on is None:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.cameras import Picture, PictureSource
+from vehicles.cameras.rendered_cameras import ImageSource, RenderedImage
 from vehicles.readings import BgrImage, DepthImage, IdImage
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
@@ -37,7 +37,7 @@ class LensMap:
 
 
 @dataclass(frozen=True, slots=True)
-class LensPicture:
+class LensImage:
     """A picture as the lens gives it."""
 
     image_bgr: BgrImage
@@ -52,7 +52,7 @@ class ThroughLens:
     and ids take the nearest pixel. Raises ValueError for a lens that `lens_fault` refuses.
     """
 
-    def __init__(self, source: PictureSource) -> None:
+    def __init__(self, source: ImageSource) -> None:
         self._source = source
 
     def picture(
@@ -63,7 +63,7 @@ class ThroughLens:
         *,
         want_depth: bool = False,
         want_ids: bool = False,
-    ) -> Picture:
+    ) -> RenderedImage:
         """Return the picture from a camera's pose (FRD axes, world frame) at a time."""
         if not any(intrinsics.distortion):
             plain = replace(intrinsics, distortion=()) if intrinsics.distortion else intrinsics
@@ -74,7 +74,7 @@ class ThroughLens:
         flat = self._source.picture(
             camera_pose, lens.wide, t_s, want_depth=want_depth, want_ids=want_ids
         )
-        return LensPicture(
+        return LensImage(
             cv2.remap(flat.image_bgr, lens.u_px, lens.v_px, cv2.INTER_LINEAR),
             _nearest(flat.depth_m, lens),
             _nearest(flat.object_ids, lens),

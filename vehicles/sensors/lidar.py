@@ -191,13 +191,13 @@ class RangefinderSensor:
             arrived_s=self.timing.arrival_s(t_s, rng),
             seq=self._seq - 1,
             source=self._source,
-            range_m=self._reported(nearest, rng),
+            range_m=self._reported_range(nearest, rng),
             range_min_m=self._noise.range_min_m,
             range_max_m=self._noise.range_max_m,
             mount=self._mount,
         )
 
-    def _reported(self, range_m: float, rng: np.random.Generator) -> float:
+    def _reported_range(self, range_m: float, rng: np.random.Generator) -> float:
         noise = self._noise
         if math.isfinite(range_m):
             range_m += (noise.sigma_m + noise.sigma_per_m * range_m) * float(rng.standard_normal())

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from vehicles.readings import CameraReading
-from vehicles.sources.base import CameraSource
+from vehicles.sources.camera_source import CameraSource
 
 
 async def pump(source: CameraSource, deliver: Callable[[CameraReading], None]) -> None:

@@ -17,10 +17,10 @@ import numpy as np
 import zmq
 
 from worlds.camera import Intrinsics
-from worlds.documents import BadInput, load
+from worlds.files.documents import BadInput, load
 from worlds.frames import Pose
 from worlds.render.renderer import Renderer
-from worlds.world import World
+from worlds.world_file.world import World
 
 PROTOCOL = "wil/pictures/1"
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 from worlds.jit import F64
-from worlds.meshes import BgrTexture, Material, Mesh
 from worlds.render.arrays import U32, Geometry, Looks
-from worlds.scene import Scene
+from worlds.scene.meshes import BgrTexture, Material, Mesh
+from worlds.scene.scene import Scene
 
 _SKY_HIGH, _SKY_LOW = (222, 176, 128), (238, 226, 212)
 _GROUND_FAR, _GROUND_NEAR = (168, 176, 172), (96, 108, 104)
@@ -72,7 +72,7 @@ def _looks(materials: Sequence[Material], texture: np.ndarray, levels: list[list
             at += texels.size
     flat = [texels.ravel() for chain in levels for texels in chain]
     return Looks(
-        bgr=np.array([_packed(m.rgb[::-1]) for m in materials], np.uint32),
+        bgr=np.array([_pack(m.rgb[::-1]) for m in materials], np.uint32),
         texture=texture,
         texels=np.concatenate(flat) if flat else np.zeros(1, np.uint32),
         mip_start=mip_start,
@@ -109,7 +109,7 @@ def _packed_texels(bgr: BgrTexture) -> U32:
     return packed.astype(np.uint32)
 
 
-def _packed(bgr: Sequence[int]) -> int:
+def _pack(bgr: Sequence[int]) -> int:
     return bgr[0] | bgr[1] << 8 | bgr[2] << 16
 
 

@@ -22,8 +22,8 @@ from worlds.render.arrays import (
 )
 from worlds.render.coverage import NEAR_M, cover, gather
 from worlds.render.packing import pack_geometry, pack_looks
-from worlds.render.shading import clear, shade, write_depth, write_ids, write_picture
-from worlds.scene import NO_EVENTS, Scene
+from worlds.render.shading import clear, shade, write_depth, write_ids, write_image
+from worlds.scene.scene import NO_EVENTS, Scene
 
 Bools = NDArray[np.bool]
 
@@ -34,7 +34,7 @@ _OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class RenderOutput:
     """A rendered picture; its arrays belong to the caller.
 
     image_bgr: (height, width, 3) uint8. depth_m: (height, width) float32 metres along the
@@ -72,7 +72,7 @@ class Renderer:
         want_depth: bool = True,
         want_ids: bool = True,
         only: frozenset[str] | None = None,
-    ) -> Picture:
+    ) -> RenderOutput:
         """Return the picture that a camera sees at a time.
 
         camera_pose: in the world (NED), FRD axes, x looks out. intrinsics: distortion is
@@ -81,10 +81,10 @@ class Renderer:
         """
         width, height = intrinsics.width_px, intrinsics.height_px
         view = self._view(camera_pose, intrinsics, t_s, events, only)
-        while (scratch := self._drawn(view, self._scratch(width, height))) is None:
+        while (scratch := self._draw(view, self._scratch(width, height))) is None:
             self._local.triangles *= 2
         image = np.empty((height, width, 3), np.uint8)
-        write_picture(scratch.colors, image.reshape(-1))
+        write_image(scratch.colors, image.reshape(-1))
         depth = np.empty((height, width), np.float32) if want_depth else None
         if depth is not None:
             write_depth(scratch.buffer.inverse_depth, depth.reshape(-1))
@@ -92,9 +92,9 @@ class Renderer:
         if ids is not None:
             owner, face = scratch.buffer.triangle, scratch.triangles.face
             write_ids(owner, face, self._geometry.face_id, ids.reshape(-1))
-        return Picture(image, depth, ids)
+        return RenderOutput(image, depth, ids)
 
-    def _drawn(self, view: View, scratch: Scratch) -> Scratch | None:
+    def _draw(self, view: View, scratch: Scratch) -> Scratch | None:
         """Return the scratch with a frame drawn in it; None when it has too little room."""
         count = gather(self._geometry, view, scratch)
         if count < 0:

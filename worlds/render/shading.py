@@ -255,7 +255,7 @@ def shade(geometry: Geometry, looks: Looks, view: View, scratch: Scratch) -> Non
 
 
 @compiled
-def write_picture(colors: U32, image: U8) -> None:
+def write_image(colors: U32, image: U8) -> None:
     """Write packed colours as blue, green, red; image: flat."""
     for i in range(colors.shape[0]):
         color = colors[i]

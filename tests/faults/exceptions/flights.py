@@ -10,17 +10,17 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from campaigns.expansion import Options, load_campaign
-from orchestrator import clock
-from orchestrator.faults import fault_log
-from orchestrator.flying import lost_result
-from orchestrator.pool import _lost_by
-from orchestrator.results import RunResult, exit_code
-from orchestrator.run.course import Course
-from orchestrator.run.opening import Pair
-from orchestrator.run.run import Disturb, fly
-from orchestrator.run.setup import RunOrder, RunSetup
-from safety.guard.operator_command import OperatorCommand
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.campaign.campaign_runner import lost_result
+from orchestrator.campaign.worker_pool import _lost_by
+from orchestrator.model import clock
+from orchestrator.model.faults import fault_log
+from orchestrator.model.results import RunResult, exit_code
+from orchestrator.run.flight.run import Disturb, fly
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from orchestrator.state.run_state import RunState
+from safety.guard.core.operator_command import OperatorCommand
 from tests.faults.exceptions.injection import InjectingLoop, Injection, Probe, calls_pass_by
 from tests.faults.witness import Witness
 from tests.orchestrator.hover import STILL, WORLD
@@ -126,13 +126,13 @@ class Flights:
     def watch_stage(self, stage: str, injection: Injection) -> Outcome:
         """Fly with a watcher of stages that raises at one of them."""
 
-        def watch(_: Pair, course: Course) -> None:
+        def watch(_: Pair, run_state: RunState) -> None:
             def entered(name: str, _: float) -> None:
                 if name == stage:
                     probe.raised = True
                     raise injection.make()
 
-            course.on_stage(entered)
+            run_state.on_stage(entered)
 
         probe = Probe(injection)
         return self._fly(probe, calls=False, disturb=watch)
@@ -142,11 +142,11 @@ class Flights:
         setup = RunSetup.of(RunOrder(plan=self._plan, folder=folder, clock="virtual"))
         seen: list[Witness] = []
 
-        def watch(pair: Pair, course: Course) -> None:
-            probe.stage = lambda: course.stage
+        def watch(pair: Pair, run_state: RunState) -> None:
+            probe.stage = lambda: run_state.stage
             seen.append(Witness(pair.vehicles))
             if disturb is not None:
-                disturb(pair, course)
+                disturb(pair, run_state)
 
         result, raised = None, ""
         with ExitStack() as stack:

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any, Literal, TypeVarTuple
 
-from orchestrator.clock import VirtualLoop
+from orchestrator.model.clock import VirtualLoop
 
 _Ts = TypeVarTuple("_Ts")
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.delivery.pacing import PLANS, InjectionPlan, Paced
+from orchestrator.delivery.message_pacing import PLANS, InjectionPlan, PacedMessages
 from orchestrator.delivery.pose_messages import (
     PoseSpread,
     landing_target,
@@ -237,7 +237,7 @@ def test_a_landing_target_for_each_autopilot() -> None:
 
 
 def test_a_thing_is_sent_at_its_rate_and_each_once() -> None:
-    paced = Paced(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
+    paced = PacedMessages(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
     sent = []
     for k in range(1000):
         now_s = k / 1000
@@ -252,7 +252,7 @@ def test_a_thing_is_sent_at_its_rate_and_each_once() -> None:
 
 
 def test_an_uneven_feed_of_the_same_rate_is_sent_whole() -> None:
-    paced = Paced(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
+    paced = PacedMessages(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
     early_late = [0.0, 0.004, -0.003, 0.002, -0.004] * 20
     for k, off_s in enumerate(early_late):
         paced.offer(k, 0.1 * k + off_s)
@@ -261,7 +261,7 @@ def test_an_uneven_feed_of_the_same_rate_is_sent_whole() -> None:
 
 
 def test_a_slow_feed_is_sent_as_it_comes_and_not_repeated() -> None:
-    paced = Paced(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
+    paced = PacedMessages(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
     times = [k / 1000 for k in range(2000)]
     sent = []
     for now_s in times:
@@ -273,7 +273,7 @@ def test_a_slow_feed_is_sent_as_it_comes_and_not_repeated() -> None:
 
 
 def test_what_is_stale_is_counted_and_not_sent() -> None:
-    paced = Paced(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
+    paced = PacedMessages(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
     paced.offer("old", 1.0)
     assert paced.due(1.3) is None
     assert paced.stale == 1

@@ -16,11 +16,11 @@ import av
 import numpy as np
 import pytest
 
-from orchestrator.delivery.base import Delivery, DeliveryCounts, DeliveryError
 from orchestrator.delivery.h264_encoder import H264Settings, to_frame
+from orchestrator.delivery.image_delivery import Delivery, DeliveryCounts, DeliveryError
 from orchestrator.delivery.rtp import rtp_delivery
 from orchestrator.delivery.sdp import RtpAddress, h264_sdp, split_parameter_sets
-from orchestrator.delivery.threaded import ThreadedDelivery
+from orchestrator.delivery.threaded_delivery import ThreadedDelivery
 from vehicles.readings import CameraReading
 from worlds.camera import Intrinsics
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import zmq
 
-from orchestrator.delivery.base import Delivery, DeliveryError
+from orchestrator.delivery.image_delivery import Delivery, DeliveryError
 from orchestrator.delivery.v4l2 import v4l2_delivery
-from orchestrator.delivery.zmq_pictures import ZmqDelivery, published_parts
+from orchestrator.delivery.zmq_images import ZmqDelivery, published_parts
 from vehicles.readings import CameraReading
-from vehicles.sources.packing import Header
-from vehicles.sources.picture_parts import decode_depth, decode_ids, decode_image
+from vehicles.sources.messagepack import Header
+from vehicles.sources.simulator.image_parts import decode_depth, decode_ids, decode_image
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 

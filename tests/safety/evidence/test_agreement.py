@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from safety.evidence.agreement import Accuracy, Agreement, Disagreement
-from safety.samples import PoseSample, ReferenceSample
+from safety.model.samples import PoseSample, ReferenceSample
 from worlds.frames import Pose, Vec3
 
 CAPTURED = Accuracy(0.002)

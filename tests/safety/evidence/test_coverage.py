@@ -8,17 +8,17 @@ from hypothesis import strategies as st
 
 from safety.evidence.evidence import Evidence
 from safety.evidence.terms import STAMP_S, SignalTerms, position_limit_s, status_limit_s
-from safety.results import EvidenceResult
-from safety.samples import (
+from safety.model.oracle_results import EvidenceResult
+from safety.model.samples import (
     DoubtSample,
-    HeardSample,
+    LinkSample,
     PoseSample,
     ReportSample,
     Stage,
     StageSample,
     StateSample,
 )
-from vehicles.autopilots.base import Mode
+from vehicles.autopilots.autopilot import Mode
 from worlds.frames import Pose
 
 LIMIT_S = 0.1
@@ -67,7 +67,7 @@ class Flight:
                 self.evidence.pose(late.pop(0))
             if tick % 10 == 0:
                 if not self.deaf[0] <= t_s < self.deaf[1]:
-                    self.evidence.heard(HeardSample(t_s - 0.001, "real"))
+                    self.evidence.heard(LinkSample(t_s - 0.001, "real"))
                 up = 2.0 <= t_s < 8.9 and not self.landed
                 self.evidence.state(StateSample(t_s, "real", True, Mode.GUIDED, landed=not up))
                 self.evidence.tick(t_s)

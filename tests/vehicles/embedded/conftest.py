@@ -9,8 +9,8 @@ from typing import Any, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.clock import run_virtual
-from vehicles.embedded.config import EmbeddedConfig, Surroundings
+from orchestrator.model.clock import run_virtual
+from vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.links.memory import memory_pair
 from vehicles.mavlink.codec import Codec
@@ -27,7 +27,7 @@ class Rig:
         self,
         *,
         seed: int = 1,
-        surroundings: Surroundings | None = None,
+        surroundings: ContactWorld | None = None,
         heartbeats: bool = True,
         **config: Any,
     ) -> None:

@@ -6,9 +6,9 @@ import sys
 from types import TracebackType
 from typing import Self
 
-from vehicles.embedded.launch import FeedClient
-from vehicles.embedded.settings import ProcessSettings
-from vehicles.links.base import LinkError
+from vehicles.embedded.process.embedded_launch import FeedClient
+from vehicles.embedded.process.process_settings import ProcessSettings
+from vehicles.links.link import LinkError
 from vehicles.processes.child import ChildProcess, how_it_ended
 
 _FIRST_WORD_S = 20.0

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.plant import PlantError
+from vehicles.embedded.physics.plant import PlantError
 from vehicles.embedded.profile import load_profile
 from worlds.frames import Pose, angle_between
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from vehicles.launch.plan import Launch, LaunchError
-from vehicles.launch.prepared import PreparedLaunch
-from vehicles.links.parse import LinkAddress
+from vehicles.launch.launch_plan import Launch, LaunchError
+from vehicles.launch.prepared_launch import PreparedLaunch
+from vehicles.links.link_strings import LinkAddress
 from vehicles.processes.child import ChildProcess
 
 

@@ -15,10 +15,10 @@ import pytest
 from tests.vehicles.launch.launched_vehicle import LaunchedVehicle
 from vehicles.launch.ardupilot import ArduPilotLaunch
 from vehicles.launch.instances import is_free, take_instance
-from vehicles.launch.plan import Home, LaunchError, Port
-from vehicles.launch.prepared import PreparedLaunch
+from vehicles.launch.launch_plan import Home, LaunchError, Port
+from vehicles.launch.launch_records import RECORD, LaunchRecord, find_orphans
+from vehicles.launch.prepared_launch import PreparedLaunch
 from vehicles.launch.px4 import Px4Launch
-from vehicles.launch.records import RECORD, LaunchRecord, find_leftovers
 from vehicles.processes.identity import ProcessId, boot_id
 
 HOME = Home(47.4, 8.5, 488.0, 90.0)
@@ -256,7 +256,7 @@ def test_all_end_when_we_are_killed(sims: Any) -> None:
     _kill(owner)
     assert sims.gone(sims.pid_of(binary))
     assert sims.gone(supervisor)
-    assert find_leftovers(sims.folder) == ()
+    assert find_orphans(sims.folder) == ()
 
 
 def test_leftovers_are_found_named_and_ended(sims: Any) -> None:
@@ -266,18 +266,18 @@ def test_leftovers_are_found_named_and_ended(sims: Any) -> None:
     owner, supervisor = _owner(binary, folder, sims.locks)
     child = int(sims.beside(binary, "child"))
     sims.mourned += [supervisor, child]
-    assert find_leftovers(sims.folder) == (), "its owner lives"
+    assert find_orphans(sims.folder) == (), "its owner lives"
     os.kill(supervisor, signal.SIGKILL)
     _kill(owner)
     assert sims.gone(sims.pid_of(binary)), "the kernel ends it with its supervisor"
-    (found,) = find_leftovers(sims.folder)
+    (found,) = find_orphans(sims.folder)
     assert found.label == "ArduPilot SITL"
     (survivor,) = found.survivors()
     assert survivor == ProcessId.of(child)
     assert Path(found.folder) == folder
     assert survivor.end(grace_s=0.3) == "ended by SIGKILL"
     assert sims.gone(child, 1.0)
-    assert find_leftovers(sims.folder) == ()
+    assert find_orphans(sims.folder) == ()
 
 
 def _record(folder: Path, **fields: Any) -> LaunchRecord:
@@ -293,22 +293,22 @@ def _record(folder: Path, **fields: Any) -> LaunchRecord:
 
 def test_an_id_that_was_used_again_is_no_leftover(tmp_path: Path) -> None:
     own = ProcessId.own()
-    assert find_leftovers(tmp_path) == ()
+    assert find_orphans(tmp_path) == ()
     record = _record(tmp_path / "a")
-    assert find_leftovers(tmp_path) == (record,)
+    assert find_orphans(tmp_path) == (record,)
     assert record.supervisor == ProcessId.of(os.getpid())
     _record(tmp_path / "a", supervisor=ProcessId(own.pid, own.started + 1))
-    assert find_leftovers(tmp_path) == ()
+    assert find_orphans(tmp_path) == ()
     _record(tmp_path / "a", boot_id="another boot")
-    assert find_leftovers(tmp_path) == ()
+    assert find_orphans(tmp_path) == ()
     _record(tmp_path / "a", owner=own)
-    assert find_leftovers(tmp_path) == ()
+    assert find_orphans(tmp_path) == ()
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"supervisor": 3}', "\udcff"])
 def test_a_spoilt_record_names_nobody(tmp_path: Path, text: str) -> None:
     (tmp_path / RECORD).write_bytes(text.encode(errors="surrogateescape"))
-    assert find_leftovers(tmp_path) == ()
+    assert find_orphans(tmp_path) == ()
 
 
 def test_instances_avoid_locks_and_busy_ports(sims: Any) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from vehicles.links.base import Link
+from vehicles.links.link import Link
 
 
 class Inbox:

@@ -10,17 +10,17 @@ from typing import Any, Self
 
 import pytest
 
-from orchestrator.clock import run_virtual
-from vehicles.autopilots.base import AutopilotName
+from orchestrator.model.clock import run_virtual
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.clocks.paced_loop import PacedLoop
 from vehicles.driver import Driver
-from vehicles.driver.state import VehicleEvent
-from vehicles.embedded.config import EmbeddedConfig
+from vehicles.driver.vehicle_state import VehicleEvent
+from vehicles.embedded.physics.config import EmbeddedConfig
 from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.base import Link, LinkError, Receiver
-from vehicles.links.opening import open_link
-from vehicles.links.parse import parse_link
-from vehicles.links.recovery import BackOff, Recovery
-from vehicles.pace import PacedLoop
+from vehicles.links.link import Link, LinkError, Receiver
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import parse_link
+from vehicles.links.reconnection import BackOff, Reconnection
 from vehicles.setpoints import VelocitySetpoint
 
 SPEED = 6.0
@@ -190,13 +190,13 @@ class Flaky:
 
 
 def flapped(
-    script: Callable[[Recovery, Flaky], Any], caplog: pytest.LogCaptureFixture
+    script: Callable[[Reconnection, Flaky], Any], caplog: pytest.LogCaptureFixture
 ) -> tuple[Flaky, list[str]]:
     caplog.set_level(logging.WARNING)
     flaky = Flaky()
 
     async def run() -> None:
-        recovery = Recovery(name="tcpout://x", again=flaky.again, back_off=BackOff())
+        recovery = Reconnection(name="tcpout://x", again=flaky.again, back_off=BackOff())
         await script(recovery, flaky)
         await recovery.stop()
 
@@ -205,7 +205,7 @@ def flapped(
 
 
 def test_what_flaps_is_told_once_and_again_when_it_stays(caplog: pytest.LogCaptureFixture) -> None:
-    async def script(recovery: Recovery, _: Flaky) -> None:
+    async def script(recovery: Reconnection, _: Flaky) -> None:
         for _turn in range(20):
             recovery.lost("reset by peer")
             await asyncio.sleep(0.7)
@@ -231,7 +231,7 @@ def test_what_flaps_is_told_once_and_again_when_it_stays(caplog: pytest.LogCaptu
 def test_an_unplugged_cable_is_tried_for_every_three_seconds(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    async def script(recovery: Recovery, flaky: Flaky) -> None:
+    async def script(recovery: Reconnection, flaky: Flaky) -> None:
         flaky.there = False
         recovery.lost("unplugged")
         await asyncio.sleep(60.0)

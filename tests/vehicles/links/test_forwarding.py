@@ -6,12 +6,12 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.clock import run_virtual
+from orchestrator.model.clock import run_virtual
 from vehicles.driver import Driver
-from vehicles.embedded.config import EmbeddedConfig
+from vehicles.embedded.physics.config import EmbeddedConfig
 from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.links.link_strings import LinkAddress
 from vehicles.links.memory import memory_pair
-from vehicles.links.parse import LinkAddress
 from vehicles.links.splitting import Bridge, LinkSplitter
 from vehicles.links.tcp import TcpInLink
 

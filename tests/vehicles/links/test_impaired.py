@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.clock import run_virtual
+from orchestrator.model.clock import run_virtual
 from vehicles.links.impaired import ImpairedLink
-from vehicles.links.impairment import Blackout, Bursts, ImpairedWay, Impairment
+from vehicles.links.impairment import Bursts, ImpairedWay, Impairment, LinkOutage
 from vehicles.links.memory import memory_pair
 from vehicles.mavlink.codec import Codec
 
@@ -138,7 +138,7 @@ def test_bandwidth_delays_and_then_drops() -> None:
 
 
 def test_a_blackout_takes_what_was_under_way() -> None:
-    setting = Impairment(latency_s=0.1, blackouts=(Blackout(2.0, 3.0),))
+    setting = Impairment(latency_s=0.1, blackouts=(LinkOutage(2.0, 3.0),))
     arrived = _fly(setting, count=1000)
     gone = sorted(set(range(1, 1001)) - {number for _, number in arrived})
     assert gone == list(range(gone[0], gone[-1] + 1))
@@ -161,7 +161,7 @@ def test_a_blackout_on_demand_and_both_ways() -> None:
         async with link, theirs:
             for number in range(6):
                 if number == 2:
-                    link.black_out(0.15)
+                    link.start_outage(0.15)
                 link.write(codec.pack(mavlink.MAVLink_timesync_message(0, number + 1)))
                 theirs.write(codec.pack(mavlink.MAVLink_timesync_message(0, number + 1)))
                 await asyncio.sleep(0.1)
@@ -179,7 +179,7 @@ EVERYTHING = Impairment(
     reorder=0.05,
     corrupt=0.05,
     bandwidth_bit_s=50_000.0,
-    blackouts=(Blackout(3.0, 1.0),),
+    blackouts=(LinkOutage(3.0, 1.0),),
 )
 
 
@@ -231,7 +231,7 @@ def test_impossible_bursts_and_blackouts_are_refused() -> None:
     with pytest.raises(ValueError, match="length_s is 0"):
         Bursts(length_s=0.0, gap_s=1.0)
     with pytest.raises(ValueError, match=r"blackout from 1\.0 s for 0\.0 s"):
-        Blackout(1.0, 0.0)
+        LinkOutage(1.0, 0.0)
 
 
 @given(

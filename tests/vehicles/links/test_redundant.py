@@ -8,18 +8,18 @@ from typing import Any, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.clock import run_virtual
-from vehicles.autopilots.base import AutopilotName, Mode, Target, command_long
+from orchestrator.model.clock import run_virtual
+from vehicles.autopilots.autopilot import AutopilotName, Mode, Target, command_long
 from vehicles.driver import Driver
-from vehicles.driver.state import VehicleEvent
-from vehicles.embedded.config import EmbeddedConfig
+from vehicles.driver.vehicle_state import VehicleEvent
+from vehicles.embedded.physics.config import EmbeddedConfig
 from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.base import Link, LinkError, Receiver
-from vehicles.links.conditions import LinkConditions, under_conditions
 from vehicles.links.impaired import ImpairedLink
 from vehicles.links.impairment import Impairment
+from vehicles.links.link import Link, LinkError, Receiver
+from vehicles.links.link_conditions import LinkConditions, under_conditions
+from vehicles.links.link_strings import LinkAddress
 from vehicles.links.memory import memory_pair
-from vehicles.links.parse import LinkAddress
 from vehicles.links.redundant import SILENT_S, STEADY_S, RedundantLink
 from vehicles.links.tcp import TcpInLink
 from vehicles.mavlink.codec import Codec
@@ -216,7 +216,7 @@ def test_the_first_radio_dies_in_flight(autopilot: AutopilotName) -> None:
             await asyncio.sleep(6.0)
             await driver.enter_guided()
             assert isinstance(both.impaired, ImpairedLink)
-            both.impaired.black_out(300.0)
+            both.impaired.start_outage(300.0)
             for _ in range(100):
                 driver.send(VelocitySetpoint((0.5, 0.0, 0.0)))
                 await asyncio.sleep(0.05)

@@ -16,10 +16,10 @@ import pytest
 
 from vehicles.driver import Driver
 from vehicles.errors import IdentifyError
-from vehicles.links.base import LinkError
-from vehicles.links.opening import open_link
-from vehicles.links.parse import LinkAddress, parse_link
-from vehicles.links.recovery import BackOff
+from vehicles.links.link import LinkError
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import LinkAddress, parse_link
+from vehicles.links.reconnection import BackOff
 from vehicles.links.serial import SerialLink
 from vehicles.links.serial_port import open_port, remedy
 

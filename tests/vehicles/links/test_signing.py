@@ -12,13 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.clock import run_virtual
+from orchestrator.model.clock import run_virtual
 from vehicles.driver import Driver
-from vehicles.embedded.config import EmbeddedConfig
+from vehicles.embedded.physics.config import EmbeddedConfig
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.errors import IdentifyError
 from vehicles.links.memory import memory_pair
-from vehicles.links.signing import SigningLink
+from vehicles.links.signed_link import SignedLink
 from vehicles.mavlink.codec import Codec
 from vehicles.mavlink.framing import Frame, FrameSplitter, checksum, frame_header
 from vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
@@ -190,11 +190,11 @@ def test_timestamps_grow_and_follow_a_clock_that_is_ahead() -> None:
 def _fly_signed(vehicle_key: SigningKey | None, our_key: SigningKey | None) -> Any:
     async def fly() -> Any:
         ours, theirs = memory_pair(latency_s=0.003)
-        near = ours if our_key is None else SigningLink(link=ours, key=our_key, utc_s=1.7e9)
+        near = ours if our_key is None else SignedLink(link=ours, key=our_key, utc_s=1.7e9)
         far = (
             theirs
             if vehicle_key is None
-            else SigningLink(link=theirs, key=vehicle_key, utc_s=1.7e9 + 30, link_id=1)
+            else SignedLink(link=theirs, key=vehicle_key, utc_s=1.7e9 + 30, link_id=1)
         )
         config = EmbeddedConfig(autopilot="px4")
         async with (
@@ -278,7 +278,7 @@ def test_missing_keys_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_the_key_is_not_shown() -> None:
-    link = SigningLink(link=memory_pair()[0], key=KEY, utc_s=0.0)
+    link = SignedLink(link=memory_pair()[0], key=KEY, utc_s=0.0)
     for text in (str(KEY), repr(KEY), repr([KEY]), f"{KEY}", repr(link), repr(vars(link))):
         assert SECRET.hex() not in text
         assert repr(SECRET) not in text

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.links.base import LinkError, TellsTrouble
-from vehicles.links.opening import open_link
-from vehicles.links.parse import LinkAddress, parse_link
-from vehicles.links.recovery import BackOff
+from vehicles.links.link import LinkError, TellsTrouble
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import LinkAddress, parse_link
+from vehicles.links.reconnection import BackOff
 from vehicles.links.tcp import TcpInLink, TcpOutLink
 from vehicles.mavlink.codec import Codec
 

@@ -14,12 +14,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.driver import Driver
-from vehicles.driver.mission import ItemList, MissionError, MissionItem
+from vehicles.driver.onboard.mission_protocol import ItemList, MissionError, MissionItem
 from vehicles.errors import CommandError, VehicleError
-from vehicles.links.base import LinkError
+from vehicles.links.link import LinkError
 from vehicles.mavlink.codec import Codec
-from vehicles.mavsdk.client import MavsdkClient
-from vehicles.mavsdk.voice import MavsdkVoice
+from vehicles.mavsdk.mavsdk_backend import MavsdkBackend
+from vehicles.mavsdk.mavsdk_client import MavsdkClient
 from vehicles.setpoints import VelocitySetpoint
 
 ROOT = Path(__file__).parents[3]
@@ -68,7 +68,7 @@ async def until(condition: Callable[[], bool], within_s: float = 10.0) -> None:
 
 async def test_all_that_is_told_arrives_as_it_was_meant(fake_pair: Callable[..., Any]) -> None:
     link, peer = fake_pair("px4")
-    voice = MavsdkVoice(name="real")
+    voice = MavsdkBackend(name="real")
     async with peer, Driver(name="real", link=link, system_id=1, voice=voice) as driver:
         await driver.identify(10.0)
         await driver.ready(20.0)
@@ -106,7 +106,7 @@ async def test_what_the_vehicle_refuses_is_an_error_in_words(fake_pair: Callable
     peer.replies["MISSION_COUNT"] = lambda peer, _: peer.say(
         mavlink.MAVLink_mission_ack_message(245, 190, mavlink.MAV_MISSION_DENIED, 0)
     )
-    async with peer, Driver(name="real", link=link, voice=MavsdkVoice(name="real")) as driver:
+    async with peer, Driver(name="real", link=link, voice=MavsdkBackend(name="real")) as driver:
         await driver.identify(10.0)
         with pytest.raises(CommandError, match=r"real: Action\.land: mavsdk says COMMAND_DENIED"):
             await driver.land()
@@ -116,7 +116,7 @@ async def test_what_the_vehicle_refuses_is_an_error_in_words(fake_pair: Callable
 
 async def test_a_process_that_is_killed_is_an_error_at_once(fake_pair: Callable[..., Any]) -> None:
     link, peer = fake_pair("px4")
-    voice = MavsdkVoice(name="real")
+    voice = MavsdkBackend(name="real")
     said = r"real: mavsdk's process was ended by SIGKILL; it is told nothing any more"
     failures: list[VehicleError] = []
     async with peer, Driver(name="real", link=link, system_id=1, voice=voice) as driver:
@@ -147,7 +147,7 @@ async def test_a_process_that_is_killed_is_an_error_at_once(fake_pair: Callable[
 
 async def test_a_process_that_hangs_is_an_error_and_killed(fake_pair: Callable[..., Any]) -> None:
     link, peer = fake_pair("px4")
-    voice = MavsdkVoice(name="real")
+    voice = MavsdkBackend(name="real")
     async with peer, Driver(name="real", link=link, system_id=1, voice=voice) as driver:
         failed = asyncio.get_running_loop().create_future()
         driver.on_failure(failed.set_result)
@@ -181,7 +181,7 @@ async def test_without_the_package_it_says_what_to_install(
 async def test_it_ends_with_its_driver_even_when_it_is_stopped(tmp_path: Path) -> None:
     program = """
 import asyncio, os, pathlib, signal, sys
-from vehicles.mavsdk.client import MavsdkClient
+from vehicles.mavsdk.mavsdk_client import MavsdkClient
 
 async def main():
     client = MavsdkClient(name="real")

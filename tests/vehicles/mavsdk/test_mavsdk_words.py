@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.base import Target, command_long
-from vehicles.driver.logs import LogEntry
-from vehicles.driver.mission import ItemList, MissionItem
-from vehicles.mavsdk.fields import fields_json
+from vehicles.autopilots.autopilot import Target, command_long
+from vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
+from vehicles.driver.onboard.vehicle_logs import LogEntry
+from vehicles.mavsdk.message_fields import fields_json
 from vehicles.mavsdk.messages import (
     Act,
     Alive,
@@ -21,12 +21,12 @@ from vehicles.mavsdk.messages import (
     FetchLog,
     FromProcess,
     ListLogs,
+    NotSent,
     Progress,
     Ready,
     Refused,
-    Say,
+    SendMessage,
     ToProcess,
-    Unsaid,
     Upload,
     from_process,
     to_process,
@@ -41,7 +41,7 @@ LOG = LogEntry(3, 6978, None)
     "message",
     [
         Choose(1, 7, 5.0),
-        Say("HEARTBEAT", '{"type": 6}', 12.5),
+        SendMessage("HEARTBEAT", '{"type": 6}', 12.5),
         Act(2, "return_to_launch"),
         Upload(3, ItemList.FENCE, (ITEM, ITEM)),
         Download(4, ItemList.MISSION),
@@ -58,7 +58,7 @@ def test_orders_arrive_as_they_were_given(message: ToProcess) -> None:
     [
         Ready(),
         Alive(2),
-        Unsaid("HEARTBEAT", "INVALID_FIELD"),
+        NotSent("HEARTBEAT", "INVALID_FIELD"),
         Done(1, items=(ITEM,), logs=(LOG,)),
         Refused(2, "TIMEOUT"),
         Progress(3, 0.5),

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.cameras import Picture
-from vehicles.sensors.lens import LensPicture, ThroughLens, lens_fault, lens_map
+from vehicles.cameras.rendered_cameras import RenderedImage
+from vehicles.sensors.lens import LensImage, ThroughLens, lens_fault, lens_map
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 
@@ -33,7 +33,7 @@ class OneDot:
         *,
         want_depth: bool = False,
         want_ids: bool = False,
-    ) -> Picture:
+    ) -> RenderedImage:
         self.asked.append(intrinsics)
         size = (intrinsics.height_px, intrinsics.width_px)
         image, ids = np.zeros((*size, 3), np.uint8), np.zeros(size, np.uint8)
@@ -44,7 +44,7 @@ class OneDot:
         image[v - 3 : v + 4, u - 3 : u + 4] = 255
         ids[v - 3 : v + 4, u - 3 : u + 4] = 7
         depth[v - 3 : v + 4, u - 3 : u + 4] = 3.0
-        return LensPicture(image, depth if want_depth else None, ids if want_ids else None)
+        return LensImage(image, depth if want_depth else None, ids if want_ids else None)
 
 
 def truly_at(intrinsics: Intrinsics) -> tuple[float, float]:

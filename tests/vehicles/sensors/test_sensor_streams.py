@@ -9,22 +9,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.clock import run_virtual
-from vehicles.cameras import Picture
-from vehicles.embedded.states import TruthSample
+from orchestrator.model.clock import run_virtual
+from vehicles.cameras.rendered_cameras import RenderedImage
+from vehicles.embedded.physics.states import TruthSample
 from vehicles.readings import DepthReading, ImuReading, PoseReading, Reading
 from vehicles.sensors.depth import DepthSensor
 from vehicles.sensors.imu import ImuSensor
-from vehicles.sensors.lens import LensPicture
-from vehicles.sensors.streams import (
+from vehicles.sensors.lens import LensImage
+from vehicles.sensors.sensor_streams import (
     TRUTH_DELAY_S,
-    AskedSensor,
+    OnDemandSensor,
     PoseStream,
     RenderedDepth,
-    SensedStream,
+    SensorStream,
 )
 from vehicles.sensors.timing import Timing
-from vehicles.sensors.track import TruthTrack, truth_of
+from vehicles.sensors.truth_history import TruthHistory, truth_of
 from worlds.camera import CameraMount, Intrinsics
 from worlds.frames import Pose
 
@@ -44,9 +44,9 @@ def sample(t_s: float, north_m: float = 0.0) -> TruthSample:
     )
 
 
-def track(hz: float, until_s: float) -> TruthTrack:
+def track(hz: float, until_s: float) -> TruthHistory:
     """A vehicle that flies north at 1 m/s."""
-    found = TruthTrack()
+    found = TruthHistory()
     for k in range(int(until_s * hz) + 1):
         found.add(sample(k / hz, k / hz))
     return found
@@ -63,7 +63,7 @@ def test_truth_in_between_is_interpolated(t_s: float) -> None:
 
 
 def test_nothing_is_known_before_the_first_sample_nor_after_a_silence() -> None:
-    found = TruthTrack()
+    found = TruthHistory()
     assert found.at(1.0) is None
     found.add(sample(1.0))
     found.add(sample(0.5))
@@ -75,7 +75,7 @@ def test_nothing_is_known_before_the_first_sample_nor_after_a_silence() -> None:
 
 
 def test_a_track_forgets() -> None:
-    found = TruthTrack()
+    found = TruthHistory()
     for k in range(5000):
         found.add(sample(k / 250.0))
     assert found.at(5.0) is None
@@ -101,7 +101,7 @@ async def for_a_while(run: Callable[[Taken], object], seconds: float) -> Taken:
 
 def test_a_sensor_samples_at_its_ticks_and_delivers_when_it_says() -> None:
     timing = Timing(rate_hz=50.0, latency_s=0.03)
-    stream = SensedStream(
+    stream = SensorStream(
         sensor=ImuSensor(source="real", timing=timing),
         track=track(250.0, 2.0),
         rate_hz=50.0,
@@ -118,7 +118,7 @@ def test_a_sensor_samples_at_its_ticks_and_delivers_when_it_says() -> None:
 
 
 def test_without_latency_a_reading_still_waits_for_its_truth() -> None:
-    stream = SensedStream(
+    stream = SensorStream(
         sensor=ImuSensor(source="real", timing=Timing(rate_hz=200.0)),
         track=track(250.0, 2.0),
         rate_hz=200.0,
@@ -130,10 +130,10 @@ def test_without_latency_a_reading_still_waits_for_its_truth() -> None:
 
 
 def test_samples_without_truth_are_left_out_with_their_numbers() -> None:
-    holed = TruthTrack()
+    holed = TruthHistory()
     for k in [*range(50), *range(125, 250)]:  # 0.3 s of silence
         holed.add(sample(k / 250.0))
-    stream = SensedStream(
+    stream = SensorStream(
         sensor=ImuSensor(source="real"),
         track=holed,
         rate_hz=50.0,
@@ -175,12 +175,12 @@ class Ramp:
         *,
         want_depth: bool = False,
         want_ids: bool = False,
-    ) -> Picture:
+    ) -> RenderedImage:
         assert want_depth
         assert want_ids
         size = (intrinsics.height_px, intrinsics.width_px)
         depth = np.full(size, -camera_pose.position_ned_m[2], np.float32)
-        return LensPicture(np.zeros((*size, 3), np.uint8), depth, np.ones(size, np.uint8))
+        return LensImage(np.zeros((*size, 3), np.uint8), depth, np.ones(size, np.uint8))
 
 
 def rendered_depth(mount: CameraMount) -> RenderedDepth:
@@ -206,7 +206,7 @@ def test_a_depth_camera_sees_from_where_it_sits() -> None:
 
 def test_an_asked_sensor_answers_at_once_and_counts() -> None:
     async def ask() -> list[Reading]:
-        asked = AskedSensor(sensor=rendered_depth(CameraMount()), rng=np.random.default_rng(0))
+        asked = OnDemandSensor(sensor=rendered_depth(CameraMount()), rng=np.random.default_rng(0))
         await asyncio.sleep(2.0)
         return [await asked.ask(Pose.of(0.0, 0.0, float(k)), 1.9) for k in range(1, 4)]
 

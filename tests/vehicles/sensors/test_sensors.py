@@ -15,6 +15,7 @@ from vehicles.readings import CameraReading, Reading
 from vehicles.readings.checks import fault_of
 from vehicles.sensors.beams import Directions, RangeNoise, RayHits, disturb, grid_directions
 from vehicles.sensors.depth import DepthNoise, DepthSensor
+from vehicles.sensors.gauss_markov import GaussMarkovWalk
 from vehicles.sensors.gps import GpsNoise, GpsSensor
 from vehicles.sensors.imu import ImuNoise, ImuSensor
 from vehicles.sensors.lidar import (
@@ -35,7 +36,6 @@ from vehicles.sensors.microphone import (
 from vehicles.sensors.noise_sets import NOISE_SETS
 from vehicles.sensors.timing import Timing
 from vehicles.sensors.truth import Truth, motor_speeds
-from vehicles.sensors.walk import Walk
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 from worlds.geodesy import LocalFrame
@@ -93,7 +93,7 @@ def test_nothing_arrives_before_it_was_sampled() -> None:
 
 
 def test_a_walk_keeps_its_spread_and_its_memory() -> None:
-    walk, generator = Walk(sigma=(2.0,), time_constant_s=1.0), rng()
+    walk, generator = GaussMarkovWalk(sigma=(2.0,), time_constant_s=1.0), rng()
     values = np.array([walk.at(k * 0.1, generator)[0] for k in range(20_000)])
     assert values.std() == pytest.approx(2.0, rel=0.1)
     remembered = np.corrcoef(values[:-10], values[10:])[0, 1]

@@ -14,9 +14,9 @@ import pytest
 
 from tests.vehicles.sources.conftest import RATE_HZ, Sender, known_picture, number_of
 from vehicles.readings import CameraReading
-from vehicles.sources.base import PictureChangedError, SourceError, SourceStalledError
-from vehicles.sources.cameras import live_camera
-from vehicles.sources.live import LiveCamera
+from vehicles.sources.camera_source import ImageChangedError, SourceError, SourceStalledError
+from vehicles.sources.cameras.camera_factory import live_camera
+from vehicles.sources.cameras.live_camera import LiveCamera
 from vehicles.sources.pumping import pump
 from worlds.camera import Intrinsics
 
@@ -89,7 +89,7 @@ async def test_a_change_of_resolution_in_flight_is_an_error(
     address = f"rtp://127.0.0.1:{free_port}"
     seen: list[CameraReading] = []
     async with live_camera(address, intrinsics=CAMERA) as source:
-        with pytest.raises(PictureChangedError, match="320x240 came"):
+        with pytest.raises(ImageChangedError, match="320x240 came"):
             await pump(source, seen.append)
     assert len(seen) > 5
     assert {reading.image_bgr.shape for reading in seen} == {(120, 160, 3)}
@@ -101,7 +101,7 @@ async def test_a_camera_of_another_size_than_its_calibration_is_refused(
     sending(free_port)
     wrong = Intrinsics.from_fov(640, 480, 1.2)
     async with live_camera(f"rtp://127.0.0.1:{free_port}", intrinsics=wrong) as source:
-        with pytest.raises(PictureChangedError, match=r"160x120 came.*640x480"):
+        with pytest.raises(ImageChangedError, match=r"160x120 came.*640x480"):
             await anext(source)
 
 

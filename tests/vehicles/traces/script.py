@@ -7,7 +7,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.links.base import Link
+from vehicles.links.link import Link
 from vehicles.mavlink.codec import Codec
 
 NAN = math.nan

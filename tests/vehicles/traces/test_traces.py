@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from orchestrator.clock import run_virtual
-from vehicles.embedded.config import EmbeddedConfig
+from orchestrator.model.clock import run_virtual
+from vehicles.embedded.physics.config import EmbeddedConfig
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.links.memory import memory_pair
 

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
 from vehicles.embedded.autopilot.flight.flight import Flight, FlightStyle
@@ -27,19 +26,20 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.services.fence_items import Fence, FenceError, fence_of
+from vehicles.embedded.autopilot.services.fence_items import Fence, FenceItemError, fence_of
 from vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
 from vehicles.embedded.autopilot.services.log_service import FlightLogs
 from vehicles.embedded.autopilot.services.outbox import Outbox
-from vehicles.embedded.autopilot.services.parameter_service import ParameterServer
-from vehicles.embedded.autopilot.services.stream_intervals import Streams
-from vehicles.embedded.battery import Charge
-from vehicles.embedded.states import Motion, Thrusts
+from vehicles.embedded.autopilot.services.parameter_service import ParameterService
+from vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.battery import Charge
+from vehicles.embedded.physics.states import Motion, Thrusts
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 
 
-class EmbeddedAutopilot(ABC):
+class EmulatedAutopilot(ABC):
     """An autopilot between MAVLink messages and motor thrusts.
 
     Pure: `handle` takes messages, `step` takes the estimate and gives thrusts; what is to be sent
@@ -65,10 +65,10 @@ class EmbeddedAutopilot(ABC):
         self.parameters = parameters
         self.state = State(frame=identity.origin, charge=charge, max_thrust_n=airframe.max_thrust_n)
         self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s)
-        self.streams = Streams(rates_hz, shortest_s=dt_s)
+        self.streams = StreamIntervals(rates_hz, shortest_s=dt_s)
         self.outbox = Outbox(count_all=self.is_px4)
         self.fence = Fence()
-        self.missions = mission_service.MissionServer(
+        self.missions = mission_service.MissionService(
             send=self.outbox.send,
             accept=self._accept_items,
             home=None if self.is_px4 else self._home_item,
@@ -84,7 +84,7 @@ class EmbeddedAutopilot(ABC):
         """Faults for tests: it never becomes ready, it refuses to arm for this reason."""
         self.reboot_asked = False
         self._arrived_s = 0.0
-        self._parameter_server = ParameterServer(parameters, strict=self.is_px4)
+        self._parameter_server = ParameterService(parameters, strict=self.is_px4)
         self._commands = marked(type(self), "mav_commands")
         self._messages = marked(type(self), "mav_messages")
         self._requests = marked(type(self), "mav_requests")
@@ -339,7 +339,7 @@ class EmbeddedAutopilot(ABC):
         if kind == mission_service.FENCE:
             try:
                 fence = fence_of(items, self.state.frame)
-            except FenceError:
+            except FenceItemError:
                 return int(mavlink.MAV_MISSION_INVALID)
             result = self._fence_result(fence)
             if result == mission_service.ACCEPTED:

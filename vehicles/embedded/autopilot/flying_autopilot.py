@@ -8,8 +8,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.airframe import Airframe
-from vehicles.embedded.autopilot.emulated_autopilot import EmbeddedAutopilot
+from vehicles.embedded.autopilot.emulated_autopilot import EmulatedAutopilot
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, Wanted
 from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
@@ -28,7 +27,8 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_request,
 )
 from vehicles.embedded.autopilot.services.outbox import CRITICAL
-from vehicles.embedded.battery import Charge
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.battery import Charge
 from worlds.frames import Vec3
 
 Mode = TypeVar("Mode")
@@ -42,7 +42,7 @@ class StandardModes(NamedTuple, Generic[Mode]):
     land: Mode
 
 
-class FlyingAutopilot(EmbeddedAutopilot, Generic[Mode]):
+class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     """An autopilot with modes of one kind."""
 
     parameter_file: ClassVar[Path]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from vehicles.autopilots.base import AutopilotName
+from vehicles.autopilots.autopilot import AutopilotName
 
 _FILES: dict[AutopilotName, str] = {
     "px4": "px4/px4_parameters.yaml",

@@ -59,7 +59,7 @@ class SimpleAvoidance:
 
     def arming_fault(self, t_s: float) -> str | None:
         """Return what is too near for arming, in ArduPilot's words; None when nothing is."""
-        nearest = min(self._known(t_s), key=lambda each: each[1], default=None)
+        nearest = min(self._known_distances(t_s), key=lambda each: each[1], default=None)
         if nearest is None or nearest[1] > _NEAR_AT_ARMING_M:
             return None
         bearing_deg, distance_m = math.degrees(nearest[0]), nearest[1]
@@ -71,7 +71,7 @@ class SimpleAvoidance:
             return velocity_ned_m_s
         north, east, down = velocity_ned_m_s
         margin_m = self._parameters["AVOID_MARGIN"]
-        for bearing_rad, distance_m in self._known(t_s):
+        for bearing_rad, distance_m in self._known_distances(t_s):
             to_north, to_east = math.cos(yaw_rad + bearing_rad), math.sin(yaw_rad + bearing_rad)
             towards = north * to_north + east * to_east
             most = stopping_speed(max(0.0, distance_m - margin_m))
@@ -80,7 +80,7 @@ class SimpleAvoidance:
                 east -= (towards - most) * to_east
         return (north, east, down)
 
-    def _known(self, t_s: float) -> list[Obstacle]:
+    def _known_distances(self, t_s: float) -> list[Obstacle]:
         if not self.listens:
             return []
         rings = (found for since_s, found in self._rings.values() if t_s - since_s <= _TIMEOUT_S)

@@ -6,7 +6,6 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.autopilot.copter import copter_boot as boot
 from vehicles.embedded.autopilot.copter import copter_telemetry
 from vehicles.embedded.autopilot.copter.copter_core import CopterCore
@@ -25,7 +24,8 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_message,
 )
 from vehicles.embedded.autopilot.services.outbox import INFO
-from vehicles.embedded.battery import Charge
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.battery import Charge
 
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.autopilot.copter import copter_boot as boot
 from vehicles.embedded.autopilot.copter import copter_telemetry
 from vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance
@@ -27,8 +26,9 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_request,
 )
 from vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
-from vehicles.embedded.battery import Charge
-from vehicles.embedded.controller import Gains
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.battery import Charge
+from vehicles.embedded.physics.controller import Gains
 
 _GAINS = Gains(
     # PSC_NE_POS_P, PSC_D_POS_P; PSC_NE_VEL_P, PSC_D_VEL_P; PSC_NE_VEL_I; WP_ACC, WP_ACC_Z;

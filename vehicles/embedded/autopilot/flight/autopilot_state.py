@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, field
 
-from vehicles.embedded.battery import Charge
-from vehicles.embedded.controller import Target
-from vehicles.embedded.states import AT_REST, STOPPED, Motion, Thrusts
+from vehicles.embedded.physics.battery import Charge
+from vehicles.embedded.physics.controller import Target
+from vehicles.embedded.physics.states import AT_REST, STOPPED, Motion, Thrusts
 from worlds.frames import Vec3
 from worlds.geodesy import LocalFrame
 

@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 
-from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.autopilot.flight.guidance import Behaviour
-from vehicles.embedded.controller import Controller, Gains, Target
-from vehicles.embedded.states import STOPPED, Motion, Thrusts
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.controller import Controller, Gains, Target
+from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts
 
 _IDLE_SHARE = 0.08
 _LIFT_SHARE = 0.92

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
-from vehicles.embedded.controller import Target
-from vehicles.embedded.states import Motion
+from vehicles.embedded.physics.controller import Target
+from vehicles.embedded.physics.states import Motion
 from worlds.frames import Vec3
 
 

@@ -11,8 +11,8 @@ from vehicles.embedded.autopilot.flight.guidance import Behaviour
 from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
 from vehicles.embedded.autopilot.flight.mission_items import Item
 from vehicles.embedded.autopilot.flight.setpoint_targets import RELATIVE_ALTITUDE_FRAMES
-from vehicles.embedded.controller import Target
-from vehicles.embedded.states import Motion
+from vehicles.embedded.physics.controller import Target
+from vehicles.embedded.physics.states import Motion
 from worlds.frames import Vec3
 
 FLOWN = {

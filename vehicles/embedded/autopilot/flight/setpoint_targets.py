@@ -6,7 +6,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.flight.guidance import Wanted
-from vehicles.embedded.states import Motion
+from vehicles.embedded.physics.states import Motion
 from worlds.frames import Vec3, add, quat_from_euler, rotate
 from worlds.geodesy import LocalFrame
 
@@ -37,7 +37,7 @@ def local_setpoint(message: Any, now: Motion) -> Wanted | None:
         yaw += now.euler_rad[2]
     if frame in _OFFSET_FRAMES:
         position = add(position, now.position_ned_m)
-    return _wanted(message, position, velocity, yaw)
+    return _wanted_motion(message, position, velocity, yaw)
 
 
 def global_setpoint(message: Any, frame: LocalFrame, home_down_m: float) -> Wanted | None:
@@ -46,7 +46,7 @@ def global_setpoint(message: Any, frame: LocalFrame, home_down_m: float) -> Want
     if message.coordinate_frame in RELATIVE_ALTITUDE_FRAMES:
         altitude_m += frame.altitude_m - home_down_m
     position = frame.to_ned(message.lat_int * 1e-7, message.lon_int * 1e-7, altitude_m)
-    return _wanted(message, position, (message.vx, message.vy, message.vz), message.yaw)
+    return _wanted_motion(message, position, (message.vx, message.vy, message.vz), message.yaw)
 
 
 RELATIVE_ALTITUDE_FRAMES = {
@@ -57,7 +57,7 @@ RELATIVE_ALTITUDE_FRAMES = {
 }
 
 
-def _wanted(message: Any, position: Vec3, velocity: Vec3, yaw_rad: float) -> Wanted | None:
+def _wanted_motion(message: Any, position: Vec3, velocity: Vec3, yaw_rad: float) -> Wanted | None:
     mask = message.type_mask
     axes = [
         None if mask >> i & 1 or not math.isfinite(position[i]) else position[i] for i in range(3)

@@ -6,7 +6,6 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import TiltWatch
 from vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, TakeOff, Wanted
@@ -31,7 +30,8 @@ from vehicles.embedded.autopilot.services.command_registry import (
 )
 from vehicles.embedded.autopilot.services.fence_items import Fence
 from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
-from vehicles.embedded.battery import Charge
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.battery import Charge
 from worlds.frames import Vec3, quat_from_euler, rotate
 
 _HEADING_TEXT_S = 2.55
@@ -203,7 +203,7 @@ class Px4(Px4Core):
             setpoint_age_s=self.t_s - self.setpoint_at_s,
             gcs_age_s=self.t_s - self.gcs_heard_s,
             battery=self.state.charge.remaining,
-            outside_fence=self._outside(self.fence),
+            outside_fence=self._is_outside(self.fence),
         )
 
     def _act(self, decision: Decision) -> None:
@@ -217,7 +217,7 @@ class Px4(Px4Core):
         elif not self.flight.landed or decision.cause == "offboard":
             self.fail(_FAILSAFE_MODES[action])
 
-    def _outside(self, fence: Fence) -> bool:
+    def _is_outside(self, fence: Fence) -> bool:
         p, here = self.parameters, self.state.now.position_ned_m
         far_m, high_m = self.manoeuvres.from_home_m()
         too_far = 0.0 < p["GF_MAX_HOR_DIST"] < far_m
@@ -227,7 +227,9 @@ class Px4(Px4Core):
     def _fence_result(self, fence: Fence) -> int:
         """Refuse a fence that would be breached at once, or that leaves home out."""
         home = self.state.home_ned_m
-        breached = self._outside(fence) or (home is not None and fence.breached(home[0], home[1]))
+        breached = self._is_outside(fence) or (
+            home is not None and fence.breached(home[0], home[1])
+        )
         if int(self.parameters["GF_ACTION"]) > 1 and breached:
             self.outbox.say(CRITICAL, "Geofence invalid, doesn't contain Home position\t")
             return int(mavlink.MAV_MISSION_DENIED)

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.airframe import Airframe
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import FlightStyle
@@ -25,8 +24,9 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_request,
 )
 from vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
-from vehicles.embedded.battery import Charge
-from vehicles.embedded.controller import Gains
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.battery import Charge
+from vehicles.embedded.physics.controller import Gains
 
 _GCS_SILENT_AFTER_S = 2.5
 """A ground station whose heartbeat is older is gone (mavlink_receiver.cpp)."""

@@ -21,7 +21,7 @@ _CIRCLES = {
 }
 
 
-class FenceError(ValueError):
+class FenceItemError(ValueError):
     """Items that draw no fence."""
 
 
@@ -63,19 +63,19 @@ def fence_of(items: tuple[Item, ...], frame: LocalFrame) -> Fence:
             count = int(item.params[0])
             corners = items[at : at + count]
             if count < 3 or len(corners) < count:
-                raise FenceError(f"polygon of {count} corners, {len(corners)} given")
+                raise FenceItemError(f"polygon of {count} corners, {len(corners)} given")
             if any(corner.command != item.command for corner in corners):
-                raise FenceError("a polygon's corners are of different kinds")
+                raise FenceItemError("a polygon's corners are of different kinds")
             areas.append(Polygon(tuple(_local(c, frame) for c in corners), _POLYGONS[item.command]))
             at += count
             continue
         if item.command in _CIRCLES:
             radius_m = item.params[0]
             if not 0.0 < radius_m < math.inf:
-                raise FenceError(f"circle of radius {radius_m}")
+                raise FenceItemError(f"circle of radius {radius_m}")
             areas.append(Circle(_local(item, frame), radius_m, _CIRCLES[item.command]))
         elif item.command != mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT:
-            raise FenceError(f"command {item.command} draws no fence")
+            raise FenceItemError(f"command {item.command} draws no fence")
         at += 1
     return Fence(tuple(areas))
 

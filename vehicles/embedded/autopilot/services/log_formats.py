@@ -8,7 +8,7 @@ import struct
 from typing import Protocol
 
 from vehicles.embedded.autopilot.flight.parameter_table import Parameters
-from vehicles.embedded.states import Motion
+from vehicles.embedded.physics.states import Motion
 
 _POSITION_FIELDS = ("x", "y", "z", "vx", "vy", "vz", "heading")
 

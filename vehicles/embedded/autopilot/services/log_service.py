@@ -6,7 +6,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.services.log_formats import LogWriter
-from vehicles.embedded.states import Motion
+from vehicles.embedded.physics.states import Motion
 
 _PIECE = 90
 _PER_TURN = 20

@@ -35,7 +35,7 @@ Accept = Callable[[int, tuple[Item, ...]], int]
 """Takes the kind and the items of a whole upload; returns a MAV_MISSION_RESULT."""
 
 
-class MissionServer:
+class MissionService:
     """Keeps the three lists and speaks the protocol for them.
 
     home: gives item 0 of every mission, as in ArduPilot, where it is home and not the user's; None

@@ -12,7 +12,7 @@ NO_INDEX = 65535
 """What ArduPilot gives as the index of a parameter that was not asked for by index."""
 
 
-class ParameterServer:
+class ParameterService:
     """Answers PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET.
 
     strict: PX4's way, which refuses a PARAM_SET of the wrong type and gives the parameter's index

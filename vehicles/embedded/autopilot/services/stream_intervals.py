@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 
-class Streams:
+class StreamIntervals:
     """Messages that repeat. Times are the vehicle's own clock, s."""
 
     def __init__(self, rates_hz: Mapping[int, float], *, shortest_s: float) -> None:

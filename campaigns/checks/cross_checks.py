@@ -1,0 +1,224 @@
+"""What is wrong between the parts of a campaign, its world and its recipe; pure."""
+
+from collections.abc import Callable, Iterable, Iterator, Sized
+
+from campaigns.checks.external_checks import external_problems
+from campaigns.checks.place_checks import judged_world, place_problems
+from campaigns.checks.vehicle_checks import vehicle_problems
+from campaigns.schema import Mode
+from campaigns.setup.case_files import CaseFiles
+from campaigns.setup.case_setup import FLIES, Setup
+from recipes.model.recipe import Recipe
+from safety.evaluation.judge import OracleUse, build_oracles
+from safety.oracles import Oracle, OracleContext, OracleError
+from worlds.files.documents import Document, Path, Problem, closest
+from worlds.world_file.world import World
+
+Check = Callable[[CaseFiles, Setup, Mode], Iterator[Problem]]
+
+
+def cross_problems(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> list[Problem]:
+    """Return every problem of the parts together, for the modes that are to be flown.
+
+    What needs a vehicle that is missing is not checked: that it is missing is said.
+    """
+    problems: list[Problem] = []
+    for mode in modes:
+        missing = list(_missing_vehicles(files, setup, mode))
+        problems += missing
+        for check in _CHECKS if not missing else ():
+            problems += check(files, setup, mode)
+    return problems
+
+
+def _missing_vehicles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    for name in FLIES[mode]:
+        if name not in setup.vehicles:
+            path = ("vehicles", name)
+            yield files.campaign.problem(path, f"mode {mode} needs a vehicle '{name}'", key=True)
+
+
+def _mixing_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield what a mixture lacks: a recipe, its sensors on a vehicle, its objects in the world."""
+    if mode != "wil":
+        return
+    recipe = setup.recipe
+    if recipe is None or files.recipe is None:
+        if files.campaign.get(("recipe",)) is None:
+            yield files.campaign.problem(("recipe",), "mode wil needs a recipe")
+        return
+    for name, vehicle in setup.vehicles.items():
+        carried = {sensor.name: sensor.kind for sensor in vehicle.sensors}
+        for sensor in recipe.sensors:
+            kind = sensor.kind_of(name)
+            if carried.get(sensor.name) != kind:
+                said = f"vehicle '{name}' has no {kind} '{sensor.name}'"
+                meant = closest(sensor.name, carried)
+                yield files.recipe.problem(("sensors", sensor.name), said, meant, key=True)
+    yield from _rates(files.recipe, recipe, setup)
+    yield from recipe.unknown_objects(frozenset(setup.world.objects))
+
+
+def _rates(document: Document, recipe: Recipe, setup: Setup) -> Iterator[Problem]:
+    """Yield mixtures that are to come more often than the readings that they are made of."""
+    carried = {sensor.name: sensor.rate_hz for sensor in setup.vehicles["real"].sensors}
+    for sensor in recipe.sensors:
+        real_hz = carried.get(sensor.name)
+        if sensor.rate_hz is not None and real_hz is not None and sensor.rate_hz > real_hz * 1.001:
+            said = f"the real vehicle's '{sensor.name}' comes {real_hz:g} times a second"
+            yield document.problem(("sensors", sensor.name, "rate_hz"), said)
+
+
+def _gates(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield gates of the goal that have no opening, or do not stand where the run is judged."""
+    which = judged_world(mode)
+    scene = setup.world.scene(mode, which)
+    for index, gate in enumerate(setup.goal.gates):
+        path: Path = ("goal", "gates", index)
+        if gate not in setup.world.objects:
+            yield _no_object(files.campaign, path, gate, setup.world)
+        elif gate not in scene:
+            said = f"'{gate}' does not stand in {which} in mode {mode} (see its exists_in)"
+            yield files.campaign.problem(path, said)
+        elif not scene[gate].shape.openings:
+            said = f"'{gate}' is a {scene[gate].shape.kind}, which has no opening to fly through"
+            open_ones = [thing.name for thing in scene.objects if thing.shape.openings]
+            yield files.campaign.problem(path, said, closest(gate, open_ones))
+
+
+def _no_object(document: Document, path: Path, name: str, world: World) -> Problem:
+    return document.problem(path, f"no object '{name}' in the world", closest(name, world.objects))
+
+
+def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Build each oracle as the run would, against a world in which nothing happens.
+
+    A gate of the goal that is not there counts as there: it is said once, at the goal.
+    """
+    scene = setup.world.scene(mode, judged_world(mode))
+    openings = [thing.name for thing in scene.objects if thing.shape.openings]
+    contexts: dict[str, OracleContext] = {
+        name: OracleContext(
+            mode=mode,
+            subject=FLIES[mode][0],
+            vehicle=name,
+            start=setup.vehicles[name].start,
+            probe=_NothingNear(),
+            things=scene.names,
+            probe_of=lambda _: _NothingNear(),
+            gates={gate: _AnyGate() for gate in (*openings, *setup.goal.gates)},
+            route=setup.goal.gates,
+            target_ned_m=setup.goal.position_ned_m,
+            fence=setup.fences.get(name),
+            frame=setup.world.frame,
+        )
+        for name in FLIES[mode]
+    }
+    built: list[tuple[OracleUse, tuple[Oracle, ...]]] = []
+    for use in setup.oracles:
+        yield from _unknown_names(files.campaign, use, setup.world)
+        try:
+            built.append((use, build_oracles([use], contexts)))
+        except OracleError as error:
+            yield _oracle_problem(files.campaign, use.name, error)
+    if len(built) == len(_unrequested_objects(files.campaign)):
+        yield from _unjudged_gates(files.campaign, setup, mode, built)
+
+
+def _oracle_problem(campaign: Document, name: str, error: OracleError) -> Problem:
+    path: Path = ("oracles", name, *((error.key,) if error.key else ()))
+    if error.offset is not None:
+        return campaign.problem_within(path, error.offset, str(error), error.suggestion)
+    return campaign.problem(path, str(error), error.suggestion, key=not error.key)
+
+
+def _unrequested_objects(campaign: Document) -> Sized:
+    """Return the oracles that the file has, those with faults of their own included."""
+    found = campaign.get(("oracles",))
+    return found if isinstance(found, dict) else ()
+
+
+def _unjudged_gates(
+    campaign: Document,
+    setup: Setup,
+    mode: Mode,
+    built: Iterable[tuple[OracleUse, tuple[Oracle, ...]]],
+) -> Iterator[Problem]:
+    """Yield what would pass unseen: the flight of a mode as a whole, or whether it got there."""
+    subject = FLIES[mode][0]
+    told = [
+        (use.kind, oracle.required)
+        for use, oracles in built
+        for oracle in oracles
+        if oracle.name == use.name
+        and subject in oracle.watches
+        and oracle.required == use.parameters.required
+    ]
+    if not any(required for _, required in told):
+        said = f"in mode {mode} no required oracle judges '{subject}': nearly any flight would pass"
+        yield campaign.problem(("oracles",), said, key=True)
+    wanted = (
+        ("gates", "reached", "{}", bool(setup.goal.gates)),
+        (
+            "position",
+            "reached_position",
+            "{tolerance_m: 0.3}",
+            setup.goal.position_ned_m is not None,
+        ),
+    )
+    for key, kind, parameters, given in wanted:
+        if given and all(kind != one for one, _ in told):
+            said = f"in mode {mode} no oracle judges whether '{subject}' gets there; ask for"
+            hint = f"'{kind}: {parameters}', with 'required: false' to have it reported only"
+            yield campaign.problem(("goal", key), f"{said} {hint}", key=True)
+
+
+def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator[Problem]:
+    """Check parameters that name objects or their parts: `gate`, `gate.left`."""
+    for key in ("exclude", "ground"):
+        for index, name in enumerate(getattr(use.parameters, key, ())):
+            if name.partition(".")[0] not in world.objects:
+                yield _no_object(campaign, ("oracles", use.name, key, index), name, world)
+
+
+def _limits(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield a limit to a fence that is not there."""
+    if setup.limits is None or not setup.limits.inside_fence:
+        return
+    for name in FLIES[mode]:
+        if name not in setup.fences:
+            whose = "the campaign" if not setup.fences else f"'{name}'"
+            said = f"needs a geofence to stay inside of; {whose} has none"
+            yield files.campaign.problem(("limits", "inside_geofence"), said)
+
+
+class _NothingNear:
+    """A probe of an empty world."""
+
+    def sweep(self, *_: object, **__: object) -> tuple[()]:
+        """Return that nothing is near."""
+        return ()
+
+
+class _AnyGate:
+    """A gate that nobody flies through."""
+
+    limit_m = 1.0
+
+    def crossing(self, *_: object) -> None:
+        """Return that it was not crossed."""
+
+    def depth_m(self, *_: object) -> float:
+        """Return that the vehicle is before it."""
+        return -1.0
+
+
+_CHECKS: tuple[Check, ...] = (
+    vehicle_problems,
+    _mixing_problems,
+    _gates,
+    place_problems,
+    _oracles,
+    external_problems,
+    _limits,
+)

@@ -1,0 +1,168 @@
+"""Whether a case can be flown where it stands: starts and goals against fence and things; pure."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Literal
+
+from campaigns.schema import Mode, VehicleName
+from campaigns.setup.case_files import CaseFiles
+from campaigns.setup.case_setup import Setup, VehicleSetup
+from vehicles.embedded.physics.airframe import Airframe
+from worlds.clearance.clearance import BoxShape, ClearanceProbe
+from worlds.files.documents import Path, Problem
+from worlds.frames import Vec3
+from worlds.scene.scene import Scene, SceneObject
+
+Which = Literal["W", "Wv"]
+
+SEES: dict[tuple[Mode, VehicleName], tuple[Which, ...]] = {
+    ("sim", "twin"): ("Wv",),
+    ("wil", "real"): ("W", "Wv"),
+    ("wil", "twin"): ("Wv",),
+    ("real", "real"): ("W",),
+}
+"""In which worlds a vehicle stands, by mode: the real one in W, and where it is judged, in Wv."""
+
+_ON_FLOOR_M = 0.05
+"""How far below the floor of a room a vehicle may stand before it is said to be outside."""
+
+
+_AIRFRAME = Airframe()
+_BODY = BoxShape(
+    (_AIRFRAME.body_width_m / 2.0, _AIRFRAME.body_width_m / 2.0, _AIRFRAME.body_height_m / 2.0)
+)
+_STANDS_M = _AIRFRAME.leg_height_m
+"""How far the middle of the body is above what it stands on."""
+_NEAR_M = 0.1
+
+
+def judged_world(mode: Mode) -> Which:
+    """Return the world against which the runs of a mode are judged."""
+    return "W" if mode == "real" else "Wv"
+
+
+def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield what is impossible about the places of one mode.
+
+    A start outside of the fence is said and looked at no further.
+    """
+    for (flown, name), worlds in SEES.items():
+        if flown != mode:
+            continue
+        vehicle = setup.vehicles[name]
+        outside = list(_start_outside_fence(files, setup, vehicle))
+        yield from outside
+        for which in worlds if not outside else ():
+            scene = setup.world.scene(mode, which)
+            yield from _start_outside_room(files, vehicle, scene)
+            yield from _start_in_object(files, vehicle, scene)
+            yield from _goal_above_room(files, setup, vehicle, scene)
+        if not outside:
+            yield from _goal_outside_fence(files, setup, vehicle)
+        yield from _no_takeoff(files, setup, vehicle)
+    yield from _gates_outside_fence(files, setup, mode)
+
+
+def _start_outside_fence(
+    files: CaseFiles, setup: Setup, vehicle: VehicleSetup
+) -> Iterator[Problem]:
+    if said := _outside(setup, vehicle, vehicle.start.position_ned_m):
+        path = ("vehicles", vehicle.name, "start")
+        yield files.campaign.problem(path, f"'{vehicle.name}' starts {said}", key=True)
+
+
+def _goal_outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
+    """Yield when the hover above the start, or the goal's position, is outside of the fence."""
+    north_m, east_m, _ = vehicle.start.position_ned_m
+    hover: Vec3 = (north_m, east_m, -setup.goal.altitude_m)
+    wanted: list[tuple[Path, Vec3 | None]] = [
+        (("goal", "altitude_m"), hover),
+        (("goal", "position"), setup.goal.position_ned_m),
+    ]
+    for path, place in wanted:
+        if place is not None and (said := _outside(setup, vehicle, place)):
+            yield files.campaign.problem(path, f"is {said}")
+
+
+def _no_takeoff(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
+    """Yield a takeoff that leads nowhere, or after which one would be told before it."""
+    up_m = -vehicle.start.position_ned_m[2]
+    climb_m = setup.goal.altitude_m - up_m
+    if climb_m <= 0.0:
+        said = f"is not above the start of '{vehicle.name}', {up_m:g} m up"
+        yield files.campaign.problem(("goal", "altitude_m"), said)
+    elif climb_m <= setup.sync.takeoff_tolerance_m:
+        near = f"within {setup.sync.takeoff_tolerance_m:g} m of that it is on the ground, too"
+        said = f"'{vehicle.name}' climbs by {climb_m:g} m: {near}"
+        yield files.campaign.problem(("sync", "takeoff_tolerance_m"), said)
+
+
+def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield gates whose middle is outside of a fence, as long as they stand still."""
+    scene = setup.world.scene(mode, judged_world(mode))
+    for index, name in enumerate(setup.goal.gates):
+        if name not in scene or scene[name].motion is not None:
+            continue
+        middle = scene[name].pose.position_ned_m
+        for flown, vehicle in SEES:
+            if flown == mode and (said := _outside(setup, setup.vehicles[vehicle], middle)):
+                yield files.campaign.problem(("goal", "gates", index), f"'{name}' stands {said}")
+
+
+def _outside(setup: Setup, vehicle: VehicleSetup, place: Vec3) -> str:
+    """Return how far outside of a vehicle's fence a place is, or too near to it; empty when not."""
+    fence = setup.fences.get(vehicle.name)
+    if fence is None:
+        return ""
+    margin_m, keep_m = fence.margin_m(place), setup.guarding.keep_m
+    side = fence.boundary(place)
+    if margin_m < 0.0:
+        return f"{-margin_m:.2f} m outside of the geofence's {side}"
+    if margin_m < keep_m:
+        return f"{margin_m:.2f} m from the geofence's {side}, nearer than keep_m {keep_m:g}"
+    return ""
+
+
+def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> Iterator[Problem]:
+    start = vehicle.start.position_ned_m
+    rooms = [thing for thing in scene.objects if thing.is_room]
+    if rooms and not any(_room_height_m(room, start) is not None for room in rooms):
+        names = " and ".join(f"'{room.name}'" for room in rooms)
+        said = f"'{vehicle.name}' starts outside of room {names}"
+        yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
+
+
+def _start_in_object(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> Iterator[Problem]:
+    """Yield the things that the vehicle would stand in, as they are when the run begins."""
+    probe = ClearanceProbe(scene, _BODY, floors=False, within_m=_NEAR_M)
+    north_m, east_m, down_m = vehicle.start.position_ned_m
+    standing = replace(vehicle.start, position_ned_m=(north_m, east_m, down_m - _STANDS_M))
+    for clearance in probe.sweep(standing, 0.0, standing, 0.0):
+        if clearance.clearance_m <= 0.0:
+            said = f"'{vehicle.name}' starts inside of '{clearance.object_name}'"
+            yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
+
+
+def _goal_above_room(
+    files: CaseFiles, setup: Setup, vehicle: VehicleSetup, scene: Scene
+) -> Iterator[Problem]:
+    start = vehicle.start.position_ned_m
+    for room in scene.objects:
+        height_m = _room_height_m(room, start) if room.is_room else None
+        ceiled = any(part.name == "ceiling" for part in room.shape.parts)
+        floor_up_m = -room.pose.position_ned_m[2]
+        if height_m is not None and ceiled and setup.goal.altitude_m - floor_up_m >= height_m:
+            said = f"is not below the ceiling of room '{room.name}', {floor_up_m + height_m:g} m up"
+            yield files.campaign.problem(("goal", "altitude_m"), said)
+
+
+def _room_height_m(room: SceneObject, point_m: Vec3) -> float | None:
+    """Return the height of a room when a point is in it, else None."""
+    low, high = room.shape.mesh.vertices_m.min(axis=0), room.shape.mesh.vertices_m.max(axis=0)
+    forward_m, right_m, down_m = room.pose.to_local(point_m)
+    inside = (
+        low[0] < forward_m < high[0]
+        and low[1] < right_m < high[1]
+        and low[2] < down_m < high[2] + _ON_FLOOR_M
+    )
+    return float(high[2] - low[2]) if inside else None

@@ -1,0 +1,74 @@
+"""Whether the vehicles of a campaign can fly, and those of a pair be told apart; pure."""
+
+from collections.abc import Iterator, Sequence
+
+from campaigns.schema import Mode
+from campaigns.setup.case_files import CaseFiles
+from campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
+from vehicles.launch.px4 import Px4Launch
+from vehicles.mavsdk.ids import OWN_SYSTEM
+from worlds.files.documents import Problem
+
+
+def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield what cannot fly: simulations at paces of their own, a pair that is one vehicle."""
+    flown = [setup.vehicles[name] for name in FLIES[mode]]
+    yield from _pace_problems(files, setup, flown)
+    for vehicle in setup.vehicles.values():
+        yield from _spare_problems(files, vehicle)
+        if vehicle.driver == "mavsdk" and vehicle.system_id == OWN_SYSTEM:
+            said = f"the driver mavsdk has system id {OWN_SYSTEM} itself; give the vehicle another"
+            yield files.campaign.problem(("vehicles", vehicle.name, "system_id"), said)
+    if mode == "wil":
+        yield from _pair_problems(files, setup)
+
+
+def _pace_problems(
+    files: CaseFiles, setup: Setup, flown: Sequence[VehicleSetup]
+) -> Iterator[Problem]:
+    """Yield vehicles that fly together at different paces; an embedded one follows any."""
+    paces = {one.name: pace for one in flown if (pace := one.launch_pace) is not None}
+    if not paces:
+        return
+    asked = next(iter(paces.values()))
+    if setup.speed not in {None, asked}:
+        said = f"a launched simulation flies at {asked:g}, as its link says; leave it out"
+        yield files.campaign.problem(("clock", "speed"), said)
+    for one in flown:
+        path = ("vehicles", one.name, "link", _pace_key(one))
+        if one.name in paces and paces[one.name] != asked:
+            said = f"the other vehicle flies at {asked:g} times real time; both need the same"
+            yield files.campaign.problem(path, said)
+    attached = next((one.name for one in flown if one.attached is not None), None)
+    if attached is not None and asked != 1.0:
+        launched = next(one for one in flown if one.launch is not None)
+        path = ("vehicles", launched.name, "link", _pace_key(launched))
+        said = (
+            f"{attached} is attached and flies in real time: it cannot follow; leave "
+            f"'{_pace_key(launched)}' out"
+        )
+        yield files.campaign.problem(path, said)
+
+
+def _pace_key(vehicle: VehicleSetup) -> str:
+    return "speed" if isinstance(vehicle.launch, Px4Launch) else "speedup"
+
+
+def _pair_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+    real, twin = setup.vehicles["real"], setup.vehicles["twin"]
+    if real.system_id == twin.system_id:
+        said = f"both vehicles have system id {real.system_id}; give them different ones"
+        path = ("vehicles", "twin", "system_id")
+        yield files.campaign.problem(path, said)
+    shared = next((one for one in twin.addresses if one in real.addresses), None)
+    if shared is not None:
+        said = f"both vehicles are on {shared}; each needs a link of its own"
+        key = "link" if shared == twin.attached else "spare_links"
+        yield files.campaign.problem(("vehicles", "twin", key), said)
+
+
+def _spare_problems(files: CaseFiles, vehicle: VehicleSetup) -> Iterator[Problem]:
+    for at, spare in enumerate(vehicle.spares):
+        if spare == vehicle.attached or spare in vehicle.spares[:at]:
+            path = ("vehicles", vehicle.name, "spare_links", at)
+            yield files.campaign.problem(path, f"{spare} is named twice")

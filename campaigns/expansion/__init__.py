@@ -1,0 +1,1 @@
+"""Expansion of a campaign file into runs."""

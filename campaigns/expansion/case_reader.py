@@ -1,0 +1,192 @@
+"""From the files of one case to its setup, with every problem found in any of them at once."""
+
+import itertools
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from campaigns.checks.cross_checks import cross_problems
+from campaigns.schema import (
+    CampaignPart,
+    GoalPart,
+    Mode,
+    SyncPart,
+    VehicleName,
+)
+from campaigns.schema.links import LinkPart, LinksPart
+from campaigns.schema.operator import GcsPart
+from campaigns.setup.autonomy_under_test import UnderTest
+from campaigns.setup.case_files import CaseFiles
+from campaigns.setup.case_setup import GoalSetup, GuardingSetup, Setup, SyncSetup
+from campaigns.setup.external_reader import external_setup, program_problems
+from campaigns.setup.link_setups import LinkSetup, link_setup
+from campaigns.setup.oracle_uses import oracle_uses
+from campaigns.setup.vehicle_fences import Drawing, fences_of
+from campaigns.setup.vehicle_setups import vehicle_setups
+from campaigns.values.references import BadReferenceError
+from recipes.language.recipe_document import load_recipe
+from safety.evaluation.judge import OracleUse
+from safety.fence.geofence import Fence
+from safety.oracles.goal import TimeLimitParameters
+from worlds.files.documents import BadInput, Document, Problem, check
+from worlds.world_file.world import World
+
+T = TypeVar("T")
+
+_GOAL_S = 600.0
+_GRACE_S = 1.0
+"""What a goal is given where no time-out is said: ten minutes, and longer than a `time_limit`."""
+
+
+def read_setup(files: CaseFiles, modes: tuple[Mode, ...]) -> Setup:
+    """Return the setup of a case, good for these modes. Raises BadInput with every problem."""
+    problems: list[Problem] = []
+    part = gathered(problems, partial(check, files.campaign, CampaignPart))
+    uses, oracle_problems = oracle_uses(files.campaign)
+    problems += oracle_problems
+    world = _read_case(World.parse, files.world, problems)
+    recipe = _read_case(load_recipe, files.recipe, problems)
+    if part is None or world is None or (files.recipe is not None and recipe is None):
+        raise BadInput(problems)
+    setup = Setup(
+        vehicles=vehicle_setups(files.campaign, part.vehicles, problems),
+        world=world,
+        recipe=recipe,
+        under_test=_under_test(files, part),
+        goal=_goal(part.goal),
+        sync=_sync(part.sync, uses),
+        fences=_fences(files, part, world, problems),
+        guarding=_guard_setup(part),
+        oracles=uses,
+        links=_links(part.links),
+        preflight=part.preflight,
+        record=part.record,
+        outside=external_setup(files.campaign, part, problems),
+        limits=None if part.limits is None else part.limits.limits(),
+        gcs=_gcs(part.operator.gcs),
+        speed=None if part.clock is None else part.clock.speed,
+        collision_always=part.collision_always == "on",
+    )
+    problems += _autonomy_problems(files.campaign, setup.under_test)
+    if part.geofence is None or setup.fences:
+        # Without the fence that it has, everything would be said to lack one.
+        problems += cross_problems(files, setup, modes)
+    if problems:
+        raise BadInput(problems)
+    return setup
+
+
+def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
+    """Return what is read; None, with its problems noted, when it is bad."""
+    try:
+        return read()
+    except BadInput as error:
+        problems += error.problems
+        return None
+
+
+def _read_case(
+    read: Callable[[Document], T], document: Document | None, problems: list[Problem]
+) -> T | None:
+    return None if document is None else gathered(problems, partial(read, document))
+
+
+def _links(part: LinksPart) -> dict[VehicleName, LinkSetup]:
+    given: dict[VehicleName, LinkPart | None] = {"real": part.real, "twin": part.twin}
+    return {name: link_setup(one) for name, one in given.items() if one is not None}
+
+
+def _gcs(part: GcsPart) -> dict[VehicleName, str]:
+    given: dict[VehicleName, str | None] = {"real": part.real, "twin": part.twin}
+    return {name: link for name, link in given.items() if link is not None}
+
+
+def _fences(
+    files: CaseFiles, part: CampaignPart, world: World, problems: list[Problem]
+) -> Mapping[VehicleName, Fence]:
+    if part.geofence is None:
+        return {}
+    drawing = Drawing(files.campaign, files.fences, world.frame)
+    return gathered(problems, partial(fences_of, part.geofence, drawing, ("geofence",))) or {}
+
+
+def _guard_setup(part: CampaignPart) -> GuardingSetup:
+    given = part.geofence
+    if given is None:
+        return GuardingSetup()
+    return GuardingSetup(
+        keep_m=given.keep_m, latency_s=given.latency_s, braking_m_s2=given.braking_m_s2
+    )
+
+
+def _goal(part: GoalPart) -> GoalSetup:
+    place = part.position
+    return GoalSetup(
+        altitude_m=part.altitude_m,
+        gates=tuple(part.gates),
+        position_ned_m=None if place is None else (place.north_m, place.east_m, -place.up_m),
+    )
+
+
+def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
+    limits = [use.parameters for use in uses if isinstance(use.parameters, TimeLimitParameters)]
+    longest_s = max([_GOAL_S, *(limit.limit_s + _GRACE_S for limit in limits)])
+    return SyncSetup(
+        goal_timeout_s=part.goal_timeout_s or longest_s,
+        identify_timeout_s=part.identify_timeout_s,
+        ready_timeout_s=part.ready_timeout_s,
+        takeoff_timeout_s=part.takeoff_timeout_s,
+        takeoff_tolerance_m=part.takeoff_tolerance_m,
+        landing_timeout_s=part.landing_timeout_s,
+        max_command_skew_s=part.max_command_skew_s,
+        max_takeoff_skew_s=part.max_takeoff_skew_s,
+        max_t0_skew_s=part.max_t0_skew_s,
+    )
+
+
+def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
+    """Return the autonomy with its goal: the height, the place, how many gates; no geometry."""
+    goal: dict[str, float | str] = {"altitude_m": part.goal.altitude_m}
+    if part.goal.gates:
+        goal["gate_count"] = len(part.goal.gates)
+    if part.goal.position is not None:
+        place = part.goal.position
+        goal |= {"north_m": place.north_m, "east_m": place.east_m, "up_m": place.up_m}
+    return UnderTest(
+        use=part.autonomy.use,
+        folder=Path(files.folder).resolve(),
+        rate_hz=part.autonomy.rate_hz,
+        parameters=dict(part.autonomy.with_),
+        goal=goal,
+        program=None if part.autonomy.program is None else tuple(part.autonomy.program),
+    )
+
+
+def _autonomy_problems(campaign: Document, under_test: UnderTest) -> list[Problem]:
+    """Build the autonomy once: what it refuses is a fault of the file, not of a flight."""
+    if under_test.program is not None:
+        return program_problems(campaign, under_test.program, under_test.folder)
+    try:
+        with redirect_stdout(sys.stderr):
+            under_test.build(seed=0)
+    except BadReferenceError as error:
+        path = (
+            ("autonomy", "use") if isinstance(campaign.get(("autonomy",)), dict) else ("autonomy",)
+        )
+        return [campaign.problem(path, str(error), error.suggestion)]
+    except ValueError as error:
+        return [campaign.problem(("autonomy", "with"), f"refused by '{under_test.use}': {error}")]
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - the user's code may raise anything
+        said = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
+        return [campaign.problem(("autonomy",), said)]
+    return []
+
+
+def unique(problems: list[Problem]) -> tuple[Problem, ...]:
+    """Return each problem once, those of one file together and in the order of its lines."""
+    files = list(dict.fromkeys(problem.file for problem in problems))
+    ordered = sorted(dict.fromkeys(problems), key=lambda p: (files.index(p.file), p.line, p.column))
+    return tuple(problem for problem, _ in itertools.groupby(ordered))

@@ -1,0 +1,99 @@
+"""Controls of a campaign: what each changes, and how it must end."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+from campaigns.expansion.case_reader import gathered
+from campaigns.schema import CampaignPart, Mode
+from campaigns.schema.controls import ControlPart, ControlVerdict
+from campaigns.setup.case_files import (
+    CaseFiles,
+    Override,
+    case_files,
+    overrides_at,
+    overrides_of_case,
+)
+from campaigns.setup.case_setup import Setup
+from safety.evaluation.judge import ALWAYS_JUDGED
+from worlds.files.documents import Document, Problem, closest
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """How a control must end. oracle: which one decides; cause: a text within the reason."""
+
+    case: str
+    verdict: ControlVerdict
+    oracle: str | None = None
+    cause: str | None = None
+
+    def __str__(self) -> str:
+        by = "" if self.oracle is None else f" by {self.oracle}"
+        return f"{self.verdict}{by}" + ("" if self.cause is None else f" ({self.cause})")
+
+
+def expectation(part: CampaignPart, control: ControlPart) -> Expectation:
+    """Return how a control must end, and which case it changes."""
+    case = control.case or next(iter(part.cases))
+    expect = control.expect
+    return Expectation(case, expect.verdict, expect.oracle, expect.cause)
+
+
+def modes_of(part: CampaignPart, control: ControlPart) -> tuple[Mode, ...]:
+    """Return the modes in which a control is flown, in the campaign's order."""
+    return tuple(mode for mode in part.modes if control.modes is None or mode in control.modes)
+
+
+def files_of_controls(
+    base: Document,
+    part: CampaignPart | None,
+    overrides: Iterable[Override],
+    problems: list[Problem],
+) -> dict[str, CaseFiles]:
+    """Return the files of every control.
+
+    What a control sets wins over --set: else a control would no longer be one.
+    """
+    found: dict[str, CaseFiles] = {}
+    ordered = tuple(overrides)
+    for name, control in ({} if part is None else part.controls).items():
+        case = control.case or next(iter(part.cases if part is not None else ()))
+        of_case = gathered(problems, partial(overrides_of_case, base, case)) or ()
+        own = gathered(problems, partial(overrides_at, base, ("controls", name, "set"))) or ()
+        found[name], wrong = case_files(base, (*of_case, *ordered, *own))
+        problems += wrong
+    return found
+
+
+def control_problems(
+    base: Document, part: CampaignPart, setups: Mapping[str, Setup]
+) -> Iterator[Problem]:
+    """Yield what is wrong with controls beside their files: names, cases, modes, oracles."""
+    for name, control in part.controls.items():
+        path = ("controls", name)
+        if name in part.cases:
+            said = f"'{name}' is a case already; its folder of results would be the same"
+            yield base.problem(path, said, key=True)
+        if control.case is not None and control.case not in part.cases:
+            said = f"there is no case '{control.case}'"
+            yield base.problem((*path, "case"), said, closest(control.case, part.cases))
+        for index, mode in enumerate(control.modes or ()):
+            if mode not in part.modes:
+                said = f"mode '{mode}' is not flown (modes: {', '.join(part.modes)})"
+                yield base.problem((*path, "modes", index), said)
+        oracle = control.expect.oracle
+        if oracle is not None and name in setups:
+            yield from _oracle_problems(base, name, oracle, setups[name])
+
+
+def _oracle_problems(base: Document, name: str, oracle: str, setup: Setup) -> Iterator[Problem]:
+    path = ("controls", name, "expect", "oracle")
+    required = {use.name: use.parameters.required for use in setup.oracles}
+    if oracle in required and not required[oracle]:
+        said = f"'{oracle}' is only reported (required: false), and fails no run"
+        yield base.problem(path, said)
+    elif oracle not in required and oracle not in ALWAYS_JUDGED:
+        known = (*required, *ALWAYS_JUDGED)
+        said = f"no oracle '{oracle}' judges this control (there are {', '.join(known)})"
+        yield base.problem(path, said, closest(oracle, known))

@@ -1,0 +1,299 @@
+"""A campaign file into runs: cases x modes x repetitions, each with its seed and its files."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import partial
+from pathlib import Path
+
+from campaigns.expansion.case_reader import gathered, read_setup, unique
+from campaigns.expansion.controls import (
+    Expectation,
+    control_problems,
+    expectation,
+    files_of_controls,
+    modes_of,
+)
+from campaigns.expansion.omissions import left_out
+from campaigns.schema import DEFAULT_CASE, CampaignPart, Mode
+from campaigns.schema.between_runs import BetweenRunsPart
+from campaigns.setup.case_files import (
+    CaseFiles,
+    Override,
+    case_files,
+    override_from_option,
+    overrides_of_case,
+)
+from campaigns.setup.case_setup import Setup
+from campaigns.setup.operator_setup import MqttSetup, mqtt_setup
+from campaigns.values.acceptance import Requirement, Share, parse_share
+from campaigns.values.seeds import run_seed
+from worlds.files.documents import BadInput, Document, Problem, check, closest, load, parse_value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What the command line selects or overrides; empty or None leaves the file's.
+
+    cases: globs. sets: KEY=VALUE as given to --set, stronger than what a case overrides.
+    """
+
+    cases: tuple[str, ...] = ()
+    modes: tuple[str, ...] = ()
+    repetitions: int | None = None
+    seed: int | None = None
+    sets: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunPlan:
+    """One run to be flown; picklable. repetition counts from 1. required: counts for `accept`.
+
+    control: how it must end, where it is a control; its name then is the case.
+    """
+
+    campaign: str
+    case: str
+    mode: Mode
+    repetition: int
+    seed: int
+    required: bool
+    files: CaseFiles
+    control: Expectation | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the run's folder beneath the campaign's: case/mode/repetition."""
+        return f"{self.case}/{self.mode}/{self.repetition}"
+
+    def setup(self) -> Setup:
+        """Return what the run needs, read anew from its documents. Raises BadInput."""
+        return read_setup(self.files, (self.mode,))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Campaign:
+    """A checked campaign with its runs in order: by case, mode and repetition; then its controls.
+
+    document: the campaign file after --repetitions, --seed and --set. paths: every file it was
+    read from. modes, cases: those selected. setups: of these cases and of the controls. retries:
+    how often a run that proves nothing is flown again. requirements: of the selected cases and
+    modes. left_out: what the file requires and the options do not have flown, in words. mqtt: how
+    operators reach it by a broker; None for not at all. between: how an attached vehicle comes back
+    to its start; None where nothing is said. controls: the runs that must not pass. warnings: what
+    is legal in its files and probably not meant. caveats: those of them that a verdict has to be
+    read with, in words.
+    """
+
+    name: str
+    description: str
+    document: Document
+    paths: tuple[Path, ...]
+    cases: tuple[str, ...]
+    modes: tuple[Mode, ...]
+    repetitions: int
+    seed: int
+    setups: Mapping[str, Setup]
+    runs: tuple[RunPlan, ...]
+    requirements: tuple[Requirement, ...]
+    left_out: tuple[str, ...] = ()
+    mqtt: MqttSetup | None = None
+    retries: int = 0
+    between: BetweenRunsPart | None = None
+    controls: tuple[RunPlan, ...] = ()
+    warnings: tuple[Problem, ...] = ()
+    caveats: tuple[str, ...] = ()
+
+    @property
+    def plans(self) -> tuple[RunPlan, ...]:
+        """Return all that is flown: the runs, then the controls."""
+        return (*self.runs, *self.controls)
+
+
+def load_campaign(path: Path, options: Options | None = None) -> Campaign:
+    """Return the campaign in a file. Raises BadInput with every problem in all of its files."""
+    options = options or Options()
+    original = load(path)
+    overrides = _option_overrides(options)
+    base = _with_overrides(original, overrides)
+    problems: list[Problem] = []
+    part = gathered(problems, partial(check, base, CampaignPart))
+    files = _files_of_cases(base, overrides, problems)
+    of_controls = files_of_controls(base, part, overrides, problems)
+    setups = _setups(files, tuple(part.modes) if part is not None else (), problems)
+    if part is not None:
+        for name, one in of_controls.items():
+            setups |= _setups({name: one}, modes_of(part, part.controls[name]), problems)
+        problems += control_problems(base, part, setups)
+    if part is None or problems:
+        raise BadInput(unique(problems))
+    names = _select_cases("--case", options.cases, (*part.cases, *part.controls), problems)
+    case_names = tuple(name for name in names if name in part.cases)
+    mode_names = _select_cases("--mode", options.modes, tuple(part.modes), problems)
+    shares = _shares(original, base, part, problems)
+    mqtt = mqtt_setup(base, part.operator, problems)
+    if problems:
+        raise BadInput(unique(problems))
+    modes = tuple(mode for mode in part.modes if mode in mode_names)
+    chosen = [(case, mode) for case in case_names for mode in modes]
+    controls = tuple(
+        plan
+        for plan in _controls(part, of_controls)
+        if plan.case in names and plan.mode in mode_names
+    )
+    flown = {*chosen, *((plan.case, plan.mode) for plan in controls)}
+    files |= of_controls
+    return Campaign(
+        name=part.campaign,
+        description=part.description,
+        document=base,
+        paths=tuple(dict.fromkeys(p for name in names for p in files[name].paths)),
+        cases=case_names,
+        modes=modes,
+        repetitions=part.repetitions,
+        seed=part.seed,
+        setups={name: setups[name] for name in names},
+        runs=tuple(_runs(part, chosen, shares, files)),
+        requirements=tuple(
+            Requirement(case, mode, shares[case, mode])
+            for case, mode in chosen
+            if (case, mode) in shares
+        ),
+        left_out=left_out(original, part, flown, shares),
+        mqtt=mqtt,
+        retries=part.retries,
+        between=part.between_runs,
+        controls=controls,
+    )
+
+
+def _option_overrides(options: Options) -> tuple[Override, ...]:
+    """Return --set, --repetitions and --seed as overrides. Raises BadInput."""
+    problems: list[Problem] = []
+    found = [
+        gathered(problems, partial(override_from_option, "--set", text)) for text in options.sets
+    ]
+    for key, value in (("repetitions", options.repetitions), ("seed", options.seed)):
+        if value is not None:
+            entry = parse_value(str(value), name=f"--{key} {value}")
+            found.append(Override(key, entry))
+    if problems:
+        raise BadInput(problems)
+    return tuple(override for override in found if override is not None)
+
+
+def _with_overrides(document: Document, overrides: Iterable[Override]) -> Document:
+    for override in overrides:
+        if override.file == "campaign":
+            document = document.override(override.dotted_key, override.entry)
+    return document
+
+
+def _files_of_cases(
+    base: Document, overrides: tuple[Override, ...], problems: list[Problem]
+) -> dict[str, CaseFiles]:
+    """Return the files of every case; those of the command line win over those of the case."""
+    given = base.get(("cases",))
+    names = list(given) if isinstance(given, dict) and given else [DEFAULT_CASE]
+    found: dict[str, CaseFiles] = {}
+    for name in names:
+        own = gathered(problems, partial(overrides_of_case, base, name)) or ()
+        found[name], wrong = case_files(base, (*own, *overrides))
+        problems += wrong
+    return found
+
+
+def _setups(
+    files: Mapping[str, CaseFiles], modes: tuple[Mode, ...], problems: list[Problem]
+) -> dict[str, Setup]:
+    found: dict[str, Setup] = {}
+    for name, one in files.items():
+        setup = gathered(problems, partial(read_setup, one, modes))
+        if setup is not None:
+            found[name] = setup
+    return found
+
+
+def _select_cases(
+    option: str, patterns: Sequence[str], known: tuple[str, ...], problems: list[Problem]
+) -> tuple[str, ...]:
+    """Return what any of the patterns matches, in the order of the file; all without patterns."""
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in known):
+            said = f"matches none of {', '.join(known)}"
+            problems.append(Problem(f"{option} {pattern}", 0, 0, said, "", closest(pattern, known)))
+    if not patterns:
+        return known
+    return tuple(name for name in known if any(fnmatchcase(name, p) for p in patterns))
+
+
+def _shares(
+    original: Document, base: Document, part: CampaignPart, problems: list[Problem]
+) -> dict[tuple[str, str], Share]:
+    """Return the share of each required case and mode; without `accept` all of all.
+
+    A share is written for the file's own repetitions. Where the command line changes them, it is
+    scaled, rounded up: 4/5 of 1 is 1/1, of 10 it is 8/10.
+    """
+    if part.accept is None:
+        whole = Share(part.repetitions, part.repetitions)
+        return {(case, mode): whole for case in part.cases for mode in part.modes}
+    written = original.get(("repetitions",), 1)
+    found: dict[tuple[str, str], Share] = {}
+    for case, shares in part.accept.items():
+        if case not in part.cases:
+            said = f"accept names no case '{case}'"
+            meant = closest(case, part.cases)
+            problems.append(base.problem(("accept", case), said, meant, key=True))
+            continue
+        for mode, text in shares.items():
+            path = ("accept", case, mode)
+            share = parse_share(text)
+            if mode not in part.modes:
+                said = f"mode '{mode}' is not flown (modes: {', '.join(part.modes)})"
+                problems.append(base.problem(path, said, closest(mode, part.modes), key=True))
+            elif share.runs != written:
+                said = f"{share} is of {share.runs} runs, but there are {written} repetitions"
+                problems.append(base.problem(path, said))
+            else:
+                found[case, mode] = share.scaled(part.repetitions)
+    return found
+
+
+def _runs(
+    part: CampaignPart,
+    chosen: Iterable[tuple[str, Mode]],
+    shares: Mapping[tuple[str, str], Share],
+    files: Mapping[str, CaseFiles],
+) -> Iterable[RunPlan]:
+    for case, mode in chosen:
+        for repetition in range(1, part.repetitions + 1):
+            yield RunPlan(
+                campaign=part.campaign,
+                case=case,
+                mode=mode,
+                repetition=repetition,
+                seed=run_seed(part.seed, case, repetition),
+                required=(case, mode) in shares,
+                files=files[case],
+            )
+
+
+def _controls(part: CampaignPart, files: Mapping[str, CaseFiles]) -> Iterable[RunPlan]:
+    """Yield each control once in each of its modes.
+
+    Its seed is that of the first repetition of the case that it changes: nothing else differs.
+    """
+    for name, control in part.controls.items():
+        expected = expectation(part, control)
+        for mode in modes_of(part, control):
+            yield RunPlan(
+                campaign=part.campaign,
+                case=name,
+                mode=mode,
+                repetition=1,
+                seed=run_seed(part.seed, expected.case, 1),
+                required=False,
+                files=files[name],
+                control=expected,
+            )

@@ -1,0 +1,60 @@
+"""What a campaign requires and the command line leaves out: a green must not pass for all of it."""
+
+from collections.abc import Collection, Iterator, Mapping
+from functools import partial
+
+from campaigns.expansion.case_reader import gathered
+from campaigns.expansion.controls import modes_of
+from campaigns.schema import CampaignPart
+from campaigns.values.acceptance import Share, parse_share
+from worlds.files.documents import Document, check
+
+
+def left_out(
+    original: Document,
+    part: CampaignPart,
+    chosen: Collection[tuple[str, str]],
+    shares: Mapping[tuple[str, str], Share],
+) -> tuple[str, ...]:
+    """Return in words what the file asks for and the options do not have flown, or not judged.
+
+    original, part: the file as it is written, and with --set, --seed and --repetitions. chosen:
+    the cases and controls, with their modes, to be flown. shares: what of these is required.
+    """
+    was = gathered([], partial(check, original, CampaignPart)) or part
+    left = list(_runs(was, part, chosen, shares))
+    if part.repetitions < was.repetitions:
+        left.append(f"{was.repetitions - part.repetitions} of {was.repetitions} repetitions")
+    left += [
+        f"the control {name}/{mode}"
+        for name, control in was.controls.items()
+        for mode in modes_of(was, control)
+        if (name, mode) not in chosen
+    ]
+    left += [f"the oracle {name}" for name in was.oracles if name not in part.oracles]
+    return tuple(left)
+
+
+def _runs(
+    was: CampaignPart,
+    part: CampaignPart,
+    chosen: Collection[tuple[str, str]],
+    shares: Mapping[tuple[str, str], Share],
+) -> Iterator[str]:
+    for (case, mode), share in _required_shares(was).items():
+        now = shares.get((case, mode))
+        if now is None or (case, mode) not in chosen:
+            yield f"{case}/{mode}"
+        elif now.passes < share.scaled(part.repetitions).passes:
+            yield f"{case}/{mode} {share} (only {now})"
+
+
+def _required_shares(part: CampaignPart) -> dict[tuple[str, str], Share]:
+    if part.accept is None:
+        whole = Share(part.repetitions, part.repetitions)
+        return {(case, mode): whole for case in part.cases for mode in part.modes}
+    return {
+        (case, mode): parse_share(text)
+        for case, shares in part.accept.items()
+        for mode, text in shares.items()
+    }

@@ -1,5 +1,0 @@
-"""`file.py:Name`: things of the user's; the loader stands in worlds, for recipes use it too."""
-
-from worlds.references import BadReferenceError, is_reference, load_reference
-
-__all__ = ["BadReferenceError", "is_reference", "load_reference"]

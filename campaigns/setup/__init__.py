@@ -1,0 +1,1 @@
+"""Setups: what one run needs, resolved from its files."""

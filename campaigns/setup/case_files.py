@@ -1,0 +1,167 @@
+"""The files of one case: campaign, world and recipe, with what the case and --set override."""
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from campaigns.schema import MATRIX_KEYS
+from recipes.language.recipe_files import load_recipe_document
+from worlds.files.documents import BadInput, Document, Entry, Problem, closest, load, parse_value
+from worlds.files.documents import Path as DocumentPath
+
+_INTO = ("world", "recipe")
+_SUFFIXES = frozenset({".yaml", ".yml", ".plan", ".json", ".geojson", ".xml"})
+"""Of files that a campaign may name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Override:
+    """A value that replaces another: where it goes, and the entry with its place."""
+
+    dotted_key: str
+    entry: Entry
+
+    @property
+    def file(self) -> str:
+        """Return which file it reaches into: "world", "recipe" or "campaign"."""
+        head, dot, _ = self.dotted_key.partition(".")
+        return head if dot and head in _INTO else "campaign"
+
+    @property
+    def key_in_file(self) -> str:
+        """Return the dotted key inside of that file."""
+        is_campaign = self.file == "campaign"
+        return self.dotted_key if is_campaign else self.dotted_key.partition(".")[2]
+
+
+@dataclass(frozen=True, slots=True)
+class CaseFiles:
+    """The documents of one case, overrides applied; picklable. recipe: None without one.
+
+    fences: the files that the geofence names, by what the campaign calls them.
+    """
+
+    campaign: Document
+    world: Document | None
+    recipe: Document | None
+    fences: Mapping[str, Document] = field(default_factory=dict)
+
+    @property
+    def folder(self) -> Path:
+        """Return what file names in the campaign are relative to."""
+        return self.campaign.path.parent
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Return the files that it was read from."""
+        documents = (self.campaign, self.world, self.recipe, *self.fences.values())
+        return tuple(document.path for document in documents if document is not None)
+
+
+def override_from_option(option: str, text: str) -> Override:
+    """Return the override of an option such as `--set KEY=VALUE`. Raises BadInput."""
+    name = f"{option} {text}"
+    key, equals, value = text.partition("=")
+    if not equals or not all(key.strip().split(".")):
+        raise BadInput([Problem(name, 0, 0, "must be KEY=VALUE, like goal.altitude_m=1.5")])
+    return Override(key.strip(), parse_value(value, name=name))
+
+
+def overrides_of_case(campaign: Document, case: str) -> tuple[Override, ...]:
+    """Return what a case overrides. Raises BadInput for what makes the matrix."""
+    return overrides_at(campaign, ("cases", case))
+
+
+def overrides_at(campaign: Document, path: DocumentPath) -> tuple[Override, ...]:
+    """Return the overrides that stand at a path. Raises BadInput for what makes the matrix."""
+    given = campaign.get(path)
+    value = campaign.entry(path).node.value if given is not None else None
+    if not isinstance(value, dict):
+        return ()
+    found = tuple(Override(key, entry) for key, entry in value.items())
+    problems = [
+        override.entry.key.problem(f"'{override.dotted_key}' is the same for all cases")
+        for override in found
+        if override.dotted_key.partition(".")[0] in MATRIX_KEYS
+    ]
+    if problems:
+        raise BadInput(problems)
+    return found
+
+
+def case_files(
+    campaign: Document, overrides: Iterable[Override]
+) -> tuple[CaseFiles, list[Problem]]:
+    """Return the files of a case, and what is wrong with them or with the overrides.
+
+    A file that cannot be had is None. Later overrides win.
+    """
+    problems: list[Problem] = []
+    ordered = tuple(overrides)
+    campaign = _apply_overrides(campaign, (o for o in ordered if o.file == "campaign"), problems)
+    found: dict[str, Document | None] = {}
+    for key in _INTO:
+        inner = [override for override in ordered if override.file == key]
+        document = _named_file(campaign, (key,), problems)
+        if document is not None:
+            document = _apply_overrides(document, inner, problems)
+        elif campaign.get((key,)) is None:
+            problems += [
+                override.entry.key.problem(f"'{override.dotted_key}': the campaign has no {key}")
+                for override in inner
+            ]
+        found[key] = document
+    fences = _fence_files(campaign, problems)
+    return CaseFiles(campaign, found["world"], found["recipe"], fences), problems
+
+
+def _apply_overrides(
+    document: Document, overrides: Iterable[Override], problems: list[Problem]
+) -> Document:
+    for override in overrides:
+        try:
+            document = document.override(override.key_in_file, override.entry)
+        except BadInput as error:
+            problems += error.problems
+    return document
+
+
+def _fence_files(campaign: Document, problems: list[Problem]) -> dict[str, Document]:
+    found: dict[str, Document] = {}
+    for place in (("geofence",), ("geofence", "real"), ("geofence", "twin")):
+        document = _named_file(campaign, (*place, "file"), problems, json=True)
+        if document is not None:
+            found[str(campaign.get((*place, "file")))] = document
+    return found
+
+
+def _named_file(
+    campaign: Document, key: DocumentPath, problems: list[Problem], *, json: bool = False
+) -> Document | None:
+    """Return the document of the file that is named at a path of the campaign; None without one."""
+    text = campaign.get(key)
+    if not isinstance(text, str):
+        return None
+    path = campaign.path.parent / text
+    if not path.exists():
+        message = f"there is no file '{text}' beside the campaign"
+        problems.append(campaign.problem(key, message, _sibling(text, path)))
+        return None
+    name = os.path.normpath(Path(campaign.name).parent / text)
+    try:
+        if key == ("recipe",):
+            return load_recipe_document(path, name)
+        return load(path, name=name, json=json)
+    except BadInput as error:
+        problems += error.problems
+        return None
+
+
+def _sibling(text: str, path: Path) -> str:
+    """Return the file name, as the campaign would write it, that was probably meant."""
+    if not path.parent.is_dir():
+        return ""
+    others = [other.name for other in path.parent.iterdir() if other.suffix in _SUFFIXES]
+    found = closest(path.name, others)
+    return str(Path(text).parent / found) if found else ""

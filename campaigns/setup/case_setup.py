@@ -1,0 +1,130 @@
+"""What one run needs, resolved and checked: the campaign of one case as frozen values."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from campaigns.schema import Mode, PreflightPart, RecordPart, VehicleName
+from campaigns.setup.autonomy_under_test import UnderTest
+from campaigns.setup.link_setups import LinkSetup
+from campaigns.setup.vehicle_setups import VehicleSetup
+from campaigns.values.external_setups import ExternalSetup
+from campaigns.values.sensor_setups import CameraSetup, SensorSetup
+from recipes.model.recipe import Recipe
+from safety.evaluation.judge import OracleUse
+from safety.fence.geofence import Fence
+from safety.guard.core.events import GuardSettings
+from safety.guard.core.setpoint_limits import SetpointLimits
+from worlds.files.documents import Path
+from worlds.frames import Vec3
+from worlds.world_file.world import World
+
+_USUAL = GuardSettings()
+
+__all__ = [
+    "CameraSetup",
+    "GoalSetup",
+    "GuardingSetup",
+    "LinkSetup",
+    "SensorSetup",
+    "Setup",
+    "SyncSetup",
+    "VehicleSetup",
+]
+
+
+FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
+    "sim": ("twin",),
+    "wil": ("real", "twin"),
+    "real": ("real",),
+}
+"""Whose vehicles fly in a mode; the first is the subject, the one that is judged."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SyncSetup:
+    """How closely the pair keeps together; seconds of the run clock, metres."""
+
+    identify_timeout_s: float
+    ready_timeout_s: float
+    takeoff_timeout_s: float
+    takeoff_tolerance_m: float
+    goal_timeout_s: float
+    landing_timeout_s: float
+    max_command_skew_s: float
+    max_takeoff_skew_s: float
+    max_t0_skew_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalSetup:
+    """The goal. altitude_m: over the world's origin. gates: object names, in their order."""
+
+    altitude_m: float
+    gates: tuple[str, ...] = ()
+    position_ned_m: Vec3 | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardingSetup:
+    """How the guard keeps vehicles inside of their fences; see `GuardSettings`."""
+
+    keep_m: float = _USUAL.keep_m
+    latency_s: float = _USUAL.latency_s
+    braking_m_s2: float = _USUAL.braking_m_s2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """All of one case.
+
+    recipe: None where no mode mixes. fences: of the vehicles that have one; guarding: how the guard
+    keeps them. limits: of setpoints; None for none. links: those that are made worse than they are.
+    collision_always: whether contacts are judged whatever the oracles say of `collision`.
+    gcs: link strings of ground station ports. speed: of the scaled clock, where no launched
+    simulation has one of its own; None where the campaign says none.
+    """
+
+    vehicles: Mapping[VehicleName, VehicleSetup]
+    world: World
+    recipe: Recipe | None
+    under_test: UnderTest
+    goal: GoalSetup
+    sync: SyncSetup
+    fences: Mapping[VehicleName, Fence]
+    oracles: tuple[OracleUse, ...]
+    links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
+    preflight: PreflightPart = field(default_factory=PreflightPart)
+    record: RecordPart = field(default_factory=RecordPart)
+    guarding: GuardingSetup = GuardingSetup()
+    outside: ExternalSetup = field(default_factory=ExternalSetup)
+    limits: SetpointLimits | None = None
+    gcs: Mapping[VehicleName, str] = field(default_factory=dict)
+    speed: float | None = None
+    collision_always: bool = True
+
+    def pace(self, names: Iterable[VehicleName]) -> float | None:
+        """Return how many times real time these vehicles fly on the scaled clock; None: unsaid."""
+        launched = (self.vehicles[name].launch_pace for name in names)
+        return next((pace for pace in launched if pace is not None), self.speed)
+
+    def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:
+        """Yield what this case has outside of this process: its path in the campaign, its name."""
+        for name, vehicle in self.vehicles.items():
+            if vehicle.driver == "mavsdk":
+                yield ("vehicles", name, "driver"), f"the driver mavsdk of {name}"
+        yield from self.shared_by_runs()
+
+    def shared_by_runs(self) -> Iterator[tuple[Path, str]]:
+        """Yield what there is one of outside, however many runs fly at once."""
+        for name, vehicle in self.vehicles.items():
+            if vehicle.mocap is not None:
+                yield ("vehicles", name, "mocap"), f"motion capture at {vehicle.mocap.address}"
+            for camera in vehicle.cameras:
+                if camera.source is not None and camera.source.needs_wall_clock:
+                    path = ("vehicles", name, "sensors", camera.name, "source")
+                    yield path, f"the camera at {camera.source.address}"
+        if self.under_test.program is not None:
+            yield ("autonomy", "program"), f"the program {self.under_test.program[0]}"
+        for name, link in self.gcs.items():
+            yield ("operator", "gcs", name), f"the ground station at {link}"
+        yield from self.outside.needing_wall_clock()

@@ -1,0 +1,44 @@
+"""Links as a run needs them: what is done to their frames, and when they go dark."""
+
+from dataclasses import dataclass, field
+
+from campaigns.schema.links import FlightStage, LinkPart, WayPart
+from vehicles.links.impairment import Impairment, LinkOutage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageOutage:
+    """A blackout that begins after_s after a stage was entered."""
+
+    stage: FlightStage
+    after_s: float
+    for_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkSetup:
+    """What is done to a vehicle's link. outgoing: to the vehicle; incoming: from it."""
+
+    outgoing: Impairment = field(default_factory=Impairment)
+    incoming: Impairment = field(default_factory=Impairment)
+    blackouts: tuple[StageOutage, ...] = ()
+
+
+def link_setup(part: LinkPart) -> LinkSetup:
+    """Return the setup of one link."""
+    fixed = tuple(
+        LinkOutage(one.from_s, one.for_s) for one in part.blackouts if one.from_s is not None
+    )
+
+    def way(own: WayPart | None) -> Impairment:
+        return (part if own is None else own).impairment(fixed)
+
+    return LinkSetup(
+        outgoing=way(part.to_vehicle),
+        incoming=way(part.from_vehicle),
+        blackouts=tuple(
+            StageOutage(stage=one.on, after_s=one.after_s, for_s=one.for_s)
+            for one in part.blackouts
+            if one.on is not None
+        ),
+    )

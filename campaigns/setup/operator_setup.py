@@ -1,0 +1,68 @@
+"""What a campaign says of its operators, checked and with its files found."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from campaigns.schema.operator import MqttPart, OperatorPart
+from campaigns.values.broker_address import BrokerAddress, parse_broker
+from worlds.files.documents import Document, Problem
+
+OnLoss = Literal["continue", "hold", "abort"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MqttSetup:
+    """How to reach a broker, and what to say there.
+
+    user: empty for none. password_env, token_env: names of environment variables; empty for none.
+    ca_file: who vouches for the broker; None for the system's. cert_file, key_file: our own
+    certificate; None for none. root: of all topics. on_loss: what is done when the broker was away
+    for lost_after_s.
+    """
+
+    broker: BrokerAddress
+    user: str = ""
+    password_env: str = ""
+    token_env: str = ""
+    ca_file: Path | None = None
+    cert_file: Path | None = None
+    key_file: Path | None = None
+    root: str = "wil"
+    on_loss: OnLoss = "continue"
+    lost_after_s: float = 10.0
+
+
+def mqtt_setup(campaign: Document, part: OperatorPart, problems: list[Problem]) -> MqttSetup | None:
+    """Return the setup of MQTT; None where none is asked for. Notes files that are not there."""
+    mqtt = part.mqtt
+    if mqtt is None:
+        return None
+    broker = parse_broker(mqtt.broker)
+    files = {
+        key: _file(campaign, key, getattr(mqtt, key), problems)
+        for key in ("ca_file", "cert_file", "key_file")
+    }
+    return MqttSetup(
+        broker=broker,
+        user=mqtt.user or broker.user,
+        password_env=mqtt.password_env or "",
+        token_env=mqtt.token_env or "",
+        root=mqtt.root,
+        on_loss=part.on_operator_loss,
+        lost_after_s=part.lost_after_s,
+        **files,
+    )
+
+
+def _file(campaign: Document, key: str, name: str | None, problems: list[Problem]) -> Path | None:
+    if name is None:
+        return None
+    path = (campaign.path.parent / name).resolve()
+    if not path.is_file():
+        said = f"there is no file '{name}' beside the campaign"
+        problems.append(campaign.problem(("operator", "mqtt", key), said))
+    return path
+
+
+__all__ = ["MqttPart", "MqttSetup", "OnLoss", "mqtt_setup"]

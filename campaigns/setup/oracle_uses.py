@@ -1,0 +1,43 @@
+"""`oracles`: each name with its parameters, checked by the oracle's own model."""
+
+from safety.evaluation.judge import OracleUse
+from safety.oracles import registry
+from worlds.files.documents import BadInput, Document, Entry, Problem, check, closest
+from worlds.files.yaml_nodes import mapping_node
+
+
+def oracle_uses(campaign: Document) -> tuple[tuple[OracleUse, ...], list[Problem]]:
+    """Return the oracles that a campaign asks for, and what is wrong with others.
+
+    What is no mapping at all is left to the schema.
+    `name: {parameters}`; a name that is no kind of oracle says its kind as `use`, or has a
+    formula as `stl`.
+    """
+    uses: list[OracleUse] = []
+    problems: list[Problem] = []
+    try:
+        value = campaign.entry(("oracles",)).node.value
+    except KeyError:
+        return (), []
+    for name, entry in value.items() if isinstance(value, dict) else ():
+        if isinstance(entry.node.value, dict) or entry.node.value is None:
+            try:
+                uses.append(_use(campaign, name, entry))
+            except BadInput as error:
+                problems += error.problems
+    return tuple(uses), problems
+
+
+def _use(campaign: Document, name: str, entry: Entry) -> OracleUse:
+    value = entry.node.value if isinstance(entry.node.value, dict) else {}
+    usual = "stl" if "stl" in value else name
+    kind = value["use"].node.value if "use" in value else usual
+    if not isinstance(kind, str) or kind not in registry:
+        place = value["use"].node.place if "use" in value else entry.key
+        known = ", ".join(sorted(registry))
+        meant = closest(str(kind), registry)
+        message = f"unknown oracle '{kind}'" + ("" if meant else f" (known: {known})")
+        raise BadInput([place.problem(message, meant)])
+    rest = {key: inner for key, inner in value.items() if key != "use"}
+    parameters = Document(campaign.path, mapping_node(rest, entry.key))
+    return OracleUse(name, kind, check(parameters, registry[kind].parameters))

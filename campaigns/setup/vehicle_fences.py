@@ -1,0 +1,106 @@
+"""Fences of vehicles, from how files say them: of a campaign, and of a change in flight."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from campaigns.schema import VEHICLES, GeofencePart, VehicleName
+from safety.fence.areas import FenceError
+from safety.fence.fence_files import read_fence_file
+from safety.fence.fence_schema import FencePart
+from safety.fence.geofence import Fence
+from safety.fence.geographic import DrawnFence
+from worlds.files.documents import BadInput, Document, Path, Problem, check
+from worlds.geodesy import LocalFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """Where fences are said: the document, the fence files it names by their names, the world."""
+
+    document: Document
+    files: Mapping[str, Document]
+    frame: LocalFrame
+
+
+def fences_of(part: GeofencePart, drawing: Drawing, path: Path) -> dict[VehicleName, Fence]:
+    """Return the fence of each vehicle that has one: its own, else that for both.
+
+    path: where the part stands in the document. Raises BadInput with every problem.
+    """
+    problems: list[Problem] = []
+    common = _fence(part, drawing, path, problems) if part.is_drawn else None
+    own: dict[VehicleName, FencePart | None] = {"real": part.real, "twin": part.twin}
+    fences: dict[VehicleName, Fence] = {}
+    for name, one in own.items():
+        fence = common if one is None else _fence(one, drawing, (*path, name), problems)
+        if fence is not None:
+            fences[name] = fence
+    if problems:
+        raise BadInput(problems)
+    return fences
+
+
+def changed_fences(
+    document: Document, frame: LocalFrame, present: Mapping[str, Fence]
+) -> dict[VehicleName, Fence]:
+    """Return the fences that a document gives to vehicles in flight.
+
+    It says them as a campaign's `geofence` does, without files; or it is a QGroundControl plan or
+    GeoJSON, for every vehicle that has a fence at present, which keeps its floor and ceiling.
+    Raises BadInput with every problem.
+    """
+    if document.get(("fileType",)) is not None or isinstance(document.get(("type",)), str):
+        return _redrawn(document, frame, present)
+    part = check(document, GeofencePart)
+    problems = [
+        document.problem((key,), f"'{key}' cannot be changed in flight", key=True)
+        for key in ("keep_m", "latency_s", "braking_m_s2")
+        if document.get((key,)) is not None
+    ]
+    for at in ((), *((name,) for name in VEHICLES)):
+        path: Path = (*at, "file")
+        if document.get(path) is not None:
+            problems += [document.problem(path, "send the file itself, or its areas")]
+    if problems:
+        raise BadInput(problems)
+    return fences_of(part, Drawing(document, {}, frame), ())
+
+
+def _redrawn(
+    document: Document, frame: LocalFrame, present: Mapping[str, Fence]
+) -> dict[VehicleName, Fence]:
+    drawn = read_fence_file(document)
+    try:
+        inclusions, exclusions = drawn.local(frame)
+        fences: dict[VehicleName, Fence] = {
+            name: Fence(
+                inclusions=inclusions,
+                exclusions=exclusions,
+                floor_up_m=present[name].floor_up_m,
+                ceiling_up_m=present[name].ceiling_up_m,
+            )
+            for name in VEHICLES
+            if name in present
+        }
+    except FenceError as error:
+        raise BadInput([document.problem((), str(error))]) from error
+    if not fences:
+        said = "no vehicle has a fence, whose floor and ceiling it could keep"
+        raise BadInput([document.problem((), said)])
+    return fences
+
+
+def _fence(part: FencePart, drawing: Drawing, path: Path, problems: list[Problem]) -> Fence | None:
+    drawn: DrawnFence | None = None
+    try:
+        if part.file is not None:
+            if part.file not in drawing.files:
+                return None  # that it cannot be had was said where it was looked for
+            drawn = read_fence_file(drawing.files[part.file])
+        return part.fence(drawing.frame, drawn)
+    except BadInput as error:
+        problems += error.problems
+    except FenceError as error:
+        place = path if part.file is None else (*path, "file")
+        problems.append(drawing.document.problem(place, str(error), key=part.file is None))
+    return None

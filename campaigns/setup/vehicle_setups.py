@@ -1,0 +1,260 @@
+"""Vehicles as a run needs them, from what a campaign file says of them."""
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+from campaigns.schema.vehicles import (
+    VEHICLES,
+    ArduPilotLaunchPart,
+    Px4LaunchPart,
+    SigningPart,
+    VehicleName,
+    VehiclePart,
+    VehiclesPart,
+)
+from campaigns.setup.external_reader import sensor_setups
+from campaigns.values.external_setups import CAPTURED, ESTIMATED, MocapSetup, PoseAccuracy
+from campaigns.values.sensor_setups import CameraSetup, SensorSetup
+from vehicles.autopilots.autopilot import AutopilotName, TelemetryRates
+from vehicles.autopilots.registry import autopilot_named
+from vehicles.command_backends import DriverName
+from vehicles.embedded.autopilot.known_parameters import known_parameters
+from vehicles.embedded.profile import ProfileError, load_profile
+from vehicles.launch.ardupilot import ArduPilotLaunch
+from vehicles.launch.launch_plan import LaunchError
+from vehicles.launch.px4 import Px4Launch
+from vehicles.links.link_conditions import KeySource
+from vehicles.links.link_strings import LinkAddress, parse_link
+from vehicles.telemetry_fit import RadioTooSlowError, fitted
+from worlds.files.documents import BadInput, Document, Problem, closest
+from worlds.files.documents import Path as KeyPath
+from worlds.frames import Pose
+
+SitlLaunch = ArduPilotLaunch | Px4Launch
+VehicleLink = Literal["embedded"] | LinkAddress | SitlLaunch
+
+_SERIAL_SHARE = 0.8
+"""Of ten bits on a serial line, eight are a byte."""
+_SYSTEM_IDS: dict[VehicleName, int] = {"real": 1, "twin": 2}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleSetup:
+    """A vehicle. profile: for `load_profile`: a name, or an absolute path.
+
+    link: "embedded", the address of one that is attached, or what launches one. params: autopilot
+    parameters by name. start: where it stands, world frame. mocap: None: the surrogate's own
+    motion capture. pose_accuracy: of its pose source. signing: where its key is. rates:
+    of telemetry, as its slowest radio carries them. max_gap_s: the longest gap that is accepted
+    between its positions; None: what their rate gives. spares: of an attached one, more links to
+    it.
+    """
+
+    name: VehicleName
+    link: VehicleLink
+    autopilot: AutopilotName
+    profile: str
+    start: Pose
+    system_id: int
+    driver: DriverName = "mavlink"
+    anchor: Literal["start", "mocap"] = "start"
+    pose_source: Literal["mavlink", "mocap"] = "mavlink"
+    mocap: MocapSetup | None = None
+    pose_accuracy: PoseAccuracy = ESTIMATED
+    params: Mapping[str, float] = field(default_factory=dict)
+    sensors: tuple[SensorSetup, ...] = ()
+    signing: KeySource | None = None
+    rates: TelemetryRates = field(default_factory=TelemetryRates)
+    max_gap_s: float | None = None
+    spares: tuple[LinkAddress, ...] = ()
+
+    @property
+    def embedded(self) -> bool:
+        """Return whether it is our own simulation."""
+        return self.link == "embedded"
+
+    @property
+    def attached(self) -> LinkAddress | None:
+        """Return the address of one that we neither embed nor launch: it may be hardware."""
+        return self.link if isinstance(self.link, LinkAddress) else None
+
+    @property
+    def addresses(self) -> tuple[LinkAddress, ...]:
+        """Return all addresses of one that is attached; none of another."""
+        return () if self.attached is None else (self.attached, *self.spares)
+
+    @property
+    def launch(self) -> SitlLaunch | None:
+        """Return what launches it; None where nothing does."""
+        return self.link if isinstance(self.link, SitlLaunch) else None
+
+    @property
+    def launch_pace(self) -> float | None:
+        """Return how many times real time it is launched to run; None where nothing launches it."""
+        match self.launch:
+            case ArduPilotLaunch(speedup=pace) | Px4Launch(speed=pace):
+                return pace
+            case _:
+                return None
+
+    @property
+    def cameras(self) -> tuple[CameraSetup, ...]:
+        """Return its cameras."""
+        return tuple(one for one in self.sensors if isinstance(one, CameraSetup))
+
+
+def vehicle_setups(
+    campaign: Document, part: VehiclesPart, problems: list[Problem]
+) -> dict[VehicleName, VehicleSetup]:
+    """Return the vehicles that a campaign names; what is wrong with them is noted."""
+    given = {name: getattr(part, name) for name in VEHICLES}
+    return {
+        name: _vehicle(campaign, name, one, problems)
+        for name, one in given.items()
+        if one is not None
+    }
+
+
+def _vehicle(
+    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
+) -> VehicleSetup:
+    folder = campaign.path.parent
+    if part.link == "embedded":
+        problems += _unknown_parameters(campaign, name, part)
+    return VehicleSetup(
+        name=name,
+        link=_link(campaign, name, part, problems),
+        autopilot=part.autopilot,
+        profile=_profile(campaign, name, part, problems),
+        start=part.start.pose(),
+        driver=part.driver,
+        system_id=part.system_id or _SYSTEM_IDS[name],
+        anchor=part.anchor,
+        pose_source=part.pose_source,
+        params=dict(part.params),
+        mocap=None if part.mocap is None else part.mocap.setup(name),
+        pose_accuracy=_pose_accuracy(part),
+        sensors=sensor_setups(campaign, name, part, problems),
+        signing=None if part.signing is None else _key_source(folder, part.signing),
+        rates=_rates(campaign, name, part, problems),
+        max_gap_s=part.telemetry.max_gap_s,
+        spares=tuple(parse_link(one) for one in part.spare_links),
+    )
+
+
+def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
+    if part.pose_accuracy is not None:
+        return part.pose_accuracy.setup()
+    return CAPTURED if part.pose_source == "mocap" else ESTIMATED
+
+
+def _unknown_parameters(
+    campaign: Document, name: VehicleName, part: VehiclePart
+) -> Iterator[Problem]:
+    known = known_parameters(part.autopilot)
+    for parameter in part.params:
+        if parameter not in known:
+            said = f"the embedded {part.autopilot} has no parameter '{parameter}'"
+            path = ("vehicles", name, "params", parameter)
+            yield campaign.problem(path, said, closest(parameter, known), key=True)
+
+
+def _link(
+    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
+) -> VehicleLink:
+    if part.link == "embedded":
+        return "embedded"
+    if isinstance(part.link, str):
+        return parse_link(part.link)
+    launch = replace(
+        _launch(campaign.path.parent, part.link), params=tuple(sorted(part.params.items()))
+    )
+    try:
+        launch.check()
+    except LaunchError as error:
+        problems.append(campaign.problem(("vehicles", name, "link"), str(error), key=True))
+    return launch
+
+
+def _rates(
+    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
+) -> TelemetryRates:
+    """Return the rates that a vehicle's radio carries."""
+    telemetry = part.telemetry
+    wanted = TelemetryRates(position_hz=telemetry.rate_hz, attitude_hz=telemetry.rate_hz)
+    radio_bit_s = _SERIAL_SHARE * (_baud(part) or math.inf)
+    path: KeyPath = ("vehicles", name, "link")
+    if telemetry.bandwidth_kbit_s is not None:
+        radio_bit_s = telemetry.bandwidth_kbit_s * 1e3
+        path = ("vehicles", name, "telemetry", "bandwidth_kbit_s")
+    if math.isinf(radio_bit_s):
+        return wanted
+    autopilot, signed = autopilot_named(part.autopilot), part.signing is not None
+    try:
+        return fitted(autopilot, wanted, radio_bit_s=radio_bit_s, signed=signed)
+    except RadioTooSlowError as error:
+        problems.append(campaign.problem(path, str(error)))
+        return wanted
+
+
+def _baud(part: VehiclePart) -> int | None:
+    """Return the speed of a vehicle's slowest serial port; None without one."""
+    if not isinstance(part.link, str) or part.link == "embedded":
+        return None
+    addresses = [parse_link(one) for one in (part.link, *part.spare_links)]
+    return min((one.baud for one in addresses if one.kind == "serial"), default=None)
+
+
+def _launch(folder: Path, part: ArduPilotLaunchPart | Px4LaunchPart) -> SitlLaunch:
+    if isinstance(part, Px4LaunchPart):
+        return Px4Launch(
+            build=None if part.build is None else _beside(folder, part.build),
+            image=part.image,
+            model=part.model,
+            speed=part.speed,
+        )
+    named = Path(part.binary)
+    return ArduPilotLaunch(
+        # A bare name is looked for on PATH.
+        binary=named if named.name == part.binary else _beside(folder, part.binary),
+        frame=part.frame,
+        defaults=tuple(_beside(folder, file) for file in part.defaults),
+        speedup=part.speedup,
+    )
+
+
+def _beside(folder: Path, text: str) -> Path:
+    """Return a path that is meant from the campaign's folder, or from the user's home by ~."""
+    return (folder / Path(text).expanduser()).absolute()
+
+
+def _key_source(folder: Path, part: SigningPart) -> KeySource:
+    if part.file is not None:
+        return KeySource("file", str(_beside(folder, part.file)))
+    return KeySource("environment", part.environment or "")
+
+
+def _profile(
+    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
+) -> str:
+    path: KeyPath = ("vehicles", name, "profile")
+    profile, shown_as = part.profile, None
+    if profile.endswith((".yaml", ".yml")):
+        file = campaign.path.parent / profile
+        if not file.exists():
+            said = f"there is no file '{profile}' beside the campaign"
+            problems.append(campaign.problem(path, said))
+            return profile
+        shown_as = os.path.normpath(Path(campaign.name).parent / profile)
+        profile = str(file.resolve())
+    try:
+        load_profile(profile, shown_as=shown_as)
+    except ProfileError as error:
+        problems.append(campaign.problem(path, str(error), error.suggestion))
+    except BadInput as error:
+        problems += error.problems
+    return profile

@@ -1,0 +1,1 @@
+"""Values that files and setups share; frozen, below both."""

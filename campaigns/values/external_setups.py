@@ -1,0 +1,162 @@
+"""What comes into a run from outside, and what goes out of it: frozen, resolved."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from recipes.working import Side
+
+SourceKind = Literal["rtsp", "rtp", "v4l2", "simulator", "mcap", "images", "video"]
+ShownAs = Literal["live", "rendered", "file"]
+_FILES: frozenset[SourceKind] = frozenset({"mcap", "images", "video"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceSetup:
+    """Where a camera's pictures come from, when they are not rendered here.
+
+    address: as its kind wants it; an absolute path for files. latency_s: middle of the exposure
+    to arrival. open_s, stall_s: how long the first and each further picture is waited for.
+    answer_s: how long a simulator may take. topic: of an MCAP file. transport: of RTSP.
+    device_format: of V4L2 ("mjpeg").
+    """
+
+    kind: SourceKind
+    address: str
+    latency_s: float = 0.0
+    open_s: float = 5.0
+    stall_s: float = 1.0
+    answer_s: float = 0.2
+    topic: str | None = None
+    transport: Literal["tcp", "udp"] = "tcp"
+    device_format: str | None = None
+
+    @property
+    def needs_wall_clock(self) -> bool:
+        """Return whether it comes in real time: files alone can be played in any."""
+        return self.kind not in _FILES
+
+    @property
+    def asked(self) -> bool:
+        """Return whether it answers for any pose, as our renderer does."""
+        return self.kind == "simulator"
+
+    @property
+    def shown_as(self) -> ShownAs:
+        """Return what results call it."""
+        if self.kind in _FILES:
+            return "file"
+        return "rendered" if self.asked else "live"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MocapSetup:
+    """Motion capture of one vehicle from outside.
+
+    kind, host, port: UDP to bind, ZeroMQ to connect to, or VRPN's server. body: its name there.
+    latency_s: sampling to arrival of the quickest. stall_s: a silence in flight that proves
+    nothing any more. topic: prefix of ZeroMQ messages.
+    """
+
+    kind: Literal["udp", "zmq", "vrpn"]
+    host: str
+    port: int
+    body: str
+    latency_s: float = 0.0
+    stall_s: float = 0.5
+    topic: str = ""
+
+    @property
+    def address(self) -> str:
+        """Return it as the campaign says it."""
+        scheme = "tcp" if self.kind == "zmq" else self.kind
+        return f"{scheme}://{self.host}:{self.port}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseAccuracy:
+    """How exact a pose source is, one standard deviation: metres on each axis, and radians.
+
+    velocity_m_s: of its velocity, each axis; None where that is made of its positions.
+    """
+
+    position_m: float
+    attitude_rad: float
+    velocity_m_s: float | None = None
+
+
+CAPTURED = PoseAccuracy(position_m=0.002, attitude_rad=math.radians(0.5))
+"""Optical motion capture (Vicon: millimetres; a millimetre over markers 0.1 m apart: 0.5 deg)."""
+ESTIMATED = PoseAccuracy(position_m=1.0, attitude_rad=math.radians(2.0), velocity_m_s=0.1)
+"""An autopilot's estimate by satellites and magnetometer; velocity: twice the 0.05 m/s of a u-blox
+M8 receiver (its data sheet, velocity accuracy)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageOutlet:
+    """A way out for pictures of one camera.
+
+    of: the picture that a vehicle perceives, or the untouched one of a vehicle. vehicle: whose;
+    None: of the one that is judged. address: HOST:PORT, an endpoint to bind, or a device.
+    """
+
+    kind: Literal["rtp", "zmq", "v4l2"]
+    address: str
+    sensor: str
+    of: Literal["perceived", "real", "twin"] = "perceived"
+    vehicle: Side | None = None
+    encoding: str = "bgr8"
+    topic: str = "mixed"
+    key_interval_s: float = 1.0
+    max_bit_rate: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Return what people know it by ("rtp 127.0.0.1:5600")."""
+        return f"{self.kind} {self.address}"
+
+
+Injected = Literal[
+    "obstacle_distance",
+    "distance_sensor",
+    "adsb_vehicle",
+    "landing_target",
+    "vision_position_estimate",
+    "odometry",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InjectionSetup:
+    """A thing that is sent to the autopilots.
+
+    sensor: whose mixed readings it is made of; objects: whose places it is made of. to: the
+    vehicles that get it. rate_hz: None for what its autopilots want.
+    """
+
+    thing: Injected
+    to: tuple[Side, ...]
+    sensor: str | None = None
+    objects: tuple[str, ...] = ()
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExternalSetup:
+    """All ways out of a run.
+
+    ground_station: link of a ground station that is told of contacts, and of RTP streams as of a
+    camera.
+    """
+
+    pictures: tuple[ImageOutlet, ...] = ()
+    injections: tuple[InjectionSetup, ...] = ()
+    ground_station: str | None = None
+
+    def needing_wall_clock(self) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield what needs sockets or devices: its path in the campaign, and its name."""
+        for index, outlet in enumerate(self.pictures):
+            yield ("deliver", index), outlet.name
+        if self.ground_station is not None:
+            yield ("ground_station",), f"a ground station at {self.ground_station}"

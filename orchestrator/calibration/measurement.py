@@ -1,0 +1,133 @@
+"""A calibration from what was seen of a board."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from campaigns.schema.calibration import (
+    CalibrationPart,
+    OpticsPart,
+    OpticsQualityPart,
+    SpreadPart,
+    read_calibration,
+)
+from campaigns.schema.sensors import MountPart
+from orchestrator.calibration.board_search import BoardViews
+from orchestrator.offline.errors import OfflineError
+from vehicles.calibration.boards import Board, CalibrationError
+from vehicles.calibration.mounting import BodyPath, MountingFit, fit_mounting
+from vehicles.calibration.optics import OpticsFit, fit_optics
+from worlds.camera import Intrinsics
+from worlds.files.documents import load
+from worlds.frames import Pose, euler_from_quat
+
+_THRICE = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasurementOptions:
+    """How to measure. optics: measured before, to be kept; None: to be measured now.
+
+    flown_latency_s: what was already taken off the stamps of the pictures.
+    """
+
+    board: Board
+    coefficients: int = 4
+    optics: CalibrationPart | None = None
+    flown_latency_s: float = 0.0
+
+
+def measure_camera(
+    seen: BoardViews, path: BodyPath | None, how: MeasurementOptions
+) -> CalibrationPart:
+    """Return the calibration; mounting and latency only with a path. Raises CalibrationError."""
+    kept = how.optics
+    if kept is None:
+        fit = fit_optics(seen.sightings, seen.size, coefficients=how.coefficients)
+        camera = _optics(fit.intrinsics)
+        quality: OpticsQualityPart | None = _quality(fit, how.board)
+    else:
+        camera, quality = kept.camera, kept.quality
+        if (camera.width_px, camera.height_px) != seen.size:
+            raise CalibrationError(
+                f"the pictures have {seen.size[0]}x{seen.size[1]}, and the optics are of "
+                f"{camera.width_px}x{camera.height_px}"
+            )
+    found = CalibrationPart(
+        schema="wil/calibration/1",
+        camera=camera,
+        quality=quality,
+        mount=None,
+        latency_ms=None,
+        spread=None,
+    )
+    if path is None:
+        return found
+    mounting = fit_mounting(seen.sightings, path, camera.intrinsics())
+    return found.model_copy(
+        update={
+            "mount": _mount(mounting.mount),
+            "latency_ms": _latency_ms(mounting, how.flown_latency_s),
+            "spread": SpreadPart(
+                mount_m=round(mounting.spread_m, 5),
+                mount_deg=round(math.degrees(mounting.spread_rad), 4),
+                latency_ms=round(1000.0 * mounting.spread_s, 3),
+            ),
+        }
+    )
+
+
+def read_optics(path: Path) -> CalibrationPart:
+    """Return a calibration that was written before. Raises BadInput, OfflineError."""
+    if not path.is_file():
+        raise OfflineError(f"{path}: there is no such file")
+    return read_calibration(load(path, name=str(path)))
+
+
+def as_yaml(calibration: CalibrationPart, *, made_of: str) -> str:
+    """Return it as a file. made_of: what it was measured from, for who reads it later."""
+    plain: dict[str, Any] = calibration.model_dump(by_alias=True, exclude_none=True)
+    body = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=100)
+    return f"# Written by wil-campaign calibrate, from {made_of}\n{body}"
+
+
+def _latency_ms(fit: MountingFit, flown_s: float) -> float:
+    latency_s = fit.latency_s + flown_s
+    if latency_s < -_THRICE * fit.spread_s - 1e-3:
+        raise CalibrationError(
+            f"the pictures are {-1000 * latency_s:.0f} ms ahead of the poses: these are late by "
+            "more; say by how much (--poses-latency-ms), or check that both have one clock"
+        )
+    return round(max(0.0, 1000.0 * latency_s), 2)
+
+
+def _optics(camera: Intrinsics) -> OpticsPart:
+    return OpticsPart(
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        fx_px=round(camera.fx_px, 4),
+        fy_px=round(camera.fy_px, 4),
+        cx_px=round(camera.cx_px, 4),
+        cy_px=round(camera.cy_px, 4),
+        distortion=[round(value, 8) for value in camera.distortion],
+    )
+
+
+def _quality(fit: OpticsFit, board: Board) -> OpticsQualityPart:
+    return OpticsQualityPart(
+        board=board.name,
+        pictures=fit.pictures,
+        rms_px=round(fit.rms_px, 4),
+        covered=round(fit.covered, 3),
+    )
+
+
+def _mount(pose: Pose) -> MountPart:
+    forward, right, down = (round(value, 5) for value in pose.position_ned_m)
+    roll, pitch, yaw = (round(math.degrees(angle), 4) for angle in euler_from_quat(pose.q_wxyz))
+    return MountPart(
+        forward_m=forward, right_m=right, down_m=down, roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw
+    )

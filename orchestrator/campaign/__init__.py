@@ -1,0 +1,1 @@
+"""Flies a campaign: worker processes, folders, resumption, what is between runs."""

@@ -1,0 +1,154 @@
+"""Vehicles that are attached from outside: which ones, who they are, and whether they may arm.
+
+What we neither embed nor launch may be hardware, also behind a port of loopback.
+"""
+
+import asyncio
+import itertools
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from campaigns.expansion.expansion import Campaign
+from campaigns.setup.case_setup import FLIES, VehicleSetup
+from orchestrator.model.results import VehicleKind
+from vehicles.driver import Driver
+from vehicles.driver.session.identity import Identity, same_vehicle
+from vehicles.errors import IdentifyError
+from vehicles.links.link import Link
+from vehicles.links.link_conditions import LinkConditions, under_conditions
+from vehicles.links.link_factory import open_link
+from vehicles.links.udp import UdpLink
+
+_PLACE_S = 3.0
+"""How long is waited for a position and a battery, which it may not have."""
+_LOOK_S = 0.05
+_HEARTBEATS_S = 1.2
+"""Until whoever is there was heard once: heartbeats come every second."""
+
+
+@dataclass(frozen=True, slots=True)
+class AttachedVehicle:
+    """An attached vehicle that answered.
+
+    place_deg: latitude and longitude by its own estimate, None while it knows none. battery: 0 to
+    1, None where unknown.
+    """
+
+    name: str
+    address: str
+    identity: Identity
+    place_deg: tuple[float, float] | None
+    battery: float | None
+    armed: bool
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        who = self.identity
+        kind = "a simulation" if who.simulation else f"board {who.uid}"
+        battery = "" if self.battery is None else f", battery {self.battery:.0%}"
+        return (
+            f"{self.name}: {who.autopilot} {who.version_text} {who.vehicle_type}, system "
+            f"{who.system_id}, {kind}, on {self.address}, {self.where}{battery}"
+        )
+
+    @property
+    def where(self) -> str:
+        """Return its place in words."""
+        if self.place_deg is None:
+            return "position unknown"
+        return f"at {self.place_deg[0]:.6f}, {self.place_deg[1]:.6f}"
+
+
+def flown_vehicles(campaign: Campaign) -> tuple[VehicleSetup, ...]:
+    """Return the vehicles that fly in the campaign's modes, in any of its cases, each once."""
+    flown = {name: None for mode in campaign.modes for name in FLIES[mode]}
+    found: dict[tuple[str, object], VehicleSetup] = {}
+    for setup, name in itertools.product(campaign.setups.values(), flown):
+        vehicle = setup.vehicles[name]
+        found.setdefault((name, vehicle.link), vehicle)
+    return tuple(found.values())
+
+
+def attached_vehicles(campaign: Campaign) -> tuple[VehicleSetup, ...]:
+    """Return those that are attached."""
+    return tuple(one for one in flown_vehicles(campaign) if one.attached is not None)
+
+
+def kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> VehicleKind:
+    """Return what plays the real vehicle."""
+    real = next((one for one in flown_vehicles(campaign) if one.name == "real"), None)
+    if real is None or real.embedded:
+        return "embedded"
+    if real.launch is not None:
+        return "sitl"
+    answered = next((one for one in found if one.name == "real"), None)
+    if answered is None:
+        return "unknown"
+    return "sitl" if answered.identity.simulation else "hardware"
+
+
+async def find_all(
+    vehicles: Iterable[VehicleSetup], timeout_s: float
+) -> tuple[AttachedVehicle, ...]:
+    """Connect to attached vehicles and ask who they are. Raises VehicleError, the first there is.
+
+    Nothing is changed in them, and the links are closed again.
+    """
+    found = await asyncio.gather(*(_find(vehicle, timeout_s) for vehicle in vehicles))
+    for one, other in itertools.combinations(found, 2):
+        if one.name != other.name and same_vehicle(one.identity, other.identity):
+            raise IdentifyError(
+                f"{one.name} on {one.address} and {other.name} on {other.address} are one vehicle "
+                f"(uid {one.identity.uid})"
+            )
+    return tuple(found)
+
+
+async def _find(vehicle: VehicleSetup, timeout_s: float) -> AttachedVehicle:
+    if vehicle.attached is None:
+        raise ValueError(f"{vehicle.name} is not attached")
+    conditions = LinkConditions(signing=vehicle.signing)
+    signed = vehicle.signing is not None
+    raw = [open_link(address, signed=signed) for address in vehicle.addresses]
+    link = under_conditions(raw[0], conditions, utc_s=time.time(), spares=raw[1:]).link
+    driver = Driver(
+        name=vehicle.name,
+        link=link,
+        autopilot=vehicle.autopilot,
+        system_id=vehicle.system_id,
+        rates=vehicle.rates,
+    )
+    loop = asyncio.get_running_loop()
+    async with driver:
+        began_s = loop.time()
+        identity = await driver.identify(timeout_s)
+        for _ in range(round(_PLACE_S / _LOOK_S)):
+            if _complete(driver) and loop.time() - began_s >= _HEARTBEATS_S:
+                break
+            await asyncio.sleep(_LOOK_S)
+        _refuse_rivals(vehicle.name, raw)
+        state = driver.state
+        return AttachedVehicle(
+            name=vehicle.name,
+            address=link.name,
+            identity=identity,
+            place_deg=driver.place_deg,
+            battery=None if state.battery is None else state.battery.remaining,
+            armed=state.armed,
+        )
+
+
+def _refuse_rivals(name: str, links: Iterable[Link]) -> None:
+    """Refuse two vehicles with one system id on one port. Raises IdentifyError."""
+    for link in links:
+        said = next(iter(link.rivals.values()), None) if isinstance(link, UdpLink) else None
+        if said is not None:
+            raise IdentifyError(
+                f"{name} on {link.name}: {said}; switch one off, or give it another id "
+                "(MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
+            )
+
+
+def _complete(driver: Driver) -> bool:
+    return driver.place_deg is not None and driver.state.battery is not None

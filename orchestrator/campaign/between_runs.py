@@ -1,0 +1,129 @@
+"""Between runs: an attached vehicle comes back to its start, by itself or by a person's hand."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from campaigns.expansion.expansion import Campaign
+from campaigns.schema.between_runs import BetweenRunsPart
+from campaigns.setup.case_setup import FLIES, Setup
+from orchestrator.campaign.worker_pool import WorkerLost
+from orchestrator.model.results import RunResult
+from orchestrator.model.return_path import (
+    CLEAR_M,
+    ReturnPath,
+    off_start,
+    read_standing_pose,
+    why_not_on,
+    why_not_there,
+)
+from orchestrator.run.vehicles.vehicle_backends import BODY
+from orchestrator.state.run_setup import RunOrder
+from worlds.clearance.clearance import ClearanceProbe
+
+_BACK = "back"
+"""Beneath a campaign's folder: the flights back, each by its run's name."""
+
+
+class AskPerson(Protocol):
+    """Who can have a person put a vehicle back."""
+
+    def ask(self) -> None:
+        """Hold, and tell the person what to do."""
+
+
+class BetweenRuns:
+    """Sees to where an attached vehicle stands before the next run.
+
+    hardware: in words, what is no simulation; that is asked for where the campaign says nothing.
+    """
+
+    def __init__(
+        self,
+        *,
+        campaign: Campaign,
+        folder: Path,
+        hardware: str,
+        repositioning: AskPerson,
+        say: Callable[[str], None],
+    ) -> None:
+        self._campaign = campaign
+        self._folder = folder
+        self._hardware = hardware
+        self._repositioning = repositioning
+        self._say = say
+
+    def after(self, order: RunOrder, result: RunResult) -> RunOrder | None:
+        """Return the flight back after a run that flew; None where none is due or one is asked."""
+        setup, plan = self._campaign.setups[order.plan.case], order.plan
+        if "real" not in FLIES[plan.mode] or setup.vehicles["real"].attached is None:
+            return None
+        wanted = self._campaign.between
+        if wanted is None or wanted.do == "ask":
+            if wanted is not None or self._hardware:
+                self._repositioning.ask()
+            return None
+        back = self._way_back(order, result, setup, wanted)
+        if not isinstance(back, str):
+            return back
+        self._say(f"{plan.name}: not flown back: {back}")
+        self._repositioning.ask()
+        return None
+
+    def came_back(self, order: RunOrder, outcome: RunResult | WorkerLost) -> None:
+        """Look where a vehicle stands after its flight back; a person is asked where it is off."""
+        wanted, back = self._campaign.between, order.back
+        if wanted is None or back is None:
+            return
+        why = ""
+        if isinstance(outcome, WorkerLost):
+            why = f"the flight was lost: {outcome.reason}"
+        elif outcome.verdict != "PASS":
+            why = f"{outcome.verdict}, {outcome.reason}"
+        else:
+            off = off_start(read_standing_pose(order.folder, "real"), back.start)
+            if off is None:
+                why = "nobody knows where it stands"
+            elif off[0] > wanted.tolerance_m or off[1] > wanted.tolerance_deg:
+                why = f"it stands {off[0]:.2f} m and {off[1]:.0f} degrees off"
+            else:
+                self._say(f"real is back at its start, {off[0]:.2f} m and {off[1]:.0f} degrees off")
+        if why:
+            self._say(f"real is not back at its start: {why}")
+            self._repositioning.ask()
+
+    def _way_back(
+        self, order: RunOrder, result: RunResult, setup: Setup, wanted: BetweenRunsPart
+    ) -> RunOrder | str | None:
+        """Return the flight back, None where it stands at its start already, or why it is not."""
+        start, stand = setup.vehicles["real"].start, read_standing_pose(order.folder, "real")
+        scene = setup.world.scene(order.plan.mode, "W")
+        log = _lines(order.folder / "log.jsonl")
+        if why := why_not_on(result, stand, log, solid=set(scene.names)):
+            return why
+        off = off_start(stand, start)
+        if stand is None or off is None:
+            return "nobody knows where it stands"
+        if off[0] <= wanted.tolerance_m and off[1] <= wanted.tolerance_deg:
+            return None
+        altitude_m = setup.goal.altitude_m
+        if wanted.height_m is not None:
+            altitude_m = wanted.height_m - start.position_ned_m[2]
+        way = ReturnPath(
+            stand=stand.pose, start=start, altitude_m=altitude_m, speed_m_s=wanted.speed_m_s
+        )
+        probe = ClearanceProbe(scene, BODY, floors=False, within_m=CLEAR_M)
+        fence = setup.fences.get("real")
+        if why := why_not_there(way, fence=fence, keep_m=setup.guarding.keep_m, probe=probe):
+            return why
+        folder = self._folder / _BACK / order.plan.name
+        return replace(order, back=way, folder=folder, attempts=())
+
+
+def _lines(path: Path) -> Iterator[dict[str, Any]]:
+    with path.open(encoding="utf-8") as file:
+        for line in file:
+            if line.endswith("\n"):
+                yield json.loads(line)

@@ -1,0 +1,399 @@
+"""Flies a campaign: its folder, its runs over worker processes, its summary."""
+
+import asyncio
+import signal
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from campaigns.expansion.expansion import Campaign, RunPlan
+from campaigns.setup.case_setup import FLIES
+from orchestrator.campaign.between_runs import BetweenRuns
+from orchestrator.campaign.campaign_folder import (
+    OutputError,
+    TakenError,
+    held,
+    make_folder,
+    set_aside,
+)
+from orchestrator.campaign.manifest import manifest
+from orchestrator.campaign.repositioning import Repositioning
+from orchestrator.campaign.resumption import (
+    ResumedCampaign,
+    resume_campaign,
+    resumed_folder,
+    resumed_manifest,
+)
+from orchestrator.campaign.run_order import fly_order
+from orchestrator.campaign.worker_pool import Pool, WorkerLost
+from orchestrator.model.attempts import after_attempts, attempt_of, retry_due
+from orchestrator.model.clock import Clock
+from orchestrator.model.control_results import control_result
+from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.faults import Faults, fault_log
+from orchestrator.model.junit import junit_xml
+from orchestrator.model.progress import News, Progress
+from orchestrator.model.results import (
+    NOT_ARMED,
+    RunResult,
+    SensorKind,
+    Summary,
+    SyncResult,
+    VehicleKind,
+    exit_code,
+    rehearsal_code,
+    summarize,
+)
+from orchestrator.operator.campaign_controller import CampaignController
+from orchestrator.operator.errors import OperatingError
+from orchestrator.operator.operator_channels import open_operator_channels
+from orchestrator.run.flight.return_flight import return_plan
+from orchestrator.run.vehicles.preflight_checks import disk_item
+from orchestrator.state.run_setup import RunOrder
+from vehicles.tasks import TaskAccount
+
+_NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
+"""What lands all and ends the campaign; SIGHUP unless it is ignored, as under nohup."""
+_REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered")
+
+
+class Watcher(Protocol):
+    """Shows a campaign in flight."""
+
+    def progress(self, progress: Progress) -> None:
+        """Take where a run in flight stands."""
+
+    def finished(self, result: RunResult) -> None:
+        """Take a finished run."""
+
+    def say(self, text: str) -> None:
+        """Take a sentence for the person."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignOutcome:
+    """What a campaign came to. folder: where its files are."""
+
+    summary: Summary
+    folder: Path
+    exit_code: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlyingSettings:
+    """How to fly.
+
+    out: beneath it the campaign's folder is made. junit: a copy of junit.xml. resume: take up the
+    campaign that was cut off, in its folder: `out` itself, or the newest beneath it. arm: False
+    tries each case and mode once, up to arming. real_kind: what plays the real vehicle. hardware:
+    in words, what a person has to put back between runs; empty for nothing.
+    """
+
+    out: Path
+    clock: Clock
+    jobs: int
+    junit: Path | None = None
+    resume: bool = False
+    arm: bool = True
+    real_kind: VehicleKind = "embedded"
+    hardware: str = ""
+
+
+def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
+    """Fly all runs of a campaign and write its folder.
+
+    Every finished run is on the disk, and in summary.json, before this goes on. Ctrl-C and
+    SIGTERM land what flies, as ABORTED, and end the campaign. Raises OutputError, OperatingError,
+    ResumeError.
+    """
+    with ExitStack() as stack:
+        folder, before = _begin(campaign, settings, watcher, stack)
+        flight = _Flight(campaign, settings, watcher, folder, before)
+        # From the beginning a document says what has passed so far, also where an old one stood.
+        flight.write_summary()
+        asyncio.run(flight.fly())
+        return flight.outcome()
+
+
+def _begin(
+    campaign: Campaign, settings: FlyingSettings, watcher: Watcher, stack: ExitStack
+) -> tuple[Path, ResumedCampaign]:
+    """Return the campaign's folder, held until the stack ends, and what it has already."""
+    about: Mapping[str, object] = manifest(campaign, settings.clock, arm=settings.arm)
+    if settings.resume:
+        folder = resumed_folder(settings.out, campaign.name)
+        about = resumed_manifest(folder, about)
+    else:
+        folder = make_folder(settings.out / campaign.name)
+    try:
+        stack.enter_context(held(folder))
+        _require_room(campaign, folder)
+        _write(folder / "campaign.json", to_json(about))
+        if not settings.resume:
+            return folder, ResumedCampaign(results={}, attempts={})
+        before = resume_campaign(
+            campaign,
+            folder,
+            retries=campaign.retries,
+            may_repeat=not settings.hardware,
+            say=watcher.say,
+        )
+    except (TakenError, OSError) as error:
+        raise OutputError(str(error)) from error
+    watcher.say(
+        f"resumed: {len(before.results)} of {len(campaign.plans)} are finished, in {folder}"
+    )
+    return folder, before
+
+
+def _require_room(campaign: Campaign, folder: Path) -> None:
+    """Raise OutputError when the disk has less room than the campaign's preflight wants."""
+    wanted = [setup.preflight for setup in campaign.setups.values()]
+    least_mb = max([one.min_disk_mb for one in wanted if "disk" not in one.override], default=0.0)
+    if said := disk_item(folder, least_mb).text:
+        raise OutputError(f"{said}; make room, or lower preflight.min_disk_mb")
+
+
+def _write(path: Path, content: str | bytes) -> None:
+    """Write a document. Raises OutputError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+class _Flight:
+    def __init__(
+        self,
+        campaign: Campaign,
+        settings: FlyingSettings,
+        watcher: Watcher,
+        folder: Path,
+        before: ResumedCampaign,
+    ) -> None:
+        self._campaign = campaign
+        self._settings = settings
+        self._watcher = watcher
+        self._folder = folder
+        self._plans = planned(campaign, settings)
+        self._results = dict(before.results)
+        self._attempts = before.attempts
+        began_s = time.monotonic()
+        self._faults = Faults(
+            time=lambda: time.monotonic() - began_s,
+            log=fault_log(folder / "log.jsonl"),
+            take=lambda fault: watcher.say(f"internal error: {fault.text}; see log.jsonl"),
+        )
+        self._pool = Pool[RunOrder, RunResult](
+            jobs=settings.jobs,
+            fly=fly_order,
+            report=self._report,
+            done=self._finish_run,
+            ended_badly=lambda how: self._faults.take(RuntimeError(how), "a worker process"),
+        )
+        self._controller = CampaignController(
+            campaign=campaign.name,
+            folder=folder,
+            total=len(self._plans) - len(before.results),
+            fleet=self._pool,
+            say=watcher.say,
+        )
+        self._repositioning = Repositioning(
+            vehicles=settings.hardware or "real", controller=self._controller, say=watcher.say
+        )
+        self._between = BetweenRuns(
+            campaign=campaign,
+            folder=folder,
+            hardware=settings.hardware,
+            repositioning=self._repositioning,
+            say=watcher.say,
+        )
+
+    async def fly(self) -> None:
+        loop = asyncio.get_running_loop()
+        heeded = [number for number in _NAMES if signal.getsignal(number) is not signal.SIG_IGN]
+        for number in heeded:
+            loop.add_signal_handler(number, self._controller.signal, _NAMES[number])
+        loop.set_exception_handler(self._unhandled)
+        account = TaskAccount(
+            fault=self._faults.take, expected=(OutputError, OperatingError, OSError)
+        )
+        try:
+            with account.of(loop):
+                async with open_operator_channels(self._controller, self._campaign.mqtt):
+                    await self._pool.fly(self._orders())
+        except* OutputError as errors:
+            raise errors.exceptions[0] from None
+        finally:
+            self._repositioning.gone_on()
+            for number in heeded:
+                loop.remove_signal_handler(number)
+
+    def _unhandled(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Take what a callback of the loop raised, and what is reported to it."""
+        error, where = context.get("exception"), str(context.get("message", ""))
+        if not isinstance(error, BaseException):
+            error = RuntimeError(where)
+        self._faults.take(error, where)
+
+    def outcome(self) -> CampaignOutcome:
+        summary = self.write_summary()
+        flown = (*summary.runs, *summary.controls)
+        broken = bool(self._faults.all)
+        code = exit_code(
+            flown,
+            self._campaign.requirements,
+            stopped=self._controller.stopped,
+            broken=broken,
+            controls_due=len(self._campaign.controls),
+        )
+        if not self._settings.arm and self._controller.stopped is None and not broken:
+            code = rehearsal_code(summary.runs)
+        return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
+
+    def _orders(self) -> Iterable[RunOrder]:
+        plans: Sequence[RunPlan] = self._plans
+        if self._settings.jobs > 1:
+            # The pairs take longest: begun last, one of them would keep a single core busy.
+            plans = sorted(plans, key=lambda plan: plan.mode != "wil")
+        for plan in plans:
+            if plan.name not in self._results:
+                yield RunOrder(
+                    plan=plan,
+                    folder=self._folder / plan.name,
+                    clock=self._settings.clock,
+                    attempts=self._attempts.get(plan.name, ()),
+                    arm=self._settings.arm,
+                )
+
+    def _report(self, news: News) -> None:
+        # What only shows a flight must not end it.
+        with self._faults.taking("progress"):
+            self._controller.news(news)
+        if isinstance(news, Progress):
+            self._repositioning.gone_on()
+            if news.case in self._campaign.setups:  # a flight back is no run
+                with self._faults.taking("progress"):
+                    self._watcher.progress(news)
+
+    def _finish_run(self, order: RunOrder, outcome: RunResult | WorkerLost) -> RunOrder | None:
+        if order.back is not None:
+            self._controller.left(return_plan(order.plan).name)
+            self._between.came_back(order, outcome)
+            return None
+        if isinstance(outcome, WorkerLost):
+            result = after_attempts(lost_result(order.plan, outcome), order.attempts)
+            _write(order.folder / "result.json", to_json(result))
+            if outcome.details:
+                _write(order.folder / "error.txt", outcome.details)
+                fault_log(order.folder / "log.jsonl")(outcome.fault)
+        else:
+            result = outcome
+        self._results[order.plan.name] = result
+        self.write_summary()
+        # With hardware a person looks first what went wrong.
+        alone = not self._settings.hardware and self._campaign.between is None
+        retries = self._campaign.retries if alone else 0
+        again = self._controller.stopped is None and retry_due(result, retries=retries)
+        flown = result.duration_s is not None or isinstance(outcome, WorkerLost)
+        if again:
+            following = self._retry_run(order, result)
+        else:
+            following = None
+            self._controller.finished(
+                result, may_end=self._settings.arm or result.reason != NOT_ARMED
+            )
+            with self._faults.taking("a verdict"):
+                self._watcher.finished(result)
+        if following is None and flown and len(self._results) < len(self._plans):
+            following = self._between.after(order, result)
+        return following
+
+    def _retry_run(self, order: RunOrder, result: RunResult) -> RunOrder:
+        """Set a run's files aside and return the order to fly it once more."""
+        try:
+            place = str(set_aside(self._folder, order.plan.name).relative_to(self._folder))
+        except OSError as error:
+            raise OutputError(f"{order.folder} cannot be set aside: {error}") from error
+        self._watcher.say(f"{order.plan.name}: {result.verdict}, {result.reason}; flown again")
+        return replace(order, attempts=(*order.attempts, attempt_of(result, place)))
+
+    def write_summary(self) -> Summary:
+        """Write summary.json and junit.xml of what is finished. Raises OutputError."""
+        plans = self._plans
+        runs = [self._results[plan.name] for plan in plans if plan.name in self._results]
+        summary = summarize(
+            [_with_paths(run) for run in runs],
+            self._campaign.requirements,
+            campaign=self._campaign.name,
+            clock=self._settings.clock,
+            surrogate=self._settings.real_kind == "embedded"
+            and any("real" in FLIES[plan.mode] for plan in plans),
+            real_kind=self._settings.real_kind,
+            sensors=_sensors(self._campaign),
+            left_out=self._campaign.left_out,
+            controls_due=len(self._campaign.controls),
+            caveats=self._campaign.caveats,
+            not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
+        )
+        _write(self._folder / "summary.json", to_json(summary))
+        junit = junit_xml(summary, self._campaign.requirements)
+        _write(self._folder / "junit.xml", junit)
+        if self._settings.junit is not None:
+            _write(self._settings.junit, junit)
+        return summary
+
+
+def planned(campaign: Campaign, settings: FlyingSettings) -> tuple[RunPlan, ...]:
+    """Return the runs to fly, the controls after them.
+
+    Without arming one of each case and mode, of which none counts, and no control.
+    """
+    if settings.arm:
+        return campaign.plans
+    return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
+
+
+def lost_result(plan: RunPlan, lost: WorkerLost) -> RunResult:
+    """Return the result of a run whose process was lost: an ERROR with the reason."""
+    return RunResult(
+        case=plan.case,
+        mode=plan.mode,
+        rep=plan.repetition,
+        seed=plan.seed,
+        verdict="ERROR",
+        reason=f"the run was lost: {lost.reason}",
+        also=(),
+        required=plan.required,
+        duration_s=None,
+        wall_s=0.0,
+        oracles=(),
+        sync=SyncResult(),
+        mixing=None,
+        control=control_result(
+            plan.control, verdict="ERROR", reason=lost.reason, decided_by="", subject=""
+        ),
+        exceptions=(lost.fault.text,) if lost.details else (),
+    )
+
+
+def _with_paths(run: RunResult) -> RunResult:
+    """Return the result with its files named from the campaign's folder."""
+    prefix = f"{run.case}/{run.mode}/{run.rep}"
+    return replace(run, artifacts=tuple(f"{prefix}/{name}" for name in run.artifacts))
+
+
+def _sensors(campaign: Campaign) -> dict[str, SensorKind]:
+    """Return where each camera's pictures came from; of several, what is least rendered."""
+    found: dict[str, SensorKind] = {}
+    for setup in campaign.setups.values():
+        for vehicle in setup.vehicles.values():
+            for camera in vehicle.cameras:
+                kind = "rendered" if camera.source is None else camera.source.shown_as
+                before = found.get(camera.name, kind)
+                found[camera.name] = min(before, kind, key=_REAL_FIRST.index)
+    return found

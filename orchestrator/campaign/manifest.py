@@ -1,0 +1,110 @@
+"""campaign.json: what was flown, with what, and where."""
+
+import hashlib
+import json
+import os
+import platform
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from campaigns.expansion.expansion import Campaign
+from orchestrator.model.clock import Clock
+from orchestrator.recording.timestamps import utc_text
+from worlds.files.documents import Data
+
+_VERSIONED = (
+    "wil-campaign",
+    "av",
+    "embreex",
+    "jsbsim",
+    "numba",
+    "numpy",
+    "opencv-python-headless",
+    "pymavlink",
+    "trimesh",
+)
+"""Packages whose version may change what a run does."""
+
+
+def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str, object]:
+    """Return campaign.json: what was flown, with what, and where; arm: False with --no-arm."""
+    return {
+        "campaign": campaign.name,
+        "description": campaign.description,
+        "seed": campaign.seed,
+        "clock": clock,
+        "arm": arm,
+        "started_utc": utc_text(time.time()),
+        "host": {"name": platform.node(), "machine": platform.machine(), "cores": os.cpu_count()},
+        "versions": {"python": platform.python_version(), **_versions()},
+        "files": _digests(campaign),
+        "runs": _runs(campaign),
+        "document": campaign.document.data,
+    }
+
+
+def _digests(campaign: Campaign) -> dict[str, str]:
+    """Return the SHA-256 of every file that the campaign was read from or names.
+
+    By path from the campaign's folder: the campaign, its worlds and recipes, and what a text in
+    one of them names beside it: the autonomy, profiles, meshes, textures, steps, models.
+    """
+    home = campaign.document.path.resolve().parent
+    files = {path.resolve() for path in campaign.paths}
+    for case in {run.case: run.files for run in campaign.plans}.values():
+        for document in (case.campaign, case.world, case.recipe):
+            if document is not None:
+                files.update(_name_paths(document.data, document.path))
+    return {
+        os.path.relpath(path, home): f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
+        for path in sorted(files)
+    }
+
+
+def _runs(campaign: Campaign) -> list[dict[str, object]]:
+    """Return what is to be flown; documents: a digest of all that a run reads, as overridden."""
+    digests: dict[str, str] = {}
+    for run in campaign.plans:
+        if run.case not in digests:
+            read = (run.files.campaign, run.files.world, run.files.recipe)
+            plain = [None if one is None else one.data for one in read]
+            text = json.dumps(plain, sort_keys=True, default=str)
+            digests[run.case] = f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
+    return [
+        {
+            "run": run.name,
+            "seed": run.seed,
+            "required": run.required,
+            "documents": digests[run.case],
+        }
+        for run in campaign.plans
+    ]
+
+
+def _name_paths(value: Data, beside: Path) -> Iterator[Path]:
+    """Yield the files that texts in a value name, `file.py:Name` included."""
+    if isinstance(value, dict):
+        for inner in value.values():
+            yield from _name_paths(inner, beside)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _name_paths(inner, beside)
+    elif isinstance(value, str) and "." in value:
+        name = value.rpartition(":")[0] if ".py:" in value else value
+        with suppress(OSError, ValueError):  # a text that is no path at all
+            path = (beside.parent / name).resolve()
+            if path.is_file():
+                yield path
+
+
+def _versions() -> dict[str, str]:
+    found: dict[str, str] = {}
+    for name in _VERSIONED:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found

@@ -1,0 +1,185 @@
+"""Taking up a campaign that was cut off: what it was, what is finished, what has to be flown."""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from campaigns.expansion.expansion import Campaign, RunPlan
+from orchestrator.campaign.campaign_folder import (
+    OutputError,
+    TakenError,
+    earlier_folders,
+    held,
+    newest_folder,
+    set_aside,
+)
+from orchestrator.model.attempts import attempt_of, retry_due
+from orchestrator.model.document_writer import to_json
+from orchestrator.model.results import Attempt, RunResult
+from orchestrator.model.results_reader import ResultError, read_result
+
+_LANDED_S = 120.0
+"""How long a run of a campaign that was killed may go on: it lands, for its parent has died."""
+_LOOK_S = 0.2
+_CUT_OFF = "it has no result"
+
+Say = Callable[[str], None]
+
+
+class ResumeError(Exception):
+    """A campaign that cannot be taken up; says why, and what to do."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResumedCampaign:
+    """What a campaign has already, by names of runs. attempts: at those that are to be flown."""
+
+    results: Mapping[str, RunResult]
+    attempts: Mapping[str, tuple[Attempt, ...]]
+
+
+def resumed_folder(out: Path, campaign: str) -> Path:
+    """Return the folder to take up: `out` itself, or the newest of the campaign beneath it.
+
+    Raises ResumeError when there is none.
+    """
+    if (out / "campaign.json").is_file():
+        return out
+    newest = newest_folder(out / campaign)
+    if newest is None:
+        raise ResumeError(
+            f"there is nothing to resume: no campaign.json in {out}, nor beneath {out / campaign}; "
+            "name the folder by --out"
+        )
+    return newest
+
+
+def resumed_manifest(folder: Path, now: Mapping[str, object]) -> Mapping[str, object]:
+    """Return the manifest in a folder, that it is taken up added; now: the one of today.
+
+    Raises ResumeError when they differ: two campaigns in one folder prove nothing.
+    """
+    path = folder / "campaign.json"
+    try:
+        before = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResumeError(f"{path} cannot be read: {error}") from error
+    present = json.loads(to_json(now))
+    if not isinstance(before, dict) or not before.keys() >= present.keys():
+        raise ResumeError(f"{path} is of another version: begin the campaign anew")
+    if said := list(_differences(before, present)):
+        raise ResumeError(
+            f"{folder} cannot be taken up: {'; '.join(said)}. Results of two campaigns do not make "
+            "one: bring back what was, or begin anew without --resume"
+        )
+    again = [*before.get("resumed_utc", []), present["started_utc"]]
+    return {**before, "resumed_utc": again}
+
+
+def resume_campaign(
+    campaign: Campaign, folder: Path, *, retries: int, may_repeat: bool, say: Say
+) -> ResumedCampaign:
+    """Return what is finished, and set aside what is not.
+
+    retries: of the campaign. may_repeat: whether a run that came to an end without proving
+    anything is flown again: never with hardware. Raises OutputError, OSError.
+    """
+    results: dict[str, RunResult] = {}
+    attempts: dict[str, tuple[Attempt, ...]] = {}
+    for plan in campaign.plans:
+        home = folder / plan.name
+        if home.is_dir():
+            _wait_for(home, say)
+        earlier = [_attempt(folder, place) for place in earlier_folders(folder, plan.name)]
+        found = _find_results(home, plan)
+        if isinstance(found, RunResult) and not (
+            may_repeat and _require_equal_manifest(found, retries)
+        ):
+            results[plan.name] = found
+            continue
+        if found:
+            place = set_aside(folder, plan.name).relative_to(folder)
+            last = (
+                Attempt(None, found, str(place))
+                if isinstance(found, str)
+                else attempt_of(found, str(place))
+            )
+            say(f"{plan.name}: {last.verdict or 'cut off'}, {last.reason}; kept in {place}")
+            earlier.append(last)
+        attempts[plan.name] = tuple(earlier)
+    return ResumedCampaign(results=results, attempts=attempts)
+
+
+def _require_equal_manifest(result: RunResult, retries: int) -> bool:
+    # Whose parent died, or whose operator pressed Ctrl-C, was not tried to its end.
+    return result.verdict == "ABORTED" or retry_due(result, retries=retries)
+
+
+def _find_results(home: Path, plan: RunPlan) -> RunResult | str:
+    """Return a run's result; or in words why what is there is none; empty when nothing is."""
+    if not home.is_dir() or not any(home.iterdir()):
+        return ""
+    if not (home / "result.json").exists():
+        return _CUT_OFF
+    try:
+        result = read_result(home / "result.json")
+    except ResultError as error:
+        return str(error)
+    wanted = (plan.case, plan.mode, plan.repetition, plan.seed, plan.required)
+    if (result.case, result.mode, result.rep, result.seed, result.required) != wanted:
+        return f"{home / 'result.json'} is of another run"
+    return result
+
+
+def _attempt(folder: Path, place: Path) -> Attempt:
+    name = str(place.relative_to(folder))
+    try:
+        return attempt_of(read_result(place / "result.json"), name)
+    except ResultError:
+        return Attempt(None, _CUT_OFF, name)
+
+
+def _wait_for(home: Path, say: Say) -> None:
+    """Wait until nobody flies into a run's folder. Raises OutputError."""
+    told = False
+    for _ in range(round(_LANDED_S / _LOOK_S)):
+        try:
+            with held(home):
+                return
+        except TakenError:
+            if not told:
+                say(f"{home} is being flown still: waiting until it has landed")
+                told = True
+            time.sleep(_LOOK_S)
+    raise OutputError(
+        f"{home} is being flown still, after {_LANDED_S:g} s; look: wil-campaign watch"
+    )
+
+
+def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    for key, word in (("campaign", "its name"), ("clock", "its clock"), ("seed", "its seed")):
+        if before[key] != now[key]:
+            yield f"{word} was {before[key]}, and is {now[key]}"
+    if not before["arm"]:
+        yield "it armed nothing (--no-arm)"
+    files = list(_changes(before["files"], now["files"]))
+    yield from (f"{name} {what}" for name, _, _, what in files)
+    for name, was, present, _ in _changes(before["versions"], now["versions"]):
+        yield f"{name} was {was}, and is {present}"
+    if before["document"] != now["document"] and not files:
+        yield "options (--set, --seed, --repetitions) were others"
+    elif before["runs"] != now["runs"] and not files:
+        yield f"it had {len(before['runs'])} runs, and has {len(now['runs'])}, or others"
+
+
+def _changes(
+    before: Mapping[str, str], now: Mapping[str, str]
+) -> Iterator[tuple[str, str | None, str | None, str]]:
+    for name in sorted({*before, *now}):
+        was, present = before.get(name), now.get(name)
+        if was != present:
+            what = "was not there" if was is None else "is gone" if present is None else "changed"
+            yield name, was, present, what

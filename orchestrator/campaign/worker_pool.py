@@ -1,0 +1,289 @@
+"""Worker processes: each flies one run at a time, in a process of its own.
+
+The parent owns Ctrl-C and the terminal. A worker that dies takes one run with it, never more:
+the caller is told and a new worker takes the next run. A worker whose parent has died treats
+that as an operator's abort: it lands, writes its result, and ends.
+"""
+
+import asyncio
+import contextlib
+import multiprocessing as mp
+import os
+import select
+import signal
+import sys
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, Generic, TypeVar
+
+from orchestrator.model.faults import Fault
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import News, Report
+from safety.guard.core.operator_command import OperatorCommand
+from vehicles.tasks import finish
+
+_FIRST_WORD_S = 600.0
+"""Until its first word a worker imports and compiles."""
+Order = TypeVar("Order")
+Outcome = TypeVar("Outcome")
+Fly = Callable[[Order, Report, Inbox], Outcome]
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerLost:
+    """Why an order has no outcome of its own: its process died or raised.
+
+    details: the traceback of what it raised; empty where it died. kind: its type's name.
+    """
+
+    reason: str
+    details: str = ""
+    kind: str = ""
+
+    @property
+    def fault(self) -> Fault:
+        """Return the exception that it raised."""
+        message = self.reason.removeprefix(f"{self.kind}: ")
+        return Fault(0.0, "the worker process", self.kind, message, self.details)
+
+
+@dataclass(frozen=True, slots=True)
+class _Done(Generic[Outcome]):
+    outcome: Outcome | WorkerLost
+
+
+_ITSELF = "the run itself: the program that ordered it died"
+
+
+class PipeInbox:
+    """Operator commands that the parent process sends; the parent's death is an abort."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._orphaned = False
+
+    def poll(self) -> OperatorCommand | None:
+        """Return the next command that has come, or None."""
+        if self._orphaned:
+            return None
+        try:
+            if not self._connection.poll(0):
+                return None
+            command = self._connection.recv()
+        except (EOFError, OSError):
+            self._orphaned = True
+            return OperatorCommand("abort", _ITSELF)
+        return command if isinstance(command, OperatorCommand) else None
+
+
+def _work(connection: Connection, fly: "Fly[Any, Any]") -> None:
+    """Fly orders as they come until the parent closes the pipe."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # `timeout`, a service manager and a terminal that closes send these to the whole group; the
+        # parent tells us what to do. A handler, for what is ignored our children would ignore too.
+        signal.signal(number, lambda *_: None)
+    os.dup2(2, 1)  # stdout is the parent's document; whatever a library prints goes to stderr
+    inbox = PipeInbox(connection)
+
+    def report(news: News) -> None:
+        # A parent that does not read (SIGSTOP) must not make a flight wait.
+        _, writable, _ = select.select([], [connection], [], 0.0)
+        if writable:
+            with contextlib.suppress(OSError):
+                connection.send(news)
+
+    while True:
+        try:
+            order = connection.recv()
+        except (EOFError, OSError):
+            return
+        if isinstance(order, OperatorCommand):
+            continue  # it came after the run that it was meant for
+        try:
+            outcome = fly(order, report, inbox)
+        except BaseException as error:  # noqa: BLE001  # a worker must tell, whatever it was
+            outcome = _lost_by(error)
+        try:
+            connection.send(_Done(outcome))
+        except OSError:
+            return
+        except Exception as error:  # noqa: BLE001  # an outcome that cannot be sent
+            connection.send(_Done(_lost_by(error)))
+
+
+def _lost_by(error: BaseException) -> "WorkerLost":
+    kind = type(error).__name__
+    return WorkerLost(f"{kind}: {error}", traceback.format_exc(), kind)
+
+
+@dataclass(slots=True)
+class _Worker:
+    process: mp.process.BaseProcess
+    connection: Connection
+
+
+class Pool(Generic[Order, Outcome]):
+    """Flies orders on up to `jobs` processes; outcomes come back as they are done.
+
+    done: takes an order's outcome; what it returns is flown next.
+
+    stall_s: a worker that has reported and then says nothing for so long is killed: it hangs, or
+    was stopped. Its guard brings its vehicles down. ended_badly: told of a worker that had done all
+    its orders and then did not end as it should.
+    """
+
+    def __init__(
+        self,
+        *,
+        jobs: int,
+        fly: "Fly[Order, Outcome]",
+        report: Report,
+        done: Callable[[Order, Outcome | WorkerLost], Order | None],
+        stall_s: float = 60.0,
+        ended_badly: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._ended_badly = ended_badly
+        self._jobs = jobs
+        self._fly = fly
+        self._report = report
+        self._done = done
+        self._context = mp.get_context("spawn")
+        self._stall_s = stall_s
+        self._busy: list[_Worker] = []
+        self._stopped: OperatorCommand | None = None
+        self._going = asyncio.Event()
+        self._going.set()
+
+    def abort(self, command: OperatorCommand) -> None:
+        """Have every run in flight land as aborted; orders not begun are not flown."""
+        self._stopped = command
+        self._going.set()
+        self.pass_on(command)
+
+    def pass_on(self, command: OperatorCommand) -> int:
+        """Pass a command to every run in flight; returns how many there are."""
+        for worker in self._busy:
+            _, writable, _ = select.select([], [worker.connection], [], 0.0)
+            if writable:
+                with contextlib.suppress(OSError):
+                    worker.connection.send(command)
+        return len(self._busy)
+
+    def pause(self) -> None:
+        """Begin no order until `go_on`; what is in flight goes on."""
+        self._going.clear()
+
+    def go_on(self) -> None:
+        """Begin orders again."""
+        self._going.set()
+
+    async def fly(self, orders: Iterable[Order]) -> None:
+        """Fly all orders, in their order of start; returns when no worker is left."""
+        waiting = deque(orders)
+        async with asyncio.TaskGroup() as group:
+            for number in range(min(self._jobs, len(waiting))):
+                group.create_task(self._serve(waiting), name=f"worker {number}")
+
+    async def _serve(self, waiting: "deque[Order]") -> None:
+        worker: _Worker | None = None
+        try:
+            while waiting:
+                await self._going.wait()
+                if self._stopped is not None or not waiting:
+                    break
+                order = waiting.popleft()
+                worker = worker or self._start()
+                outcome = await self._fly_one(worker, order)
+                if not worker.process.is_alive() or isinstance(outcome, WorkerLost):
+                    ended = await self._end(worker)
+                    worker = None
+                    if ended and not isinstance(outcome, WorkerLost):
+                        self._ended_badly(ended)
+                again = self._done(order, outcome)
+                if again is not None:
+                    waiting.appendleft(again)
+        finally:
+            if worker is not None:
+                ended = await finish(self._end(worker), name="the end of a worker")
+                if ended:
+                    self._ended_badly(ended)
+
+    def _start(self) -> _Worker:
+        ours, theirs = self._context.Pipe()
+        process = self._context.Process(
+            target=_work, args=(theirs, self._fly), name="wil-campaign run", daemon=False
+        )
+        process.start()
+        theirs.close()
+        return _Worker(process, ours)
+
+    async def _fly_one(self, worker: _Worker, order: Order) -> Outcome | WorkerLost:
+        self._busy.append(worker)
+        patience_s = _FIRST_WORD_S
+        try:
+            worker.connection.send(order)
+            while True:
+                async with asyncio.timeout(patience_s):
+                    message = await _receive(worker.connection)
+                patience_s = self._stall_s
+                if isinstance(message, _Done):
+                    outcome: Outcome | WorkerLost = message.outcome
+                    return outcome
+                if isinstance(message, News):
+                    self._report(message)
+        except TimeoutError:
+            worker.process.kill()
+            return WorkerLost(f"its process said nothing for {patience_s:g} s; it was killed")
+        except (EOFError, OSError):
+            loop = asyncio.get_running_loop()
+            await loop.run_in_executor(None, worker.process.join, 5.0)
+            return WorkerLost(_exit_text(worker.process.exitcode))
+        finally:
+            self._busy.remove(worker)
+
+    async def _end(self, worker: _Worker) -> str:
+        """End a worker; return in words what was wrong with its end."""
+        worker.connection.close()
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(None, worker.process.join, 20.0)
+        if worker.process.is_alive():
+            print(  # noqa: T201  # the last word to a person about a process that hangs
+                f"worker process {worker.process.pid} did not end; it is killed", file=sys.stderr
+            )
+            worker.process.kill()
+            await loop.run_in_executor(None, worker.process.join)
+            return f"worker process {worker.process.pid} did not end; it was killed"
+        if worker.process.exitcode:
+            return _exit_text(worker.process.exitcode, "after its last verdict")
+        return ""
+
+
+async def _receive(connection: Connection) -> object:
+    """Return the next message of a pipe without blocking the loop."""
+    loop = asyncio.get_running_loop()
+    if not connection.poll(0):
+        ready: asyncio.Future[None] = loop.create_future()
+        loop.add_reader(connection.fileno(), _set_once, ready)
+        try:
+            await ready
+        finally:
+            loop.remove_reader(connection.fileno())
+    message: object = connection.recv()
+    return message
+
+
+def _set_once(ready: "asyncio.Future[None]") -> None:
+    if not ready.done():
+        ready.set_result(None)
+
+
+def _exit_text(exitcode: int | None, when: str = "before it had a verdict") -> str:
+    if exitcode is None:
+        return "its process stopped answering"
+    if exitcode < 0:
+        return f"its process was ended by {signal.Signals(-exitcode).name}"
+    return f"its process ended with exit status {exitcode} {when}"

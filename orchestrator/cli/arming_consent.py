@@ -1,0 +1,126 @@
+"""What has to be settled before `run` flies vehicles that are not our own."""
+
+import asyncio
+import os
+import sys
+from dataclasses import dataclass
+
+from campaigns.expansion.expansion import Campaign
+from orchestrator.campaign.attached_vehicles import (
+    AttachedVehicle,
+    attached_vehicles,
+    find_all,
+    flown_vehicles,
+    kind_of_real,
+)
+from orchestrator.cli.clock_choice import clock_for, shared_of
+from orchestrator.cli.standard_streams import err
+from orchestrator.model.clock import Clock
+from orchestrator.model.results import VehicleKind
+from vehicles.errors import VehicleError
+
+REFUSED = 2
+NOT_HAD = 3
+_IDENTIFY_S = 5.0
+
+
+class RefusedError(Exception):
+    """What is not flown, with the exit code and what to do about it."""
+
+    def __init__(self, text: str, code: int) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class Cleared:
+    """A campaign that may fly. real_kind: what plays the real vehicle.
+
+    hardware: in words, the vehicles that are no simulation; empty for none.
+    """
+
+    clock: Clock
+    jobs: int
+    real_kind: VehicleKind
+    hardware: str = ""
+
+
+def clear(
+    campaign: Campaign,
+    *,
+    clock: Clock | None,
+    jobs: int | None,
+    arm: bool,
+    arm_real: bool,
+) -> Cleared:
+    """Settle clock and jobs, find who is attached, and have it confirmed. Raises RefusedError.
+
+    arm: whether anything is armed at all. arm_real: whether attached vehicles may be.
+    """
+    attached = attached_vehicles(campaign)
+    wanted = _clock(campaign, clock)
+    shared = shared_of(campaign)
+    if jobs is not None and jobs < 1:
+        raise RefusedError(f"--jobs {jobs}: at least one run has to fly at a time", REFUSED)
+    if shared and (jobs or 1) > 1:
+        raise RefusedError(f"--jobs {jobs}: runs of this campaign would share {shared[0]}", REFUSED)
+    if not attached:
+        most = 1 if shared else _default_jobs(wanted)
+        return Cleared(wanted, jobs or most, kind_of_real(campaign, ()))
+    where = " and ".join(f"{one.name} ({one.attached})" for one in attached)
+    if jobs is not None and jobs > 1:
+        raise RefusedError(f"--jobs {jobs}: {where} can fly one run at a time only", REFUSED)
+    if arm and not arm_real:
+        raise RefusedError(
+            f"{where}: it may be hardware, and is armed only with --arm-real; --no-arm tries "
+            "everything else against it",
+            REFUSED,
+        )
+    found = _find_vehicles(campaign)
+    if arm:
+        _confirm(campaign, found)
+    hardware = " and ".join(one.name for one in found if not one.identity.simulation)
+    return Cleared(wanted, 1, kind_of_real(campaign, found), hardware)
+
+
+def _default_jobs(clock: Clock) -> int:
+    cores = len(os.sched_getaffinity(0))
+    return cores if clock == "virtual" else max(1, cores // 2)
+
+
+def _clock(campaign: Campaign, asked: Clock | None) -> Clock:
+    """Return the clock to fly on. Raises RefusedError, BadInput."""
+    able = clock_for(campaign, asked)
+    outside = [one.name for one in flown_vehicles(campaign) if not one.embedded]
+    if asked == "virtual" and outside:
+        raise RefusedError(
+            f"--clock virtual: {' and '.join(outside)} is not embedded, and no clock of ours moves "
+            "it; leave --clock out, or say --clock wall",
+            REFUSED,
+        )
+    return asked or ("wall" if outside and able == "virtual" else able)
+
+
+def _find_vehicles(campaign: Campaign) -> tuple[AttachedVehicle, ...]:
+    try:
+        found = asyncio.run(find_all(attached_vehicles(campaign), _IDENTIFY_S))
+    except VehicleError as error:
+        raise RefusedError(str(error), NOT_HAD) from error
+    for one in found:
+        err(one)
+        if one.armed:
+            raise RefusedError(f"{one.name} is armed already; disarm it, and begin anew", NOT_HAD)
+    return found
+
+
+def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
+    """Ask the person at the terminal, when there is one."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return
+    names = " and ".join(f"{one.name} ({one.where})" for one in found)
+    count = len(campaign.plans)
+    runs = f"{count} run{'' if count == 1 else 's'}"
+    sys.stderr.write(f"campaign '{campaign.name}', {runs}. Arm {names} and take off? [y/N] ")
+    sys.stderr.flush()
+    if sys.stdin.readline().strip().lower() not in {"y", "yes"}:
+        raise RefusedError("not confirmed; nothing was armed", REFUSED)

@@ -1,0 +1,90 @@
+"""Which clock a campaign can be flown on."""
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+
+from campaigns.expansion.expansion import Campaign
+from campaigns.setup.case_setup import FLIES
+from orchestrator.campaign.attached_vehicles import flown_vehicles
+from orchestrator.model.clock import Clock
+from worlds.files.documents import BadInput, Path
+
+_REAL_TIME = "{} comes in real time: fly with --clock wall"
+_NEEDS_SCALED = (
+    "{:g} times real time is flown on the scaled clock: leave --clock out, or say --clock scaled"
+)
+_CANNOT_FOLLOW = (
+    "{} is attached and flies in real time: no clock of ours moves it; fly with --clock wall, and "
+    "without a speedup"
+)
+_NO_PACE = (
+    "--clock scaled needs a pace: `clock: {speed: 4}` here for embedded vehicles, or a speedup "
+    "at a launched simulation's link"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalNeeds:
+    """Something of a campaign that is outside of this process, and so comes in real time."""
+
+    case: str
+    path: Path
+    name: str
+
+
+def external_needs(campaign: Campaign) -> tuple[ExternalNeeds, ...]:
+    """Return everything in the campaign's cases that needs the wall clock."""
+    return tuple(
+        ExternalNeeds(case, path, name)
+        for case, setup in campaign.setups.items()
+        for path, name in setup.needing_wall_clock()
+    )
+
+
+def shared_of(campaign: Campaign) -> tuple[str, ...]:
+    """Return the names of what there is one of outside, however many runs fly at once."""
+    return tuple(name for setup in campaign.setups.values() for _, name in setup.shared_by_runs())
+
+
+def clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
+    """Return the clock to fly on. Raises BadInput when the wanted one cannot be had."""
+    outside = external_needs(campaign)
+    paced = _require_pace(campaign)
+    clock = wanted or ("scaled" if paced else "wall" if outside else "virtual")
+    if clock != "wall" and outside:
+        raise _refuse_clock(campaign, ((one.path, _REAL_TIME.format(one.name)) for one in outside))
+    if clock == "scaled":
+        _require_scalable(campaign)
+    elif paced:
+        raise _refuse_clock(campaign, ((path, _NEEDS_SCALED.format(pace)) for path, pace in paced))
+    return clock
+
+
+def _require_pace(campaign: Campaign) -> list[tuple[Path, float]]:
+    """Return the launched simulations that do not fly in real time: where, and how fast."""
+    return [
+        (("vehicles", one.name, "link"), pace)
+        for one in flown_vehicles(campaign)
+        if (pace := one.launch_pace) not in {None, 1.0}
+    ]
+
+
+def _require_scalable(campaign: Campaign) -> None:
+    """Raise BadInput where a vehicle cannot follow the scaled clock, or nobody says its pace."""
+    attached: list[tuple[Path, str]] = [
+        (("vehicles", one.name, "link"), _CANNOT_FOLLOW.format(one.name))
+        for one in flown_vehicles(campaign)
+        if one.attached is not None
+    ]
+    if attached:
+        raise _refuse_clock(campaign, attached)
+    flights = itertools.product(campaign.setups.values(), campaign.modes)
+    if any(setup.pace(FLIES[mode]) is None for setup, mode in flights):
+        raise _refuse_clock(campaign, [(("clock",), _NO_PACE)])
+
+
+def _refuse_clock(campaign: Campaign, faults: Iterable[tuple[Path, str]]) -> BadInput:
+    problem = partial(campaign.document.problem, key=True)
+    return BadInput(dict.fromkeys(problem(path, said) for path, said in faults))

@@ -1,0 +1,1 @@
+"""The commands of `wil-campaign`, one module each."""

@@ -1,0 +1,237 @@
+"""`wil-campaign calibrate`: measure a real camera, and write what campaigns name."""
+
+import asyncio
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import cv2
+from cyclopts import Parameter
+
+from campaigns.schema.calibration import CalibrationPart
+from campaigns.schema.sources import MocapPart, SourcePart
+from campaigns.values.external_setups import MocapSetup
+from orchestrator.calibration.board_search import BoardViews, is_run, search_file
+from orchestrator.calibration.board_text import parse_board
+from orchestrator.calibration.body_paths import path_in_csv, path_in_run
+from orchestrator.calibration.live_search import LiveOrder, search_live
+from orchestrator.calibration.measurement import (
+    MeasurementOptions,
+    as_yaml,
+    measure_camera,
+    read_optics,
+)
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.model.document_writer import write_whole
+from orchestrator.offline.errors import OfflineError
+from orchestrator.offline.recorded_inputs import flown_latency_s
+from vehicles.calibration.boards import Board, CharucoBoard
+from vehicles.calibration.mounting import BodyPath
+from vehicles.errors import VehicleError
+from worlds.files.documents import BadInput, KeyFaultError
+
+_LIVE = ("rtsp://", "rtsps://", "rtp://", "v4l2://", "/dev/video")
+_CELL_PX = 100
+_WELL_COVERED = 0.6
+_COEFFICIENTS = {"4": 4, "5": 5, "8": 8}
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseOptions:
+    """Where the camera's body was, and which camera it is.
+
+    Parameters
+    ----------
+    poses
+        Where the body was meanwhile: a CSV file, or motion capture's address (udp://HOST:PORT).
+        A run's folder has its own.
+    poses_latency_ms
+        How late motion capture is itself, by its data sheet.
+    body
+        The body's name in motion capture.
+    vehicle
+        Whose pictures and poses, of a run's folder.
+    sensor
+        Which camera, of a run's folder.
+    """
+
+    poses: str | None = None
+    poses_latency_ms: float = 0.0
+    body: str = "real"
+    vehicle: Literal["real", "twin"] = "real"
+    sensor: str = "camera"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Live:
+    """How a live camera is looked through.
+
+    Parameters
+    ----------
+    size
+        WIDTHxHEIGHT of a live camera's pictures.
+    seconds
+        How long a live camera is looked through.
+    """
+
+    size: str | None = None
+    seconds: float = 60.0
+
+
+_RECORDED, _A_MINUTE = PoseOptions(), Live()
+
+
+def calibrate(
+    pictures: str = "",
+    *,
+    board: str,
+    out_: Annotated[Path | None, Parameter(name="--out")] = None,
+    coefficients: Literal["4", "5", "8"] = "4",
+    optics: Path | None = None,
+    whereabouts: PoseOptions = _RECORDED,
+    live: Live = _A_MINUTE,
+    draw: Path | None = None,
+) -> int:
+    """Measure a camera by a board: its optics; with poses also how it sits, and how late it is.
+
+    Parameters
+    ----------
+    pictures
+        A video, a folder of images, an .mcap, a run's folder, or a live camera's address.
+    board
+        chessboard:9x6:25mm (inner corners, square) or charuco:8x6:30mm:22mm (squares, square,
+        marker; a dictionary as :4x4_50 after it).
+    out_
+        The calibration file to write.
+    coefficients
+        How many numbers the distortion gets.
+    optics
+        A calibration file whose optics are kept: only mounting and latency are measured.
+    draw
+        Write the ChArUco board as an image to be printed, and do nothing else.
+    """
+    try:
+        target = parse_board(board)
+        if draw is not None:
+            return _draw(target, draw)
+        file = _name_file(pictures, out_)
+        kept = None if optics is None else read_optics(optics)
+        seen, path, flown_s = _search_images(pictures, target, whereabouts, live)
+        how = MeasurementOptions(
+            board=target,
+            coefficients=_COEFFICIENTS[coefficients],
+            optics=kept,
+            flown_latency_s=flown_s,
+        )
+        found = measure_camera(seen, path, how)
+        write_whole(file, as_yaml(found, made_of=pictures))
+    except (OfflineError, BadInput) as error:
+        err(error)
+        return 2
+    except VehicleError as error:
+        err(f"{pictures}: {error}" if pictures not in str(error) else error)
+        return 3
+    except OSError as error:
+        err(f"{out_}: cannot be written: {error.strerror or error}")
+        return 3
+    out(_as_text(found, seen, file))
+    return 0
+
+
+def _search_images(
+    pictures: str, board: Board, where: PoseOptions, live: Live
+) -> tuple[BoardViews, BodyPath | None, float]:
+    """Return what shows, with where the body was, and the latency as it was flown."""
+    if not pictures.startswith(_LIVE) and not pictures.endswith(".sdp"):
+        return _search_recording(Path(pictures), board, where.poses, where.vehicle, where.sensor)
+    poses = where.poses
+    mocap = None if poses is None else _mocap(poses, where.body, where.poses_latency_ms)
+    order = _live(pictures, live.size, live.seconds, mocap)
+    err(f"looking through {pictures} for {live.seconds:g} s: move the board, or the body")
+    seen, path = asyncio.run(search_live(order, board))
+    return seen, path, 0.0
+
+
+def _name_file(pictures: str, file: Path | None) -> Path:
+    if file is None or not pictures:
+        raise OfflineError("give pictures and --out FILE; or --draw FILE for a board to print")
+    return file
+
+
+def _search_recording(
+    file: Path, board: Board, poses: str | None, vehicle: str, sensor: str
+) -> tuple[BoardViews, BodyPath | None, float]:
+    """Return what a recording shows, with where its body was, and its latency as it was flown."""
+    path, flown_s = None, 0.0
+    if poses is not None:
+        path = path_in_csv(Path(poses))
+    elif is_run(file):
+        folder = file if file.is_dir() else file.parent
+        path, flown_s = path_in_run(folder, vehicle), flown_latency_s(folder, vehicle, sensor)
+    return search_file(file, board, sensor=sensor, vehicle=vehicle), path, flown_s
+
+
+def _live(address: str, size: str | None, seconds: float, mocap: MocapSetup | None) -> LiveOrder:
+    match = re.fullmatch(r"(\d{2,5})x(\d{2,5})", size or "")
+    if match is None:
+        raise OfflineError("a live camera needs --size WIDTHxHEIGHT, as 1280x720")
+    if not 1.0 <= seconds <= 3600.0:
+        raise OfflineError(f"--seconds {seconds:g}: between 1 and 3600")
+    try:
+        camera = SourcePart(address=address).setup(Path.cwd(), latency_s=0.0)
+    except KeyFaultError as error:
+        raise OfflineError(f"{address}: {error}") from error
+    return LiveOrder(camera=camera, size=(int(match[1]), int(match[2])), for_s=seconds, mocap=mocap)
+
+
+def _mocap(address: str, body: str, latency_ms: float) -> MocapSetup:
+    try:
+        return MocapPart(address=address, body=body, latency_ms=latency_ms).setup("real")
+    except ValueError as error:
+        raise OfflineError(f"--poses {address}: for a live camera {_reason(error)}") from error
+
+
+def _reason(error: ValueError) -> str:
+    """Return what is wrong, without pydantic's words round it."""
+    reasons = [line.strip() for line in str(error).splitlines() if "must be" in line]
+    return reasons[0].removeprefix("Value error, ").partition(" [type=")[0] if reasons else ""
+
+
+def _draw(board: Board, path: Path) -> int:
+    if not isinstance(board, CharucoBoard):
+        raise OfflineError("--draw: a ChArUco board alone; chessboards are easily found")
+    if not cv2.imwrite(str(path), board.picture(_CELL_PX)):
+        raise OfflineError(f"--draw {path}: cannot be written; end its name with .png")
+    wide, high = (1000.0 * board.square_m * count for count in (board.columns, board.rows))
+    out(f"{path}: print it {wide:g} mm wide and {high:g} mm high, on something flat, with a rim")
+    return 0
+
+
+def _as_text(found: CalibrationPart, seen: BoardViews, path: Path) -> str:
+    camera, quality = found.camera, found.quality
+    lines = [f"the board was seen in {len(seen.sightings)} of {seen.looked} pictures"]
+    if quality is not None:
+        lines.append(
+            f"optics: fx {camera.fx_px:.1f}, fy {camera.fy_px:.1f}, middle {camera.cx_px:.1f}, "
+            f"{camera.cy_px:.1f} px; {quality.rms_px:.2f} px off in {quality.pictures} pictures"
+        )
+        if quality.covered < _WELL_COVERED:
+            lines.append(
+                f"  corners were seen in {quality.covered:.0%} of the picture alone: elsewhere the "
+                "distortion is a guess; show the board in each corner"
+            )
+    mount, spread = found.mount, found.spread
+    if mount is not None and spread is not None:
+        lines.append(
+            f"mounting: forward {mount.forward_m:.3f}, right {mount.right_m:.3f}, down "
+            f"{mount.down_m:.3f} m (± {spread.mount_m:.4f}); roll {mount.roll_deg:.2f}, pitch "
+            f"{mount.pitch_deg:.2f}, yaw {mount.yaw_deg:.2f} degrees (± {spread.mount_deg:.3f})"
+        )
+        lines.append(
+            f"latency: {found.latency_ms:.1f} ms (± {spread.latency_ms:.2f}), middle of the "
+            "exposure to arrival"
+        )
+    return "\n".join([*lines, f"written to {path}; name it as a camera's `calibration`"])

@@ -1,0 +1,71 @@
+"""`wil-campaign doctor`: what this machine has and lacks."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from orchestrator.cli.standard_streams import out
+from orchestrator.doctor import installed, links, machine, ports, programs
+from orchestrator.doctor.findings import Finding, as_text
+from orchestrator.state.parameter_backups import parameter_backup_folder
+from safety.guard.process.orphaned_processes import RuntimeFolderError, records, runtime_folder
+from vehicles.launch.launch_records import find_orphans
+from vehicles.links.serial_port import ports as serial_ports
+
+TROUBLE = 3
+
+
+def doctor(
+    *files: Path,
+    out_: Annotated[Path, Parameter(name="--out")] = Path("results"),
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Look at what is installed, at ports, autopilots, brokers, clocks and permissions.
+
+    Exits with 3 when something is in the way of every campaign, or of those named.
+
+    Parameters
+    ----------
+    files
+        Campaign files, whose links are opened for a moment as well. Nothing is sent on them.
+    out_
+        The folder where results are to go.
+    json_
+        Print one JSON document.
+    """
+    findings = [*_findings(out_), *links.campaign_links(files)]
+    if json_:
+        out(json.dumps([asdict(one) for one in findings], indent=2, ensure_ascii=False))
+    else:
+        out(as_text(findings))
+    return TROUBLE if any(one.grade == "trouble" for one in findings) else 0
+
+
+def _findings(results: Path) -> Iterable[Finding]:
+    yield from installed.python()
+    yield from installed.packages()
+    yield from installed.drivers()
+    yield from installed.foreign_packages()
+    yield from programs.autopilots(Path.home())
+    yield from programs.brokers()
+    yield from ports.usual_ports()
+    yield from machine.serial(serial_ports())
+    yield from machine.clock(
+        machine.wakes_late_s(), synchronised=machine.clock_synchronised(), now=machine.utc()
+    )
+    yield from machine.disk(next(one for one in (results, *results.parents) if one.is_dir()))
+    yield from _left_over(results)
+
+
+def _left_over(results: Path) -> Iterable[Finding]:
+    launches = find_orphans(results) if results.is_dir() else ()
+    try:
+        guards = records(runtime_folder())
+    except RuntimeFolderError as error:
+        yield Finding(machine.LEFT, "trouble", str(error))
+        guards = ()
+    yield from machine.orphans(launches, guards, parameter_backup_folder())

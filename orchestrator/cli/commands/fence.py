@@ -1,0 +1,84 @@
+"""`wil-campaign fence`: new fences for what flies on this machine."""
+
+import secrets
+import time
+from pathlib import Path
+
+from orchestrator.cli.commands.operate import NOBODY, account, find_campaigns
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.operator.campaign_records import Place
+from orchestrator.operator.socket_client import NoAnswerError, ask
+from safety.guard.operator.operator_lines import LONGEST_LINE_BYTES
+
+_ANSWERS_S = 60.0
+"""An upload over a bad radio takes half of it, putting the old fence back the rest."""
+_POLL_S = 0.1
+_LONGEST_FILE_BYTES = LONGEST_LINE_BYTES // 2
+"""Written as JSON it grows, and its line has to fit."""
+
+
+def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> int:
+    """Give what flies on this machine new fences, for the rest of its runs in flight.
+
+    Every vehicle has to be inside of its new fence, and able to stop there, and every autopilot has
+    to take it; else nothing changes.
+
+    Parameters
+    ----------
+    file
+        What a campaign says as `geofence`, a QGroundControl .plan, or GeoJSON; the last two keep
+        the floor and ceiling of the present fences.
+    folder
+        The campaign's folder; needed where several fly.
+    who
+        Your name, for the record; by default that of your account.
+    """
+    try:
+        document = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        err(f"{file} cannot be read: {error}")
+        return 2
+    if len(document.encode()) > _LONGEST_FILE_BYTES:
+        err(f"{file} has more than {_LONGEST_FILE_BYTES} bytes")
+        return 2
+    flying = find_campaigns(folder)
+    if flying is None:
+        return NOBODY
+    if len(flying.campaigns) > 1:
+        # A fence is drawn for one world; an abort may mean all of them, this may not.
+        folders = ", ".join(str(campaign.folder) for campaign in flying.campaigns)
+        err(f"several campaigns fly here; name the one you mean by its folder: {folders}")
+        return NOBODY
+    answers = [
+        _change_fences(campaign, document, f"cli:{who or account()}")
+        for campaign in flying.campaigns
+    ]
+    return 0 if answers and all(answers) else NOBODY
+
+
+def _change_fences(campaign: Place, document: str, who: str) -> bool:
+    """Ask a campaign, tell the person what its runs answer; return whether all obeyed."""
+    command_id = secrets.token_hex(8)
+    try:
+        answer = ask(campaign.socket, "geofence", who=who, geofence=document, id=command_id)
+        if answer.get("ok") is not True:
+            err(f"{campaign.name}: {answer.get('text', '')}")
+            return False
+        waiting = set(answer["flying"])
+        obeyed = True
+        give_up_s = time.monotonic() + _ANSWERS_S
+        while waiting and time.monotonic() < give_up_s:
+            time.sleep(_POLL_S)
+            status = ask(campaign.socket, "status", who=who)
+            for said in status["answers"]:
+                if said["id"] == command_id and said["run"] in waiting:
+                    waiting.discard(said["run"])
+                    obeyed = obeyed and said["ok"]
+                    (out if said["ok"] else err)(f"{said['run']}: {said['text']}")
+            waiting &= set(status["flying"])
+    except NoAnswerError as error:
+        err(error)
+        return False
+    for run in sorted(waiting):
+        err(f"{run}: it did not answer")
+    return obeyed and not waiting

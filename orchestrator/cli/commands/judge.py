@@ -1,0 +1,91 @@
+"""`wil-campaign judge`: recorded runs, judged again by what the campaign file says now."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.campaign.reevaluation import Reevaluation, judge_campaign_again, summary_of
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.cli.text_table import table
+from orchestrator.cli.verdict_table import closing_lines
+from orchestrator.model.results import exit_code
+from orchestrator.recording.errors import RecordingError
+
+
+def judge(
+    file: Path,
+    folder: Path,
+    *,
+    case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    mode: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    repetitions: int | None = None,
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Judge recorded runs again, by the oracles that the campaign file has now; fly nothing.
+
+    The last line and the exit code are those of `run`: what is required and is not in the folder
+    was not flown, and then it is 3.
+
+    Parameters
+    ----------
+    file
+        The campaign file.
+    folder
+        The results folder of a campaign: DIR/<campaign>/<UTC start>. Nothing in it is changed.
+    case
+        Only cases that match this GLOB; may be given several times.
+    mode
+        Only this mode: sim, wil or real; may be given several times.
+    repetitions
+        How many runs of each case and mode were flown, when not as many as the file says.
+    set_
+        KEY=VALUE, as of `run`: oracles.altitude.max_m=2.0 asks what another limit had said.
+    json_
+        Print one JSON document: the runs as they are judged now.
+    """
+    campaign = load_campaign(
+        file, Options(cases=case, modes=mode, repetitions=repetitions, sets=set_)
+    )
+    try:
+        rejudged = judge_campaign_again(campaign, folder)
+    except RecordingError as error:
+        err(error)
+        return 3
+    if json_:
+        runs = [asdict(each.now) for each in rejudged]
+        out(json.dumps(runs, indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        out(table(("run", "flown", "now", "reason"), [_row(each) for each in rejudged]))
+        for line in _changes(rejudged):
+            out(line)
+        for said in closing_lines(summary_of(campaign, folder, rejudged)):
+            out(said.plain)
+    return exit_code(
+        [each.now for each in rejudged],
+        campaign.requirements,
+        controls_due=len(campaign.controls),
+    )
+
+
+def _row(each: Reevaluation) -> tuple[str, str, str, str]:
+    run = each.now
+    return (f"{run.case}/{run.mode}/{run.rep}", each.before.verdict, run.verdict, run.reason)
+
+
+def _changes(rejudged: tuple[Reevaluation, ...]) -> list[str]:
+    """Return a line for each oracle that says something else now."""
+    lines = []
+    for each in rejudged:
+        before = {(one.name, one.vehicle): one for one in each.before.oracles}
+        for now in each.now.oracles:
+            then = before.get((now.name, now.vehicle))
+            if then is None or then.verdict != now.verdict:
+                was = "not judged" if then is None else then.verdict
+                run = f"{now.name} of {now.vehicle} in {_row(each)[0]}"
+                lines.append(f"{run}: {now.verdict} (was {was})")
+    return lines

@@ -1,0 +1,155 @@
+"""`wil-campaign list`: what is at hand."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from textwrap import wrap
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+import campaigns
+from campaigns.setup.autonomy_under_test import shipped_autonomies
+from orchestrator.cli.standard_streams import out
+from orchestrator.cli.text_table import table
+from recipes.language.step_docs import StepDoc
+from recipes.language.step_docs import describe_steps as described_step
+from recipes.model.registry import steps
+from safety.oracles import registry
+from safety.oracles.oracle_docs import ParameterDoc, common_parameters, describe_oracles
+from safety.oracles.stl_signals import signal_docs
+from worlds.files.documents import BadInput, load
+
+What = Literal["campaigns", "operators", "autonomies", "oracles", "signals"]
+Row = dict[str, Any]
+
+_WIDTH = 100
+
+
+def list_available(
+    what: What, *, json_: Annotated[bool, Parameter(name="--json", negative=())] = False
+) -> int:
+    """List campaigns, operators and the like.
+
+    Parameters
+    ----------
+    what
+        campaigns: of ./campaigns and those that come with the program; operators: steps of
+        recipes; autonomies: what `autonomy.use` may name; oracles: what `oracles` may name;
+        signals: what formulas of oracles (stl) may name.
+    json_
+        Print one JSON document.
+    """
+    rows = _LISTS[what]()
+    if json_:
+        out(json.dumps(rows, indent=2, ensure_ascii=False))
+    elif what == "oracles":
+        out(_oracle_text())
+    elif what == "operators":
+        out("\n".join(line for kind in steps() for line in _step_lines(described_step(kind))))
+    elif rows:
+        out(table(tuple(rows[0]), [tuple(map(str, row.values())) for row in rows]))
+    return 0
+
+
+def _campaigns() -> list[Row]:
+    folders = (Path("campaigns"), Path(campaigns.__file__).parent)
+    files = {path.resolve(): path for folder in reversed(folders) for path in folder.glob("*.yaml")}
+    return [_campaign(path) for path in sorted(files.values())]
+
+
+def _campaign(path: Path) -> Row:
+    """Return the name and description that a file gives, checked no further."""
+    try:
+        document = load(path)
+    except BadInput as error:
+        return {"name": "?", "file": str(path), "description": error.problems[0].message}
+    name, description = document.get(("campaign",)), document.get(("description",))
+    return {"name": str(name or "?"), "file": str(path), "description": str(description or "")}
+
+
+def _operators() -> list[Row]:
+    return [asdict(described_step(kind)) for kind in steps()]
+
+
+def _autonomies() -> list[Row]:
+    return [{"name": each.name, "summary": each.summary} for each in shipped_autonomies()]
+
+
+def _oracle_rows() -> list[Row]:
+    return [asdict(describe_oracles(spec)) for _, spec in sorted(registry.items())]
+
+
+def _signals() -> list[Row]:
+    return [
+        {"name": name, "unit": kind.unit or "true or false", "meaning": kind.meaning}
+        for name, kind in signal_docs().items()
+    ]
+
+
+def _oracle_text() -> str:
+    """Return each oracle with its parameters beneath, and at the end what all of them take."""
+    lines: list[str] = []
+    for _, spec in sorted(registry.items()):
+        doc = describe_oracles(spec)
+        fast = "; lands at once when it fails" if doc.fail_fast else ""
+        lines += [
+            f"{doc.name}: {doc.summary} ({doc.window}{fast})",
+            *_parameter_lines(doc.parameters),
+        ]
+    return "\n".join([*lines, "", "every oracle takes", *_parameter_lines(common_parameters())])
+
+
+def _step_lines(doc: StepDoc) -> list[str]:
+    """Return a step with its shapes and units, and its parameters with what they mean."""
+    works = ", ".join(doc.sensors) + (f" -> {doc.gives}" if doc.gives else "")
+    texts = [each for each in (doc.details, doc.notes) if each]
+    rows = [
+        (f"    {each.name}", each.takes, "needed" if each.needed else each.default)
+        for each in doc.parameters
+    ]
+    return [
+        f"{doc.name} ({doc.stage}; {works}): {doc.summary}",
+        *(line for text in texts for line in _wrap_lines(text)),
+        *_align_columns(rows),
+    ]
+
+
+def _wrap_lines(text: str) -> list[str]:
+    return wrap(text, _WIDTH, initial_indent="    ", subsequent_indent="    ")
+
+
+def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
+    return _align_columns(
+        [
+            (
+                f"    {each.name}",
+                f"{each.takes}{', ' if each.unit else ''}{each.unit}",
+                "needed" if each.needed else each.default,
+                each.meaning,
+            )
+            for each in parameters
+        ]
+    )
+
+
+def _align_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return rows with their columns one under the other, but for the last."""
+    if not rows:
+        return []
+    last = len(rows[0]) - 1
+    widths = [max(len(row[column]) for row in rows) for column in range(last)]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, (*widths, 0), strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+_LISTS: dict[What, Callable[[], list[Row]]] = {
+    "campaigns": _campaigns,
+    "operators": _operators,
+    "autonomies": _autonomies,
+    "oracles": _oracle_rows,
+    "signals": _signals,
+}

@@ -1,0 +1,160 @@
+"""`wil-campaign mix`: mix pictures, videos or recordings by a recipe, without a flight."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.offline.errors import OfflineError
+from orchestrator.offline.file_mixing import CombinationReport, MixOrder, SideFiles, mix_files
+from recipes.language.recipe_files import load_recipe_file
+from recipes.working import StepError
+from worlds.frames import AT_ORIGIN, Pose
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UntoldLatency:
+    """What files do not tell of their pictures.
+
+    Parameters
+    ----------
+    real_fov_deg
+        How much the real camera sees from left to right, where the file does not tell.
+    twin_fov_deg
+        The same of the twin's.
+    real_depth
+        Distances of the real picture: .npy in metres, or a 16-bit image in millimetres.
+    twin_depth
+        The same of the twin's.
+    place
+        NORTH,EAST,UP[,YAW[,PITCH]] of the camera in a world file, in metres and degrees.
+    """
+
+    real_fov_deg: float = 69.0
+    twin_fov_deg: float = 69.0
+    real_depth: Path | None = None
+    twin_depth: Path | None = None
+    place: str | None = None
+
+
+_USUAL = UntoldLatency()
+
+
+def mix(
+    recipe: Path,
+    *,
+    real: Path,
+    twin: Path,
+    out_: Annotated[Path, Parameter(name="--out")],
+    stages: Path | None = None,
+    frame: int = 0,
+    sensor: str | None = None,
+    untold: UntoldLatency = _USUAL,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Mix pictures, videos or recordings by a recipe, without a flight.
+
+    Exits with 0 when everything was mixed, and with 3 when something had to be left out.
+
+    Parameters
+    ----------
+    recipe
+        The recipe file, YAML or the paper's XML.
+    real
+        What the real camera took: an image, a video, an .mcap, or a run's folder.
+    twin
+        What the twin saw: the same kinds, or a world file, which is drawn from --place.
+    out_
+        Where the mixture goes: an image, a video (.mp4) or a recording (.mcap).
+    stages
+        Write a contact sheet of each step here, as an image.
+    frame
+        Which mixture the contact sheet shows, counted from 0.
+    sensor
+        Which sensor of the recipe; by default its first camera, or all of a recording.
+    json_
+        Print one JSON document.
+    """
+    try:
+        order = MixOrder(
+            recipe=load_recipe_file(recipe),
+            real=_side("--real-fov-deg", real, untold.real_fov_deg, untold.real_depth),
+            twin=_side("--twin-fov-deg", twin, untold.twin_fov_deg, untold.twin_depth),
+            out=out_,
+            sensor=sensor,
+            place=_place(untold.place),
+            stages=stages,
+            frame=frame,
+        )
+        reports = mix_files(order)
+    except OfflineError as error:
+        err(error)
+        return 2
+    except (StepError, OSError) as error:
+        err(error)
+        return 3
+    return _parse_option(reports, json=json_)
+
+
+def _parse_option(reports: Sequence[CombinationReport], *, json: bool) -> int:
+    if json:
+        out(_as_json(reports))
+    for report in reports:
+        tell = out if report.complete and not json else err
+        if not (json and report.complete):
+            tell(_as_text(report))
+    return 0 if all(report.complete for report in reports) else 3
+
+
+def _side(option: str, file: Path, fov_deg: float, depth: Path | None) -> SideFiles:
+    if not 0.0 < fov_deg < 180.0:
+        raise OfflineError(f"{option} {fov_deg:g}: an angle between 0 and 180 degrees")
+    return SideFiles(file=file, fov_deg=fov_deg, depth=depth)
+
+
+def _place(text: str | None) -> Pose:
+    if text is None:
+        return AT_ORIGIN
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not 3 <= len(numbers) <= 5 or not all(math.isfinite(number) for number in numbers):
+        raise OfflineError(f"--place {text}: give NORTH,EAST,UP[,YAW[,PITCH]], as 0,0,1.5,90")
+    north_m, east_m, up_m, yaw_deg, pitch_deg = [*numbers, 0.0, 0.0][:5]
+    return Pose.of(
+        north_m,
+        east_m,
+        up_m,
+        yaw_rad=math.radians(yaw_deg),
+        pitch_rad=math.radians(pitch_deg),
+    )
+
+
+def _as_text(report: CombinationReport) -> str:
+    said = f"{report.name}: {report.mixed} of {report.frames} mixed"
+    left_out = {**report.dropped, **report.faults}
+    if left_out:
+        said += " (" + ", ".join(f"{what} {count}" for what, count in left_out.items()) + ")"
+    return "\n  ".join([said, *report.said])
+
+
+def _as_json(reports: Sequence[CombinationReport]) -> str:
+    document = [
+        {
+            "name": report.name,
+            "frames": report.frames,
+            "mixed": report.mixed,
+            "dropped": dict(report.dropped),
+            "faults": dict(report.faults),
+            "said": list(report.said),
+        }
+        for report in reports
+    ]
+    return json.dumps(document, indent=2, ensure_ascii=False)

@@ -1,0 +1,88 @@
+"""`wil-campaign plan`: the runs of a campaign."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from campaigns.expansion.expansion import Campaign, load_campaign
+from orchestrator.cli.run_selection import ALL, Choice
+from orchestrator.cli.standard_streams import out
+from orchestrator.cli.text_table import table
+
+
+def plan(
+    file: Path,
+    *,
+    choice: Choice = ALL,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Show the runs of a campaign, fly nothing.
+
+    Parameters
+    ----------
+    file
+        The campaign file.
+    json_
+        Print one JSON document.
+    """
+    campaign = load_campaign(file, choice.options())
+    out(_as_json(campaign) if json_ else _as_table(campaign))
+    return 0
+
+
+def _as_table(campaign: Campaign) -> str:
+    rows = [
+        (run.case, run.mode, run.repetition, run.seed, "required" if run.required else "reported")
+        for run in campaign.runs
+    ]
+    rows += [
+        (run.case, run.mode, run.repetition, run.seed, f"control: {run.control}")
+        for run in campaign.controls
+    ]
+    wanted = [f"{r.case}/{r.mode} {r.share}" for r in campaign.requirements]
+    accepted = ", ".join(wanted) if wanted else "nothing is required"
+    shown = table(("case", "mode", "rep", "seed", "counts"), rows)
+    return f"{campaign.name}: {_counted(campaign)}; accepted: {accepted}\n\n{shown}"
+
+
+def _counted(campaign: Campaign) -> str:
+    count = len(campaign.controls)
+    controls = f" and {count} control{'' if count == 1 else 's'}" if count else ""
+    return f"{len(campaign.runs)} runs{controls}"
+
+
+def _as_json(campaign: Campaign) -> str:
+    document = {
+        "campaign": campaign.name,
+        "seed": campaign.seed,
+        "runs": [
+            {
+                "case": run.case,
+                "mode": run.mode,
+                "rep": run.repetition,
+                "seed": run.seed,
+                "required": run.required,
+            }
+            for run in campaign.runs
+        ],
+        "controls": [
+            {
+                "control": run.case,
+                "case": run.control.case,
+                "mode": run.mode,
+                "seed": run.seed,
+                "verdict": run.control.verdict,
+                "oracle": run.control.oracle,
+                "cause": run.control.cause,
+            }
+            for run in campaign.controls
+            if run.control is not None
+        ],
+        "accept": [
+            {"case": r.case, "mode": r.mode, "passes": r.share.passes, "runs": r.share.runs}
+            for r in campaign.requirements
+        ],
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)

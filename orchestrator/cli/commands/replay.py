@@ -1,0 +1,139 @@
+"""`wil-campaign replay`: mix a recorded run anew and say where it diverges."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numpy as np
+from cyclopts import Parameter
+
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.offline.errors import OfflineError
+from orchestrator.offline.mixture_outputs import VideoOut, write_image
+from orchestrator.offline.offline_pairing import MixedPair
+from orchestrator.offline.replay import Replayed, ReplayReport, replay
+from recipes.language.recipe_files import load_recipe_file
+from recipes.working import StepError
+from vehicles.readings import BgrImage, CameraReading
+
+_VIDEO_HZ = 30.0
+_SHOWN = 5
+
+
+def replay_run(
+    run: Path,
+    *,
+    recipe: Path | None = None,
+    out_: Annotated[Path | None, Parameter(name="--out")] = None,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Mix a recorded run anew and say where it diverges from what was recorded.
+
+    Exits with 0 when it does not, with 1 when it does.
+
+    Parameters
+    ----------
+    run
+        A run's folder, or its run.mcap.
+    recipe
+        Another recipe; by default the one that the run was mixed by.
+    out_
+        A folder for the mixture as a video, and for the worst divergence as a picture: what was
+        recorded, what came now, and where they differ.
+    json_
+        Print one JSON document.
+    """
+    try:
+        other = None if recipe is None else load_recipe_file(recipe)
+        if out_ is None:
+            report = replay(run, other)
+        else:
+            out_.mkdir(parents=True, exist_ok=True)
+            with _Film(out_ / "mixed.mp4") as film:
+                report = replay(run, other, tell=film.take)
+            _write_worst(report, out_)
+    except OfflineError as error:
+        err(error)
+        return 2
+    except (StepError, OSError) as error:
+        err(error)
+        return 3
+    out(_as_json(report) if json_ else _as_text(report))
+    return 1 if report.diverges else 0
+
+
+class _Film(VideoOut):
+    """The video of the first combination that has pictures."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, rate_hz=_VIDEO_HZ)
+        self._name: str | None = None
+
+    def take(self, name: str, pair: MixedPair) -> None:
+        """Append a picture, unless it is of another combination."""
+        if isinstance(pair.mixed.reading, CameraReading):
+            self._name = self._name or name
+            if name == self._name:
+                super().take(name, pair)
+
+
+def _write_worst(report: ReplayReport, folder: Path) -> None:
+    for one in report.combinations:
+        if one.worst is None:
+            continue
+        _, recorded, again = one.worst
+        if isinstance(recorded, CameraReading) and isinstance(again, CameraReading):
+            write_image(folder / f"worst-{one.name}.png", _side_by_side(recorded, again))
+
+
+def _side_by_side(recorded: CameraReading, again: CameraReading) -> BgrImage:
+    if recorded.image_bgr.shape != again.image_bgr.shape:
+        return again.image_bgr
+    apart = cv2.absdiff(recorded.image_bgr, again.image_bgr)
+    return np.hstack([recorded.image_bgr, again.image_bgr, apart]).astype(np.uint8)
+
+
+def _as_text(report: ReplayReport) -> str:
+    lines = [line for one in report.combinations for line in _lines(one)]
+    lines += [f"{name}: recorded, but the recipe makes none" for name in report.without]
+    return "\n".join(lines)
+
+
+def _lines(one: Replayed) -> list[str]:
+    how = "to the bit" if one.exact else "within what JPEG loses"
+    left_out = ", ".join(f"{what} {count}" for what, count in one.dropped.items())
+    mixed = f"{one.name}: {one.mixed} of {one.frames} mixed"
+    mixed += f" ({left_out})" if left_out else ""
+    if not one.divergences:
+        return [f"{mixed}; all as recorded, {how}"]
+    lines = [f"{mixed}; {len(one.divergences)} of {one.compared} differ from the recording"]
+    for found in one.divergences[:_SHOWN]:
+        at = "" if found.t_s is None else f" at {found.t_s:.3f} s"
+        lines.append(f"  frame {found.frame}{at}: {found.difference.what}")
+    if len(one.divergences) > _SHOWN:
+        lines.append(f"  and {len(one.divergences) - _SHOWN} more")
+    return lines
+
+
+def _as_json(report: ReplayReport) -> str:
+    document = {
+        "diverges": report.diverges,
+        "without": list(report.without),
+        "combinations": [
+            {
+                "name": one.name,
+                "frames": one.frames,
+                "mixed": one.mixed,
+                "dropped": dict(one.dropped),
+                "compared": one.compared,
+                "exact": one.exact,
+                "divergences": [
+                    {"frame": found.frame, "t_s": found.t_s, "what": found.difference.what}
+                    for found in one.divergences
+                ],
+            }
+            for one in report.combinations
+        ],
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False)

@@ -1,0 +1,193 @@
+"""`wil-campaign run`: fly a campaign."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from campaigns.expansion.expansion import Campaign, load_campaign
+from campaigns.schema import VEHICLES
+from orchestrator.campaign.campaign_folder import OutputError, require_writable
+from orchestrator.campaign.campaign_runner import (
+    CampaignOutcome,
+    FlyingSettings,
+    fly_campaign,
+    planned,
+)
+from orchestrator.campaign.resumption import ResumeError
+from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
+from orchestrator.cli.progress_display import Display, LineDisplay, SilentDisplay, TerminalDisplay
+from orchestrator.cli.run_selection import ALL, Choice
+from orchestrator.cli.standard_streams import err, ignore_broken_pipe, out
+from orchestrator.cli.verdict_table import conclusions, verdict_table
+from orchestrator.model.clock import Clock
+from orchestrator.model.document_writer import to_json
+from orchestrator.operator.errors import OperatingError
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flights:
+    """How they are flown.
+
+    Parameters
+    ----------
+    clock
+        virtual: as fast as the machine can, to the byte the same each time. wall: in real time,
+        each vehicle a process of its own on UDP. scaled: at the pace that simulations were asked
+        for, as fast as they reach it. By default virtual, unless the campaign has something
+        outside: a vehicle of its own, a live camera, a simulator, a program, a stream to send;
+        scaled where a simulation is launched at a pace of its own.
+    jobs
+        How many runs fly at once, each in a process of its own; by default one per core, under
+        the wall clock one per two cores.
+    broker
+        An MQTT broker: mqtt://host, mqtts://host, or embedded, which starts one on this machine.
+    gcs
+        A ground station's LINK, or NAME=LINK for one vehicle (udpout://127.0.0.1:14550): the guard
+        passes MAVLink on to it and back. It needs the wall clock; may be given several times.
+    no_arm
+        Try each case and mode once, up to arming: links, parameters, fence, readiness.
+    arm_real
+        Allow that attached vehicles are armed, which may be hardware.
+    """
+
+    clock: Clock | None = None
+    jobs: int | None = None
+    broker: str | None = None
+    gcs: Annotated[tuple[str, ...], Parameter(negative=())] = ()
+    no_arm: Annotated[bool, Parameter(name="--no-arm", negative=())] = False
+    arm_real: Annotated[bool, Parameter(name="--arm-real", negative=())] = False
+
+
+_USUAL = Flights()
+_WIDEST = 1000
+"""Columns: a table is measured by a console that cuts nothing off."""
+
+
+def run(
+    file: Path,
+    *,
+    out_: Annotated[Path, Parameter(name="--out")] = Path("results"),
+    choice: Choice = ALL,
+    flights: Flights = _USUAL,
+    resume: Annotated[bool, Parameter(negative=())] = False,
+    junit: Path | None = None,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Fly a campaign and write its verdicts.
+
+    Parameters
+    ----------
+    file
+        The campaign file.
+    out_
+        The folder beneath which the results go: DIR/<campaign>/<UTC start>/.
+    resume
+        Take up the campaign that was cut off: the newest beneath --out, or --out itself where that
+        is a campaign's folder. What is finished is kept, what is missing is flown; refused when the
+        campaign or one of its files has changed. Give the same options as before.
+    junit
+        Write junit.xml here as well; the folder has to be there.
+    json_
+        Print summary.json on standard output and nothing else there.
+    """
+    if flights.no_arm and resume:
+        err("--no-arm tries what a campaign would do, and leaves nothing to --resume")
+        return 2
+    campaign = load_campaign(file, choice.options(*_sets(flights)))
+    try:
+        require_writable(out_, junit=junit)
+        cleared = _clear_arming(campaign, flights)
+    except OutputError as error:
+        err(error)
+        return 3
+    except RefusedError as error:
+        err(error)
+        return error.code
+    settings = FlyingSettings(
+        out=out_,
+        clock=cleared.clock,
+        jobs=cleared.jobs,
+        junit=junit,
+        resume=resume,
+        arm=not flights.no_arm,
+        real_kind=cleared.real_kind,
+        hardware=cleared.hardware,
+    )
+    return _fly_selected(campaign, settings, json=json_)
+
+
+def _clear_arming(campaign: Campaign, flights: Flights) -> Cleared:
+    return clear(
+        campaign,
+        clock=flights.clock,
+        jobs=flights.jobs,
+        arm=not flights.no_arm,
+        arm_real=flights.arm_real,
+    )
+
+
+def _sets(flights: Flights) -> list[str]:
+    broker = [] if flights.broker is None else [f"operator.mqtt.broker={flights.broker}"]
+    return _gcs_sets(flights.gcs) + broker
+
+
+def _fly_selected(campaign: Campaign, settings: FlyingSettings, *, json: bool) -> int:
+    display = _display(json=json, total=len(planned(campaign, settings)))
+    try:
+        with display:
+            display.say(_announcement(campaign, settings))
+            outcome = fly_campaign(campaign, settings, display)
+    except (OutputError, OperatingError) as error:
+        err(error)
+        return 3
+    except ResumeError as error:
+        err(error)
+        return 2
+    if json:
+        out(to_json(outcome.summary).rstrip())
+    else:
+        _print_verdicts(outcome, campaign)
+    return outcome.exit_code
+
+
+def _gcs_sets(links: tuple[str, ...]) -> list[str]:
+    """Return --gcs as overrides; a link without a vehicle's name is both vehicles'."""
+    sets: list[str] = []
+    for text in links:
+        name, is_named, link = text.partition("=")
+        sets += [
+            f"operator.gcs.{one}={link if is_named else text}"
+            for one in ((name,) if is_named else VEHICLES)
+        ]
+    return sets
+
+
+def _announcement(campaign: Campaign, settings: FlyingSettings) -> str:
+    runs = len(planned(campaign, settings))
+    at_once = min(settings.jobs, runs)
+    return f"{campaign.name}: {runs} to fly, {at_once} at a time, {settings.clock} clock"
+
+
+def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign) -> None:
+    console = Console(file=ignore_broken_pipe())
+    table = verdict_table(outcome.summary, campaign.requirements)
+    # Where the terminal is narrower it wraps the lines: cells that were cut off would tell nothing.
+    wide = Console(file=ignore_broken_pipe(), width=_WIDEST)
+    width = max(console.width, wide.measure(table).maximum)
+    Console(file=ignore_broken_pipe(), width=width).print(table)
+    for line in conclusions(outcome.summary):
+        console.print(line, soft_wrap=True)
+    console.print(f"results: {outcome.folder}", highlight=False, soft_wrap=True)
+
+
+def _display(*, json: bool, total: int) -> Display:
+    if json:
+        return SilentDisplay()
+    stream = ignore_broken_pipe()
+    if stream.isatty():
+        return TerminalDisplay(console=Console(file=stream), total=total)
+    return LineDisplay(console=Console(file=stream, highlight=False, soft_wrap=True), total=total)

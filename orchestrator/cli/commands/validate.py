@@ -1,0 +1,74 @@
+"""`wil-campaign validate`: every fault of campaign, world and recipe files."""
+
+from pathlib import Path
+
+from campaigns.expansion.expansion import Campaign, load_campaign
+from orchestrator.cli.clock_choice import clock_for, external_needs
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.model.clock import Clock
+from recipes.language.recipe_document import load_recipe
+from recipes.language.recipe_files import load_recipe_document
+from worlds.files.documents import BadInput, Problem
+from worlds.world_file.world import World
+
+
+def validate(*files: Path, clock: Clock | None = None) -> int:
+    """Find every fault of files, fly nothing.
+
+    Parameters
+    ----------
+    files
+        Campaign files, with the world and recipe that each names; or world or recipe files.
+    clock
+        Whether they can be flown on this clock as well: virtual, wall or scaled.
+    """
+    if not files:
+        err("validate needs at least one file")
+        return 2
+    problems: list[Problem] = []
+    for file in files:
+        try:
+            out(_check_case(file, clock))
+        except BadInput as error:
+            problems += error.problems
+    if not problems:
+        return 0
+    found = list(dict.fromkeys(problems))
+    for problem in found:
+        err(problem)
+    names = len({problem.file for problem in found})
+    err(f"{_count(len(found), 'problem')} in {_count(names, 'file')}")
+    return 2
+
+
+def _check_case(file: Path, clock: Clock | None) -> str:
+    """Return a line about a good file, whatever kind it says it is. Raises BadInput."""
+    document = load_recipe_document(file)
+    schema = document.get(("schema",))
+    if schema == "wil/world/1":
+        world = World.parse(document)
+        return f"{file}: a world of {_count(len(world.objects), 'object')}"
+    if schema == "wil/recipe/1":
+        recipe = load_recipe(document)
+        return f"{file}: a recipe of {_count(len(recipe.combinations), 'combination')}"
+    campaign = load_campaign(file)
+    chosen = clock_for(campaign, clock)
+    outside = ", ".join(dict.fromkeys(one.name for one in external_needs(campaign)))
+    because = f"; {chosen} clock, for {outside}" if outside else ""
+    return f"{file}: {_summary(campaign)}{because}"
+
+
+def _summary(campaign: Campaign) -> str:
+    required = sum(run.required for run in campaign.runs)
+    sizes = (
+        _count(len(campaign.cases), "case"),
+        _count(len(campaign.modes), "mode"),
+        _count(campaign.repetitions, "repetition"),
+    )
+    runs = f"{_count(len(campaign.runs), 'run')} ({' x '.join(sizes)})"
+    controls = f", {_count(len(campaign.controls), 'control')}" if campaign.controls else ""
+    return f"campaign '{campaign.name}', {runs}, {required} required{controls}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

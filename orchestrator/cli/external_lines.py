@@ -1,0 +1,94 @@
+"""What came in from outside and what went out, a line for each, over all runs of a campaign."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
+
+from orchestrator.model.external_results import (
+    CaptureResult,
+    ExternalResult,
+    InjectedResult,
+    OutletResult,
+    SourceResult,
+)
+from orchestrator.model.results import RunResult
+
+R = TypeVar("R")
+
+
+def external_lines(runs: Iterable[RunResult]) -> list[str]:
+    """Return a line for each source, motion capture, way out and injection.
+
+    Counts are summed over the runs; rates, latencies and gaps are those of the worst run.
+    """
+    given = [run.outside for run in runs if run.outside is not None]
+    return [
+        *_lines(given, lambda one: one.sources, lambda one: (one.vehicle, one.sensor), _source),
+        *_lines(given, lambda one: one.captures, lambda one: (one.vehicle, one.address), _capture),
+        *_lines(given, lambda one: one.outlets, lambda one: (one.name,), _outlet),
+        *_lines(
+            given, lambda one: one.injected, lambda one: (one.vehicle, one.thing), _injection_text
+        ),
+    ]
+
+
+def _source(all_: Sequence[SourceResult]) -> str:
+    one = all_[0]
+    parts = (f"{sum(getattr(each, name) for each in all_)} {name}" for name in _OF_SOURCES)
+    said = f"{one.vehicle} {one.sensor} ({one.source}): {', '.join(parts)}"
+    return f"{said}, {_count_text(sum(each.stalls for each in all_), 'stall')}"
+
+
+_OF_SOURCES = ("delivered", "dropped", "missed", "damaged")
+
+
+def _capture(all_: Sequence[CaptureResult]) -> str:
+    one, feeds = all_[0], [each.feed for each in all_]
+    rates = [feed.rate_hz for feed in feeds if feed.rate_hz is not None]
+    late = [
+        (feed.latency_ms_p99 or 0.0, feed.latency_ms_p50)
+        for feed in feeds
+        if feed.latency_ms_p50 is not None
+    ]
+    said = f"{one.vehicle} at {one.address}: "
+    said += f"{min(rates):.1f} Hz, " if rates else "no rate, "
+    if late:
+        p99, p50 = max(late)
+        said += f"latency {p50:.1f} ms (p99 {p99:.1f}), "
+    missing = sum(feed.missing + feed.invalid for feed in feeds)
+    dropouts = sum(feed.dropouts for feed in feeds)
+    gap_s = max(feed.longest_gap_s for feed in feeds)
+    said += f"{missing} missing, {_count_text(dropouts, 'dropout')}, "
+    return said + f"longest gap {1000 * gap_s:.0f} ms"
+
+
+def _outlet(all_: Sequence[OutletResult]) -> str:
+    offered, delivered = (sum(getattr(one, name) for one in all_) for name in _OF_OUTLETS)
+    said = f"{all_[0].name}: {delivered} of {offered} pictures delivered"
+    trouble = next((one.trouble for one in all_ if one.trouble), "")
+    return f"{said} ({trouble})" if trouble else said
+
+
+_OF_OUTLETS = ("offered", "delivered")
+
+
+def _injection_text(all_: Sequence[InjectedResult]) -> str:
+    sent, stale = sum(one.sent for one in all_), sum(one.stale for one in all_)
+    said = f"{all_[0].vehicle} was told {all_[0].thing} {sent} times"
+    return f"{said}; {stale} were too old to send" if stale else said
+
+
+def _lines(
+    given: Iterable[ExternalResult],
+    of: Callable[[ExternalResult], Iterable[R]],
+    key: Callable[[R], tuple[str, ...]],
+    line: Callable[[Sequence[R]], str],
+) -> list[str]:
+    groups: dict[tuple[str, ...], list[R]] = {}
+    for one in given:
+        for each in of(one):
+            groups.setdefault(key(each), []).append(each)
+    return [line(each) for each in groups.values()]
+
+
+def _count_text(count: int, name: str) -> str:
+    return f"{count} {name}{'' if count == 1 else 's'}"

@@ -1,0 +1,169 @@
+"""What a person sees while a campaign flies, and the table at its end."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Protocol, Self
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
+from rich.table import Table
+from rich.text import Text
+
+from orchestrator.model.progress import Progress
+from orchestrator.model.results import RunResult
+
+VERDICT_STYLES = {
+    "PASS": "green",
+    "FAIL": "bold red",
+    "INVALID": "bold yellow",
+    "ERROR": "bold magenta",
+    "ABORTED": "bold cyan",
+}
+
+
+class Display(Protocol):
+    """Shows runs in flight and finished ones; a context manager."""
+
+    def __enter__(self) -> Self:
+        """Begin."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the terminal as it was."""
+
+    def progress(self, progress: Progress) -> None:
+        """Show where a run in flight stands."""
+
+    def finished(self, result: RunResult) -> None:
+        """Show a run's verdict."""
+
+    def say(self, text: str) -> None:
+        """Tell the person something."""
+
+
+class SilentDisplay:
+    """Shows nothing: for --json, whose standard output is one document."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        pass
+
+    def progress(self, progress: Progress) -> None:
+        """Show nothing."""
+
+    def finished(self, result: RunResult) -> None:
+        """Show nothing."""
+
+    def say(self, text: str) -> None:
+        """Show nothing."""
+
+
+@dataclass(slots=True)
+class LineDisplay(SilentDisplay):
+    """One line per finished run: for logs and pipes."""
+
+    console: Console
+    total: int
+    done: int = field(default=0, init=False)
+
+    def finished(self, result: RunResult) -> None:
+        """Print the verdict of a run."""
+        self.done += 1
+        self.console.print(Text(f"[{self.done}/{self.total}] ") + finished_line(result))
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        self.console.print(text)
+
+
+class TerminalDisplay(SilentDisplay):
+    """Runs in flight with their stage, beneath the verdicts so far, redrawn in place."""
+
+    def __init__(self, *, console: Console, total: int) -> None:
+        self._console = console
+        self._flying: dict[tuple[str, str, int], Progress] = {}
+        self._bar = Bar(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            console=console,
+        )
+        self._task = self._bar.add_task("runs", total=total)
+        self._live = Live(console=console, refresh_per_second=8, get_renderable=self._draw)
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._flying.clear()
+        self._live.stop()
+
+    def progress(self, progress: Progress) -> None:
+        """Show where a run in flight stands."""
+        self._flying[progress.case, progress.mode, progress.repetition] = progress
+
+    def finished(self, result: RunResult) -> None:
+        """Move a run from those in flight to the verdicts above."""
+        self._flying.pop((result.case, result.mode, result.rep), None)
+        self._bar.advance(self._task)
+        self._live.console.print(finished_line(result))
+
+    def say(self, text: str) -> None:
+        """Print a line above the runs in flight."""
+        self._live.console.print(text)
+
+    def _draw(self) -> RenderableType:
+        table = Table.grid(padding=(0, 2))
+        for key in sorted(self._flying):
+            table.add_row(*_flying_cells(self._flying[key]))
+        return Group(table, self._bar)
+
+
+def _flying_cells(progress: Progress) -> Iterable[RenderableType]:
+    yield f"{progress.case} {progress.mode} #{progress.repetition}"
+    yield Text(progress.stage, style="blue")
+    yield f"{progress.t_s:6.1f} s"
+    yield "" if progress.mixing_rate_hz is None else f"mixing {progress.mixing_rate_hz:.0f} Hz"
+    yield "" if progress.skew_ms is None else f"skew {progress.skew_ms:.1f} ms"
+    yield "" if progress.clearance_m is None else f"clearance {progress.clearance_m:.2f} m"
+    so_far = progress.verdict_so_far
+    yield "" if so_far is None else Text(so_far, style=VERDICT_STYLES.get(so_far, ""))
+
+
+def finished_line(result: RunResult) -> Text:
+    """Return one line for a run: what it was, its verdict, and why when it is no clean PASS."""
+    name = f"{result.case} {result.mode}"
+    line = Text(f"{name}  " if result.control is not None else f"{name} #{result.rep}  ")
+    line.append(f"{result.verdict:<7}", style=VERDICT_STYLES.get(result.verdict, ""))
+    if result.control is not None:
+        met = result.control.met
+        said = " (control, as it must)" if met else " (control, not as it must)"
+        line.append(said, style="dim" if met else "bold red")
+    elif not result.required:
+        line.append(" (reported)", style="dim")
+    if result.attempts:
+        line.append(f" (attempt {len(result.attempts) + 1})", style="yellow")
+    if result.reason:
+        line.append(f"  {result.reason}")
+    return line

@@ -1,0 +1,99 @@
+"""Standard output and standard error, the one place where the command line writes to them."""
+
+import io
+import os
+import sys
+from contextlib import suppress
+from typing import TextIO, cast
+
+
+class StreamError(Exception):
+    """Standard output takes no more of what was asked for; says why."""
+
+
+def out(text: object) -> None:
+    """Write a line of what was asked for. Raises StreamError; BrokenPipeError for a reader gone."""
+    try:
+        sys.stdout.write(f"{text}\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _to_nowhere(sys.stdout)
+        raise
+    except OSError as error:
+        _to_nowhere(sys.stdout)
+        raise StreamError(f"standard output: {error.strerror or error}") from error
+
+
+def err(text: object) -> None:
+    """Write a line that is about the work rather than its result; nobody there is no fault."""
+    with suppress(OSError):
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
+
+
+def ignore_broken_pipe() -> TextIO:
+    """Return standard output for what people look at while a campaign flies.
+
+    Once it takes no more (the reader of the pipe or the terminal has gone, the disk is full) what
+    comes is let go: a flight does not end for want of somebody who looks on.
+    """
+    return cast("TextIO", _BrokenPipeStream(sys.stdout))
+
+
+class _BrokenPipeStream(io.TextIOBase):
+    def __init__(self, stream: TextIO) -> None:
+        super().__init__()
+        self._stream = stream
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]  # typeshed has a plain attribute
+        return self._stream.encoding or "utf-8"
+
+    def isatty(self) -> bool:
+        return self._stream.isatty()
+
+    def fileno(self) -> int:
+        return self._stream.fileno()
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, text: str) -> int:
+        try:
+            self._stream.write(text)
+        except OSError:
+            _to_nowhere(self._stream)
+        return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError:
+            _to_nowhere(self._stream)
+
+
+def make_sound() -> None:
+    """Have all three standard streams open and able to take any text.
+
+    A closed one (`>&-`) would be None, and its number that of the next file we open. What an
+    encoding other than UTF-8 cannot carry is written as escapes.
+    """
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free: this one
+            os.set_inheritable(number, True)
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _to_nowhere(stream: TextIO) -> None:
+    """Point a stream that takes no more at nothing, so that its last flush is quiet."""
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)

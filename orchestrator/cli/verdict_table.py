@@ -1,0 +1,186 @@
+"""The table at the end of a campaign."""
+
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+
+from rich.box import SIMPLE_HEAD
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from campaigns.values.acceptance import Requirement, Standing
+from orchestrator.cli.external_lines import external_lines
+from orchestrator.cli.progress_display import VERDICT_STYLES
+from orchestrator.model.caveats import caveats, in_short
+from orchestrator.model.results import Percentiles, RunResult, Summary, standings_of
+from safety.evaluation.judge import COLLISION_ALWAYS
+
+_COLUMNS = (
+    "case",
+    "mode",
+    "passed",
+    "verdict",
+    "clearance\nm",
+    "offset\nm",
+    "skew\nms",
+    "mixing\nHz",
+    "error\npx",
+)
+"""Of all runs of a row the worst: clearance, offset in the gate, takeoff skew, mixing rate, and
+the largest median of the registration error."""
+
+
+def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Table:
+    """Return a row for each case and mode; 80 columns wide where the case's name is short."""
+    count = len(summary.runs)
+    title = f"{summary.campaign}: {count} run{'' if count == 1 else 's'}"
+    if controls := len(summary.controls):
+        title += f", {controls} control{'' if controls == 1 else 's'}"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    for name in _COLUMNS:
+        words = name in {"case", "mode", "verdict"}
+        table.add_column(name, justify="left" if words else "right", no_wrap=True)
+    standings = {
+        (one.requirement.case, one.requirement.mode): one
+        for one in standings_of(summary.runs, requirements)
+    }
+    groups: dict[tuple[str, str], list[RunResult]] = {}
+    for run in summary.runs:
+        groups.setdefault((run.case, run.mode), []).append(run)
+    for (case, mode), runs in groups.items():
+        table.add_row(case, mode, *_cells(runs, standings.get((case, mode))))
+    if summary.controls:
+        table.add_section()
+    for control in summary.controls:
+        table.add_row(control.case, control.mode, *_control_cells(control))
+    return table
+
+
+def _control_cells(run: RunResult) -> Sequence[RenderableType]:
+    """Return the cells of a control; its verdict is good where the control ended as it must."""
+    passed, _, *rest = _cells([run], None)
+    met = run.control is not None and run.control.met
+    text = f"{run.verdict} (control)" if met else f"{run.verdict} (must not)"
+    return (passed, Text(text, style="green" if met else "bold red"), *rest)
+
+
+def conclusions(summary: Summary) -> list[Text]:
+    """Return why runs did not pass, or not at once, what came and went, and what it came to.
+
+    What a verdict has to be read with comes right before the last line, and in it.
+    """
+    return [*_reasons(summary), *closing_lines(summary)]
+
+
+def closing_lines(summary: Summary) -> list[Text]:
+    """Return what comes beneath the reasons: what it has to be read with, and what it came to."""
+    outside = [Text(line, style="dim") for line in external_lines(summary.runs)]
+    lines = [*caveats(summary.runs), *summary.caveats]
+    if summary.not_flown:
+        lines.append(f"never flown: {', '.join(summary.not_flown)}")
+    reserved = [Text(line, style="yellow") for line in lines]
+    return [*outside, *reserved, _conclusion(summary)]
+
+
+def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
+    passed = sum(run.verdict == "PASS" for run in runs)
+    return (
+        f"{passed}/{len(runs)}",
+        _verdict(runs, standing),
+        _worst(runs, {"collision", COLLISION_ALWAYS.name}),
+        _worst(runs, {"reached"}, largest=True),
+        _largest_ms([run.sync.takeoff_skew_s for run in runs]),
+        *_mixing_cells(runs),
+    )
+
+
+def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
+    """Return what a row comes to, with the share that is required where it is not all.
+
+    A PASS for which runs were flown again has a star; which they were is told beneath.
+    """
+    if standing is None:
+        return Text("reported", style="dim")
+    share = standing.requirement.share
+    wanted = "" if share.passes == share.runs else f" ({share})"
+    if standing.met and any(run.attempts for run in runs):
+        return Text(f"PASS*{wanted}", style="yellow")
+    if standing.met:
+        return Text(f"PASS{wanted}", style="green")
+    worst = next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
+    return Text(f"{worst}{wanted}", style=VERDICT_STYLES[worst])
+
+
+def _worst(runs: Sequence[RunResult], names: AbstractSet[str], *, largest: bool = False) -> str:
+    """Return the worst value that the judged vehicle had in these oracles over all runs."""
+    values = [
+        oracle.actual
+        for run in runs
+        for oracle in run.oracles
+        if oracle.name in names and oracle.vehicle == run.subject and oracle.actual is not None
+    ]
+    if not values:
+        return "-"
+    return f"{max(values) if largest else min(values):.2f}"
+
+
+def _largest_ms(values: Sequence[float | None]) -> str:
+    known = [abs(value) for value in values if value is not None]
+    return f"{max(known) * 1000:.0f}" if known else "-"
+
+
+def _mixing_cells(runs: Sequence[RunResult]) -> tuple[str, str]:
+    mixed = [run.mixing for run in runs if run.mixing is not None]
+    if not mixed:
+        return "-", "-"
+    errors = [one.registration_error_px for one in mixed]
+    bounds = [one.registration_bound_px for one in mixed]
+    rate = f"{min(one.rate_hz for one in mixed):.1f}"
+    if (largest := _largest_median(errors)) is not None:
+        return rate, f"{largest:.1f}"
+    within = _largest_median(bounds)
+    return rate, "-" if within is None else f"<{within:.1f}"
+
+
+def _largest_median(figures: Sequence[Percentiles | None]) -> float | None:
+    medians = [each.p50 for each in figures if each is not None and each.p50 is not None]
+    return max(medians, default=None)
+
+
+def _reasons(summary: Summary) -> list[Text]:
+    lines = [
+        Text(f"{run.case} {run.mode} #{run.rep} {run.verdict}: {run.reason}", style="dim")
+        for run in summary.runs
+        if run.verdict != "PASS" or run.attempts
+    ]
+    lines += [
+        Text(f"control {run.case} {run.mode} {run.verdict}, as it must: {run.reason}", style="dim")
+        for run in summary.controls
+        if run.control is not None and run.control.met
+    ]
+    return lines + [Text(text, style="bold red") for text in summary.unmet]
+
+
+def _due(summary: Summary) -> int:
+    return len(summary.runs) + len(summary.controls) + len(summary.not_flown)
+
+
+def _conclusion(summary: Summary) -> Text:
+    words = {True: ("accepted", "bold green"), False: ("not accepted", "bold red")}
+    said, style = words.get(summary.accepted or False, ("", ""))
+    if summary.accepted is None:
+        said, style = "nothing required was flown", "yellow"
+    if summary.totals.retried:
+        said, style = f"{said}; {summary.totals.retried} not at the first attempt", "yellow"
+    for reservation in in_short(summary):
+        said, style = f"{said}; {reservation}", "yellow"
+    if summary.not_flown:
+        said += f"; never flown: {len(summary.not_flown)} of {_due(summary)}"
+    if summary.left_out:
+        style = "yellow" if summary.accepted else style
+        said += "" if summary.accepted is None else " of what was flown"
+        said += f"; required, and left out: {', '.join(summary.left_out)}"
+    if summary.unmet:
+        said, style = f"{said}: {'; '.join(summary.unmet)}", "bold red"
+    note = " (the embedded surrogate played the real vehicle)" if summary.surrogate else ""
+    return Text(said, style=style).append(note, style="dim")

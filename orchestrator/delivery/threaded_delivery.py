@@ -1,0 +1,149 @@
+"""Delivery through a thread of its own: encoding takes milliseconds, a socket may block."""
+
+import asyncio
+import threading
+from collections import deque
+from types import TracebackType
+from typing import Protocol, Self
+
+from orchestrator.delivery.image_delivery import DeliveryCounts, DeliveryError
+from vehicles.readings import CameraReading
+
+_CLOSING_LIMIT_S = 2.0
+
+
+class Sink(Protocol):
+    """Sends pictures; blocking; used by one thread."""
+
+    @property
+    def name(self) -> str:
+        """Return what people know it by."""
+
+    def open(self) -> None:
+        """Open. Raises DeliveryError."""
+
+    def write(self, reading: CameraReading) -> None:
+        """Send one picture. Raises DeliveryError when this one cannot be sent."""
+
+    def close(self) -> None:
+        """Close; called once, also after an `open` that failed."""
+
+
+class ThreadedDelivery:
+    """A Delivery over a sink.
+
+    depth: how many pictures may wait; when one more comes, the oldest makes way. Wall clock
+    only.
+    """
+
+    def __init__(self, *, sink: Sink, depth: int = 2) -> None:
+        self.name = sink.name
+        self._sink = sink
+        self._depth = depth
+        self._waiting: deque[CameraReading] = deque()
+        self._change = threading.Condition()
+        self._closing = False
+        self._offered = self._delivered = self._dropped = self._failed = 0
+        self._trouble = ""
+
+    @property
+    def counts(self) -> DeliveryCounts:
+        """Return what became of the readings so far."""
+        with self._change:
+            return DeliveryCounts(self._offered, self._delivered, self._dropped, self._failed)
+
+    @property
+    def trouble(self) -> str:
+        """Return why the last reading that failed did; empty when none has."""
+        return self._trouble
+
+    def deliver(self, reading: CameraReading) -> None:
+        """Let a picture wait for the thread; the oldest one that waits makes way if need be."""
+        with self._change:
+            self._offered += 1
+            if len(self._waiting) >= self._depth:
+                self._waiting.popleft()
+                self._dropped += 1
+            self._waiting.append(reading)
+            self._change.notify()
+
+    async def __aenter__(self) -> Self:
+        """Start the thread and wait until it has opened. Raises DeliveryError."""
+        loop = asyncio.get_running_loop()
+        opened: asyncio.Future[None] = loop.create_future()
+
+        def tell(error: DeliveryError | None) -> None:
+            if opened.done():
+                return
+            if error is None:
+                opened.set_result(None)
+            else:
+                opened.set_exception(error)
+
+        self._thread = threading.Thread(
+            target=self._run,
+            args=(lambda error: loop.call_soon_threadsafe(tell, error),),
+            name=f"delivery {self.name}",
+            daemon=True,
+        )
+        self._thread.start()
+        try:
+            await opened
+        except BaseException:
+            await self._close()
+            raise
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Send what still waits, and end the thread."""
+        await self._close()
+
+    async def _close(self) -> None:
+        with self._change:
+            self._closing = True
+            self._change.notify()
+        await asyncio.to_thread(self._thread.join, _CLOSING_LIMIT_S)
+
+    def _run(self, opened: "_ReportTrouble") -> None:
+        try:
+            self._sink.open()
+        except DeliveryError as error:
+            opened(error)
+        except Exception as error:  # noqa: BLE001 - a thread's fault must reach who waits for it
+            opened(DeliveryError(f"{self.name}: {type(error).__name__}: {error}"))
+        else:
+            opened(None)
+            while (reading := self._next()) is not None:
+                self._send(reading)
+        finally:
+            self._sink.close()
+
+    def _next(self) -> CameraReading | None:
+        with self._change:
+            while not self._waiting and not self._closing:
+                self._change.wait()
+            return self._waiting.popleft() if self._waiting else None
+
+    def _send(self, reading: CameraReading) -> None:
+        try:
+            self._sink.write(reading)
+        except DeliveryError as error:
+            self._trouble = str(error)
+        except Exception as error:  # noqa: BLE001 - one bad picture must not end the delivery
+            self._trouble = f"{self.name}: {type(error).__name__}: {error}"
+        else:
+            with self._change:
+                self._delivered += 1
+            return
+        with self._change:
+            self._failed += 1
+
+
+class _ReportTrouble(Protocol):
+    def __call__(self, error: DeliveryError | None, /) -> object:
+        """Tell the loop that it is open, or why not."""

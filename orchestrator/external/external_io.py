@@ -1,0 +1,282 @@
+"""All that one run has outside of this process: opened before its vehicles, closed after them."""
+
+import asyncio
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AsyncExitStack
+from types import TracebackType
+from typing import Self
+
+from campaigns.values.external_setups import MocapSetup
+from campaigns.values.sensor_setups import CameraSetup
+from orchestrator.delivery.camera_component import CameraComponent, VideoStream
+from orchestrator.external.external_cameras import ExternalCamera
+from orchestrator.external.ground_station import GroundStation
+from orchestrator.external.image_outlets import Outlet, Outlets, image_delivery
+from orchestrator.external.injection_check import InjectionProof, prove_injection
+from orchestrator.external.injector import Injector, ScenePoses
+from orchestrator.external.motion_captures import MotionCaptures
+from orchestrator.model.external_results import ExternalResult, SourceResult
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.run_state import RunState
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.model.oracle_results import Flag
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import parse_link
+from vehicles.readings import CameraReading, Reading, Source
+from vehicles.sources.simulator.simulator_camera import ZmqImageSource
+
+_WATCH_S = 0.1
+_STALLED_S = 1.0
+"""Without a picture for so long in flight, a run proves nothing any more."""
+_FIRST_CAMERA = 100
+"""MAV_COMP_ID_CAMERA; the next ones follow."""
+
+Key = tuple[str, str]
+"""A vehicle, and a sensor of it."""
+
+
+class ExternalIo:
+    """Sources, ways out and injections of one run; an async context manager.
+
+    cameras: those with pictures from outside, simulators: those that are asked in another
+    process, both by vehicle and sensor. Nothing here is slower for a run that has none of it.
+    """
+
+    def __init__(self, *, setup: RunSetup, events: Mapping[str, float]) -> None:
+        self._setup = setup
+        self._events = events
+        self._injectors: dict[str, Injector] = {}
+        self._stack = AsyncExitStack()
+        self._missing: dict[Key, float] = {}
+        self._doubted: Callable[[str], None] = lambda _: None
+        self._proofs: tuple[InjectionProof, ...] = ()
+        self.cameras: dict[Key, ExternalCamera] = {}
+        self.simulators: dict[Key, ZmqImageSource] = {}
+        for vehicle in setup.vehicles:
+            for camera in vehicle.cameras:
+                self._add(vehicle.name, camera)
+        captured: dict[Source, MocapSetup] = {
+            one.name: one.mocap for one in setup.vehicles if one.mocap is not None
+        }
+        self.captures = MotionCaptures(captured)
+        self.outlets = Outlets(self._outlets())
+        self._ground = self._ground_station()
+
+    async def __aenter__(self) -> Self:
+        """Open all. Raises SourceError, DeliveryError, LinkError: whichever cannot be had."""
+        async with AsyncExitStack() as stack:
+            for camera in self.cameras.values():
+                await camera.open(stack)
+            for simulator in self.simulators.values():
+                await stack.enter_async_context(simulator)
+            await self.captures.open(stack)
+            await self.outlets.open(stack)
+            if self._ground is not None:
+                await stack.enter_async_context(self._ground.link)
+            self._stack = stack.pop_all()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close all."""
+        await self._stack.aclose()
+
+    def attach(self, contexts: Iterable[VehicleContext]) -> None:
+        """Take the vehicles, whose autopilots are told from now on what is injected."""
+        setup = self._setup
+        surroundings = ScenePoses(
+            setup.virtual_scene if setup.mode != "real" else setup.real_scene,
+            setup.campaign.world.frame,
+            self._events,
+        )
+        for context in contexts:
+            injector = Injector(
+                context=context,
+                autopilot=setup.vehicle(context.name).autopilot,
+                injections=setup.campaign.outside.injections,
+                surroundings=surroundings,
+            )
+            if injector.things:
+                self._injectors[context.name] = injector
+                context.on_mocap(injector.pose)
+
+    async def before_arming(
+        self, contexts: Iterable[VehicleContext], *, unbooted: Mapping[str, frozenset[str]]
+    ) -> None:
+        """Prove that motion capture is there, and that what is injected will be acted on.
+
+        unbooted: by vehicle the parameters that were changed while it ran.
+
+        Raises SourceError, NotHonouredError.
+        """
+        if self._setup.clock == "wall":
+            await self.captures.ready()
+        if self._injectors:
+            vehicles = {str(one.name): one for one in self._setup.vehicles}
+            injections = self._setup.campaign.outside.injections
+            self._proofs = await prove_injection(contexts, vehicles, injections, unbooted=unbooted)
+
+    async def run(self, run_state: RunState) -> None:
+        """Tell autopilots and ground station what is due, and watch, until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            group.create_task(run_state.reaching("end"), name="outside")
+            for name, injector in self._injectors.items():
+                group.create_task(injector.run(), name=f"injection into {name}")
+            if self._ground is not None:
+                group.create_task(self._ground.run(), name="ground station")
+            if any(one.mocap is not None for one in self._setup.vehicles):
+                group.create_task(self._watch(run_state), name="motion capture watch")
+            if self._injectors:
+                group.create_task(self._watch_injection(run_state), name="injection watch")
+
+    def senses(self, doubted: Callable[[str], None]) -> bool:
+        """Return whether any camera is outside; `doubted` is told when one gives nothing."""
+        self._doubted = doubted
+        for camera in self.cameras.values():
+            camera.on_stall(doubted)
+        return bool(self.cameras or self.simulators)
+
+    def missing(self, key: Key, reason: str) -> None:
+        """Take that a camera could not be given a picture; one here and there is no stall."""
+        now_s = asyncio.get_running_loop().time()
+        since_s = self._missing.setdefault(key, now_s)
+        if now_s - since_s > _STALLED_S:
+            self._doubted(f"{' '.join(key)}: {reason}")
+
+    def perceived(self, reading: Reading, by: Iterable[str]) -> None:
+        """Take a reading that vehicles perceive: it goes out, and to their autopilots."""
+        if not self._injectors and not self.outlets:
+            return
+        receivers = tuple(by)
+        for name in receivers:
+            if name in self._injectors:
+                self._injectors[name].perceived(reading.sensor, reading)
+        if isinstance(reading, CameraReading):
+            self.outlets.perceived(reading.sensor, reading, receivers)
+
+    def untouched(self, reading: Reading) -> None:
+        """Take a reading as a vehicle's sensor made it."""
+        if self._missing:
+            self._missing.pop((reading.source, reading.sensor), None)
+        if self.outlets and isinstance(reading, CameraReading):
+            self.outlets.untouched(reading.sensor, reading)
+
+    def contact(self, flag: Flag) -> None:
+        """Take a contact, at the moment when it is seen."""
+        if self._ground is None:
+            return
+        things = self._setup.judged_scene.objects
+        named = (thing.object_id for thing in things if thing.name in flag.text)
+        self._ground.contact(f"{flag.vehicle} {flag.text}", thing_id=next(named, 0))
+
+    @property
+    def result(self) -> ExternalResult:
+        """Return what came in and went out."""
+        return ExternalResult(
+            sources=(
+                *(camera.result for camera in self.cameras.values()),
+                *(_is_simulated(*key, one) for key, one in self.simulators.items()),
+            ),
+            captures=self.captures.results,
+            outlets=self.outlets.results,
+            injected=tuple(r for one in self._injectors.values() for r in one.results),
+        )
+
+    async def _watch(self, run_state: RunState) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(_WATCH_S)
+            flown = run_state.reached("takeoff") and not run_state.reached("landed")
+            silent = self.captures.silent(loop.time()) if flown else ""
+            if silent:
+                run_state.decide("INVALID", silent, source="mocap")
+                return
+
+    async def _watch_injection(self, run_state: RunState) -> None:
+        """End the flight as INVALID when an autopilot is flown so that it ignores what it is told.
+
+        Twice in a row: what changes the mode may itself be on its way to being told.
+        """
+        before = ""
+        while True:
+            await asyncio.sleep(_WATCH_S)
+            said = ""
+            if run_state.stage == "goal" and not run_state.decisive:
+                broken = ((proof, proof.broken()) for proof in self._proofs)
+                said = "; ".join(proof.said(reasons) for proof, reasons in broken if reasons)
+            if said and said == before:
+                run_state.decide("INVALID", f"injection was ignored: {said}", source="injection")
+                return
+            before = said
+
+    def _add(self, vehicle: Source, camera: CameraSetup) -> None:
+        source, key = camera.source, (str(vehicle), camera.name)
+        if source is None:
+            return
+        if not source.asked:
+            self.cameras[key] = ExternalCamera(camera=camera, source=source, side=vehicle)
+            return
+        scene = self._setup.real_scene if vehicle == "real" else self._setup.virtual_scene
+        self.simulators[key] = ZmqImageSource(
+            address=source.address,
+            timeout_s=source.answer_s,
+            open_timeout_s=source.open_s,
+            objects={thing.name: thing.object_id for thing in scene.objects},
+            events=lambda: dict(self._events),
+        )
+
+    def _outlets(self) -> Iterable[Outlet]:
+        flying = {vehicle.name: vehicle for vehicle in self._setup.vehicles}
+        for outlet in self._setup.campaign.outside.pictures:
+            perceived = outlet.of == "perceived"
+            name = (outlet.vehicle or self._setup.subject) if perceived else outlet.of
+            if name not in flying:
+                continue
+            # The mixed picture is as large as that of the real vehicle, whose it replaces.
+            owner = flying.get("real", flying[name]) if perceived else flying[name]
+            camera = next(one for one in owner.cameras if one.name == outlet.sensor)
+            sdp = self._setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"
+            delivery = image_delivery(outlet, camera, sdp_path=sdp)
+            yield Outlet(delivery, outlet.sensor, name, perceived)
+
+    def _ground_station(self) -> GroundStation | None:
+        outside = self._setup.campaign.outside
+        if outside.ground_station is None:
+            return None
+        system_id = self._setup.vehicle(self._setup.subject).system_id
+        streams = [one for one in outside.pictures if one.kind == "rtp"]
+        cameras = self._setup.vehicle(self._setup.subject).cameras
+        components = tuple(
+            CameraComponent(
+                system_id=system_id,
+                intrinsics=camera.intrinsics,
+                stream=VideoStream(
+                    port=int(one.address.rpartition(":")[2]), rate_hz=camera.rate_hz, name=one.topic
+                ),
+                component_id=_FIRST_CAMERA + number,
+            )
+            for number, one in enumerate(streams)
+            for camera in cameras
+            if camera.name == one.sensor
+        )
+        link = open_link(parse_link(outside.ground_station))
+        return GroundStation(link=link, system_id=system_id, cameras=components)
+
+
+def _is_simulated(vehicle: str, sensor: str, simulator: ZmqImageSource) -> SourceResult:
+    counts = simulator.counts
+    return SourceResult(
+        vehicle=vehicle,
+        sensor=sensor,
+        source="rendered",
+        delivered=counts.answered,
+        dropped=counts.late,
+        missed=counts.timeouts,
+        damaged=counts.garbage + counts.refused,
+        stalls=0,
+        trouble=simulator.trouble,
+    )

@@ -1,0 +1,110 @@
+"""Each autopilot acts on what it is told: proven before arming, watched in flight."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from campaigns.setup.case_setup import VehicleSetup
+from campaigns.values.external_setups import Injected, InjectionSetup
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.autopilots.injection_support.injection_support import (
+    flown_mode,
+    injection_faults,
+    matters_in_flight,
+    parameters_to_ask,
+)
+from vehicles.autopilots.injection_support.rules import Ignored, Thing
+from vehicles.errors import ParameterError, VehicleError
+from worlds.frames import Pose, rotate
+
+_DOWN = 0.7
+"""A rangefinder that looks down by this share or more measures height, else proximity."""
+
+
+class UnsupportedInjectionError(VehicleError):
+    """Something is injected that an autopilot would ignore: which, why, and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class InjectionProof:
+    """What one vehicle is told, and the parameters by which it acts on that."""
+
+    context: VehicleContext
+    autopilot: AutopilotName
+    thing: Thing
+    parameters: Mapping[str, float]
+
+    def broken(self) -> tuple[Ignored, ...]:
+        """Return why it is ignored now, in the mode and by the setpoints that are flown."""
+        if not matters_in_flight(self.thing):
+            return ()
+        mode, setpoints = self.context.driver.state.mode_name, self.context.steered_by
+        return injection_faults(
+            self.autopilot, self.thing, self.parameters, mode, setpoints=setpoints or "velocity"
+        )
+
+    def said(self, reasons: Iterable[Ignored]) -> str:
+        """Return reasons in words, with whose they are."""
+        return "; ".join(f"{self.context.name}, {self.thing}: {reason}" for reason in reasons)
+
+
+async def prove_injection(
+    contexts: Iterable[VehicleContext],
+    vehicles: Mapping[str, VehicleSetup],
+    injections: Iterable[InjectionSetup],
+    *,
+    unbooted: Mapping[str, frozenset[str]],
+) -> tuple[InjectionProof, ...]:
+    """Ask each autopilot for the parameters that matter. Raises NotHonouredError with all faults.
+
+    Only what the vehicle itself reports counts: what a campaign has set may not have taken.
+    unbooted: of each vehicle the parameters that were changed since it booted.
+    """
+    wanted = tuple(injections)
+    proofs: list[InjectionProof] = []
+    faults: list[str] = []
+    for context in contexts:
+        vehicle = vehicles[context.name]
+        for injection in wanted:
+            if context.name not in injection.to:
+                continue
+            thing = message_name(injection.thing, _mount(vehicle, injection.sensor))
+            proof = await _ask_parameters(context, vehicle.autopilot, thing)
+            reasons = injection_faults(
+                vehicle.autopilot,
+                thing,
+                proof.parameters,
+                flown_mode(vehicle.autopilot, thing),
+                unbooted=unbooted.get(context.name, frozenset()),
+            )
+            proofs.append(proof)
+            faults += [proof.said(reasons)] if reasons else []
+    if faults:
+        raise UnsupportedInjectionError("injection would be ignored: " + "; ".join(faults))
+    return tuple(proofs)
+
+
+def message_name(injected: Injected, mount: Pose | None) -> Thing:
+    """Return what an injected thing is to the rules; a rangefinder's mounting tells its use."""
+    if injected == "distance_sensor" and mount is not None:
+        down = rotate(mount.q_wxyz, (1.0, 0.0, 0.0))[2]
+        return "distance_sensor" if down >= _DOWN else "distance_sensor_sideways"
+    return injected
+
+
+async def _ask_parameters(
+    context: VehicleContext, autopilot: AutopilotName, thing: Thing
+) -> InjectionProof:
+    parameters: dict[str, float] = {}
+    for name in parameters_to_ask(autopilot, thing):
+        try:
+            parameters[name] = await context.driver.parameters.get(name)
+        except ParameterError:
+            continue  # that it has none is what the rule then says
+    return InjectionProof(context, autopilot, thing, parameters)
+
+
+def _mount(vehicle: VehicleSetup, sensor: str | None) -> Pose | None:
+    found = (one for one in vehicle.sensors if one.name == sensor)
+    mount = getattr(next(found, None), "mount", None)
+    return mount if isinstance(mount, Pose) else None

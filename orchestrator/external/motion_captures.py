@@ -1,0 +1,141 @@
+"""Motion capture from outside, for the vehicles that are known by it."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
+
+from campaigns.values.external_setups import MocapSetup
+from orchestrator.model.external_results import CaptureResult
+from vehicles.readings import PoseReading, Source
+from vehicles.sources.camera_source import SourceError
+from vehicles.sources.mocap.capture_inputs import UdpCapture, ZmqCapture
+from vehicles.sources.mocap.motion_capture import MotionCapture
+from vehicles.sources.mocap.vrpn_capture import VrpnCapture
+
+Listener = Callable[[PoseReading], None]
+Input = UdpCapture | ZmqCapture | VrpnCapture
+
+_FIRST_S = 5.0
+"""How long the first pose of a body is waited for: any system sends many in a second."""
+_POLL_S = 0.05
+
+
+@dataclass(slots=True)
+class _Feed:
+    setup: MocapSetup
+    capture: MotionCapture
+    listeners: list[Listener] = field(default_factory=list)
+    last_s: float | None = None
+
+
+class MotionCaptures:
+    """The motion-capture inputs of a run; vehicles that name one address share one input."""
+
+    def __init__(self, wanted: Mapping[Source, MocapSetup]) -> None:
+        self._feeds: dict[Source, _Feed] = {}
+        self._inputs: list[Input] = []
+        groups: dict[tuple[object, ...], dict[Source, MocapSetup]] = {}
+        for vehicle, setup in wanted.items():
+            body = setup.body if setup.kind == "vrpn" else ""
+            key = (setup.kind, setup.host, setup.port, setup.topic, setup.latency_s, body)
+            groups.setdefault(key, {})[vehicle] = setup
+        for group in groups.values():
+            self._add(group)
+
+    async def open(self, stack: AsyncExitStack) -> None:
+        """Open all inputs. Raises SourceError."""
+        for one in self._inputs:
+            await stack.enter_async_context(one)
+
+    def listen(self, vehicle: Source, listener: Listener) -> bool:
+        """Call `listener` with each pose of a vehicle; False when none comes from outside."""
+        if vehicle not in self._feeds:
+            return False
+        self._feeds[vehicle].listeners.append(listener)
+        return True
+
+    async def ready(self, within_s: float = _FIRST_S) -> None:
+        """Wait until every vehicle has been seen. Raises SourceError."""
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + within_s
+        for vehicle, feed in self._feeds.items():
+            while feed.last_s is None:
+                if loop.time() > deadline_s:
+                    raise SourceError(_unseen_bodies(vehicle, feed, within_s))
+                await asyncio.sleep(_POLL_S)
+
+    def silent(self, now_s: float) -> str:
+        """Return who has not been seen for longer than the campaign allows; empty for nobody."""
+        for vehicle, feed in self._feeds.items():
+            gap_s = now_s - (feed.last_s if feed.last_s is not None else now_s)
+            if gap_s > feed.setup.stall_s:
+                return (
+                    f"motion capture at {feed.setup.address} has not seen '{feed.setup.body}' "
+                    f"({vehicle}) for more than {feed.setup.stall_s:g} s"
+                )
+        return ""
+
+    @property
+    def results(self) -> tuple[CaptureResult, ...]:
+        """Return the figures of each vehicle's feed."""
+        return tuple(
+            CaptureResult(
+                vehicle=vehicle,
+                address=feed.setup.address,
+                feed=feed.capture.statistics(feed.setup.body),
+                garbage=feed.capture.garbage,
+                trouble=feed.capture.complaint,
+            )
+            for vehicle, feed in self._feeds.items()
+        )
+
+    def _add(self, group: Mapping[Source, MocapSetup]) -> None:
+        setup = next(iter(group.values()))
+        capture = MotionCapture(
+            bodies={one.body: vehicle for vehicle, one in group.items()},
+            latency_s=setup.latency_s,
+        )
+        for vehicle, one in group.items():
+            self._feeds[vehicle] = _Feed(one, capture)
+        self._inputs.append(self._input(setup, capture))
+
+    def _input(self, setup: MocapSetup, capture: MotionCapture) -> Input:
+        if setup.kind == "udp":
+            return UdpCapture(
+                host=setup.host, port=setup.port, capture=capture, deliver=self._deliver
+            )
+        if setup.kind == "zmq":
+            return ZmqCapture(
+                address=setup.address,
+                capture=capture,
+                deliver=self._deliver,
+                topic=setup.topic.encode(),
+            )
+        return VrpnCapture(
+            host=f"{setup.host}:{setup.port}",
+            tracker=setup.body,
+            capture=capture,
+            deliver=self._deliver,
+        )
+
+    def _deliver(self, reading: PoseReading) -> None:
+        feed = self._feeds[reading.source]
+        feed.last_s = reading.arrived_s
+        for listener in feed.listeners:
+            listener(reading)
+
+
+def _unseen_bodies(vehicle: Source, feed: _Feed, within_s: float) -> str:
+    setup, capture = feed.setup, feed.capture
+    figures = capture.statistics(setup.body)
+    if capture.garbage:
+        came = f"{capture.garbage} messages came that cannot be read ({capture.complaint})"
+    elif figures.invalid:
+        came = f"{figures.invalid} frames came without it; check its name and its markers"
+    else:
+        came = "nothing came at all; check that it is sent to this host and port"
+    return (
+        f"motion capture at {setup.address} did not show '{setup.body}' ({vehicle}) within "
+        f"{within_s:g} s: {came}"
+    )

@@ -1,0 +1,215 @@
+"""An autonomy that is a program of the user's, as the pilot of a vehicle."""
+
+import asyncio
+import os
+import socket
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from campaigns.setup.autonomy_under_test import UnderTest
+from campaigns.values.sensor_setups import CameraSetup
+from orchestrator.delivery.image_delivery import Delivery
+from orchestrator.delivery.rtp import rtp_delivery
+from orchestrator.delivery.sdp import RtpAddress
+from orchestrator.external.autonomy_program import (
+    ExternalAutonomy,
+    ProgramExit,
+    autonomy_environment,
+)
+from orchestrator.external.command_filter import SETPOINTS, CommandFilter
+from orchestrator.model.external_results import ProgramResult
+from orchestrator.state.run_state import RunState
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.autopilots.autopilot import Target
+from vehicles.links.link_strings import LinkAddress
+from vehicles.links.tapped import TappedLink
+from vehicles.links.udp import UdpLink
+from vehicles.mavlink.framing import FrameSplitter
+from vehicles.processes.supervisor import supervised
+from vehicles.readings import CameraReading, Reading
+from vehicles.tasks import start, stop
+
+_HOST = "127.0.0.1"
+_GRACE_S = 2.0
+"""Shorter than what the supervisor itself is given to end."""
+
+
+class ProgramRunner:
+    """Runs one program on one vehicle; an async context manager, for the time of the run.
+
+    It speaks MAVLink on a UDP port of its own and sees what the vehicle perceives as an RTP
+    stream. Its setpoints pass from the goal on; it is done when it ends with exit code 0. Another
+    end is a FAIL of the run, as the crash of any autonomy. Wall clock only.
+    """
+
+    def __init__(
+        self,
+        *,
+        under_test: UnderTest,
+        context: VehicleContext,
+        link: TappedLink,
+        target: Target,
+        camera: CameraSetup | None,
+        run_state: RunState,
+        folder: Path,
+        seed: int,
+    ) -> None:
+        self.context = context
+        self._under_test = under_test
+        self._link = link
+        self._camera = camera
+        self._run_state = run_state
+        self._folder = folder
+        self._seed = seed
+        self._target = target
+        self._gate = CommandFilter(target=target)
+        self._splitter = FrameSplitter()
+        self._udp = UdpLink(address=LinkAddress(kind="udpin", host=_HOST, port=0))
+        self._video: Delivery | None = None
+        self._program: ExternalAutonomy | None = None
+        self._ending: asyncio.Task[ProgramExit] | None = None
+        self._started: Callable[[str, float], None] | None = None
+        self._stack = AsyncExitStack()
+        self.done = asyncio.Event()
+
+    async def __aenter__(self) -> Self:
+        """Open its ports and start it. Raises VehicleError."""
+        async with AsyncExitStack() as stack:
+            self._udp.receive(self._exit_text)
+            self._link.tap(self._on_frame)
+            await stack.enter_async_context(self._udp)
+            sdp = self._folder / f"{self.context.name}-perceived.sdp"
+            if self._camera is not None:
+                self._video = await stack.enter_async_context(_video(self._camera, sdp))
+            self._program = ExternalAutonomy(
+                command=supervised(
+                    self._under_test.program or (), parent=os.getpid(), grace_s=_GRACE_S
+                ),
+                environment=self._environment(sdp if self._video is not None else None),
+                log_path=self._folder / f"{self.context.name}-autonomy.log",
+                folder=self._under_test.folder,
+            )
+            await stack.enter_async_context(self._program)
+            self._ending = start(self._program.ended(), name="program's end")
+            self._ending.add_done_callback(self._on_program_end)
+            self._stack = stack.pop_all()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End it and all that it started."""
+        if self._ending is not None:
+            self._ending.remove_done_callback(self._on_program_end)
+            try:
+                await stop(self._ending)
+            finally:
+                await self._stack.aclose()
+
+    @property
+    def result(self) -> ProgramResult:
+        """Return how it ended, and what of it was refused."""
+        ended = None if self._program is None else self._program.exit
+        said = "was not started" if ended is None else str(ended)
+        return ProgramResult(
+            vehicle=self.context.name,
+            exit=said,
+            refused=self._gate.refused,
+            trouble=self._gate.trouble,
+        )
+
+    def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
+        """Call `started(name, t_s)` when the next setpoint is on its way, once."""
+        self._started = started
+
+    def perceive(self, reading: Reading) -> None:
+        """Send a picture to the program."""
+        if self._video is not None and isinstance(reading, CameraReading):
+            self._video.deliver(reading)
+
+    def perceive_raw(self, reading: Reading) -> None:
+        """Leave what a mixture was made of: the program has one stream."""
+
+    async def fly(self) -> None:
+        """Pass its setpoints on from now on, until cancelled or done."""
+        self._gate.flying = True
+        try:
+            await self.done.wait()
+            await self._run_state.reaching("end")
+        finally:
+            self._gate.flying = False
+
+    def _on_program_end(self, ending: "asyncio.Task[ProgramExit]") -> None:
+        """Take that the program ended by itself: done, or a crash."""
+        if ending.cancelled():
+            return
+        how = ending.result()
+        if how.crashed or not self._gate.flying:
+            when = "" if how.crashed else ", before it was given the goal"
+            last = "; ".join(how.tail.strip().splitlines()[-3:])
+            self._run_state.decide(
+                "FAIL",
+                f"the autonomy of {self.context.name} {how}{when}" + (f": {last}" if last else ""),
+                source=f"autonomy/{self.context.name}",
+            )
+            return
+        # Nobody flies it any more; PX4 wants setpoints until it is told to land.
+        self.context.driver.keep_still()
+        self.done.set()
+
+    def _environment(self, sdp: Path | None) -> dict[str, str]:
+        return autonomy_environment(
+            os.environ,
+            mavlink_url=f"udpout://{_HOST}:{self._udp.local_port}",
+            video_url="" if sdp is None else str(sdp.absolute()),
+            goal=self._under_test.goal,
+            parameters=self._under_test.parameters,
+            vehicle=self.context.name,
+            system_id=self._target.system,
+            seed=self._seed,
+        )
+
+    def _on_frame(self, data: bytes, _t_s: float) -> None:
+        self._udp.write(data)
+
+    def _exit_text(self, data: bytes, t_s: float) -> None:
+        for frame in self._splitter.feed(data):
+            answer = self._gate.judge(frame)
+            if answer != "pass":
+                refusal = self._gate.refusal(frame, answer)
+                if refusal:
+                    self._udp.write(refusal)
+                continue
+            if frame.message_id in SETPOINTS and self._started is not None:
+                self.context.driver.hand_over()
+                self._started(self.context.name, t_s)
+                self._started = None
+            self.context.program_setpoints = self._gate.steers_by
+            self._link.write(frame.raw)
+
+
+def _video(camera: CameraSetup, sdp: Path) -> Delivery:
+    size = camera.intrinsics
+    return rtp_delivery(
+        width_px=size.width_px,
+        height_px=size.height_px,
+        rate_hz=camera.rate_hz,
+        address=RtpAddress(_HOST, _free_even_port()),
+        sdp_path=sdp,
+    )
+
+
+def _free_even_port() -> int:
+    """Return a UDP port that nobody has now; RTP's are even."""
+    while True:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+            one.bind((_HOST, 0))
+            port = int(one.getsockname()[1])
+        if port % 2 == 0:
+            return port

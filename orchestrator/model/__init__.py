@@ -1,0 +1,1 @@
+"""The model: the run clock, results, progress, operators' commands, documents on disk."""

@@ -1,0 +1,43 @@
+"""Runs that are flown again: when, and how a result tells of it; pure."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from orchestrator.model.results import Attempt, RunResult
+from safety.model.oracle_results import Verdict
+
+_RETRIED: frozenset[Verdict] = frozenset({"ERROR", "INVALID"})
+"""What proves nothing about what is tested. A FAIL stays: flying it until it passes proves less."""
+
+
+def retry_due(result: RunResult, *, retries: int) -> bool:
+    """Return whether a run is flown again by the campaign's `retries`.
+
+    Not after an exception of ours: that is no trouble of the surroundings which may pass. Nor is
+    a control that ended as it must, also where that is INVALID or ERROR.
+    """
+    if result.exceptions or (result.control is not None and result.control.met):
+        return False
+    spent = sum(one.verdict in _RETRIED for one in result.attempts)
+    return result.verdict in _RETRIED and spent < retries
+
+
+def attempt_of(result: RunResult, folder: str) -> Attempt:
+    """Return what a result is, once it does not count any more. folder: where it is kept."""
+    return Attempt(result.verdict, result.reason, folder)
+
+
+def after_attempts(result: RunResult, attempts: Iterable[Attempt]) -> RunResult:
+    """Return a result that tells of earlier attempts, so that no PASS looks like a clean one."""
+    told = tuple(attempts)
+    if not told:
+        return result
+    reason = result.reason
+    if result.verdict == "PASS":
+        reason = f"passed at attempt {len(told) + 1}; before: {'; '.join(map(attempt_text, told))}"
+    return replace(result, attempts=told, reason=reason)
+
+
+def attempt_text(attempt: Attempt) -> str:
+    """Return an attempt in words."""
+    return f"{attempt.verdict or 'cut off'} ({attempt.reason})"

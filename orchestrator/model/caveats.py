@@ -1,0 +1,105 @@
+"""What a verdict has to be read with, lest a green says less than it seems to.
+
+Checks that did not count, fences that were changed in flight, oracles that failed without failing
+their run, what is judged always and was switched off, what the campaign's file leaves unjudged.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from orchestrator.model.results import RunResult, Summary
+
+
+def caveats(runs: Sequence[RunResult]) -> list[str]:
+    """Return all of it as lines for people."""
+    lines = _overridden_lines(runs)
+    lines += [f"fence changed in flight: {text}" for text in fence_texts(runs)]
+    lines += [f"reported only, and failed: {text}" for text in reported_texts(runs)]
+    lines += [f"not judged: {text}" for text in unjudged_texts(runs)]
+    return lines
+
+
+def in_short(summary: Summary) -> list[str]:
+    """Return it in a few words each, for a line that says what a campaign came to.
+
+    Oracles that are only reported take nothing from a campaign that is not accepted anyway.
+    """
+    runs, said = summary.runs, []
+    if names := _names(item.by for run in runs for item in run.preflight if item.by):
+        said.append(f"preflight overridden by {names}")
+    if names := _names(change.by for run in runs for change in run.fence_changes):
+        said.append(f"fence changed in flight by {names}")
+    if names := _names(name for run in runs for name in run.not_judged):
+        said.append(f"not judged: {names}")
+    if summary.accepted and (names := _names(name for name, _ in _reported_lines(runs))):
+        said.append(f"reported only, and failed: {names}")
+    return said
+
+
+def overridden_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return which checks of the preflight did not count, and by whose name."""
+    items = (item for run in runs for item in run.preflight if item.by)
+    return sorted({f"{item.vehicle} {item.check} by {item.by}".strip() for item in items})
+
+
+def fence_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return of which vehicles the fence was changed in flight, by whom, and in which runs."""
+    return _in_runs(
+        (f"{' and '.join(change.vehicles)} by {change.by}", run)
+        for run in runs
+        for change in run.fence_changes
+    )
+
+
+def reported_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return which oracles of the judged vehicle failed in runs that passed, and in which."""
+    return _in_runs(_reported_lines(runs))
+
+
+def unjudged_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return which oracles that judge always were switched off, and in which runs."""
+    return _in_runs((name, run) for run in runs for name in run.not_judged)
+
+
+def _reported_lines(runs: Iterable[RunResult]) -> list[tuple[str, RunResult]]:
+    """Return each oracle that failed in a run that passed; the twin beside a real one has none."""
+    return [
+        (oracle.name, run)
+        for run in runs
+        if run.verdict == "PASS"
+        for oracle in run.oracles
+        if oracle.verdict != "PASS" and not oracle.required and oracle.vehicle == run.subject
+    ]
+
+
+def _overridden_lines(runs: Sequence[RunResult]) -> list[str]:
+    """Return which checks of the preflight did not count, in how many runs, and what they found."""
+    first: dict[tuple[str, str, str], str] = {}
+    counted: Counter[tuple[str, str, str]] = Counter()
+    for run in runs:
+        for item in run.preflight:
+            if item.outcome == "overridden":
+                key = (item.vehicle, item.check, item.by)
+                first.setdefault(key, str(item))
+                counted[key] += 1
+    return [f"preflight, {counted[key]} of {len(runs)} runs: {text}" for key, text in first.items()]
+
+
+def _in_runs(found: Iterable[tuple[str, RunResult]]) -> list[str]:
+    """Return each text once, with the cases and modes in which it is so, and in how many runs."""
+    where: dict[str, dict[str, set[int]]] = {}
+    for text, run in found:
+        where.setdefault(text, {}).setdefault(f"{run.case} {run.mode}", set()).add(run.rep)
+    return [
+        f"{text} ({'; '.join(f'{place}, {_count(reps)}' for place, reps in places.items())})"
+        for text, places in where.items()
+    ]
+
+
+def _count(repetitions: set[int]) -> str:
+    count = len(repetitions)
+    return f"{count} run{'' if count == 1 else 's'}"
+
+
+def _names(names: Iterable[str]) -> str:
+    return ", ".join(sorted(set(names)))

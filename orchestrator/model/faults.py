@@ -1,0 +1,99 @@
+"""Exceptions of ours, in a run or in the campaign that orders it: kept, logged, never lost."""
+
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from orchestrator.model.run_log import append_event
+from vehicles.tasks import FAULTS, asked_to_end, leaves
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One exception. where: the task or part of the run that raised it; kind: its type's name."""
+
+    t_s: float
+    where: str
+    kind: str
+    message: str
+    trace: str
+
+    @classmethod
+    def of(cls, error: BaseException, where: str, t_s: float) -> Self:
+        """Return what is kept of an exception."""
+        try:
+            message = str(error)
+        except Exception as other:  # noqa: BLE001 - an error whose own words raise has a type still
+            message = f"(its message raised {type(other).__name__})"
+        trace = "".join(traceback.format_exception(error))
+        return cls(t_s, where, type(error).__name__, message, trace)
+
+    @property
+    def text(self) -> str:
+        """Return it in a line."""
+        said = f"{self.kind}: {self.message}" if self.message else self.kind
+        return f"{self.where}: {said}"
+
+
+FaultLog = Callable[[Fault], None]
+
+
+class Faults:
+    """All exceptions of ours, each once, wherever and how often it comes by.
+
+    time: in seconds, as the log has it. take: told of each new one when it is in the log.
+    """
+
+    def __init__(
+        self, *, time: Callable[[], float], log: FaultLog, take: Callable[[Fault], None]
+    ) -> None:
+        self._time = time
+        self._log = log
+        self._take = take
+        self._known: list[BaseException] = []
+        self.all: list[Fault] = []
+
+    def take(self, error: BaseException, where: str) -> None:
+        """Take an exception, or each of a group of them."""
+        for one in leaves(error):
+            if any(one is known for known in self._known):
+                continue
+            self._known.append(one)
+            fault = Fault.of(one, where, self._time())
+            self.all.append(fault)
+            self._log(fault)
+            self._take(fault)
+
+    @contextmanager
+    def taking(self, where: str) -> Iterator[None]:
+        """Take an exception of ours that is raised meanwhile, and go on after it.
+
+        A cancellation that somebody asked for is raised.
+        """
+        try:
+            yield
+        except FAULTS as error:
+            if asked_to_end(error):
+                raise
+            self.take(error, where)
+
+
+def fault_log(path: Path) -> FaultLog:
+    """Return what appends faults to a log.jsonl, whether or not its recorder is open."""
+
+    def write(fault: Fault) -> None:
+        with suppress(OSError):  # The verdict says it too.
+            append_event(
+                path,
+                fault.t_s,
+                "error",
+                where=fault.where,
+                type=fault.kind,
+                message=fault.message,
+                trace=fault.trace,
+            )
+
+    return write

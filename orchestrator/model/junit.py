@@ -1,0 +1,135 @@
+"""junit.xml: each run a test case, for the CI systems that read it.
+
+FAIL is a failure; ERROR, INVALID and ABORTED are errors. A run that does not count against the
+campaign (reported only, or a FAIL that its share forgives) is `skipped` with what happened as its
+message: visible, and the suite stays green. Required runs that were not flown are an error.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+
+from campaigns.values.acceptance import Requirement, Standing
+from orchestrator.model.attempts import attempt_text
+from orchestrator.model.caveats import fence_texts, overridden_texts, reported_texts, unjudged_texts
+from orchestrator.model.control_results import control_faults
+from orchestrator.model.results import RunResult, Summary, standings_of
+from safety.model.oracle_results import OracleResult
+
+
+def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
+    """Return the document of a campaign. Times are seconds of the run clock, not of the wall."""
+    standings = standings_of(summary.runs, requirements)
+    met = {(s.requirement.case, s.requirement.mode) for s in standings if s.met}
+    cases = [_case(summary.campaign, run, (run.case, run.mode) in met) for run in summary.runs]
+    cases += [
+        _missing_case(summary.campaign, standing)
+        for standing in standings
+        if standing.flown < standing.requirement.share.runs
+    ]
+    cases += [_control(summary.campaign, run) for run in summary.controls]
+    root = ET.Element("testsuites")
+    suite = ET.SubElement(root, "testsuite", name=_clean(summary.campaign))
+    said = {
+        "left_out": summary.left_out,
+        "controls_unmet": summary.unmet,
+        "never_flown": summary.not_flown,
+        "overridden": overridden_texts(summary.runs),
+        "fence_changed": fence_texts(summary.runs),
+        "reported_failed": reported_texts(summary.runs),
+        "not_judged": unjudged_texts(summary.runs),
+        "caveats": summary.caveats,
+    }
+    if any(said.values()):
+        properties = ET.SubElement(suite, "properties")
+        for name, texts in said.items():
+            if texts:
+                value = _clean(", ".join(texts))
+                ET.SubElement(properties, "property", name=name, value=value)
+    suite.extend(cases)
+    for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
+        suite.set(name, str(sum(case.find(tag) is not None for case in cases)))
+    suite.set("tests", str(len(cases)))
+    suite.set("time", _seconds(sum(run.duration_s or 0.0 for run in summary.runs)))
+    ET.indent(root)
+    return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
+
+
+def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
+    case = ET.Element(
+        "testcase",
+        classname=_clean(f"{campaign}.{run.case}.{run.mode}"),
+        name=_name(run),
+        time=_seconds(run.duration_s or 0.0),
+    )
+    said = f"{run.verdict}: {run.reason}" if run.reason else run.verdict
+    if run.verdict != "PASS":
+        if not run.required:
+            ET.SubElement(case, "skipped", message=_clean(f"reported only: {said}"))
+        elif run.verdict == "FAIL" and met:
+            ET.SubElement(case, "skipped", message=_clean(f"within what is accepted: {said}"))
+        else:
+            tag = "failure" if run.verdict == "FAIL" else "error"
+            ET.SubElement(case, tag, message=_clean(run.reason), type=run.verdict)
+    _write_out(case, run)
+    return case
+
+
+def _control(campaign: str, run: RunResult) -> ET.Element:
+    """Return a control as a test case, which succeeds when the control ended as it must."""
+    classname = _clean(f"{campaign}.controls.{run.case}.{run.mode}")
+    seconds = _seconds(run.duration_s or 0.0)
+    case = ET.Element("testcase", classname=classname, name=_name(run), time=seconds)
+    for fault in control_faults([run]):
+        tag = "error" if run.verdict in {"ERROR", "INVALID", "ABORTED"} else "failure"
+        ET.SubElement(case, tag, message=_clean(fault), type=run.verdict)
+    _write_out(case, run, f"{run.verdict}, and must not pass: {run.reason}")
+    return case
+
+
+def _write_out(case: ET.Element, run: RunResult, *first: str) -> None:
+    lines = [*first, *(_line(oracle) for oracle in run.oracles)]
+    lines += [f"also {late.verdict} at {late.at_s:.3f} s: {late.reason}" for late in run.also]
+    lines += [f"earlier attempt: {attempt_text(one)}, in {one.folder}" for one in run.attempts]
+    ET.SubElement(case, "system-out").text = _clean("\n".join([f"seed {run.seed}", *lines]))
+
+
+def _name(run: RunResult) -> str:
+    """Return a run's name; one that was retried has another, for CI shows nothing but the name."""
+    return f"{run.rep} (attempt {len(run.attempts) + 1})" if run.attempts else str(run.rep)
+
+
+def _missing_case(campaign: str, standing: Standing) -> ET.Element:
+    wanted = standing.requirement
+    classname = _clean(f"{campaign}.{wanted.case}.{wanted.mode}")
+    case = ET.Element("testcase", classname=classname, name="not flown", time="0.000")
+    ET.SubElement(case, "error", message=_clean(str(standing)), type="NOT_FLOWN")
+    return case
+
+
+def _line(oracle: OracleResult) -> str:
+    parts = [f"{oracle.verdict} {oracle.name} ({oracle.vehicle})"]
+    if oracle.actual is not None:
+        parts.append(f"actual {oracle.actual:.4g} {oracle.unit}".rstrip())
+    if oracle.margin is not None:
+        parts.append(f"margin {oracle.margin:.4g} {oracle.unit}".rstrip())
+    if not oracle.required:
+        parts.append("reported only")
+    return ", ".join(parts + ([oracle.detail] if oracle.detail else []))
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.3f}"
+
+
+def _clean(text: str) -> str:
+    """Return the text without the characters that XML 1.0 cannot carry."""
+    return "".join(letter if _allowed_characters(ord(letter)) else "?" for letter in text)
+
+
+def _allowed_characters(code: int) -> bool:
+    return (
+        code in {0x9, 0xA, 0xD}
+        or 0x20 <= code <= 0xD7FF
+        or 0xE000 <= code <= 0xFFFD
+        or 0x10000 <= code <= 0x10FFFF
+    )

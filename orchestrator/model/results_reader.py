@@ -1,0 +1,35 @@
+"""Reads result.json back, and trusts it only when it is whole and as we write it."""
+
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from orchestrator.model.document_writer import to_json
+from orchestrator.model.results import RunResult
+
+_RESULT = TypeAdapter(RunResult)
+
+
+class ResultError(Exception):
+    """A result.json that is missing, cut, damaged or of another version; says which and why."""
+
+
+def read_result(path: Path) -> RunResult:
+    """Return the result in a file. Raises ResultError."""
+    try:
+        text = path.read_text("utf-8")
+    except FileNotFoundError as error:
+        raise ResultError(f"there is no {path}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        said = getattr(error, "strerror", None) or error
+        raise ResultError(f"{path} cannot be read: {said}") from error
+    try:
+        result = _RESULT.validate_json(text, strict=True)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        said = f"{where}: {first['msg']}" if where else first["msg"]
+        raise ResultError(f"{path} is cut, damaged or of another version: {said}") from error
+    if to_json(result) != text:
+        raise ResultError(f"{path} was changed, or is of another version: it is not as we write it")
+    return result

@@ -1,0 +1,155 @@
+"""Whether a vehicle may fly back to its start after a run, and which way; pure.
+
+A vehicle flies on by itself only after a flight that ended as it should, for the vehicle: landed,
+disarmed, nothing touched that is there, nobody took over. Whether battery and estimator are good
+for it, its own preflight says.
+"""
+
+import csv
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from orchestrator.model.results import RunResult
+from safety.fence.geofence import Fence
+from worlds.clearance.clearance import ClearanceProbe
+from worlds.frames import Pose, Vec3, norm, subtract
+
+CLEAR_M = 0.5
+"""What is left free round a vehicle that nobody steers in sight of things."""
+_STEP_M = 0.1
+_FORBIDDING = frozenset({"failsafe", "lost", "takeover", "silence", "guard", "clock", "abort"})
+"""Events of the guard after which a person looks first."""
+
+_FAULTS = frozenset({"fault", "failsafe", "reboot"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReturnPath:
+    """A flight back. stand: where the vehicle stands, start: where it is to; world frame.
+
+    altitude_m: above the world's ground, of the way; speed_m_s: on it.
+    """
+
+    stand: Pose
+    start: Pose
+    altitude_m: float
+    speed_m_s: float
+
+    @property
+    def points(self) -> tuple[Vec3, Vec3, Vec3, Vec3]:
+        """Return the way: where it stands, above that, above its start, its start."""
+        (north_m, east_m, _), high = self.stand.position_ned_m, -self.altitude_m
+        to_north_m, to_east_m, _ = self.start.position_ned_m
+        return (
+            self.stand.position_ned_m,
+            (north_m, east_m, high),
+            (to_north_m, to_east_m, high),
+            self.start.position_ned_m,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class StandingPose:
+    """Where a vehicle was when a run ended, by its own estimate."""
+
+    pose: Pose
+    armed: bool
+    stage: str
+
+
+def standing_pose_of(rows: Iterable[Mapping[str, str]], name: str) -> StandingPose | None:
+    """Return where a vehicle was last in a trajectory.csv; None where that is not known."""
+    last = None
+    for row in rows:
+        if row["vehicle"] == name and row["est_north_m"]:
+            last = row
+    if last is None:
+        return None
+    place = tuple(float(last[f"est_{key}_m"]) for key in ("north", "east", "down"))
+    if not all(map(math.isfinite, place)):
+        return None
+    north_m, east_m, down_m = place
+    pose = Pose.of(north_m, east_m, -down_m, yaw_rad=float(last["est_yaw_rad"]))
+    return StandingPose(pose, last["armed"] == "1", last["stage"])
+
+
+def read_standing_pose(folder: Path, name: str) -> StandingPose | None:
+    """Return where a vehicle was at the end of the run in a folder; None where nobody knows."""
+    try:
+        with (folder / "trajectory.csv").open(encoding="utf-8", newline="") as file:
+            return standing_pose_of(csv.DictReader(file), name)
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def why_not_on(
+    result: RunResult,
+    stand: StandingPose | None,
+    log: Iterable[Mapping[str, Any]],
+    *,
+    solid: set[str],
+) -> str:
+    """Return why a vehicle must not fly on after a run; empty where it may.
+
+    log: of the run. solid: names of what stands in the real world, which it may have touched.
+    """
+    if result.verdict in {"ABORTED", "ERROR"}:
+        return f"the run ended as {result.verdict}: {result.reason}"
+    if stand is None:
+        return "nobody knows where it stands"
+    if stand.armed or stand.stage not in {"landed", "end"}:
+        return "it is not landed and disarmed"
+    touched = (
+        f"{flag.text}, which is there"
+        for flag in result.collisions
+        if flag.vehicle == "real" and any(name in flag.text for name in solid)
+    )
+    return next(touched, "") or next(_troubles(log), "")
+
+
+def _troubles(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    armed = False
+    for line in log:
+        # What an estimator says before it has converged is not about the flight.
+        armed = armed or (line.get("event") == "stage" and line.get("stage") == "arm")
+        if line.get("event") == "guard" and line.get("kind") in _FORBIDDING:
+            yield f"the guard took over: {line.get('text')}"
+        if armed and line.get("event") == "vehicle" and line.get("kind") in _FAULTS:
+            yield f"{line.get('vehicle')} told of a {line.get('kind')}: {line.get('text')}"
+
+
+def why_not_there(
+    way: ReturnPath, *, fence: Fence | None, keep_m: float, probe: ClearanceProbe
+) -> str:
+    """Return what is in the way; empty for nothing. probe: of the real world, without floors."""
+    if fence is not None:
+        for point in _points(way):
+            if fence.margin_m(point) < keep_m:
+                return f"the way leaves the fence by its {fence.boundary(point)}"
+    _, above, over, _ = way.points
+    yaw_rad = way.start.yaw_rad
+    poses = [Pose.of(n, e, -d, yaw_rad=yaw_rad) for n, e, d in (above, over)]
+    near = probe.sweep(poses[0], 0.0, poses[1], 1.0)
+    return f"{near[0].object_name} is nearer than {CLEAR_M:g} m to the way" if near else ""
+
+
+def off_start(stand: StandingPose | None, start: Pose) -> tuple[float, float] | None:
+    """Return by how many metres, and degrees of heading, a vehicle stands off its start."""
+    if stand is None or stand.armed:
+        return None
+    north_m, east_m, _ = subtract(stand.pose.position_ned_m, start.position_ned_m)
+    turn_rad = math.remainder(stand.pose.yaw_rad - start.yaw_rad, math.tau)
+    return math.hypot(north_m, east_m), abs(math.degrees(turn_rad))
+
+
+def _points(way: ReturnPath) -> Iterator[Vec3]:
+    """Yield places on the level way, and above both its ends."""
+    _, above, over, _ = way.points
+    leg = subtract(over, above)
+    count = max(1, math.ceil(norm(leg) / _STEP_M))
+    for index in range(count + 1):
+        north_m, east_m, down_m = (a + b * index / count for a, b in zip(above, leg, strict=True))
+        yield (north_m, east_m, down_m)

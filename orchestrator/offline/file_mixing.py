@@ -1,0 +1,226 @@
+"""Mixing of files by a recipe: `wil-campaign mix`."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+from orchestrator.offline import image_inputs, recorded_inputs
+from orchestrator.offline.contact_sheet import ContactSheet
+from orchestrator.offline.errors import OfflineError
+from orchestrator.offline.image_inputs import Optics, WorldCamera, kind_of
+from orchestrator.offline.mixture_outputs import Output, output_for, write_image
+from orchestrator.offline.offline_pairing import (
+    DrawnTwins,
+    HeldTwins,
+    StreamedTwins,
+    Twins,
+    mixtures,
+)
+from orchestrator.recording.recording_facts import objects_in
+from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from recipes.model.recipe import Recipe
+from recipes.pipeline.pipeline import Mixer, compile_recipe
+from vehicles.readings import CameraReading, Reading, Source
+from worlds.files.documents import BadInput, load
+from worlds.frames import AT_ORIGIN, Pose
+from worlds.world_file.world import World
+
+_VIDEO_HZ = 30.0
+"""Of a mixed video, for its key pictures; each picture has a time of its own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SideFiles:
+    """The files of one side. fov_deg: of its camera where nothing else tells it."""
+
+    file: Path
+    fov_deg: float = 69.0
+    depth: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MixOrder:
+    """What is to be mixed. sensor: None for the recipe's first camera, or for all of a recording.
+
+    place: of the camera where the twin is a world. stages: where the contact sheet of the
+    `frame`th mixture goes.
+    """
+
+    recipe: Recipe
+    real: SideFiles
+    twin: SideFiles
+    out: Path
+    sensor: str | None = None
+    place: Pose = AT_ORIGIN
+    stages: Path | None = None
+    frame: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class CombinationReport:
+    """What became of one combination. said: the first reason of each kind, in words."""
+
+    name: str
+    frames: int
+    mixed: int
+    dropped: Mapping[str, int]
+    faults: Mapping[str, int]
+    said: tuple[str, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Return whether all frames are mixed, and there is one."""
+        return self.frames > 0 and self.mixed == self.frames
+
+
+def mix_files(order: MixOrder) -> tuple[CombinationReport, ...]:
+    """Mix the files and write what comes of it; return what became of each combination.
+
+    Raises OfflineError, BadInput, StepError, OSError.
+    """
+    _refuse_to_overwrite(order)
+    sheet = ContactSheet(frame=order.frame) if order.stages is not None else None
+    inputs = _Inputs(order)
+    _refuse_unknown_objects(order.recipe, inputs.objects)
+    mixers = compile_recipe(order.recipe, object_ids=inputs.objects, observer=sheet)
+    chosen = _choose_names(mixers, order)
+    with ExitStack() as stack:
+        output = output_for(order.out, rate_hz=_VIDEO_HZ, epoch_s=VIRTUAL_EPOCH_S)
+        output = stack.enter_context(output)
+        reports = tuple(_mix_pairs(name, mixer, inputs, output) for name, mixer in chosen)
+    if sheet is not None and order.stages is not None:
+        if sheet.is_empty:
+            raise OfflineError(f"{order.stages}: there is no picture {order.frame} to show")
+        write_image(order.stages, sheet.draw())
+    return reports
+
+
+def _refuse_to_overwrite(order: MixOrder) -> None:
+    inputs = (order.real.file, order.twin.file, order.real.depth, order.twin.depth)
+    taken = {file.resolve() for file in inputs if file is not None}
+    for written in (order.out, order.stages):
+        if written is not None and written.resolve() in taken:
+            raise OfflineError(f"{written}: is an input; write to another file")
+
+
+def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:
+    problems = recipe.unknown_objects(frozenset(objects))
+    if problems and not objects:
+        raise OfflineError(
+            f"{recipe.document.name}: keeps objects by name, and an image does not tell of them; "
+            "give a world file or a recording as --twin"
+        )
+    if problems:
+        raise BadInput(problems)
+
+
+def _choose_names(mixers: tuple[Mixer, ...], order: MixOrder) -> tuple[tuple[str, Mixer], ...]:
+    """Return the mixers that are wanted, each with a name of its own."""
+    recorded = kind_of(order.real.file) == "recording"
+    found = [mixer for mixer in mixers if order.sensor in (None, mixer.sensor)]
+    if not recorded or order.out.suffix.lower() != ".mcap":
+        found = [mixer for mixer in found if mixer.combination.sensor.kind == "camera"][:1]
+    if not found:
+        wanted = f"no sensor '{order.sensor}'" if order.sensor else "no camera"
+        raise OfflineError(f"{order.recipe.document.name}: combines {wanted} for {order.out.name}")
+    return tuple(names_of(found))
+
+
+def names_of(mixers: "list[Mixer] | tuple[Mixer, ...]") -> Iterator[tuple[str, Mixer]]:
+    """Yield each mixer with its name: its sensor's, and its receivers' where it has several."""
+    sensors = [mixer.sensor for mixer in mixers]
+    for mixer in mixers:
+        several = sensors.count(mixer.sensor) > 1
+        yield (f"{mixer.sensor}.{'_'.join(mixer.publish)}" if several else mixer.sensor), mixer
+
+
+def _mix_pairs(name: str, mixer: Mixer, inputs: "_Inputs", output: Output) -> CombinationReport:
+    twins = inputs.twins(mixer)
+    said: dict[str, str] = {}
+    for pair in mixtures(mixer, inputs.reals(mixer), twins):
+        told = pair.mixed.provenance
+        if told.dropped is not None:
+            said.setdefault(told.dropped, told.detail)
+        output.take(name, pair)
+    counts = mixer.counts()
+    refused = twins.faults[:1] if isinstance(twins, StreamedTwins) else []
+    return CombinationReport(
+        name=name,
+        frames=counts.frames,
+        mixed=counts.mixed,
+        dropped=dict(counts.dropped),
+        faults=dict(counts.faults),
+        said=(*said.values(), *refused),
+    )
+
+
+class _Inputs:
+    """Opens the files of an order, as often as they are read."""
+
+    def __init__(self, order: MixOrder) -> None:
+        self._order = order
+        self._kinds = (kind_of(order.real.file), kind_of(order.twin.file))
+        real, twin = self._kinds
+        if real == "world":
+            raise OfflineError(f"{order.real.file}: is a world; the real side is what was taken")
+        if (real == "recording") != (twin == "recording"):
+            raise OfflineError("a recording is mixed with a recording: give both sides as one")
+        if (real, twin) == ("image", "video"):
+            raise OfflineError("an image of the real camera beside a video of the twin: give two")
+        self._world = World.parse(load(order.twin.file)) if twin == "world" else None
+        self.objects: Mapping[str, int] = {}
+        if self._world is not None:
+            things = self._world.scene("wil", "Wv").objects
+            self.objects = {thing.name: thing.object_id for thing in things}
+        elif twin == "recording":
+            file = recorded_inputs.recording_file(order.twin.file)
+            self.objects = objects_in(recorded_inputs.facts_of_recording(file))
+
+    def reals(self, mixer: Mixer) -> Iterator[Reading]:
+        """Return the real side's readings for a mixer."""
+        side = self._order.real
+        if self._kinds[0] == "recording":
+            return _recorded_inputs(side.file, "real", mixer.sensor)
+        return _image_inputs(side, self._kinds[0] == "image", "real")
+
+    def twins(self, mixer: Mixer) -> Twins:
+        """Return the twin's readings for a mixer."""
+        side, kind = self._order.twin, self._kinds[1]
+        if kind == "recording":
+            found = _recorded_inputs(side.file, "twin", mixer.sensor)
+            return StreamedTwins(found, _offer_readings(mixer))
+        if self._world is not None:
+            optics = Optics(side.fov_deg)
+            camera = WorldCamera(world=self._world, pose=self._order.place, optics=optics)
+            return DrawnTwins(camera.reading)
+        if kind == "image":
+            return HeldTwins(next(_image_inputs(side, True, "twin")))
+        return StreamedTwins(_image_inputs(side, False, "twin"), _offer_readings(mixer))
+
+
+def _offer_readings(mixer: Mixer) -> Callable[[Reading], str | None]:
+    return lambda reading: mixer.offer("twin", reading)
+
+
+def _recorded_inputs(path: Path, source: Source, sensor: str) -> Iterator[Reading]:
+    file = recorded_inputs.recording_file(path)
+    found = recorded_inputs.readings(file, source, sensor)
+    first = next(found, None)
+    if first is None:
+        raise OfflineError(f"{file}: has no reading of '{sensor}' of {source}")
+    return chain([first], found)
+
+
+def _image_inputs(side: SideFiles, one: bool, source: Source) -> Iterator[CameraReading]:
+    optics = Optics(side.fov_deg)
+    found: Iterator[CameraReading] = (
+        iter([image_inputs.image(side.file, source, optics)])
+        if one
+        else image_inputs.video(side.file, source, optics)
+    )
+    if side.depth is None:
+        return found
+    depth_m, path = image_inputs.depth(side.depth), side.depth
+    return (image_inputs.with_depth(reading, depth_m, path) for reading in found)

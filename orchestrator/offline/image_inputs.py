@@ -1,0 +1,145 @@
+"""Readings of a camera from files: images, videos, depth beside them, a world drawn by us."""
+
+import math
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from orchestrator.offline.errors import OfflineError
+from vehicles.readings import BgrImage, CameraReading, DepthImage, Source
+from vehicles.sources.camera_source import SourceError
+from vehicles.sources.cameras.frame_stamps import check_image
+from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES, VideoFile
+from worlds.camera import Intrinsics
+from worlds.frames import Pose
+from worlds.render.renderer import Renderer
+from worlds.world_file.world import World
+
+InputKind = Literal["image", "video", "recording", "world"]
+
+_MM_PER_M = 1000.0
+
+
+def kind_of(path: Path) -> InputKind:
+    """Return what an input is, by its name: what is no image, world or recording is a video."""
+    suffix = path.suffix.lower()
+    if path.is_dir() or suffix == ".mcap":
+        return "recording"
+    if suffix in IMAGE_SUFFIXES:
+        return "image"
+    return "world" if suffix in (".yaml", ".yml") else "video"
+
+
+@dataclass(frozen=True, slots=True)
+class Optics:
+    """What is known of a camera whose pictures are files. fov_deg: horizontal, edge to edge."""
+
+    fov_deg: float
+
+    def of(self, image_bgr: BgrImage) -> Intrinsics:
+        """Return the camera model of a picture."""
+        height_px, width_px = image_bgr.shape[:2]
+        return Intrinsics.from_fov(width_px, height_px, math.radians(self.fov_deg))
+
+
+def image(path: Path, side: Source, optics: Optics) -> CameraReading:
+    """Return an image file as a reading at time 0. Raises OfflineError."""
+    if not path.is_file():
+        raise OfflineError(f"{path}: there is no such file")
+    found = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if found is None:
+        raise OfflineError(f"{path}: cannot be read as an image")
+    return _reading_of(check_image(str(path), found), 0, 0.0, side, optics)
+
+
+def video(path: Path, side: Source, optics: Optics) -> Iterator[CameraReading]:
+    """Return the pictures of a video file by their own times. Raises OfflineError."""
+    file = VideoFile(path=path)
+    try:
+        with closing(file):
+            file.open()
+            seq = 0
+            while (still := file.next()) is not None:
+                yield _reading_of(still.image_bgr, seq, still.offset_s, side, optics)
+                seq += 1
+    except SourceError as error:
+        raise OfflineError(str(error)) from error
+
+
+def _reading_of(
+    image_bgr: BgrImage, seq: int, t_s: float, side: Source, optics: Optics
+) -> CameraReading:
+    return CameraReading(
+        t_s=t_s,
+        arrived_s=t_s,
+        seq=seq,
+        source=side,
+        image_bgr=image_bgr,
+        intrinsics=optics.of(image_bgr),
+        rendered=False,
+    )
+
+
+def depth(path: Path) -> DepthImage:
+    """Return the distances in a file: .npy in metres, or a 16-bit image in millimetres, 0 unknown.
+
+    What is unknown is infinitely far. Raises OfflineError.
+    """
+    if not path.is_file():
+        raise OfflineError(f"{path}: there is no such file")
+    if path.suffix.lower() == ".npy":
+        try:
+            metres = np.load(path, allow_pickle=False)
+        except (OSError, ValueError, EOFError) as error:
+            raise OfflineError(f"{path}: cannot be read as an array: {error}") from error
+    else:
+        found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        if found is None or found.dtype != np.uint16:
+            raise OfflineError(f"{path}: is no 16-bit image; depth is one, in millimetres, or .npy")
+        metres = np.where(found == 0, np.inf, found / _MM_PER_M)
+    if metres.ndim != 2 or metres.dtype.kind != "f":
+        raise OfflineError(f"{path}: depth is (height, width) of floats, this is {metres.shape}")
+    found_m: DepthImage = metres.astype(np.float32)
+    return found_m
+
+
+def with_depth(reading: CameraReading, depth_m: DepthImage, path: Path) -> CameraReading:
+    """Return the reading with distances. Raises OfflineError when they are of another size."""
+    size, wanted = depth_m.shape, reading.image_bgr.shape[:2]
+    if size != wanted:
+        raise OfflineError(
+            f"{path}: depth of {size[1]}x{size[0]} for a picture of {wanted[1]}x{wanted[0]}"
+        )
+    return replace(reading, depth_m=depth_m)
+
+
+class WorldCamera:
+    """Draws the virtual things of a world for each real picture, from one place."""
+
+    def __init__(self, *, world: World, pose: Pose, optics: Optics) -> None:
+        self._renderer = Renderer(world.scene("wil", "Wv"))
+        self._pose = pose
+        self._optics = optics
+
+    def reading(self, real: CameraReading) -> CameraReading:
+        """Return the picture of the size and time of a real one, with depth and ids."""
+        lens = self._optics.of(real.image_bgr)
+        seen = self._renderer.render(
+            self._pose, lens, real.t_s, {"goal": 0.0}, want_depth=True, want_ids=True
+        )
+        return CameraReading(
+            t_s=real.t_s,
+            arrived_s=real.arrived_s,
+            seq=real.seq,
+            source="twin",
+            image_bgr=seen.image_bgr,
+            intrinsics=lens,
+            depth_m=seen.depth_m,
+            object_ids=seen.object_ids,
+            camera_pose=self._pose,
+        )

@@ -1,0 +1,137 @@
+"""Where mixtures without a flight go: an image, a video, a recording."""
+
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+import cv2
+
+from orchestrator.model.document_writer import write_whole
+from orchestrator.offline.errors import OfflineError
+from orchestrator.offline.offline_pairing import MixedPair
+from orchestrator.recording.mcap.mcap_settings import LOSSLESS
+from orchestrator.recording.mcap.mcap_writer import McapRecorder
+from orchestrator.recording.video import VideoWriter
+from vehicles.readings import BgrImage, CameraReading
+from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES
+
+
+class Output(Protocol):
+    """Takes mixtures in their order; a context manager."""
+
+    def __enter__(self) -> Self:
+        """Open it. Raises OfflineError, OSError."""
+
+    def take(self, name: str, pair: MixedPair) -> None:
+        """Take a mixture of a combination. Raises OfflineError, OSError."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close it."""
+
+
+def write_image(path: Path, image_bgr: BgrImage) -> None:
+    """Write an image, whole or not at all. Raises OfflineError, OSError."""
+    coded, data = cv2.imencode(path.suffix.lower(), image_bgr)
+    if not coded:
+        raise OfflineError(f"{path}: cannot be written as {path.suffix}; take .png or .jpg")
+    write_whole(path, data.tobytes())
+
+
+class _Closing:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        del error
+
+
+class ImageOut(_Closing):
+    """One mixed picture as an image; what is no mixture is not written."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._taken = False
+
+    def take(self, name: str, pair: MixedPair) -> None:
+        """Write the first mixture that is whole."""
+        del name
+        reading = pair.mixed.reading
+        if self._taken:
+            raise OfflineError(
+                f"{self._path}: is one image, and there is more than one; name a video (.mp4)"
+            )
+        self._taken = True
+        if isinstance(reading, CameraReading) and pair.mixed.provenance.dropped is None:
+            write_image(self._path, reading.image_bgr)
+
+
+class VideoOut:
+    """Mixed pictures as a video, at their times."""
+
+    def __init__(self, path: Path, *, rate_hz: float) -> None:
+        self._video = VideoWriter(path=path, rate_hz=rate_hz)
+
+    def __enter__(self) -> Self:
+        self._video.__enter__()
+        return self
+
+    def take(self, name: str, pair: MixedPair) -> None:
+        """Append a picture."""
+        del name
+        if isinstance(pair.mixed.reading, CameraReading):
+            self._video.write(pair.mixed.reading.t_s, pair.mixed.reading.image_bgr)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._video.__exit__(kind, error, trace)
+
+
+class RecordingOut:
+    """Mixtures with their provenance as MCAP, to the bit. epoch_s: UTC of the run clock's zero."""
+
+    def __init__(self, path: Path, *, epoch_s: float) -> None:
+        path.unlink(missing_ok=True)
+        self._recorder = McapRecorder(
+            path=path, epoch_s=epoch_s, clock="virtual", settings=LOSSLESS
+        )
+
+    def __enter__(self) -> Self:
+        self._recorder.__enter__()
+        return self
+
+    def take(self, name: str, pair: MixedPair) -> None:
+        """Append a mixture."""
+        told = pair.mixed.provenance
+        now_s = told.mixed_s if told.mixed_s is not None else pair.real.arrived_s
+        self._recorder.mixed(name, pair.mixed.reading, told, now_s=now_s)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        report = self._recorder.close()
+        if report.fault is not None and error is None:
+            raise OfflineError(report.fault)
+
+
+def output_for(path: Path, *, rate_hz: float, epoch_s: float) -> Output:
+    """Return the output that a file's name asks for. Raises OfflineError."""
+    suffix = path.suffix.lower()
+    if suffix in IMAGE_SUFFIXES:
+        return ImageOut(path)
+    if suffix == ".mp4":
+        return VideoOut(path, rate_hz=rate_hz)
+    if suffix == ".mcap":
+        return RecordingOut(path, epoch_s=epoch_s)
+    raise OfflineError(f"{path}: name an image (.png), a video (.mp4) or a recording (.mcap)")

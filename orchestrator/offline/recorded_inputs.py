@@ -1,0 +1,58 @@
+"""Recorded runs as inputs."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from orchestrator.offline.errors import OfflineError
+from orchestrator.recording.errors import RecordingError
+from orchestrator.recording.mcap_reader import Recorded, RecordedReading, Recording
+from orchestrator.recording.recording_facts import latencies_in
+from vehicles.readings import Reading, Source
+
+
+def recording_file(path: Path) -> Path:
+    """Return the recording that is meant: the file, or the one of a run's folder.
+
+    Raises OfflineError.
+    """
+    file = path / "run.mcap" if path.is_dir() else path
+    if not file.is_file():
+        raise OfflineError(f"{file}: there is no such recording; name a run's folder or an .mcap")
+    return file
+
+
+def items(path: Path) -> Iterator[Recorded]:
+    """Yield what a recording holds, in its order. Raises OfflineError."""
+    try:
+        yield from Recording(path)
+    except RecordingError as error:
+        raise OfflineError(str(error)) from error
+    except OSError as error:
+        raise OfflineError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def facts_of_recording(path: Path) -> Mapping[str, str]:
+    """Return what a recording tells of its run. Raises OfflineError."""
+    recording = Recording(path)
+    try:
+        for _ in recording:
+            break
+    except RecordingError as error:
+        raise OfflineError(str(error)) from error
+    except OSError as error:
+        raise OfflineError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return recording.facts
+
+
+def readings(path: Path, source: Source, sensor: str) -> Iterator[Reading]:
+    """Yield the readings of one sensor of a vehicle. Raises OfflineError."""
+    for item in items(path):
+        if not isinstance(item, RecordedReading):
+            continue
+        if item.reading.source == source and item.sensor == sensor:
+            yield item.reading
+
+
+def flown_latency_s(folder: Path, vehicle: str, sensor: str) -> float:
+    """Return what a run took off the stamps of a live camera's pictures. Raises OfflineError."""
+    return latencies_in(facts_of_recording(recording_file(folder))).get(f"{vehicle} {sensor}", 0.0)

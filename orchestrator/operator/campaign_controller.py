@@ -1,0 +1,256 @@
+"""The desk: where all commands for a campaign come together, whatever way they came."""
+
+from collections import deque
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from orchestrator.model.progress import Happening, News, Progress
+from orchestrator.model.results import RunResult, Stop
+from orchestrator.operator.campaign_records import Place
+from orchestrator.operator.operator_log import OperatorLog
+from orchestrator.operator.socket_client import tell
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.operator.operator_lines import RefusedLineError
+from vehicles.tasks import Contained
+
+_MOST_ANSWERS = 20
+
+
+class Fleet(Protocol):
+    """What flies the runs of a campaign."""
+
+    def abort(self, command: OperatorCommand) -> None:
+        """Have every run in flight land as aborted, and begin none."""
+
+    def pass_on(self, command: OperatorCommand) -> int:
+        """Pass a command to every run in flight; returns how many there are."""
+
+    def pause(self) -> None:
+        """Begin no run until `go_on`."""
+
+    def go_on(self) -> None:
+        """Begin runs again."""
+
+
+class Follower(Protocol):
+    """Who is told what happens."""
+
+    def news(self, news: News) -> None:
+        """Take what a run tells."""
+
+    def finished(self, result: RunResult) -> None:
+        """Take a run's verdict."""
+
+    def status(self) -> None:
+        """Take that the campaign stands differently now."""
+
+
+class CampaignController:
+    """Obeys operators: once aborted nothing is begun any more, while held nothing either.
+
+    An abort goes straight to the campaign's guards too, past runs that may hang. say: for the
+    person at the terminal.
+    """
+
+    def __init__(
+        self,
+        *,
+        campaign: str,
+        folder: Path,
+        total: int,
+        fleet: Fleet,
+        say: Callable[[str], None],
+    ) -> None:
+        self._campaign = campaign
+        self._folder = folder
+        self._total = total
+        self._fleet = fleet
+        self.guards: Callable[[], Sequence[Place]] = tuple
+        self._say = say
+        self._followers: list[Follower] = []
+        self._flying: dict[str, Progress] = {}
+        self._verdicts: dict[str, str] = {}
+        self._answers: deque[Happening] = deque(maxlen=_MOST_ANSWERS)
+        self.log = OperatorLog(path=folder / "operator.jsonl")
+        self.held = False
+        self.stopped: Stop | None = None
+
+    @property
+    def campaign(self) -> str:
+        """Return the campaign's name."""
+        return self._campaign
+
+    @property
+    def folder(self) -> Path:
+        """Return the campaign's folder of results."""
+        return self._folder
+
+    @property
+    def session(self) -> str:
+        """Return which start of the campaign this is: the name of its folder."""
+        return self._folder.name
+
+    @property
+    def flying(self) -> Collection[str]:
+        """Return the runs in flight."""
+        return self._flying.keys()
+
+    @property
+    def state(self) -> str:
+        """Return in a word how the campaign stands."""
+        if self.stopped is not None:
+            return "landing"
+        return "held" if self.held else "flying"
+
+    def follow(self, follower: Follower) -> None:
+        """Tell somebody from now on what happens."""
+        self._followers.append(follower)
+
+    def obey(self, command: OperatorCommand, *, stop: Stop = "command") -> str:
+        """Do what an operator asks, and return what was done. Raises RefusedLineError."""
+        try:
+            done = self._do(command, stop)
+        except RefusedLineError as error:
+            self.log.write(command, ok=False, text=str(error))
+            raise
+        self.log.write(command, ok=True, text=done)
+        self._say(f"{command.kind} by {command.who}: {done}")
+        self._send_status()
+        return done
+
+    def signal(self, name: str) -> None:
+        """Take Ctrl-C or SIGTERM: an abort; a second one changes nothing."""
+        if self.stopped is not None:
+            self._say("still landing; the vehicles are brought down first")
+            return
+        self.obey(OperatorCommand("abort", name), stop="signal")
+
+    def news(self, news: News) -> None:
+        """Take what a run tells."""
+        if isinstance(news, Progress):
+            self._flying[news.run] = news
+        elif news.kind == "answer":
+            self._take_answer(news)
+        for follower in self._followers:
+            with Contained("news for operators"):
+                follower.news(news)
+
+    def _take_answer(self, news: Happening) -> None:
+        """Take what a run answers to a command that took it time."""
+        command = OperatorCommand("geofence", news.who)
+        self.log.write(command, ok=news.word == "ok", text=f"{news.run}: {news.text}")
+        self._say(f"{news.run}: {news.text}")
+        self._answers.append(news)
+
+    def finished(self, run: RunResult, *, may_end: bool = True) -> None:
+        """Take a run's verdict; one that an operator or a pilot ended ends the campaign.
+
+        may_end: False for a run that was to end before arming.
+        """
+        name = f"{run.case}/{run.mode}/{run.rep}"
+        self._flying.pop(name, None)
+        self._verdicts[name] = run.verdict
+        if may_end and run.verdict == "ABORTED" and self.stopped is None:
+            self.stopped = "command"
+            self._fleet.abort(OperatorCommand("abort", f"{name} ({run.reason})"))
+        for follower in self._followers:
+            with Contained("a verdict for operators"):
+                follower.finished(run)
+        self._send_status()
+
+    def left(self, name: str) -> None:
+        """Take that a flight is over that was no run of the campaign's."""
+        self._flying.pop(name, None)
+        self._send_status()
+
+    def summary(self, state: str) -> dict[str, Any]:
+        """Return how the campaign stands, without its runs in flight."""
+        return {
+            "state": state,
+            "campaign": self._campaign,
+            "session": self.session,
+            "held": self.held,
+            "stopped": self.stopped,
+            "total": self._total,
+            "finished": dict(self._verdicts),
+        }
+
+    def status(self) -> dict[str, Any]:
+        """Return where the campaign stands."""
+        flying = {name: _plain(one) for name, one in self._flying.items()}
+        answers = [
+            {"id": one.command_id, "run": one.run, "ok": one.word == "ok", "text": one.text}
+            for one in self._answers
+        ]
+        return {
+            **self.summary(self.state),
+            "folder": str(self._folder),
+            "flying": flying,
+            "answers": answers,
+        }
+
+    def _send_status(self) -> None:
+        for follower in self._followers:
+            with Contained("the status for operators"):
+                follower.status()
+
+    def _do(self, command: OperatorCommand, stop: Stop) -> str:
+        match command.kind:
+            case "abort":
+                return self._abort(command, stop)
+            case "hold":
+                return self._hold(command)
+            case "resume":
+                return self._resume(command)
+            case "geofence":
+                return self._change_fences(command)
+
+    def _abort(self, command: OperatorCommand, stop: Stop) -> str:
+        for guard in self.guards():
+            tell(guard.socket, "abort", who=command.who)
+        self._fleet.abort(command)
+        if self.stopped is not None:
+            return "all are landing already"
+        self.stopped, self.held = stop, False
+        return "what flies lands, and nothing more is flown"
+
+    def _hold(self, command: OperatorCommand) -> str:
+        self._refuse_when_stopped(command)
+        if self.held:
+            raise RefusedLineError("hold: all hold already")
+        self.held = True
+        self._fleet.pause()
+        return f"held: {_runs(self._fleet.pass_on(command))} in flight; none is begun"
+
+    def _resume(self, command: OperatorCommand) -> str:
+        self._refuse_when_stopped(command)
+        if not self.held:
+            raise RefusedLineError("resume: nothing is held")
+        self.held = False
+        self._fleet.go_on()
+        return f"resumed: {_runs(self._fleet.pass_on(command))} in flight"
+
+    def _change_fences(self, command: OperatorCommand) -> str:
+        self._refuse_when_stopped(command)
+        if not self._flying:
+            raise RefusedLineError("geofence: nothing flies whose fence could be changed")
+        count = self._fleet.pass_on(command)
+        return f"passed on to {_runs(count)}, which will answer"
+
+    def _refuse_when_stopped(self, command: OperatorCommand) -> None:
+        if self.stopped is not None:
+            raise RefusedLineError(f"{command.kind}: all are landing already")
+
+
+def _runs(count: int) -> str:
+    return f"{count} run" if count == 1 else f"{count} runs"
+
+
+def _plain(progress: Progress) -> dict[str, Any]:
+    return {
+        "stage": progress.stage,
+        "t_s": round(progress.t_s, 3),
+        "clearance_m": progress.clearance_m,
+        "verdict_so_far": progress.verdict_so_far,
+    }

@@ -1,0 +1,103 @@
+"""Which campaigns fly on this machine: a record of each, beside those of the guards."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import msgspec
+
+from safety.guard.process.orphaned_processes import running, runtime_folder
+from vehicles.processes.identity import ProcessId
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A socket that takes an operator's commands. folder: of the results; name: for people."""
+
+    name: str
+    folder: Path
+    socket: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """What flies on this machine; a campaign's own runs have their guards among `guards`."""
+
+    campaigns: tuple[Place, ...]
+    guards: tuple[Place, ...]
+
+    def beneath(self, folder: Path | None) -> "Places":
+        """Return those of one folder of results, a campaign's or a run's; all for None."""
+        if folder is None:
+            return self
+        wanted = folder.absolute()
+        related = [one for one in self.campaigns if _related_folder(one.folder, wanted)]
+        guards = [one for one in self.guards if _related_folder(one.folder, wanted)]
+        return Places(tuple(related), tuple(guards))
+
+    def guards_of(self, campaign: Place) -> tuple[Place, ...]:
+        """Return the guards of a campaign's runs."""
+        return tuple(one for one in self.guards if one.folder.is_relative_to(campaign.folder))
+
+
+def places() -> Places:
+    """Return what flies on this machine, of this user. Raises OSError."""
+    runtime = runtime_folder()
+    guards = [Place(one.run, Path(one.folder), Path(one.socket)) for one in running(runtime)]
+    return Places(tuple(_campaigns(runtime)), tuple(guards))
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """What a record's file holds."""
+
+    name: str
+    folder: str
+    socket: str
+    process: ProcessId
+
+
+class CampaignRecord:
+    """Says on this machine that a campaign flies; a context manager. Raises OSError."""
+
+    def __init__(self, *, name: str, folder: Path) -> None:
+        runtime = runtime_folder()
+        self.socket = runtime / f"campaign-{os.getpid()}.sock"
+        self._path = runtime / f"campaign-{os.getpid()}.json"
+        self._entry = _Entry(
+            name, str(folder.absolute()), str(self.socket), process=ProcessId.own()
+        )
+
+    def __enter__(self) -> Self:
+        self.socket.unlink(missing_ok=True)
+        part = self._path.with_suffix(".part")
+        part.write_bytes(msgspec.json.encode(self._entry))
+        part.replace(self._path)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._path.unlink(missing_ok=True)
+
+
+def _related_folder(one: Path, other: Path) -> bool:
+    return one.is_relative_to(other) or other.is_relative_to(one)
+
+
+def _campaigns(runtime: Path) -> Iterator[Place]:
+    for path in sorted(runtime.glob("campaign-*.json")):
+        with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
+            entry = msgspec.json.decode(path.read_bytes(), type=_Entry)
+            if entry.process.lives:
+                yield Place(entry.name, Path(entry.folder), Path(entry.socket))
+            else:
+                path.unlink()
+                Path(entry.socket).unlink(missing_ok=True)

@@ -1,0 +1,42 @@
+"""A broker of our own for a campaign without one: on loopback, for whoever has an account here."""
+
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from campaigns.values.broker_address import BrokerAddress
+from orchestrator.operator.errors import OperatingError
+
+_ANONYMOUS = "amqtt.plugins.authentication.AnonymousAuthPlugin"
+
+
+@asynccontextmanager
+async def embedded_broker(address: BrokerAddress) -> AsyncIterator[None]:
+    """Run a broker at an address. Raises OperatingError when it cannot be had."""
+    try:
+        from amqtt.broker import Broker  # noqa: PLC0415 - slow, optional, rarely used
+        from amqtt.errors import BrokerError  # noqa: PLC0415
+    except ImportError as error:
+        raise OperatingError(
+            "an embedded broker needs amqtt: pip install 'wil-campaign[broker]', or name a broker"
+        ) from error
+    # It logs every client that goes without a word as an error.
+    for name in ("amqtt", "transitions"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    broker = Broker(
+        {
+            "listeners": {"default": {"type": "tcp", "bind": f"{address.host}:{address.port}"}},
+            "plugins": {_ANONYMOUS: {"allow_anonymous": True}},
+        }
+    )
+    try:
+        await broker.start()
+    except (OSError, BrokerError) as error:
+        raise OperatingError(
+            f"the embedded broker cannot use port {address.port}: {error}; end who uses it, or "
+            "choose another: --broker embedded:1884"
+        ) from error
+    try:
+        yield
+    finally:
+        await broker.shutdown()

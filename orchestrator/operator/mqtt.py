@@ -1,0 +1,298 @@
+"""Operators by MQTT: what happens goes out, commands come in, and a lost broker stops no flight."""
+
+import asyncio
+import random
+import re
+import secrets
+import ssl
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+import aiomqtt
+
+from campaigns.setup.operator_setup import MqttSetup
+from orchestrator.model.progress import News
+from orchestrator.model.results import RunResult
+from orchestrator.operator.campaign_controller import CampaignController
+from orchestrator.operator.errors import OperatingError
+from orchestrator.operator.mqtt_commands import CommandReader, RefusedCommandError
+from orchestrator.operator.mqtt_reports import ack_of, publications, status_of, verdict_of
+from orchestrator.operator.outbox import Outbox
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.operator.operator_lines import RefusedLineError
+from vehicles.tasks import FAULTS, Contained, asked_to_end, leaves, report, start, stop
+
+_CONNECT_S = 5.0
+_KEEPALIVE_S = 5
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 15.0
+_FLUSH_S = 3.0
+_MOST_REFUSALS_A_SECOND = 10
+_LOSS = "mqtt (the broker is away)"
+_OF_THE_CONNECTION = (aiomqtt.MqttError, OSError, UnicodeError)
+"""What a broker, or the way to it, makes aiomqtt raise; anything else is a fault of ours."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MqttSecrets:
+    """What is secret: the token of commands, and the password at the broker (empty for none)."""
+
+    token: str
+    password: str = ""
+
+
+@asynccontextmanager
+async def mqtt_operating(
+    setup: MqttSetup, secrets_: MqttSecrets, controller: CampaignController
+) -> AsyncIterator[None]:
+    """Connect a desk to a broker for as long as this lasts.
+
+    Raises OperatingError when the broker cannot be had at the start; afterwards the connection is
+    made again as often as it is lost.
+    """
+    client = MqttOperator(setup=setup, secrets_=secrets_, controller=controller)
+    running = start(client.run(), name="mqtt")
+    try:
+        await client.first_connection()
+        yield
+        await client.finish()
+    finally:
+        try:
+            await stop(running)
+        finally:
+            client.close()
+
+
+_OF_OPENSSL = re.compile(r"^\[SSL: \w+\] | \(_ssl\.c:\d+\)$")
+
+
+class MqttOperator:
+    """One campaign at one broker. jitter: a random share of each wait for the next attempt."""
+
+    def __init__(
+        self,
+        *,
+        setup: MqttSetup,
+        secrets_: MqttSecrets,
+        controller: CampaignController,
+        utc: Callable[[], float] = time.time,
+        jitter: Callable[[], float] = random.random,
+    ) -> None:
+        self._setup = setup
+        self._secrets = secrets_
+        self._controller = controller
+        self._utc = utc
+        self._jitter = jitter
+        self._base = f"{setup.root}/{controller.campaign}"
+        self._reader = CommandReader(
+            token=secrets_.token, session=controller.session, flying=lambda: controller.flying
+        )
+        self._outbox = Outbox()
+        self._first: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._away: asyncio.TimerHandle | None = None
+        self._connected = False
+        self._refusals = _Flood(_MOST_REFUSALS_A_SECOND)
+
+    async def first_connection(self) -> None:
+        """Wait for the first connection. Raises OperatingError when it cannot be made."""
+        await self._first
+        self._controller.follow(self)
+
+    async def run(self) -> None:
+        """Be connected until cancelled.
+
+        An exception of ours stops no flight either: it is reported, and the connection made again.
+        """
+        wait_s = _FIRST_WAIT_S
+        while True:
+            why = await self._connection()
+            if not self._first.done():
+                self._first.set_exception(self._unreachable(why))
+                return
+            wait_s = _FIRST_WAIT_S if self._connected else min(2.0 * wait_s, _LONGEST_WAIT_S)
+            with Contained("mqtt"):
+                self._disconnected(why)
+            await asyncio.sleep(wait_s * (0.5 + 0.5 * self._jitter()))
+
+    async def _connection(self) -> str:
+        """Be connected once; return why it ended. What the broker has nothing to do with is told.
+
+        Before the first connection whatever it is is told to who waits for that.
+        """
+        try:
+            await self._keep_connected()
+        except (*FAULTS, BaseExceptionGroup) as error:
+            if asked_to_end(error):
+                raise
+            ours = [one for one in leaves(error) if not isinstance(one, _OF_THE_CONNECTION)]
+            for one in ours if self._first.done() else ():
+                report(one, "mqtt")
+            return _said(error)
+        return "the connection ended"
+
+    async def finish(self) -> None:
+        """Tell the last status, and wait a moment for what must arrive to be on its way."""
+        self._outbox.put(status_of(self._controller.summary("ended")))
+        deadline_s = asyncio.get_running_loop().time() + _FLUSH_S
+        while self._connected and asyncio.get_running_loop().time() < deadline_s:
+            if self._outbox.empty:
+                break
+            await asyncio.sleep(0.01)
+        # The last one may be on its way still.
+        await asyncio.sleep(0.05)
+
+    def close(self) -> None:
+        """Do nothing more about a broker that is away."""
+        if self._away is not None:
+            self._away.cancel()
+
+    def news(self, news: News) -> None:
+        """Publish what a run tells."""
+        for publication in publications(news):
+            self._outbox.put(publication)
+
+    def finished(self, result: RunResult) -> None:
+        """Publish a verdict."""
+        self._outbox.put(verdict_of(result))
+
+    def status(self) -> None:
+        """Publish where the campaign stands."""
+        self._outbox.put(status_of(self._controller.summary(self._controller.state)))
+
+    async def _keep_connected(self) -> None:
+        will = status_of({"state": "lost", "session": self._controller.session})
+        client = aiomqtt.Client(
+            self._setup.broker.host,
+            self._setup.broker.port,
+            username=self._setup.user or None,
+            password=self._secrets.password or None,
+            identifier=f"wil-{secrets.token_hex(6)}",
+            will=aiomqtt.Will(f"{self._base}/status", will.payload, qos=1, retain=True),
+            timeout=_CONNECT_S,
+            keepalive=_KEEPALIVE_S,
+            tls_params=self._tls(),
+        )
+        async with client:
+            await client.subscribe(f"{self._base}/operator/+", qos=1)
+            self._reconnected()
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._publish(client), name="mqtt out")
+                group.create_task(self._receive_commands(client), name="mqtt in")
+
+    def _tls(self) -> aiomqtt.TLSParameters | None:
+        setup = self._setup
+        if not setup.broker.tls:
+            return None
+        return aiomqtt.TLSParameters(
+            ca_certs=None if setup.ca_file is None else str(setup.ca_file),
+            certfile=None if setup.cert_file is None else str(setup.cert_file),
+            keyfile=None if setup.key_file is None else str(setup.key_file),
+            cert_reqs=ssl.CERT_REQUIRED,
+        )
+
+    async def _publish(self, client: aiomqtt.Client) -> None:
+        while True:
+            publication = await self._outbox.take()
+            try:
+                await client.publish(
+                    f"{self._base}/{publication.topic}",
+                    publication.payload,
+                    qos=1 if publication.important else 0,
+                    retain=publication.retain,
+                )
+            except aiomqtt.MqttError:
+                self._outbox.put_back(publication)
+                raise
+
+    async def _receive_commands(self, client: aiomqtt.Client) -> None:
+        async for message in client.messages:
+            kind = str(message.topic).rpartition("/")[2]
+            if kind != "ack":
+                payload = message.payload if isinstance(message.payload, bytes) else b""
+                self._take(kind, payload, retained=bool(message.retain))
+
+    def _take(self, kind: str, payload: bytes, *, retained: bool) -> None:
+        try:
+            asked = self._reader.read(kind, payload, retained=retained, now_s=self._utc())
+        except RefusedCommandError as error:
+            self._refuse(kind, error)
+            return
+        try:
+            text, ok = self._controller.obey(asked), True
+        except RefusedLineError as error:
+            text, ok = str(error), False
+        who = asked.who
+        # Of a fence that was passed on, each run says what became of it.
+        final = kind != "geofence" or not ok
+        self._answer(id=asked.command_id, command=kind, ok=ok, text=text, who=who, final=final)
+
+    def _refuse(self, kind: str, error: RefusedCommandError) -> None:
+        if self._refusals.too_much(asyncio.get_running_loop().time()):
+            return  # Who floods gets no answers, and does not fill the disk.
+        self._controller.log.refused(f"mqtt: {kind}: {error}", who=error.who)
+        self._answer(
+            id=error.command_id, command=kind, ok=False, text=str(error), who=error.who, final=True
+        )
+
+    def _answer(self, **said: str | bool) -> None:
+        self._outbox.put(ack_of(session=self._controller.session, **said))
+
+    def _reconnected(self) -> None:
+        if self._first.done():
+            self._controller.log.note("the broker is back")
+        else:
+            self._first.set_result(None)
+        if self._away is not None:
+            self._away.cancel()
+            self._away = None
+        self._connected = True
+        self.status()
+
+    def _disconnected(self, why: str) -> None:
+        if not self._connected:
+            return
+        self._connected = False
+        self._controller.log.note(f"the broker is away: {why}")
+        loop = asyncio.get_running_loop()
+        self._away = loop.call_later(self._setup.lost_after_s, self._disconnected_too_long)
+
+    def _disconnected_too_long(self) -> None:
+        kind = self._setup.on_loss
+        if kind == "continue":
+            return
+        command = OperatorCommand(kind, _LOSS)
+        try:
+            self._controller.obey(command)
+        except RefusedLineError:
+            return  # It is held, or lands, already; the log says so.
+
+    def _unreachable(self, why: str) -> OperatingError:
+        broker = self._setup.broker
+        if broker.tls and "timed out" in why:
+            why += "; one that does not trust our certificate, or misses it, says no word"
+        return OperatingError(
+            f"the broker {broker} cannot be had: {why}; start it, mend operator.mqtt of the "
+            "campaign, or fly without --broker"
+        )
+
+
+def _said(error: BaseException) -> str:
+    error = leaves(error)[0]
+    # OpenSSL's words without where in its source they stand.
+    return _OF_OPENSSL.sub("", str(error)) or type(error).__name__
+
+
+@dataclass(slots=True)
+class _Flood:
+    """Whether more comes than is answered: so many in each second."""
+
+    most: int
+    _second: int = 0
+    _count: int = field(default=0)
+
+    def too_much(self, now_s: float) -> bool:
+        if int(now_s) != self._second:
+            self._second, self._count = int(now_s), 0
+        self._count += 1
+        return self._count > self.most

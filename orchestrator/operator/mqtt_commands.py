@@ -1,0 +1,145 @@
+"""Commands by MQTT: what is obeyed, and what is refused and why; pure.
+
+A command is a JSON object on <root>/<campaign>/operator/{abort,hold,resume,geofence}:
+
+    {"token": "...", "session": "20261121T153936Z", "id": "a1", "at": 1763739601.2, "who": "anna"}
+
+session: which start of the campaign is meant, as `status` says it. id: anything that is not used
+twice. at: seconds since 1970. run: "case/mode/repetition", when only that run is meant; it has to
+fly. geofence, for the command of that name alone: an object as of a campaign, a QGroundControl
+plan, GeoJSON, or the text of a file with one of them.
+"""
+
+import json
+from collections.abc import Callable, Collection
+from typing import Any, cast, get_args
+
+from safety.guard.core.operator_command import OperatorCommand, OperatorKind
+from safety.guard.operator.operator_lines import RefusedLineError, checked_who, same_token
+
+LONGEST_COMMAND_BYTES = 1 << 16
+OLDEST_S = 5.0
+_LONGEST_ID = 64
+_LONGEST_REASON = 200
+_KEYS = frozenset({"token", "session", "id", "at", "who", "run", "reason", "geofence"})
+_KINDS: frozenset[str] = frozenset(get_args(OperatorKind))
+
+
+class RefusedCommandError(Exception):
+    """A message that is not obeyed; says why. id, who: as far as they could be read."""
+
+    def __init__(self, reason: str, *, command_id: str = "", who: str = "") -> None:
+        super().__init__(reason)
+        self.command_id = command_id
+        self.who = who
+
+
+class CommandReader:
+    """Reads the messages of one campaign's start; remembers ids, so that none is obeyed twice.
+
+    flying: returns the runs in flight.
+    """
+
+    def __init__(self, *, token: str, session: str, flying: Callable[[], Collection[str]]) -> None:
+        if not token:
+            raise ValueError("without a token anybody could command")
+        self._token = token
+        self._session = session
+        self._flying = flying
+        self._seen: dict[str, float] = {}
+
+    def read(self, kind: str, payload: bytes, *, retained: bool, now_s: float) -> OperatorCommand:
+        """Return the command in a message. now_s: since 1970. Raises RefusedCommandError."""
+        said = _object(payload)
+        command_id = _id(said)
+        if not same_token(said.get("token"), self._token):
+            why = "wrong token" if "token" in said else "a token is needed"
+            raise RefusedCommandError(why, command_id=command_id)
+        if not command_id:
+            raise RefusedCommandError(f"id is a text of 1 to {_LONGEST_ID} printable characters")
+        try:
+            who = checked_who(said.get("who", "operator"))
+        except RefusedLineError as error:
+            raise RefusedCommandError(str(error), command_id=command_id) from error
+        reason = self._refusal(kind, said, retained=retained, now_s=now_s)
+        if reason or self._is_known(command_id, now_s):
+            raise RefusedCommandError(
+                reason or "this id was used already", command_id=command_id, who=who
+            )
+        why = said.get("reason", "")
+        text = why if isinstance(why, str) and _is_fit(why, _LONGEST_REASON) else ""
+        return OperatorCommand(
+            cast("OperatorKind", kind), f"mqtt:{who}", text, _document(said), command_id
+        )
+
+    def _refusal(self, kind: str, said: dict[str, Any], *, retained: bool, now_s: float) -> str:
+        """Return why a command with the right token is not obeyed; empty when it is."""
+        unknown = sorted(ascii(key)[1:-1] for key in set(said) - _KEYS)
+        checks = (
+            (bool(unknown), f"unknown keys: {', '.join(unknown)[:_LONGEST_ID]}"),
+            (kind not in _KINDS, f"there is no command '{kind[:_LONGEST_ID]}'"),
+            (retained, "it was retained by the broker: publish commands without retain"),
+            (not _is_time(said.get("at")), "at is the time in seconds since 1970"),
+            (
+                not _is_fresh(said.get("at"), now_s),
+                f"stale: more than {OLDEST_S:g} s old, or the clocks differ by as much",
+            ),
+            (
+                said.get("session") != self._session,
+                f"for another start of the campaign; this one's session is {self._session}",
+            ),
+            (
+                ("geofence" in said) != (kind == "geofence"),
+                "geofence is for the command geofence, and needed there",
+            ),
+            (
+                "run" in said and said["run"] not in list(self._flying()),
+                "for another run; this one does not fly now",
+            ),
+        )
+        return next((text for wrong, text in checks if wrong), "")
+
+    def _is_known(self, command_id: str, now_s: float) -> bool:
+        """Remember an id; what is older than any command may be is forgotten."""
+        self._seen = {one: t_s for one, t_s in self._seen.items() if now_s - t_s < 3.0 * OLDEST_S}
+        known = command_id in self._seen
+        self._seen.setdefault(command_id, now_s)
+        return known
+
+
+def _object(payload: bytes) -> dict[str, Any]:
+    if len(payload) > LONGEST_COMMAND_BYTES:
+        raise RefusedCommandError(f"longer than {LONGEST_COMMAND_BYTES} bytes")
+    try:
+        said = json.loads(payload.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise RefusedCommandError("not UTF-8") from error
+    except (ValueError, RecursionError) as error:
+        raise RefusedCommandError("not JSON") from error
+    if not isinstance(said, dict):
+        raise RefusedCommandError("not a JSON object")
+    return said
+
+
+def _is_time(at_s: Any) -> bool:
+    return isinstance(at_s, int | float) and not isinstance(at_s, bool)
+
+
+def _is_fresh(at_s: Any, now_s: float) -> bool:
+    # Written so that NaN is not fresh, and integers beyond every float may come.
+    return _is_time(at_s) and now_s - OLDEST_S <= at_s <= now_s + OLDEST_S
+
+
+def _id(said: dict[str, Any]) -> str:
+    """Return the id of a command; empty when it has none that is fit for a record."""
+    value = said.get("id")
+    return value if isinstance(value, str) and _is_fit(value, _LONGEST_ID) else ""
+
+
+def _document(said: dict[str, Any]) -> str:
+    given = said.get("geofence", "")
+    return given if isinstance(given, str) else json.dumps(given)
+
+
+def _is_fit(text: str, longest: int) -> bool:
+    return len(text) <= longest and text.isprintable()

@@ -1,0 +1,115 @@
+"""What is published by MQTT: topics beneath <root>/<campaign>, and JSON objects; pure."""
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from orchestrator.model.progress import Happening, News, Progress, VehicleProgress
+from orchestrator.model.results import RunResult
+
+
+@dataclass(frozen=True, slots=True)
+class Publication:
+    """A message. important: kept while the broker is away, and delivered at least once."""
+
+    topic: str
+    payload: bytes
+    important: bool = False
+    retain: bool = False
+
+
+def publications(news: News) -> Iterator[Publication]:
+    """Yield what a run's news mean for those who follow."""
+    if isinstance(news, Progress):
+        yield _of("run", {"run": news.run, **_standing_of(news)})
+        for vehicle in news.vehicles:
+            yield _of(f"vehicle/{vehicle.name}", {"run": news.run, **_vehicle(vehicle)})
+        return
+    said = {"run": news.run, "t_s": round(news.t_s, 6)}
+    match news.kind:
+        case "stage":
+            yield _of("run", {**said, "stage": news.word}, important=True)
+        case "collision":
+            touched = {"oracle": news.word, "vehicle": news.vehicle, "text": news.text}
+            yield _of("collision", {**said, **touched}, important=True)
+        case "decisive":
+            verdict = {"verdict": news.word, "reason": news.text, "final": False}
+            yield _of("verdict", {**said, **verdict}, important=True)
+        case "guard":
+            yield _guard(said, news)
+        case "answer":
+            yield ack_of(
+                id=news.command_id,
+                command="geofence",
+                ok=news.word == "ok",
+                text=news.text,
+                who=news.who,
+                run=news.run,
+                final=True,
+            )
+
+
+def verdict_of(result: RunResult) -> Publication:
+    """Return a run's final verdict."""
+    return _of(
+        "verdict",
+        {
+            "run": f"{result.case}/{result.mode}/{result.rep}",
+            "verdict": result.verdict,
+            "reason": result.reason,
+            "required": result.required,
+            "final": True,
+        },
+        important=True,
+    )
+
+
+def status_of(status: dict[str, Any]) -> Publication:
+    """Return a status, which whoever comes later gets too."""
+    return _of("status", status, important=True, retain=True)
+
+
+def ack_of(**said: str | bool) -> Publication:
+    """Return the answer to a command."""
+    return _of("operator/ack", said, important=True)
+
+
+def _guard(said: dict[str, Any], news: Happening) -> Publication:
+    body = {**said, "event": news.word, "vehicle": news.vehicle, "text": news.text}
+    return _of("guard", body, important=True)
+
+
+def _standing_of(news: Progress) -> dict[str, Any]:
+    return {
+        "t_s": round(news.t_s, 3),
+        "stage": news.stage,
+        "clearance_m": _round_value(news.clearance_m),
+        "mixing_rate_hz": _round_value(news.mixing_rate_hz),
+        "skew_ms": _round_value(news.skew_ms),
+        "verdict_so_far": news.verdict_so_far,
+    }
+
+
+def _vehicle(vehicle: VehicleProgress) -> dict[str, Any]:
+    place, speed = vehicle.position_ned_m, vehicle.velocity_ned_m_s
+    return {
+        "armed": vehicle.armed,
+        "mode": vehicle.mode,
+        "landed": vehicle.landed,
+        "position_ned_m": None if place is None else [_round_value(value) for value in place],
+        "velocity_ned_m_s": None if speed is None else [_round_value(value) for value in speed],
+        "battery_fraction": _round_value(vehicle.battery_fraction),
+    }
+
+
+def _round_value(value: float | None) -> float | None:
+    return round(value, 3) if value is not None and math.isfinite(value) else None
+
+
+def _of(
+    topic: str, body: dict[str, Any], *, important: bool = False, retain: bool = False
+) -> Publication:
+    payload = json.dumps(body, ensure_ascii=False, allow_nan=False).encode()
+    return Publication(topic, payload, important, retain)

@@ -1,0 +1,37 @@
+"""operator.jsonl: who asked what of a campaign, when, and what came of it."""
+
+import contextlib
+import json
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+from safety.guard.core.operator_command import OperatorCommand
+
+
+class OperatorLog:
+    """Appends one line for each command, obeyed or refused.
+
+    A disk that takes no more must not keep an abort from being obeyed: then the line is lost.
+    """
+
+    def __init__(self, *, path: Path) -> None:
+        self._path = path
+
+    def write(self, command: OperatorCommand, *, ok: bool, text: str) -> None:
+        """Append a command and its answer."""
+        self._append(who=command.who, command=command.kind, ok=ok, text=text)
+
+    def refused(self, text: str, *, who: str = "") -> None:
+        """Append something that was no command, or nobody's who may give one."""
+        self._append(who=who, command="", ok=False, text=text)
+
+    def note(self, text: str) -> None:
+        """Append something that happened to a way for operators."""
+        self._append(who="", command="", ok=True, text=text)
+
+    def _append(self, **said: str | bool) -> None:
+        stamp = datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")
+        line = json.dumps({"utc": stamp, **said}, ensure_ascii=False)
+        with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as stream:
+            stream.write(line + "\n")

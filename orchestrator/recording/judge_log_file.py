@@ -1,0 +1,38 @@
+"""judged.msgpack: everything that the oracles of a run judged, so that it can be judged again."""
+
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from safety.evaluation.judge_log import JudgeLogPacker, LoggedSample
+
+FILE_NAME = "judged.msgpack"
+
+
+class JudgeLogWriter:
+    """Appends samples in the order in which the judge takes them; a context manager."""
+
+    def __init__(self, *, path: Path) -> None:
+        self._path = path
+        self._packer = JudgeLogPacker()
+
+    def __enter__(self) -> Self:
+        self._file = self._path.open("xb")
+        self._file.write(self._packer.header())
+        self._last_flush_s = 0.0
+        return self
+
+    def write(self, sample: LoggedSample) -> None:
+        """Append one sample."""
+        self._file.write(self._packer.pack(sample))
+        if sample.t_s - self._last_flush_s >= 1.0:
+            self._last_flush_s = sample.t_s
+            self._file.flush()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()

@@ -1,0 +1,1 @@
+"""run.mcap: schemas, encoding, decoding and the file itself."""

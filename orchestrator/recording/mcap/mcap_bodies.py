@@ -1,0 +1,204 @@
+"""What stands in the message of each kind of reading; pure."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from orchestrator.recording.mcap.mcap_json import Json, numbers, plain, pose_out, text_of
+from orchestrator.recording.mcap.mcap_schemas import FLOAT32, UINT8
+from orchestrator.recording.mcap.mcap_settings import ImageSettings
+from vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    GpsReading,
+    ImuReading,
+    LidarPointsReading,
+    LidarScanReading,
+    MicrophoneReading,
+    PoseReading,
+    RangefinderReading,
+    Reading,
+)
+from worlds.camera import Intrinsics
+
+Body = tuple[str, dict[str, Json], bytes | None]
+"""Schema, fields, and the bytes of the field `data` if there is one."""
+
+
+def _image_facts(reading: CameraReading | DepthReading, parts: list[str]) -> dict[str, Json]:
+    return {
+        "intrinsics": plain(reading.intrinsics),
+        "camera_pose": None if reading.camera_pose is None else plain(reading.camera_pose),
+        "rendered": reading.rendered,
+        "parts": parts,
+    }
+
+
+_ENCODINGS: Mapping[tuple[str, int], str] = {
+    ("uint8", 3): "bgr8",
+    ("uint8", 1): "8UC1",
+    ("float32", 1): "32FC1",
+}
+"""As Foxglove and ROS name pixel formats; by type and channels."""
+
+
+def raw_image(array: NDArray[Any], wil: dict[str, Json]) -> Body:
+    """Return a picture to the bit, whatever its shape and type."""
+    height, width = (*array.shape, 1, 1)[:2]
+    channels = array.shape[2] if array.ndim == 3 else 1
+    fields = {
+        "width": width,
+        "height": height,
+        "encoding": _ENCODINGS.get((str(array.dtype), channels), "unknown"),
+        "step": width * channels * array.itemsize,
+        "wil": {**wil, "shape": list(array.shape), "dtype": str(array.dtype), "exact": True},
+    }
+    return "foxglove.RawImage", fields, array.tobytes()
+
+
+def camera_body(reading: CameraReading, pictures: ImageSettings, parts: list[str]) -> Body:
+    """Return a picture as its format says; one that is not three bytes a pixel is kept raw."""
+    image, facts = reading.image_bgr, _image_facts(reading, parts)
+    is_bgr = image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3 and image.size > 0
+    if pictures.format == "raw" or not is_bgr:
+        return raw_image(image, facts)
+    if pictures.format == "png":
+        # level 1: higher ones take three times as long for a few percent
+        coded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
+    else:
+        coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, pictures.quality])[1]
+    facts["exact"] = pictures.format == "png"
+    fields = {"format": pictures.format, "wil": facts}
+    return "foxglove.CompressedImage", fields, coded.tobytes()
+
+
+def depth_body(reading: DepthReading, parts: list[str]) -> Body:
+    """Return a depth picture, to the bit."""
+    return raw_image(reading.depth_m, _image_facts(reading, parts))
+
+
+def calibration_body(i: Intrinsics) -> Body:
+    """Return the camera model, as viewers project with it."""
+    fields = {
+        "width": i.width_px,
+        "height": i.height_px,
+        "distortion_model": "plumb_bob" if i.distortion else "",
+        "D": list(i.distortion),
+        "K": [i.fx_px, 0.0, i.cx_px, 0.0, i.fy_px, i.cy_px, 0.0, 0.0, 1.0],
+        "R": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "P": [i.fx_px, 0.0, i.cx_px, 0.0, 0.0, i.fy_px, i.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0],
+    }
+    return "foxglove.CameraCalibration", fields, None
+
+
+def _scan_body(reading: LidarScanReading) -> Body:
+    last = max(0, reading.ranges_m.size - 1)
+    ids = reading.object_ids
+    fields = {
+        "pose": pose_out(reading.mount),
+        "start_angle": reading.start_angle_rad,
+        "end_angle": reading.start_angle_rad + last * reading.step_rad,
+        "ranges": numbers(reading.ranges_m),
+        "intensities": [],
+        "wil": {
+            "start_angle_rad": reading.start_angle_rad,
+            "step_rad": reading.step_rad,
+            "range_min_m": reading.range_min_m,
+            "range_max_m": reading.range_max_m,
+            "object_ids": None if ids is None else text_of(ids),
+        },
+    }
+    return "foxglove.LaserScan", fields, None
+
+
+def _points_body(reading: LidarPointsReading) -> Body:
+    points = reading.points_frd_m
+    fields = [
+        {"name": name, "offset": 4 * k, "type": FLOAT32} for k, name in enumerate(("x", "y", "z"))
+    ]
+    packed, stride = points.astype("<f4").tobytes(), 12
+    if reading.object_ids is not None:
+        layout = np.dtype([("xyz", "<f4", 3), ("id", "u1")])
+        rows: NDArray[np.void] = np.empty(len(points), layout)
+        rows["xyz"], rows["id"] = points, reading.object_ids
+        packed = rows.tobytes()
+        fields.append({"name": "object_id", "offset": 12, "type": UINT8})
+        stride = 13
+    pose = pose_out(reading.mount)
+    described = {"pose": pose, "point_stride": stride, "fields": fields}
+    return "foxglove.PointCloud", described, packed
+
+
+def _rangefinder_body(reading: RangefinderReading) -> Body:
+    fields = {
+        "pose": pose_out(reading.mount),
+        "start_angle": 0.0,
+        "end_angle": 0.0,
+        "ranges": [reading.range_m],
+        "intensities": [],
+        "wil": {"range_min_m": reading.range_min_m, "range_max_m": reading.range_max_m},
+    }
+    return "foxglove.LaserScan", fields, None
+
+
+def _gps_body(reading: GpsReading) -> Body:
+    across, up = reading.horizontal_accuracy_m**2, reading.vertical_accuracy_m**2
+    fields = {
+        "latitude": reading.latitude_deg,
+        "longitude": reading.longitude_deg,
+        "altitude": reading.altitude_m,
+        "position_covariance": [across, 0.0, 0.0, 0.0, across, 0.0, 0.0, 0.0, up],
+        "position_covariance_type": 2,
+        "wil": {
+            "velocity_ned_m_s": list(reading.velocity_ned_m_s),
+            "horizontal_accuracy_m": reading.horizontal_accuracy_m,
+            "vertical_accuracy_m": reading.vertical_accuracy_m,
+            "fix_type": reading.fix_type,
+            "satellites": reading.satellites,
+        },
+    }
+    return "foxglove.LocationFix", fields, None
+
+
+def _pose_body(reading: PoseReading) -> Body:
+    velocity = reading.velocity_ned_m_s
+    facts = {"velocity_ned_m_s": None if velocity is None else list(velocity)}
+    return "foxglove.PoseInFrame", {"pose": pose_out(reading.pose), "wil": facts}, None
+
+
+def _imu_body(reading: ImuReading) -> Body:
+    force, rates = reading.specific_force_frd_m_s2, reading.rates_frd_rad_s
+    fields = {
+        "linear_acceleration": dict(zip("xyz", force, strict=True)),
+        "angular_velocity": dict(zip("xyz", rates, strict=True)),
+    }
+    return "wil.Imu", fields, None
+
+
+def _microphone_body(reading: MicrophoneReading) -> Body:
+    fields = {
+        "format": "pcm-s16",
+        "sample_rate": reading.sample_rate_hz,
+        "number_of_channels": 1,
+        "wil": {"full_scale_pa": reading.full_scale_pa},
+    }
+    return "foxglove.RawAudio", fields, reading.samples.astype("<i2").tobytes()
+
+
+_BODIES: Mapping[type, Callable[[Any], Body]] = {
+    LidarScanReading: _scan_body,
+    LidarPointsReading: _points_body,
+    RangefinderReading: _rangefinder_body,
+    GpsReading: _gps_body,
+    PoseReading: _pose_body,
+    ImuReading: _imu_body,
+    MicrophoneReading: _microphone_body,
+}
+
+
+def body_of(reading: Reading) -> Body:
+    """Return any reading but a picture."""
+    return _BODIES[type(reading)](reading)

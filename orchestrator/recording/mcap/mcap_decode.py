@@ -1,0 +1,199 @@
+"""Messages of run.mcap as readings again, to the bit where they were recorded so; pure."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from orchestrator.recording.mcap.mcap_json import Json, bytes_of, number, pose_in, vector
+from vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    GpsReading,
+    ImuReading,
+    LidarPointsReading,
+    LidarScanReading,
+    MicrophoneReading,
+    PoseReading,
+    RangefinderReading,
+    Reading,
+    Source,
+)
+from worlds.camera import Intrinsics
+from worlds.frames import Pose
+
+Parts = Mapping[str, NDArray[Any]]
+"""Pictures that were recorded beside a picture: "depth", "ids"."""
+
+
+def decode(document: Json, parts: Parts) -> Reading:
+    """Return the reading of a message.
+
+    Raises KeyError, ValueError or TypeError for a document that is none of ours.
+    """
+    wil = document["wil"]
+    reading: Reading = _READINGS[wil["type"]](document, parts)
+    return replace(reading, sensor=wil["sensor"]) if "sensor" in wil else reading
+
+
+def image_of(document: Json) -> NDArray[Any]:
+    """Return the pixels of a picture's message. Raises ValueError when they are none."""
+    wil, data = document["wil"], np.frombuffer(bytes_of(document["data"]), np.uint8)
+    if "format" not in document:
+        pixels: NDArray[Any] = data.view(np.dtype(wil["dtype"])).reshape(wil["shape"])
+        return pixels
+    image: NDArray[Any] | None = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if image is None:
+        raise ValueError(f"not a {document['format']} picture")
+    image.setflags(write=False)
+    return image
+
+
+def _times(wil: Json) -> tuple[float, float, int, Source]:
+    return number(wil["t_s"]), number(wil["arrived_s"]), wil["seq"], wil["source"]
+
+
+def _intrinsics(value: Json) -> Intrinsics:
+    return Intrinsics(
+        width_px=value["width_px"],
+        height_px=value["height_px"],
+        fx_px=number(value["fx_px"]),
+        fy_px=number(value["fy_px"]),
+        cx_px=number(value["cx_px"]),
+        cy_px=number(value["cy_px"]),
+        distortion=tuple(number(one) for one in value["distortion"]),
+    )
+
+
+def _camera_pose(value: Json) -> Pose | None:
+    if value is None:
+        return None
+    w, x, y, z = (number(one) for one in value["q_wxyz"])
+    return Pose(vector(value["position_ned_m"]), (w, x, y, z))
+
+
+def _camera(document: Json, parts: Parts) -> CameraReading:
+    wil = document["wil"]
+    return CameraReading(
+        *_times(wil),
+        image_bgr=image_of(document),
+        intrinsics=_intrinsics(wil["intrinsics"]),
+        depth_m=parts.get("depth"),
+        object_ids=parts.get("ids"),
+        camera_pose=_camera_pose(wil["camera_pose"]),
+        rendered=wil["rendered"],
+    )
+
+
+def _depth(document: Json, parts: Parts) -> DepthReading:
+    wil = document["wil"]
+    return DepthReading(
+        *_times(wil),
+        depth_m=image_of(document),
+        intrinsics=_intrinsics(wil["intrinsics"]),
+        object_ids=parts.get("ids"),
+        camera_pose=_camera_pose(wil["camera_pose"]),
+        rendered=wil["rendered"],
+    )
+
+
+def _scan(document: Json, _: Parts) -> LidarScanReading:
+    wil = document["wil"]
+    ids = wil["object_ids"]
+    return LidarScanReading(
+        *_times(wil),
+        ranges_m=np.array([number(one) for one in document["ranges"]], np.float32),
+        start_angle_rad=number(wil["start_angle_rad"]),
+        step_rad=number(wil["step_rad"]),
+        range_min_m=number(wil["range_min_m"]),
+        range_max_m=number(wil["range_max_m"]),
+        object_ids=None if ids is None else np.frombuffer(bytes_of(ids), np.uint8),
+        mount=pose_in(document["pose"]),
+    )
+
+
+def _points(document: Json, _: Parts) -> LidarPointsReading:
+    stride = document["point_stride"]
+    packed = np.frombuffer(bytes_of(document["data"]), np.uint8).reshape(-1, stride)
+    points = np.ascontiguousarray(packed[:, :12]).view("<f4")
+    return LidarPointsReading(
+        *_times(document["wil"]),
+        points_frd_m=points,
+        object_ids=packed[:, 12].copy() if stride == 13 else None,
+        mount=pose_in(document["pose"]),
+    )
+
+
+def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
+    wil = document["wil"]
+    return RangefinderReading(
+        *_times(wil),
+        range_m=number(document["ranges"][0]),
+        range_min_m=number(wil["range_min_m"]),
+        range_max_m=number(wil["range_max_m"]),
+        mount=pose_in(document["pose"]),
+    )
+
+
+def _gps(document: Json, _: Parts) -> GpsReading:
+    wil = document["wil"]
+    return GpsReading(
+        *_times(wil),
+        latitude_deg=number(document["latitude"]),
+        longitude_deg=number(document["longitude"]),
+        altitude_m=number(document["altitude"]),
+        velocity_ned_m_s=vector(wil["velocity_ned_m_s"]),
+        horizontal_accuracy_m=number(wil["horizontal_accuracy_m"]),
+        vertical_accuracy_m=number(wil["vertical_accuracy_m"]),
+        fix_type=wil["fix_type"],
+        satellites=wil["satellites"],
+    )
+
+
+def _pose(document: Json, _: Parts) -> PoseReading:
+    wil = document["wil"]
+    t_s, arrived_s, seq, source = _times(wil)
+    velocity = wil["velocity_ned_m_s"]
+    return PoseReading(
+        t_s,
+        arrived_s,
+        source,
+        pose=pose_in(document["pose"]),
+        velocity_ned_m_s=None if velocity is None else vector(velocity),
+        seq=seq,
+    )
+
+
+def _imu(document: Json, _: Parts) -> ImuReading:
+    force, rates = document["linear_acceleration"], document["angular_velocity"]
+    return ImuReading(
+        *_times(document["wil"]),
+        specific_force_frd_m_s2=vector([force[axis] for axis in "xyz"]),
+        rates_frd_rad_s=vector([rates[axis] for axis in "xyz"]),
+    )
+
+
+def _microphone(document: Json, _: Parts) -> MicrophoneReading:
+    wil = document["wil"]
+    return MicrophoneReading(
+        *_times(wil),
+        samples=np.frombuffer(bytes_of(document["data"]), "<i2"),
+        sample_rate_hz=document["sample_rate"],
+        full_scale_pa=number(wil["full_scale_pa"]),
+    )
+
+
+_READINGS: Mapping[str, Callable[[Json, Parts], Reading]] = {
+    "camera": _camera,
+    "depth": _depth,
+    "lidar": _scan,
+    "lidar_points": _points,
+    "rangefinder": _rangefinder,
+    "gps": _gps,
+    "pose": _pose,
+    "imu": _imu,
+    "microphone": _microphone,
+}

@@ -1,0 +1,210 @@
+"""Readings as messages of run.mcap; pure but for remembering which camera models were told."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from orchestrator.recording.mcap.mcap_bodies import (
+    Body,
+    body_of,
+    calibration_body,
+    camera_body,
+    depth_body,
+    raw_image,
+)
+from orchestrator.recording.mcap.mcap_json import Json, encode, pose_out
+from orchestrator.recording.mcap.mcap_settings import ImageSettings, RecordingSettings
+from vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    GpsReading,
+    PoseReading,
+    Reading,
+    sensor_type_of,
+)
+from worlds.camera import Intrinsics
+
+MAP_FRAME, NED_FRAME = "map", "ned"
+"""East-north-up, which Foxglove draws upright, and the north-east-down of all our numbers."""
+
+_LAST_NS = 2**63 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One topic of the file.
+
+    part: "reading", or what stands beside it: "depth", "ids", "calibration", "provenance",
+    "transform", "event".
+    """
+
+    topic: str
+    schema: str
+    source: str
+    sensor: str
+    part: str = "reading"
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One message: times in nanoseconds since 1970; publish_ns is when it was sampled."""
+
+    channel: Channel
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
+
+
+class Stamps:
+    """Turns the run clock into nanoseconds since 1970, without a float in between."""
+
+    def __init__(self, epoch_s: float) -> None:
+        self.epoch_ns = round(epoch_s * 1e9)
+
+    def ns(self, t_s: float) -> int:
+        """Return the stamp; a time that is none is stamped as the start of the run."""
+        if not math.isfinite(t_s):
+            return self.epoch_ns
+        return min(max(0, self.epoch_ns + round(t_s * 1e9)), _LAST_NS)
+
+    def time(self, t_s: float) -> dict[str, int]:
+        """Return the stamp as Foxglove's messages hold it."""
+        seconds, nanoseconds = divmod(self.ns(t_s), 1_000_000_000)
+        return {"sec": seconds, "nsec": nanoseconds}
+
+
+class Encoder:
+    """Makes the messages of each reading, in the order in which they are to be written."""
+
+    def __init__(self, *, epoch_s: float, settings: RecordingSettings) -> None:
+        self.stamps = Stamps(epoch_s)
+        self._pictures: Mapping[str, ImageSettings] = {
+            "real": settings.real,
+            "twin": settings.twin,
+            "mixed": settings.mixed,
+        }
+        self._told: dict[tuple[str, str], Intrinsics] = {}
+
+    def encode(self, sensor: str, reading: Reading) -> list[Message]:
+        """Return the messages of a reading; parts of a picture come before the picture."""
+        if isinstance(reading, CameraReading):
+            return self._camera(sensor, reading)
+        if isinstance(reading, DepthReading):
+            parts = self._ids(sensor, reading, wanted=True)
+            body = depth_body(reading, [part.channel.part for part in parts])
+            calibration = self._calibration(sensor, reading)
+            return [*calibration, *parts, self._message(sensor, reading, body)]
+        message = self._message(sensor, reading, body_of(reading))
+        if isinstance(reading, PoseReading):
+            return [message, self._transform(reading)]
+        return [message]
+
+    def _camera(self, sensor: str, reading: CameraReading) -> list[Message]:
+        pictures = self._pictures[reading.source]
+        if pictures.format == "none":
+            return []
+        parts = self._ids(sensor, reading, wanted=pictures.object_ids)
+        if pictures.depth and reading.depth_m is not None:
+            parts.append(self._message(sensor, reading, raw_image(reading.depth_m, {}), "depth"))
+        body = camera_body(reading, pictures, [part.channel.part for part in parts])
+        calibration = self._calibration(sensor, reading)
+        return [*calibration, *parts, self._message(sensor, reading, body)]
+
+    def _ids(
+        self, sensor: str, reading: CameraReading | DepthReading, *, wanted: bool
+    ) -> list[Message]:
+        if not wanted or reading.object_ids is None:
+            return []
+        return [self._message(sensor, reading, raw_image(reading.object_ids, {}), "ids")]
+
+    def _calibration(self, sensor: str, reading: CameraReading | DepthReading) -> list[Message]:
+        key = (reading.source, sensor)
+        if self._told.get(key) == reading.intrinsics:
+            return []
+        self._told[key] = reading.intrinsics
+        return [self._message(sensor, reading, calibration_body(reading.intrinsics), "calibration")]
+
+    def _transform(self, reading: PoseReading) -> Message:
+        pose = pose_out(reading.pose)
+        return self.message(
+            Channel("/tf", "foxglove.FrameTransform", "", "", "transform"),
+            {
+                "parent_frame_id": NED_FRAME,
+                "child_frame_id": _body_frame(reading),
+                "translation": pose["position"],
+                "rotation": pose["orientation"],
+            },
+            t_s=reading.t_s,
+            arrived_s=reading.arrived_s,
+            sequence=reading.seq,
+        )
+
+    def upright(self) -> Message:
+        """Return the transform that lets viewers draw north-east-down with the sky above."""
+        half = math.sqrt(0.5)
+        return self.message(
+            Channel("/tf", "foxglove.FrameTransform", "", "", "transform"),
+            {
+                "parent_frame_id": MAP_FRAME,
+                "child_frame_id": NED_FRAME,
+                "translation": {"x": 0.0, "y": 0.0, "z": 0.0},
+                "rotation": {"x": half, "y": half, "z": 0.0, "w": 0.0},
+            },
+            t_s=0.0,
+            arrived_s=0.0,
+        )
+
+    def message(
+        self,
+        channel: Channel,
+        fields: dict[str, Json],
+        *,
+        t_s: float,
+        arrived_s: float,
+        sequence: int = 0,
+        data: bytes | None = None,
+    ) -> Message:
+        """Return a message whose fields follow its time stamp."""
+        document = {"timestamp": self.stamps.time(t_s), **fields}
+        return Message(
+            channel,
+            self.stamps.ns(arrived_s),
+            self.stamps.ns(t_s),
+            sequence & 0xFFFFFFFF,
+            encode(document, data),
+        )
+
+    def _message(self, sensor: str, reading: Reading, body: Body, part: str = "reading") -> Message:
+        schema, fields, data = body
+        topic = f"/{reading.source}/{sensor}" + ("" if part == "reading" else f"/{part}")
+        frame = NED_FRAME if isinstance(reading, PoseReading | GpsReading) else _body_frame(reading)
+        return self.message(
+            Channel(topic, schema, reading.source, sensor, part),
+            {
+                "frame_id": frame,
+                **fields,
+                "wil": {**_common(reading), **fields.get("wil", {})},
+            },
+            t_s=reading.t_s,
+            arrived_s=reading.arrived_s,
+            sequence=reading.seq,
+            data=data,
+        )
+
+
+def _body_frame(reading: Reading) -> str:
+    """Return the frame a reading stands in: a mixed one is perceived where the real vehicle is."""
+    return "twin" if reading.source == "twin" else "real"
+
+
+def _common(reading: Reading) -> dict[str, Json]:
+    named = {"sensor": reading.sensor} if reading.sensor else {}
+    return {
+        **named,
+        "type": sensor_type_of(reading),
+        "source": reading.source,
+        "seq": reading.seq,
+        "t_s": reading.t_s,
+        "arrived_s": reading.arrived_s,
+    }

@@ -1,0 +1,120 @@
+"""A growing MCAP file: its chunks reach the operating system whole, and its disk may be full."""
+
+from io import FileIO
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from orchestrator.recording.mcap.mcap_encode import Channel, Message
+from orchestrator.recording.mcap.mcap_schemas import SCHEMAS
+
+LIBRARY = "wil-campaign"
+
+_COMPRESSION = {
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "none": CompressionType.NONE,
+}
+_NEVER = 1 << 62
+"""The library never ends a chunk by itself: we do, and hand it to the system at once."""
+_MESSAGE_OVERHEAD_BYTES = 31
+
+
+class _Unbuffered:
+    """What the library writes to: every write is with the system when it returns.
+
+    A buffer of Python's would be lost with a killed process, and would be written again, and
+    fail again, while a file on a full disk is closed.
+    """
+
+    def __init__(self, raw: FileIO) -> None:
+        self._raw = raw
+
+    def write(self, data: bytes) -> int:
+        """Write all of it. Raises OSError."""
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._raw.write(rest) :]
+        return len(data)
+
+    def tell(self) -> int:
+        """Return how much was written."""
+        return self._raw.tell()
+
+    def flush(self) -> None:
+        """Do nothing: there is nothing that waits."""
+
+
+class ChunkedFile:
+    """Writes messages in chunks; raises OSError when the disk takes no more.
+
+    A chunk ends when it holds chunk_bytes or spans chunk_ns of log time, by the messages alone:
+    equal messages give equal bytes. Raises FileExistsError for a file that is there.
+    """
+
+    def __init__(self, *, path: Path, compression: str, chunk_bytes: int, chunk_ns: int) -> None:
+        self._raw = FileIO(str(path), "xb")
+        self._writer = Writer(
+            _Unbuffered(self._raw),  # type: ignore[arg-type]  # it needs no more of a file
+            chunk_size=_NEVER,
+            compression=_COMPRESSION[compression],
+        )
+        self._chunk_bytes = chunk_bytes
+        self._chunk_ns = chunk_ns
+        self._channels: dict[Channel, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._held_bytes = 0
+        self._began_ns = 0
+
+    def start(self, metadata: dict[str, str]) -> None:
+        """Write what stands before all messages."""
+        self._writer.start(library=LIBRARY)
+        self._writer.add_metadata("wil.recording", metadata)
+
+    def write(self, message: Message, schema: bytes | None = None) -> None:
+        """Append a message; schema: of its channel where it is none of the fixed ones."""
+        if self._held_bytes == 0:
+            self._began_ns = message.log_ns
+        self._writer.add_message(
+            self._channel(message.channel, schema),
+            log_time=message.log_ns,
+            publish_time=message.publish_ns,
+            sequence=message.sequence,
+            data=message.data,
+        )
+        self._held_bytes += len(message.data) + _MESSAGE_OVERHEAD_BYTES
+        spans_ns = message.log_ns - self._began_ns
+        if self._held_bytes >= self._chunk_bytes or spans_ns >= self._chunk_ns:
+            self.flush()
+
+    def flush(self) -> None:
+        """End the chunk; what was written so far survives this process."""
+        if self._held_bytes:
+            self._held_bytes = 0
+            self._writer.flush()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
+
+    def finish(self, metadata: dict[str, str]) -> None:
+        """Write the last chunk, metadata and the index."""
+        self.flush()
+        self._writer.add_metadata("wil.counts", metadata)
+        self._writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
+
+    def close(self) -> int:
+        """Close the file and return its size in bytes."""
+        size = self._raw.tell()
+        self._raw.close()
+        return size
+
+    def _channel(self, channel: Channel, schema: bytes | None) -> int:
+        known = self._channels.get(channel)
+        if known is not None:
+            return known
+        if channel.schema not in self._schemas:
+            text = SCHEMAS[channel.schema] if schema is None else schema
+            number = self._writer.register_schema(channel.schema, "jsonschema", text)
+            self._schemas[channel.schema] = number
+        facts = {"source": channel.source, "sensor": channel.sensor, "part": channel.part}
+        self._channels[channel] = self._writer.register_channel(
+            channel.topic, "json", self._schemas[channel.schema], facts
+        )
+        return self._channels[channel]

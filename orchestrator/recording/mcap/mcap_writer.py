@@ -1,0 +1,294 @@
+"""run.mcap: the readings of both worlds and the mixed ones, by a thread that holds up no flight.
+
+The flight hands over readings and goes on; a thread of its own encodes and writes them. When it
+cannot follow, a wall clock drops what is new and counts it, and a virtual clock waits, so that
+equal runs give equal bytes. A full disk, or a picture that cannot be encoded, never reaches the
+flight: it is counted and said in the report.
+"""
+
+import asyncio
+import threading
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Any, Literal, Self
+
+from orchestrator.model.clock import Clock
+from orchestrator.recording.mcap.mcap_encode import Channel, Encoder, Message
+from orchestrator.recording.mcap.mcap_file import ChunkedFile
+from orchestrator.recording.mcap.mcap_json import plain
+from orchestrator.recording.mcap.mcap_schemas import schema_of
+from orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from vehicles.readings import Reading
+
+SCHEMA = "wil/recording/1"
+
+LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
+_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
+"""foxglove.Log."""
+
+_SMALL_BYTES = 1024
+"""What a reading without arrays, or a note, counts for in the backlog."""
+_IDLE_FLUSH_S = 0.5
+"""Wall time after which a chunk is written although no message came to end it."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingReport:
+    """What became of a recording.
+
+    written: readings and notes that are in the file. dropped: by topic, what the thread could
+    not take in time. failed: what could not be encoded, or came after the file had failed.
+    fault: why, in words; None when nothing went wrong. errors: exceptions of ours, no disk's.
+    """
+
+    written: int
+    dropped: tuple[tuple[str, int], ...]
+    failed: int
+    size_bytes: int
+    fault: str | None
+    errors: tuple[BaseException, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Return whether everything that was handed over is in the file."""
+        return not self.dropped and not self.failed and self.fault is None
+
+
+@dataclass(frozen=True, slots=True)
+class _Item:
+    t_s: float
+    size_bytes: int
+    encode: Callable[[], list[Message]]
+    schema: bytes | None = None
+
+
+class McapRecorder:
+    """Records one run; a context manager, used by one thread.
+
+    epoch_s: UTC at which the run clock was zero. facts: for the file's first record, what a reader
+    wants to know before all readings. Leaving the context waits for the thread;
+    within a running loop under a wall clock, await `aclose()` before. Raises OSError when the
+    file cannot be made.
+    """
+
+    def __init__(
+        self,
+        *,
+        path: Path,
+        epoch_s: float,
+        clock: Clock,
+        settings: RecordingSettings | None = None,
+        facts: Mapping[str, str] | None = None,
+    ) -> None:
+        self._path = path
+        self._facts = dict(facts or {})
+        self._waits = clock == "virtual"
+        self._settings = settings or RecordingSettings()
+        self._encoder = Encoder(epoch_s=epoch_s, settings=self._settings)
+        self._incoming: SimpleQueue[_Item | None] = SimpleQueue()
+        self._done: SimpleQueue[int] = SimpleQueue()
+        self._backlog_bytes = 0
+        self._backlog_items = 0
+        self._dropped: Counter[str] = Counter()
+        self._schemas: dict[type, bytes] = {}
+        self._report: RecordingReport | None = None
+        self._written = 0
+        self._failed = 0
+        self._fault: str | None = None
+        self._errors: list[BaseException] = []
+
+    def __enter__(self) -> Self:
+        self._file = ChunkedFile(
+            path=self._path,
+            compression=self._settings.compression,
+            chunk_bytes=self._settings.chunk_bytes,
+            chunk_ns=round(self._settings.chunk_s * 1e9),
+        )
+        # a daemon: a process that ends without closing must not wait for it for ever
+        threading.Thread(target=self._work, name=f"recorder {self._path.name}", daemon=True).start()
+        self._enqueue("/tf", _Item(0.0, _SMALL_BYTES, lambda: [self._encoder.upright()]))
+        return self
+
+    def reading(self, sensor: str, reading: Reading) -> None:
+        """Take a reading of a sensor, as it was delivered."""
+        encode = self._encoder.encode
+        item = _Item(reading.arrived_s, _size_of(reading), lambda: encode(sensor, reading))
+        self._enqueue(f"/{reading.source}/{sensor}", item)
+
+    def mixed(self, sensor: str, reading: Reading | None, provenance: Any, *, now_s: float) -> None:
+        """Take a mixed reading, or that there was none, with where it came from.
+
+        provenance: a frozen dataclass of numbers, texts, tuples and dataclasses; it is written
+        field by field. now_s: when it was mixed.
+        """
+        if reading is not None:
+            self.reading(sensor, reading)
+        self._figures(sensor, "provenance", provenance, now_s)
+
+    def visibility(self, sensor: str, visibility: Any, *, now_s: float) -> None:
+        """Take what a mixture shows of the virtual objects, a dataclass like a provenance."""
+        self._figures(sensor, "visibility", visibility, now_s)
+
+    def _figures(self, sensor: str, part: str, figures: Any, now_s: float) -> None:
+        schema, kind = f"wil.{part.capitalize()}", type(figures)
+        if kind not in self._schemas:
+            self._schemas[kind] = schema_of(schema, kind)
+        channel = Channel(f"/mixed/{sensor}/{part}", schema, "mixed", sensor, part)
+        self._note(channel, lambda: plain(figures), now_s, self._schemas[kind])
+
+    def event(self, t_s: float, level: LogLevel, name: str, message: str) -> None:
+        """Take a line of the run's log: a stage, a contact, a warning."""
+        channel = Channel("/log", "foxglove.Log", "", "", "event")
+        fields = {
+            "level": _LEVELS[level],
+            "message": message,
+            "name": name,
+            "file": "",
+            "line": 0,
+        }
+        self._note(channel, lambda: fields, t_s, None)
+
+    def close(self) -> RecordingReport:
+        """Wait until all is written, close the file, and return what became of it."""
+        if self._report is None:
+            self._incoming.put(None)
+            while self._backlog_items:
+                self._collect(self._done.get())
+            size_bytes = self._done.get()
+            dropped = tuple(sorted(self._dropped.items()))
+            self._report = RecordingReport(
+                self._written, dropped, self._failed, size_bytes, self._fault, tuple(self._errors)
+            )
+        return self._report
+
+    async def aclose(self) -> RecordingReport:
+        """Close without holding up the loop."""
+        return await asyncio.get_running_loop().run_in_executor(None, self.close)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _note(
+        self,
+        channel: Channel,
+        fields: Callable[[], dict[str, Any]],
+        t_s: float,
+        schema: bytes | None,
+    ) -> None:
+        def encode() -> list[Message]:
+            return [self._encoder.message(channel, fields(), t_s=t_s, arrived_s=t_s)]
+
+        self._enqueue(channel.topic, _Item(t_s, _SMALL_BYTES, encode, schema))
+
+    def _enqueue(self, topic: str, item: _Item) -> None:
+        """Hand over; only this side counts the backlog, so that no lock is needed."""
+        if self._report is not None:
+            return
+        while not self._done.empty():
+            self._collect(self._done.get_nowait())
+        limit = self._settings.backlog_bytes
+        while self._backlog_items and self._backlog_bytes + item.size_bytes > limit:
+            if not self._waits:
+                self._dropped[topic] += 1
+                return
+            self._collect(self._done.get())
+        self._backlog_bytes += item.size_bytes
+        self._backlog_items += 1
+        self._incoming.put(item)
+
+    def _collect(self, size_bytes: int) -> None:
+        self._backlog_bytes -= size_bytes
+        self._backlog_items -= 1
+
+    def _work(self) -> None:
+        """Encode and write until told to end; in a thread of its own."""
+        self._run_guarded(
+            lambda: self._file.start(
+                {
+                    **self._facts,
+                    "schema": SCHEMA,
+                    "epoch_ns": str(self._encoder.stamps.epoch_ns),
+                }
+            )
+        )
+        while (item := self._next()) is not None:
+            if self._fault is None:
+                self._write(item)
+            else:
+                self._failed += 1
+            self._done.put(item.size_bytes)
+        if self._fault is None:
+            self._run_guarded(lambda: self._file.finish(self._counts()))
+        size_bytes = 0
+        try:
+            size_bytes = self._file.close()
+        except OSError:
+            pass
+        except Exception as error:  # noqa: BLE001  # whoever closes waits for this thread
+            self._errors.append(error)
+        self._done.put(size_bytes)
+
+    def _next(self) -> _Item | None:
+        """Return the next item; without one for a while, write what there is to the file."""
+        if self._waits:
+            return self._incoming.get()
+        while True:
+            try:
+                return self._incoming.get(timeout=_IDLE_FLUSH_S)
+            except Empty:
+                if self._fault is None:
+                    self._run_guarded(self._file.flush)
+
+    def _write(self, item: _Item) -> None:
+        try:
+            messages = item.encode()
+        except Exception as error:  # noqa: BLE001  # a reading may be bad in any way there is
+            self._failed += 1
+            self._errors.append(error)
+            self._count_missing(item.t_s, f"{type(error).__name__}: {error}")
+            return
+        written = self._run_guarded(lambda: self._append(messages, item.schema))
+        self._written += written
+        self._failed += not written
+
+    def _append(self, messages: list[Message], schema: bytes | None) -> None:
+        for message in messages:
+            self._file.write(message, schema)
+
+    def _count_missing(self, t_s: float, why: str) -> None:
+        """Say in the file that a reading is missing there."""
+        channel = Channel("/log", "foxglove.Log", "", "", "event")
+        fields = {"level": 4, "message": why, "name": "recorder", "file": "", "line": 0}
+        message = self._encoder.message(channel, fields, t_s=t_s, arrived_s=t_s)
+        self._run_guarded(lambda: self._append([message], None))
+
+    def _run_guarded(self, write: Callable[[], None]) -> bool:
+        """Write; a disk that takes no more ends the recording, not the flight."""
+        try:
+            write()
+        except OSError as error:
+            self._fault = f"{self._path.name}: {error.strerror or error}; recording ended"
+        except Exception as error:  # noqa: BLE001  # a thread that dies would stall a virtual run
+            self._errors.append(error)
+            self._fault = f"{self._path.name}: {type(error).__name__}: {error}; recording ended"
+        return self._fault is None
+
+    def _counts(self) -> dict[str, str]:
+        counts = {"written": str(self._written), "failed": str(self._failed)}
+        return counts | {f"dropped {topic}": str(n) for topic, n in sorted(self._dropped.items())}
+
+
+def _size_of(reading: Reading) -> int:
+    """Return how much memory a reading holds while it waits."""
+    names = ("image_bgr", "depth_m", "object_ids", "ranges_m", "points_frd_m", "samples")
+    arrays = (getattr(reading, name, None) for name in names)
+    return _SMALL_BYTES + sum(int(array.nbytes) for array in arrays if array is not None)

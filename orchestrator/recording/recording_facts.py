@@ -1,0 +1,59 @@
+"""What run.mcap tells of its run before all readings, so that it can be mixed anew from it."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from orchestrator.state.run_setup import RunSetup
+from recipes.language.recipe_document import load_recipe
+from recipes.model.recipe import Recipe
+from worlds.files.documents import parse
+
+
+def facts_of(setup: RunSetup) -> dict[str, str]:
+    """Return the facts of a run: which it is, its recipe, the ids of what its twin sees."""
+    plan = setup.order.plan
+    objects = {thing.name: thing.object_id for thing in setup.virtual_scene.objects}
+    facts = {
+        "case": plan.case,
+        "mode": plan.mode,
+        "rep": str(plan.repetition),
+        "seed": str(plan.seed),
+        "objects": json.dumps(objects),
+    }
+    latencies = {
+        f"{vehicle.name} {camera.name}": camera.source.latency_s
+        for vehicle in setup.vehicles
+        for camera in vehicle.cameras
+        if camera.source is not None
+    }
+    if latencies:
+        facts["latency_s"] = json.dumps(latencies)
+    recipe = setup.campaign.recipe
+    if recipe is not None and plan.mode == "wil":
+        # JSON is YAML: the recipe as it was flown, overrides of a case included.
+        facts["recipe"] = json.dumps(recipe.document.data)
+        facts["recipe_file"] = str(recipe.document.path)
+    return facts
+
+
+def recipe_in(facts: Mapping[str, str]) -> Recipe | None:
+    """Return the recipe that a run was mixed by; None where nothing was mixed. Raises BadInput."""
+    text = facts.get("recipe")
+    if text is None:
+        return None
+    file = facts.get("recipe_file", "recipe.yaml")
+    name = f"{file} (as recorded)"
+    return load_recipe(parse(text.encode(), name=name, path=Path(file)))
+
+
+def latencies_in(facts: Mapping[str, str]) -> dict[str, float]:
+    """Return by vehicle and camera what was taken off the stamps of pictures from outside."""
+    found: dict[str, float] = json.loads(facts.get("latency_s", "{}"))
+    return found
+
+
+def objects_in(facts: Mapping[str, str]) -> dict[str, int]:
+    """Return the ids of the objects that the twin's readings tell of."""
+    found: dict[str, int] = json.loads(facts.get("objects", "{}"))
+    return found

@@ -1,0 +1,1 @@
+"""The flight of a run: takeoff, goal, landing, oracles, recording, result."""

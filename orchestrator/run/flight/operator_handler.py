@@ -1,0 +1,72 @@
+"""Takes an operator's commands in flight; the guard acts on them and says so."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from orchestrator.model.operator_command import Inbox
+from orchestrator.recording.run_recorder import RunRecorder
+from orchestrator.run.flight.fence_changes import FenceChanges
+from orchestrator.run.flight.oracle_runner import OracleRunner
+from orchestrator.run.flight.progress_reporter import ProgressReporter
+from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_setup import RunSetup
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.guard import Guard
+
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OperatorHandler:
+    """Passes on what comes in. record: told of each command."""
+
+    inbox: Inbox
+    guard: Guard
+    fencing: FenceChanges
+    record: Callable[[OperatorCommand], None]
+
+    async def run(self, alive: Callable[[], None]) -> None:
+        """Listen until cancelled. alive: called twenty times a second."""
+        while True:
+            alive()
+            while (command := self.inbox.poll()) is not None:
+                self.record(command)
+                self._pass_on(command)
+            await asyncio.sleep(_POLL_S)
+
+    def _pass_on(self, command: OperatorCommand) -> None:
+        if command.kind == "geofence":
+            self.fencing.ask(command)
+        else:
+            self.guard.command(command)
+
+
+def operator_handler_of(
+    setup: RunSetup,
+    pair: Pair,
+    bench: OracleRunner,
+    *,
+    reporter: ProgressReporter,
+    recorder: RunRecorder,
+    inbox: Inbox,
+    aboard: OnboardConfiguration,
+) -> OperatorHandler:
+    """Return what takes the commands of a run's operators."""
+
+    def answer(command: OperatorCommand, ok: bool, text: str) -> None:
+        recorder.note("answer", kind=command.kind, who=command.who, ok=ok, text=text)
+        reporter.answer(command, ok, text)
+
+    fencing = FenceChanges(
+        guard=pair.guard,
+        aboard=aboard.fences,
+        frame=setup.campaign.world.frame,
+        present=dict(setup.campaign.fences.items()),
+        flying=tuple(one.name for one in setup.vehicles),
+        changed=bench.fences,
+        answer=answer,
+    )
+    pair.guard.on_event(fencing.take)
+    return OperatorHandler(inbox=inbox, guard=pair.guard, fencing=fencing, record=recorder.operator)

@@ -1,0 +1,76 @@
+"""The operator's hold, as the run sees it: what it means for the verdict, and how to go on."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+from orchestrator.state.run_state import FlightError, RunState
+from safety.guard.core.events import GuardEvent, decisive
+from vehicles.errors import VehicleError
+
+Do = Callable[[], Awaitable[object]]
+
+
+class OperatorHold:
+    """Follows the guard's word on whether the operator holds; `count` says how often by now.
+
+    A hold after t0 makes the run INVALID and yet leaves the vehicles in the air: whoever holds
+    decides what comes next. A stage that a hold came between is begun again after it.
+    """
+
+    def __init__(self, *, run_state: RunState) -> None:
+        self._run_state = run_state
+        self._free = asyncio.Event()
+        self._free.set()
+        self._changed = asyncio.Event()
+        self.count = 0
+
+    def take(self, event: GuardEvent) -> None:
+        """Take an event of the guard."""
+        if event.kind == "hold":
+            self._hold(event)
+        elif event.kind in {"resume", "bring_down"} or decisive(event) is not None:
+            self._run_state.release()
+            self._free.set()
+
+    async def free(self) -> None:
+        """Wait while the operator holds."""
+        await self._free.wait()
+
+    async def resumed(self, *, after: int) -> None:
+        """Wait for the end of a hold beyond the first `after`."""
+        while self.count <= after:
+            self._changed.clear()
+            await self._changed.wait()
+        await self._free.wait()
+
+    async def through(self, do: Do, *, again: Do | None = None) -> None:
+        """Do a stage that may be begun again, until no hold came between.
+
+        again: how to do it when it may have been half done; by default in the same way.
+        """
+        attempt = do
+        while True:
+            await self._free.wait()
+            before = self.count
+            try:
+                await attempt()
+            except (VehicleError, FlightError):
+                if self.count == before:
+                    raise
+            if self.count == before:
+                return
+            attempt = again or do
+
+    def _hold(self, event: GuardEvent) -> None:
+        self.count += 1
+        self._changed.set()
+        self._free.clear()
+        self._run_state.hold()
+        if self._run_state.reached("goal") and not self._run_state.reached("landed"):
+            self._run_state.decide(
+                "INVALID",
+                f"{event.text} after the goal was given: the flight proves nothing",
+                t_s=event.t_s,
+                source="operator/hold",
+                ends_flight=False,
+            )

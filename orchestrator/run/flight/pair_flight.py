@@ -1,0 +1,197 @@
+"""The flight of a pair: both ready, both armed, one takeoff, both at height, one goal, landing."""
+
+import asyncio
+import itertools
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+
+from campaigns.setup.case_setup import SyncSetup
+from orchestrator.model.results import NOT_ARMED
+from orchestrator.run.flight.operator_hold import OperatorHold
+from orchestrator.state.run_state import FlightError, RunState
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.autopilots.registry import autopilot_named
+from vehicles.driver.session.identity import same_vehicle
+from vehicles.errors import VehicleError
+from vehicles.setpoints import PositionSetpoint
+from vehicles.tasks import stop, together
+
+_SETTLED_S = 0.5
+"""How long a vehicle has to be at height before it counts: not merely passing through."""
+_POLL_S = 0.02
+_CLIMB_HZ = 10.0
+
+
+async def fly_together(
+    contexts: tuple[VehicleContext, ...],
+    *,
+    run_state: RunState,
+    holding: OperatorHold,
+    sync: SyncSetup,
+    heights_m: Mapping[str, float],
+    before_arming: Callable[[], Awaitable[None]],
+    barrier: Callable[[], None],
+    goal: Callable[[float], Awaitable[None]],
+    prepare: Callable[[VehicleContext], Awaitable[None]],
+    preflight: Callable[[tuple[VehicleContext, ...]], Awaitable[None]],
+    arm: bool = True,
+) -> None:
+    """Take all stations through the stages up to landed; `goal(t0_s)` flies the goal.
+
+    heights_m: to which height above its start each takes off, by name. prepare: puts aboard a
+    ready vehicle what it needs. before_arming: what has to be proven when all have it. preflight:
+    raises what speaks against arming. arm: False stops there. barrier: called when all are at
+    height, before the goal.
+
+    Every barrier waits for all, and for an operator who holds. An error at any stage is raised to
+    the caller, who brings everything down; so does `course.over` when it is set before the goal is
+    given.
+    """
+    run_state.enter("identify")
+    await _each(contexts, lambda context: context.driver.identify(sync.identify_timeout_s))
+    _require_two(contexts)
+    run_state.enter("ready")
+    await _each(contexts, lambda context: context.driver.ready(sync.ready_timeout_s))
+    await _each(contexts, prepare)
+    # Who was ready first has stood meanwhile, and its estimate has drifted: it is anchored anew.
+    await _each(contexts, lambda context: context.driver.ready(sync.ready_timeout_s))
+    await before_arming()
+    await preflight(contexts)
+    if not arm:
+        run_state.decide("ABORTED", NOT_ARMED, source="no-arm")
+        return
+    run_state.enter("arm")
+    await holding.through(lambda: _arm(contexts))
+    run_state.enter("takeoff")
+    await holding.through(
+        lambda: _take_off(contexts, heights_m, sync),
+        again=lambda: _go_on_taking_off(contexts, heights_m, sync),
+    )
+    run_state.enter("at_height")
+    barrier()
+    await holding.through(lambda: _guide(contexts))
+    t0_s = run_state.enter("goal")
+    await _with_operator_holds(contexts, holding, goal(t0_s))
+    run_state.enter("land")
+    await holding.through(lambda: _land(contexts, sync))
+    run_state.enter("landed")
+
+
+async def _arm(contexts: tuple[VehicleContext, ...]) -> None:
+    await _each(contexts, lambda context: context.driver.arm())
+    if len(contexts) > 1:
+        # Who was armed first is ahead by as much: motors that are not up make a takeoff wait.
+        flown_by = [autopilot_named(context.driver.identity.autopilot) for context in contexts]
+        await asyncio.sleep(max(autopilot.spool_s for autopilot in flown_by))
+
+
+async def _take_off(
+    contexts: Iterable[VehicleContext], heights_m: Mapping[str, float], sync: SyncSetup
+) -> None:
+    """Give all their takeoff commands in one turn of the loop, and wait until they are up."""
+    acknowledged = [one.driver.begin_takeoff(heights_m[one.name]) for one in contexts]
+    await asyncio.gather(*acknowledged)
+    await _each(contexts, lambda one: _at_height(one, heights_m[one.name], sync))
+
+
+async def _go_on_taking_off(
+    contexts: Iterable[VehicleContext], heights_m: Mapping[str, float], sync: SyncSetup
+) -> None:
+    """Take off who is on the ground still, or again; who was held in the air climbs on."""
+    grounded = [one for one in contexts if one.driver.state.landed in {"on_ground", "unknown"}]
+    await _each(grounded, lambda one: one.driver.arm())
+    acknowledged = [one.driver.begin_takeoff(heights_m[one.name]) for one in grounded]
+    await asyncio.gather(*acknowledged)
+
+    async def go_up(context: VehicleContext) -> None:
+        up = _at_height if context in grounded else _climb
+        await up(context, heights_m[context.name], sync)
+
+    await _each(contexts, go_up)
+
+
+async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> None:
+    """Fly to a height above the start by setpoints: no autopilot takes off twice."""
+    await context.driver.enter_guided()
+    north_m, east_m, down_m = context.start.position_ned_m
+    place = PositionSetpoint((north_m, east_m, down_m - height_m), context.start.yaw_rad)
+    async with together() as tasks:
+        there = tasks.create_task(
+            _at_height(context, height_m, sync), name=f"{context.name} at height"
+        )
+        while not there.done():
+            context.driver.send(place)
+            await asyncio.wait([there], timeout=1.0 / _CLIMB_HZ)
+
+
+async def _guide(contexts: Iterable[VehicleContext]) -> None:
+    await _each(contexts, lambda context: context.driver.enter_guided())
+
+
+async def _land(contexts: Iterable[VehicleContext], sync: SyncSetup) -> None:
+    await _each(contexts, lambda context: context.driver.land())
+    await _each(contexts, lambda context: context.driver.disarmed(sync.landing_timeout_s))
+
+
+async def _with_operator_holds(
+    contexts: Iterable[VehicleContext], holding: OperatorHold, goal: Awaitable[None]
+) -> None:
+    """Fly the goal; after each hold bring all back into the mode that follows setpoints."""
+
+    async def guide_again() -> None:
+        while True:
+            count = holding.count
+            await holding.resumed(after=count)
+            await holding.through(lambda: _guide(contexts))
+
+    async with together() as tasks:
+        guiding = tasks.create_task(guide_again(), name="guided after a hold")
+        await goal
+        await stop(guiding)
+
+
+def _require_two(contexts: tuple[VehicleContext, ...]) -> None:
+    """Refuse one vehicle that answers on both links. Raises FlightError."""
+    for one, other in itertools.combinations(contexts, 2):
+        if same_vehicle(one.driver.identity, other.driver.identity):
+            raise FlightError(
+                f"{one.name} and {other.name} are one vehicle: both answer with the uid "
+                f"{one.driver.identity.uid}; look where their links lead"
+            )
+
+
+async def _each(
+    contexts: Iterable[VehicleContext], do: Callable[[VehicleContext], Awaitable[object]]
+) -> None:
+    """Do a thing with all stations at once; the first error cancels the others' waiting."""
+
+    async def one(context: VehicleContext) -> None:
+        await do(context)
+
+    try:
+        async with asyncio.TaskGroup() as group:
+            for context in contexts:
+                group.create_task(one(context), name=f"{context.name} stage")
+    except* (VehicleError, FlightError) as errors:
+        raise errors.exceptions[0] from None
+
+
+async def _at_height(context: VehicleContext, altitude_m: float, sync: SyncSetup) -> None:
+    """Wait until the vehicle has been within tolerance of the height for a moment."""
+    loop = asyncio.get_running_loop()
+    since_s: float | None = None
+    try:
+        async with asyncio.timeout(sync.takeoff_timeout_s):
+            while since_s is None or loop.time() - since_s < _SETTLED_S:
+                height_m = context.height_m()
+                near = (
+                    height_m is not None and abs(height_m - altitude_m) <= sync.takeoff_tolerance_m
+                )
+                since_s = (since_s or loop.time()) if near else None
+                await asyncio.sleep(_POLL_S)
+    except TimeoutError:
+        height_m = context.height_m()
+        where = "unknown" if height_m is None else f"{height_m:.2f} m"
+        raise FlightError(
+            f"{context.name}: not at {altitude_m:g} m within {sync.takeoff_timeout_s:g} s of the "
+            f"takeoff command; its height is {where}"
+        ) from None

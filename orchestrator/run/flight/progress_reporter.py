@@ -1,0 +1,112 @@
+"""What a run tells to the outside while it flies: where it stands, and what happens, at once."""
+
+import asyncio
+from collections.abc import Callable, Iterable, Mapping
+
+from campaigns.expansion.expansion import RunPlan
+from orchestrator.model.progress import Happening, HappeningKind, Progress, Report, VehicleProgress
+from orchestrator.run.perception.mixing_statistics import MixingStatistics
+from orchestrator.state.run_state import RunState, Stage
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.guard.core.events import GuardEvent
+from safety.guard.core.operator_command import OperatorCommand
+from safety.model.oracle_results import Flag
+from safety.model.verdict import DecisiveEvent
+
+PROGRESS_S = 0.5
+
+
+class ProgressReporter:
+    """Reports one run; `course` is followed from the start."""
+
+    def __init__(
+        self,
+        *,
+        plan: RunPlan,
+        report: Report,
+        run_state: RunState,
+        kinds: Mapping[str, str],
+    ) -> None:
+        self._plan = plan
+        self._report = report
+        self._run_state = run_state
+        self._kinds = kinds
+        run_state.on_stage(self._stage)
+        run_state.on_decisive(self._decisive)
+
+    def flag(self, flag: Flag) -> None:
+        """Tell of a contact."""
+        if self._kinds.get(flag.oracle) == "collision":
+            self._tell("collision", flag.oracle, flag.vehicle, flag.text, flag.t_s)
+
+    def guard(self, event: GuardEvent) -> None:
+        """Tell what the guard does."""
+        self._tell("guard", event.kind, event.vehicle, event.text, event.t_s)
+
+    def answer(self, command: OperatorCommand, ok: bool, text: str) -> None:
+        """Tell what came of an operator's command."""
+        self._report(
+            Happening(
+                run=self._plan.name,
+                t_s=asyncio.get_running_loop().time(),
+                kind="answer",
+                word="ok" if ok else "refused",
+                vehicle="",
+                text=text,
+                command_id=command.command_id,
+                who=command.who,
+            )
+        )
+
+    async def follow(
+        self,
+        contexts: Iterable[VehicleContext],
+        mixing: Callable[[], MixingStatistics | None],
+        clearance_m: Callable[[float], float | None],
+    ) -> None:
+        """Report where all stand, twice a second until cancelled."""
+        loop = asyncio.get_running_loop()
+        run_state, plan, flown = self._run_state, self._plan, tuple(contexts)
+        while True:
+            statistics = mixing()
+            self._report(
+                Progress(
+                    case=plan.case,
+                    mode=plan.mode,
+                    repetition=plan.repetition,
+                    stage=run_state.stage,
+                    t_s=loop.time(),
+                    mixing_rate_hz=None if statistics is None else statistics.rate_hz,
+                    skew_ms=None if statistics is None else statistics.skew_ms.last,
+                    clearance_m=clearance_m(loop.time()),
+                    verdict_so_far=run_state.decisive[0].kind if run_state.decisive else "PASS",
+                    vehicles=tuple(_vehicle(context) for context in flown),
+                )
+            )
+            await asyncio.sleep(PROGRESS_S)
+
+    def _stage(self, stage: Stage, t_s: float) -> None:
+        self._tell("stage", stage, "", "", t_s)
+
+    def _decisive(self, event: DecisiveEvent) -> None:
+        self._tell("decisive", event.kind, "", event.text, event.t_s)
+
+    def _tell(self, kind: HappeningKind, word: str, vehicle: str, text: str, t_s: float) -> None:
+        self._report(
+            Happening(
+                run=self._plan.name, t_s=t_s, kind=kind, word=word, vehicle=vehicle, text=text
+            )
+        )
+
+
+def _vehicle(context: VehicleContext) -> VehicleProgress:
+    state, newest = context.driver.state, context.poses.latest()
+    return VehicleProgress(
+        name=context.name,
+        armed=state.armed,
+        mode=state.mode_name,
+        landed=state.landed,
+        position_ned_m=None if newest.pose is None else newest.pose.position_ned_m,
+        velocity_ned_m_s=None if state.estimate is None else state.estimate.velocity_ned_m_s,
+        battery_fraction=None if state.battery is None else state.battery.remaining,
+    )

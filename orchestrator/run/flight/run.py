@@ -1,0 +1,457 @@
+"""Fly one run: from starting the pair to its result."""
+
+import asyncio
+import time
+from collections.abc import Callable, Coroutine, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from orchestrator.external.external_io import ExternalIo
+from orchestrator.model.clock import run_on
+from orchestrator.model.faults import fault_log
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import Report
+from orchestrator.model.results import RunResult
+from orchestrator.recording.run_recorder import RunRecorder
+from orchestrator.run.flight.anchor_capture import prove_and_anchor
+from orchestrator.run.flight.goal_flight import GoalFlight
+from orchestrator.run.flight.landing import bring_down, see_at_rest
+from orchestrator.run.flight.operator_handler import OperatorHandler, operator_handler_of
+from orchestrator.run.flight.operator_hold import OperatorHold
+from orchestrator.run.flight.oracle_runner import OracleRunner
+from orchestrator.run.flight.pair_flight import fly_together
+from orchestrator.run.flight.progress_reporter import ProgressReporter
+from orchestrator.run.flight.recorder_factory import recorder_of
+from orchestrator.run.flight.run_oracles import build_judge
+from orchestrator.run.flight.run_outcome import broken_result, external_result, result_of
+from orchestrator.run.flight.synchronisation import Synchronisation
+from orchestrator.run.flight.watchdog import Watchdog
+from orchestrator.run.perception.autonomy_calls import AutonomyFault
+from orchestrator.run.perception.perception import Perception
+from orchestrator.run.perception.perception_builder import PerceptionWatchers, build_perception
+from orchestrator.run.perception.runner_factory import AnyRunner, open_runners
+from orchestrator.run.perception.warm_up import warm_up
+from orchestrator.run.vehicles.last_statustext import last_statustext
+from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
+from orchestrator.run.vehicles.pair import Pair, open_pair
+from orchestrator.run.vehicles.preflight_checks import Preflight
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.run_state import FlightError, RunState, Stage
+from orchestrator.state.vehicle_context import VehicleContext
+from recipes.working import StepError
+from safety.evaluation.judge import COLLISION_ALWAYS, Judge
+from safety.evaluation.judge_log import WorldEvent
+from safety.guard.core.events import GuardEvent, decisive
+from safety.model.oracle_results import Flag
+from vehicles.errors import VehicleError
+from vehicles.links.link import LinkError
+from vehicles.readings import Reading
+from vehicles.tasks import FAULTS, TaskAccount, asked_to_end, finish, stop, together
+from worlds.scene.motion import MOMENTS
+
+_LANDINGS = 3
+"""How often a landing is begun in which an exception of ours comes up."""
+EXPECTED = (VehicleError, FlightError, StepError, AutonomyFault)
+"""What a run knows of: who awaits a task that ends by one of these decides what it means."""
+
+Start = Callable[[], Coroutine[Any, Any, object]]
+Disturb = Callable[[Pair, RunState], None]
+"""Is handed the pair once it is there, to make trouble at times of its own: kill, mute, break."""
+
+
+def fly(
+    setup: RunSetup, report: Report, inbox: Inbox, *, disturb: Disturb | None = None
+) -> RunResult:
+    """Fly one run on its clock and return its result; its streams are in its folder then.
+
+    disturb: for runs that are to show what a fault leads to.
+    """
+    warm_up(setup)
+    flown = Flown(setup)
+    try:
+        run_on(setup.clock, flown.fly(report, inbox, disturb))
+    except FAULTS as error:
+        if flown.run_state is None:
+            raise
+        flown.run_state.fault(error, "the run's loop")
+    return flown.result()
+
+
+@dataclass(slots=True, kw_only=True)
+class _Run:
+    """The parts of a run that its tasks share."""
+
+    setup: RunSetup
+    run_state: RunState
+    pair: Pair
+    bench: OracleRunner
+    outside: ExternalIo
+    perception: Perception
+    recorder: RunRecorder
+    goal: GoalFlight
+    sync: Synchronisation
+    holding: OperatorHold
+    reporter: ProgressReporter
+    aboard: OnboardConfiguration
+    watchdog: Watchdog
+    commanding: OperatorHandler
+    preflight: Preflight
+
+
+@dataclass(slots=True, kw_only=True)
+class _Ground:
+    """What stands before the vehicles do, and when they are gone. perception: once there is one."""
+
+    setup: RunSetup
+    run_state: RunState
+    events: dict[str, float]
+    judge: Judge
+    bench: OracleRunner
+    outside: ExternalIo
+    recorder: RunRecorder
+    sync: Synchronisation
+    reporter: ProgressReporter
+    preflight: Preflight
+    perception: Perception | None = None
+
+
+class Flown:
+    """One run from its begin to its result, also where an exception of ours cut it short."""
+
+    def __init__(self, setup: RunSetup) -> None:
+        self._setup = setup
+        self._began_s = time.monotonic()
+        self._ground: _Ground | None = None
+        self._end_s = 0.0
+        self.run_state: RunState | None = None
+
+    async def fly(self, report: Report, inbox: Inbox, disturb: Disturb | None) -> None:
+        """Fly; what is raised meanwhile, and a task that does not end as asked, is decisive."""
+        setup, loop = self._setup, asyncio.get_running_loop()
+        run_state = RunState(time=loop.time, log_fault=fault_log(setup.order.folder / "log.jsonl"))
+        self.run_state = run_state
+        loop.set_exception_handler(partial(_report_unhandled, run_state))
+        account = TaskAccount(fault=run_state.fault, expected=EXPECTED)
+        with account.of(loop), run_state.taking("the run"):
+            await self._fly(run_state, report, inbox, disturb)
+        self._end_s = loop.time()
+
+    async def _fly(
+        self, run_state: RunState, report: Report, inbox: Inbox, disturb: Disturb | None
+    ) -> None:
+        setup = self._setup
+        with ExitStack() as streams:
+            ground = self._ground = _ground_of(setup, run_state, report, streams)
+            try:
+                await _fly_pair(ground, inbox, disturb)
+            except AutonomyFault as fault:
+                run_state.decide("FAIL", str(fault), source="autonomy", trace=fault.trace)
+            except (VehicleError, LinkError, StepError) as error:
+                run_state.decide("ERROR", str(error))
+            except FAULTS as error:
+                if asked_to_end(error):
+                    raise
+                # Taken here, for the streams are open still.
+                run_state.fault(error, "the run")
+            run_state.enter("end")
+
+    def result(self) -> RunResult:
+        """Return what the run came to, its loop being closed."""
+        run_state, ground = self.run_state, self._ground
+        if run_state is None:
+            raise RuntimeError("the run has not begun")
+        wall_s = time.monotonic() - self._began_s
+        end_s = run_state.entered_s.get("end", self._end_s)
+        if ground is not None:
+            with run_state.taking("the result"):
+                return result_of(
+                    setup=self._setup,
+                    run_state=run_state,
+                    judge=ground.judge,
+                    sync=ground.sync.result(),
+                    mixings=() if ground.perception is None else ground.perception.mixings,
+                    collisions=tuple(ground.recorder.collisions),
+                    outside=external_result(ground.outside, ground.perception),
+                    artifacts=ground.recorder.artifacts,
+                    preflight=ground.preflight.items,
+                    fence_changes=tuple(ground.bench.fence_changes),
+                    end_s=end_s,
+                    wall_s=wall_s,
+                )
+        return broken_result(self._setup, run_state, end_s=end_s, wall_s=wall_s)
+
+
+def _ground_of(setup: RunSetup, run_state: RunState, report: Report, streams: ExitStack) -> _Ground:
+    """Return what stands before the vehicles do, its streams open."""
+    events: dict[str, float] = {}
+    judge = build_judge(setup, events)
+    kinds = {use.name: use.kind for use in (*setup.campaign.oracles, COLLISION_ALWAYS)}
+    recorder = streams.enter_context(recorder_of(setup, run_state, kinds))
+    run_state.on_stage(recorder.stage)
+    run_state.on_decisive(recorder.decisive)
+    reporter = ProgressReporter(
+        plan=setup.order.plan, report=report, run_state=run_state, kinds=kinds
+    )
+    outside = ExternalIo(setup=setup, events=events)
+    bench = OracleRunner(
+        judge=judge,
+        run_state=run_state,
+        kinds=kinds,
+        watch=(recorder.flag, reporter.flag, partial(_contact, outside, kinds)),
+        tape=recorder.judged,
+    )
+    return _Ground(
+        setup=setup,
+        run_state=run_state,
+        events=events,
+        judge=judge,
+        bench=bench,
+        outside=outside,
+        recorder=recorder,
+        sync=Synchronisation(setup=setup.campaign.sync, run_state=run_state),
+        reporter=reporter,
+        preflight=Preflight(setup=setup),
+    )
+
+
+async def _fly_pair(ground: _Ground, inbox: Inbox, disturb: Disturb | None) -> None:
+    """Start the vehicles, fly them, and have them down and gone before this returns."""
+    setup, outside, run_state = ground.setup, ground.outside, ground.run_state
+    record = ground.sync.recording(ground.recorder.frame)
+    async with (
+        outside,
+        open_pair(setup, record=record, captures=outside.captures) as pair,
+        open_runners(setup, pair, run_state) as runners,
+    ):
+        run = _run_of(ground, pair, runners, inbox)
+        if disturb is not None:
+            disturb(pair, run_state)
+        await _conduct(run)
+        ground.bench.last_state(asyncio.get_running_loop().time())
+
+
+def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox: Inbox) -> _Run:
+    """Return the run with all its parts tied to the vehicles."""
+    setup, run_state, recorder, sync = ground.setup, ground.run_state, ground.recorder, ground.sync
+    reporter, bench = ground.reporter, ground.bench
+    subject = next(one for one in pair.contexts if one.name == setup.subject)
+    run_state.last_note = lambda: subject.note
+    ground.outside.attach(pair.contexts)
+    ground.perception = perception = build_perception(
+        setup,
+        pair=pair,
+        runners=runners,
+        outside=ground.outside,
+        run_state=run_state,
+        events=ground.events,
+        watchers=_watchers(recorder, ground.outside),
+    )
+    goal = GoalFlight(
+        runners=perception.runners,
+        subject=setup.subject,
+        run_state=run_state,
+        events=ground.events,
+        started=sync.goal_given,
+        within_s=setup.campaign.sync.goal_timeout_s,
+        notify=partial(_world_event, recorder, pair),
+    )
+    run_state.on_stage(partial(_moment, ground.events, goal.notify))
+    sync.attach(pair.contexts)
+    pair.begin_outage(setup.campaign.links, run_state)
+    aboard = OnboardConfiguration(
+        setup=setup, contexts=pair.contexts, run_state=run_state, note=recorder.note
+    )
+    return _Run(
+        setup=setup,
+        run_state=run_state,
+        pair=pair,
+        bench=bench,
+        outside=ground.outside,
+        perception=perception,
+        recorder=recorder,
+        goal=goal,
+        sync=sync,
+        holding=OperatorHold(run_state=run_state),
+        reporter=reporter,
+        aboard=aboard,
+        watchdog=Watchdog.of(run_state, setup.campaign.sync, pace=setup.pace),
+        commanding=operator_handler_of(
+            setup, pair, bench, reporter=reporter, recorder=recorder, inbox=inbox, aboard=aboard
+        ),
+        preflight=ground.preflight,
+    )
+
+
+def _world_event(recorder: RunRecorder, pair: Pair, name: str, t_s: float) -> None:
+    recorder.judged(WorldEvent(t_s, name))
+    pair.notify(name, t_s)
+
+
+def _moment(
+    events: dict[str, float], notify: Callable[[str, float], None], stage: Stage, t_s: float
+) -> None:
+    """Let motions of the world know of a stage; of t0 they learn from the goal's flight."""
+    if stage in MOMENTS and stage != "goal":
+        events[stage] = t_s
+        notify(stage, t_s)
+
+
+async def _conduct(run: _Run) -> None:
+    """Fly, and whatever comes, have everything down before this returns."""
+    for context in run.pair.contexts:
+        run.bench.attach(context)
+        _record_events(run, context)
+    run.pair.guard.on_event(lambda event: _guard_event(run, event))
+    # They are taken anew at arming.
+    run.run_state.on_stage(lambda stage, _: run.pair.send_anchors() if stage == "takeoff" else None)
+    run_state, watchdog = run.run_state, run.watchdog
+    lasting: tuple[tuple[str, Start], ...] = (
+        ("judging", lambda: run.bench.run(watchdog.watch("judging"))),
+        ("operator", lambda: run.commanding.run(watchdog.watch("operator"))),
+        ("fences", run.commanding.fencing.run),
+        ("progress", lambda: _follow(run)),
+        ("trajectory", lambda: _record(run)),
+        ("perception", lambda: run.perception.run(watchdog.watch("mixing budgets"))),
+        ("outside", lambda: run.outside.run(run_state)),
+        ("watchdog", watchdog.run),
+    )
+    async with together() as tasks:
+        background = [
+            tasks.create_task(_last(run_state, name, begin), name=name) for name, begin in lasting
+        ]
+        flight = tasks.create_task(_flight(run), name="flight")
+        over = tasks.create_task(run_state.over.wait(), name="over")
+        try:
+            await asyncio.wait([flight, over, *background], return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            await finish(_finish(run, flight), name="landing")
+            await stop(over, *background)
+
+
+async def _last(run_state: RunState, name: str, begin: Start) -> None:
+    """Do what goes on until the end of the run; that it ends before is decisive.
+
+    It raises nothing: the others of its group have to see the landing.
+    """
+    with run_state.taking(name):
+        await begin()
+        run_state.decide("ERROR", f"{name} ended before the flight did")
+
+
+async def _finish(run: _Run, flight: "asyncio.Task[None]") -> None:
+    """End the flight; unless it landed by itself, have the guard bring all down.
+
+    An exception of ours keeps nothing from being done that comes after it.
+    """
+    run_state = run.run_state
+    await _step(run_state, "the end of the flight", lambda: stop(flight))
+    for _ in range(_LANDINGS):
+        if await _step(run_state, "landing", lambda: _land(run)):
+            break
+    if not run_state.decisive:
+        await _step(run_state, "the last signs of life", run.watchdog.last_signs)
+    await _step(run_state, "the end of fence changes", run.commanding.fencing.end)
+    await _step(run_state, "what is taken back", run.aboard.restore)
+    if run_state.reached("landed"):
+        await _step(run_state, "the vehicles' logs", run.aboard.fetch_logs)
+
+
+async def _step(run_state: RunState, name: str, do: Start) -> bool:
+    """Do a step of the end of a run; return whether it was done without an exception."""
+    try:
+        with run_state.taking(name):
+            await do()
+            return True
+    except EXPECTED as error:
+        run_state.decide("ERROR", str(error))
+    return False
+
+
+async def _land(run: _Run) -> None:
+    down = see_at_rest if run.run_state.reached("landed") else bring_down
+    await down(run.pair, run.run_state)
+
+
+def _report_unhandled(
+    run_state: RunState, _: asyncio.AbstractEventLoop, context: dict[str, Any]
+) -> None:
+    """Take an error in a callback of the loop: physics gone wrong, a recording that broke off."""
+    error = context.get("exception")
+    if isinstance(error, BaseException):
+        run_state.fault(error, "in flight")
+    else:
+        run_state.decide("ERROR", f"in flight: {context.get('message', '')}")
+
+
+def _watchers(recorder: RunRecorder, outside: ExternalIo) -> PerceptionWatchers:
+    def reading(one: Reading) -> None:
+        recorder.reading(one)
+        outside.untouched(one)
+
+    return PerceptionWatchers(
+        reading=reading,
+        frame=recorder.mixture,
+        perceived=outside.perceived,
+        shown=recorder.shown,
+    )
+
+
+def _contact(outside: ExternalIo, kinds: Mapping[str, str], flag: Flag) -> None:
+    if kinds.get(flag.oracle) == "collision":
+        outside.contact(flag)
+
+
+def _record_events(run: _Run, context: VehicleContext) -> None:
+    context.driver.on_event(lambda event: run.recorder.vehicle_event(context.name, event))
+
+
+async def _flight(run: _Run) -> None:
+    """Fly the stages; what goes wrong is decisive, and raised by nobody."""
+    with run.run_state.taking("flight"):
+        try:
+            await _fly_stages(run)
+        except (VehicleError, FlightError) as error:
+            run.run_state.decide("ERROR", str(error))
+
+
+async def _fly_stages(run: _Run) -> None:
+    setup = run.setup
+    await fly_together(
+        run.pair.contexts,
+        run_state=run.run_state,
+        holding=run.holding,
+        sync=setup.campaign.sync,
+        heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
+        before_arming=partial(prove_and_anchor, setup, run.pair.contexts, run.outside, run.aboard),
+        barrier=run.sync.check_takeoff,
+        goal=run.goal.fly,
+        prepare=run.aboard.put,
+        preflight=partial(run.preflight.check, note=run.recorder.note),
+        arm=setup.order.arm,
+    )
+
+
+def _guard_event(run: _Run, event: GuardEvent) -> None:
+    run.recorder.guard_event(event)
+    run.holding.take(event)
+    run.reporter.guard(event)
+    settled = decisive(event)
+    if settled is not None:
+        text = settled.text + last_statustext(run.pair, event)
+        run.run_state.decide(settled.kind, text, t_s=settled.t_s, source=settled.source)
+
+
+async def _record(run: _Run) -> None:
+    """Record where all are until cancelled."""
+    await run.recorder.follow(run.pair.contexts, run.run_state, run.watchdog.watch("trajectory"))
+
+
+async def _follow(run: _Run) -> None:
+    """Report progress until cancelled."""
+    await run.reporter.follow(
+        run.pair.contexts,
+        lambda: run.perception.statistics,
+        run.bench.clearance_m,
+    )

@@ -1,0 +1,48 @@
+"""The judge of a run: the campaign's oracles with the world that they judge."""
+
+from collections.abc import Mapping
+from functools import partial
+
+from orchestrator.run.flight.run_evidence import signal_terms
+from orchestrator.run.vehicles.vehicle_backends import BODY
+from orchestrator.state.run_setup import RunSetup
+from safety.evaluation.judge import Judge, build_oracles
+from safety.evidence.evidence import Evidence
+from safety.oracles.gates import gates_of
+from safety.oracles.oracle import OracleContext
+from worlds.clearance.clearance import ClearanceProbe
+from worlds.scene.scene import Scene
+
+_ANY_DISTANCE_M = 1e6
+
+
+def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
+    """Return the judge of a run. `events` is filled in by the run. Raises OracleError."""
+    scene = setup.judged_scene
+    contexts: dict[str, OracleContext] = {
+        vehicle.name: OracleContext(
+            mode=setup.mode,
+            subject=setup.subject,
+            vehicle=vehicle.name,
+            body_half_m=BODY.half_m,
+            start=vehicle.start,
+            probe=ClearanceProbe(scene, BODY),
+            things=scene.names,
+            probe_of=partial(_probe_of, scene),
+            gates=gates_of(scene),
+            route=setup.campaign.goal.gates,
+            target_ned_m=setup.campaign.goal.position_ned_m,
+            fence=setup.campaign.fences.get(vehicle.name),
+            frame=setup.campaign.world.frame,
+            events=events,
+        )
+        for vehicle in setup.vehicles
+    }
+    campaign = setup.campaign
+    oracles = build_oracles(campaign.oracles, contexts, collision_always=campaign.collision_always)
+    return Judge(oracles, Evidence(signal_terms(setup, oracles)))
+
+
+def _probe_of(scene: Scene, name: str) -> ClearanceProbe:
+    """Return a probe of one thing alone, that tells its distance however far it is."""
+    return ClearanceProbe(Scene((scene[name],)), BODY, within_m=_ANY_DISTANCE_M)

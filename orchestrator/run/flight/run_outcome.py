@@ -1,0 +1,201 @@
+"""The result of a run, from what happened to it."""
+
+from dataclasses import replace
+
+from orchestrator.external.external_io import ExternalIo
+from orchestrator.external.program_runner import ProgramRunner
+from orchestrator.model.control_results import control_result
+from orchestrator.model.external_results import ExternalResult
+from orchestrator.model.results import (
+    Also,
+    CombinationResult,
+    FenceChange,
+    MixingResult,
+    RunResult,
+    ShownResult,
+    SyncResult,
+    percentiles,
+)
+from orchestrator.run.perception.mixing_loop import MixingLoop
+from orchestrator.run.perception.perception import Perception
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.run_state import RunState
+from recipes.visibility.coverage import Coverage
+from safety.evaluation.judge import COLLISION_ALWAYS, Judge
+from safety.model.oracle_results import Flag
+from safety.model.verdict import Decision, decide
+from safety.preflight import Item
+
+
+def result_of(
+    *,
+    setup: RunSetup,
+    run_state: RunState,
+    judge: Judge,
+    sync: SyncResult,
+    mixings: tuple[MixingLoop, ...],
+    collisions: tuple[Flag, ...],
+    outside: ExternalResult | None,
+    artifacts: tuple[str, ...],
+    preflight: tuple[Item, ...],
+    fence_changes: tuple[FenceChange, ...],
+    end_s: float,
+    wall_s: float,
+) -> RunResult:
+    """Return what a run came to, its flight being over at end_s."""
+    plan = setup.order.plan
+    oracles = judge.results(end_s)
+    completed = run_state.reached("landed") and run_state.reached("done")
+    decision = decide(
+        run_state.decisive, oracles, end_s=end_s, completed=completed, timeouts=judge.timeouts
+    )
+    note = decision.note or run_state.last_note()
+    reason = reason_of(decision, note)
+    takeoff_s, landed_s = run_state.entered_s.get("takeoff"), run_state.entered_s.get("landed")
+    flown = takeoff_s is not None
+    return RunResult(
+        case=plan.case,
+        mode=plan.mode,
+        rep=plan.repetition,
+        seed=plan.seed,
+        verdict=decision.verdict,
+        reason=reason,
+        also=also_of(decision),
+        required=plan.required,
+        duration_s=(landed_s or end_s) - takeoff_s if flown and takeoff_s is not None else None,
+        wall_s=wall_s,
+        oracles=oracles,
+        sync=sync,
+        mixing=_mixing_result(mixings),
+        collisions=collisions,
+        outside=outside,
+        artifacts=artifacts,
+        preflight=preflight,
+        fence_changes=fence_changes,
+        evidence=judge.evidence,
+        decided_by=decision.source,
+        note=note,
+        trace=decision.trace,
+        not_judged=() if setup.campaign.collision_always else (COLLISION_ALWAYS.name,),
+        control=control_result(
+            plan.control,
+            verdict=decision.verdict,
+            reason=reason,
+            decided_by=decision.source,
+            subject=setup.subject,
+        ),
+        exceptions=exceptions_of(run_state),
+    )
+
+
+def reason_of(decision: Decision, note: str) -> str:
+    """Return the reason, with what the autonomy noted last where it is a FAIL."""
+    if decision.verdict != "FAIL" or not note:
+        return decision.reason
+    return f"{decision.reason}; the autonomy's last note was '{note}'"
+
+
+def broken_result(
+    setup: RunSetup, run_state: RunState, *, end_s: float, wall_s: float
+) -> RunResult:
+    """Return what a run came to of which an exception of ours left no more than that it was."""
+    plan = setup.order.plan
+    decision = decide(run_state.decisive, (), end_s=end_s, completed=False)
+    return RunResult(
+        case=plan.case,
+        mode=plan.mode,
+        rep=plan.repetition,
+        seed=plan.seed,
+        verdict=decision.verdict,
+        reason=decision.reason,
+        also=also_of(decision),
+        required=plan.required,
+        duration_s=None,
+        wall_s=wall_s,
+        oracles=(),
+        sync=SyncResult(),
+        mixing=None,
+        decided_by=decision.source,
+        control=control_result(
+            plan.control,
+            verdict=decision.verdict,
+            reason=decision.reason,
+            decided_by=decision.source,
+            subject=setup.subject,
+        ),
+        exceptions=exceptions_of(run_state),
+    )
+
+
+def exceptions_of(run_state: RunState) -> tuple[str, ...]:
+    """Return the exceptions of ours, each in a line."""
+    return tuple(fault.text for fault in run_state.faults)
+
+
+def also_of(decision: Decision) -> tuple[Also, ...]:
+    """Return what came after the event that made the verdict."""
+    return tuple(Also(event.kind, event.text, event.t_s) for event in decision.also)
+
+
+def external_result(outside: ExternalIo, perception: Perception | None) -> ExternalResult | None:
+    """Return what came in and went out; None when there was nothing outside of the process."""
+    runners = () if perception is None else perception.runners.values()
+    programs = tuple(runner.result for runner in runners if isinstance(runner, ProgramRunner))
+    result = replace(outside.result, programs=programs)
+    return result if result.anything else None
+
+
+def _mixing_result(mixings: tuple[MixingLoop, ...]) -> MixingResult | None:
+    if not mixings:
+        return None
+    combinations = tuple(_combination_result(mixing) for mixing in mixings)
+    first = combinations[0]
+    return MixingResult(
+        frames=first.frames,
+        dropped=sum(first.dropped.values()),
+        rate_hz=first.rate_hz,
+        skew_ms=first.skew_ms,
+        latency_ms=first.latency_ms,
+        registration_error_px=first.registration_error_px,
+        registration_bound_px=first.registration_bound_px,
+        combinations=combinations,
+        frames_measured=first.frames_measured,
+        shown=first.shown,
+        not_measured=first.not_measured,
+    )
+
+
+def _combination_result(mixing: MixingLoop) -> CombinationResult:
+    statistics, counts = mixing.statistics, mixing.mixer.counts()
+    error = statistics.registration_error_px.percentiles()
+    bound = statistics.registration_bound_px.percentiles()
+    replaced = {"replaced": statistics.replaced} if statistics.replaced else {}
+    coverage = None if mixing.probe is None else mixing.probe.coverage
+    return CombinationResult(
+        name=mixing.name,
+        sensor=mixing.mixer.combination.sensor.kind,
+        publish=mixing.mixer.publish,
+        frames=statistics.frames,
+        dropped={**dict(counts.dropped), **replaced},
+        faults=dict(counts.faults),
+        rate_hz=statistics.rate_hz or 0.0,
+        skew_ms=statistics.skew_ms.percentiles(),
+        latency_ms=statistics.latency_ms.percentiles(),
+        registration_error_px=error if error.p50 is not None else None,
+        registration_bound_px=bound if bound.p50 is not None else None,
+        frames_measured=0 if coverage is None else coverage.frames,
+        shown={} if coverage is None else _shown(coverage),
+        not_measured=mixing.unmeasured if coverage is None else coverage.not_measured,
+    )
+
+
+def _shown(coverage: Coverage) -> dict[str, ShownResult]:
+    return {
+        name: ShownResult(
+            frames_in_view=one.in_view,
+            frames_shown=one.shown,
+            offset_px=percentiles(one.offsets) if one.unit == "px" else None,
+            offset_m=percentiles(one.offsets) if one.unit == "m" else None,
+        )
+        for name, one in sorted(coverage.objects.items())
+    }

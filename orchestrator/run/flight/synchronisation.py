@@ -1,0 +1,103 @@
+"""How well the pair kept together: the skews of a run, measured and held to their limits."""
+
+from collections.abc import Iterable
+
+from campaigns.setup.case_setup import SyncSetup
+from orchestrator.model.results import SyncResult
+from orchestrator.state.liftoff_detector import LiftoffDetector
+from orchestrator.state.run_state import RunState, Stage
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.guard.core.frame_filter import command_of
+from safety.guard.core.mavlink_fields import NAV_TAKEOFF
+from safety.guard.local_guard import Record
+from vehicles.mavlink.framing import frame_header
+
+
+class Synchronisation:
+    """Measures command, takeoff and t0 skew of a pair; one that exceeds its limit is INVALID."""
+
+    def __init__(self, *, setup: SyncSetup, run_state: RunState) -> None:
+        self._setup = setup
+        self._run_state = run_state
+        self._contexts: tuple[VehicleContext, ...] = ()
+        self._command_s: dict[str, float] = {}
+        self._goal_s: dict[str, float] = {}
+
+    def attach(self, contexts: tuple[VehicleContext, ...]) -> None:
+        """Take the vehicles whose skews are measured."""
+        self._contexts = contexts
+        self._run_state.on_stage(self._on_stage)
+
+    def recording(self, record: Record) -> Record:
+        """Return a record of frames that also notes when takeoff commands were on the wire."""
+
+        def note(name: str, t_s: float, frame: bytes) -> None:
+            record(name, t_s, frame)
+            if name not in self._command_s and _is_takeoff(frame):
+                self._command_s[name] = t_s
+
+        return note
+
+    def goal_given(self, name: str, t_s: float) -> None:
+        """Take when a vehicle got the first setpoint of its goal."""
+        self._goal_s[name] = t_s
+        self._check("t0", self.result().t0_skew_s, self._setup.max_t0_skew_s)
+
+    def check_takeoff(self) -> None:
+        """Hold the takeoff of a pair to its limits; called once both are at height.
+
+        A skew that was not measured is not shown to be small: INVALID too.
+        """
+        result = self.result()
+        lifted = [
+            context.name for context in self._contexts if context.liftoff.liftoff_s is not None
+        ]
+        self._require("command", self._command_s, "takeoff command to")
+        self._check("command", result.command_skew_s, self._setup.max_command_skew_s)
+        self._require("takeoff", lifted, "liftoff of")
+        self._check("takeoff", result.takeoff_skew_s, self._setup.max_takeoff_skew_s)
+
+    def result(self) -> SyncResult:
+        """Return the skews as far as they are known; None for one vehicle alone."""
+        lifts = {context.name: context.liftoff.liftoff_s for context in self._contexts}
+        lifted = {name: lifted_s for name, lifted_s in lifts.items() if lifted_s is not None}
+        return SyncResult(
+            command_skew_s=self._skew(self._command_s),
+            takeoff_skew_s=self._skew(lifted),
+            t0_skew_s=self._skew(self._goal_s),
+        )
+
+    def _on_stage(self, stage: Stage, _: float) -> None:
+        if stage == "takeoff":
+            # What an estimate did before, on the ground, was none.
+            for context in self._contexts:
+                context.liftoff = LiftoffDetector()
+
+    def _skew(self, times_s: dict[str, float]) -> float | None:
+        if len(self._contexts) < 2 or len(times_s) < len(self._contexts):
+            return None
+        return max(times_s.values()) - min(times_s.values())
+
+    def _require(self, what: str, known: Iterable[str], event: str) -> None:
+        missing = [s.name for s in self._contexts if s.name not in set(known)]
+        if len(self._contexts) > 1 and missing:
+            self._run_state.decide(
+                "INVALID",
+                f"{what} skew was not measured: no {event} {' and '.join(missing)}",
+                source=f"sync/{what}",
+            )
+
+    def _check(self, what: str, skew_s: float | None, limit_s: float) -> None:
+        if skew_s is not None and skew_s > limit_s:
+            self._run_state.decide(
+                "INVALID",
+                f"{what} skew {skew_s:.3f} s exceeds {limit_s:g} s",
+                source=f"sync/{what}",
+            )
+
+
+def _is_takeoff(frame: bytes) -> bool:
+    """Return whether a frame asks a vehicle to take off."""
+    header = frame_header(frame)
+    command = None if header is None else command_of(header)
+    return command is not None and command.number == NAV_TAKEOFF

@@ -1,0 +1,103 @@
+"""Notices a task of a run that stands still: a verdict would come of a flight nobody looked at."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from typing import Self
+
+from campaigns.setup.case_setup import SyncSetup
+from orchestrator.state.run_state import RunState, Stage
+
+_LOOK_S, _LAST_LOOK_S = 0.5, 0.1
+_LOOKS_WITHOUT_A_SIGN = 20
+"""Of our own turns, not of time: a machine that was asleep has not killed anybody."""
+_STANDS_STILL = "{} stands still: nobody would have seen what the vehicles did"
+_SPARE_S = 60.0
+"""What a stage may take beyond the campaign's time for it: preflight, uploads, retries."""
+
+Sign = Callable[[], None]
+"""Gives a sign of life; costs next to nothing."""
+
+
+def stage_patience_s(sync: SyncSetup) -> Mapping[Stage, float]:
+    """Return how long a stage may last in which nothing of its own is late."""
+    own: dict[Stage, float] = {
+        "identify": sync.identify_timeout_s,
+        "ready": sync.ready_timeout_s,
+        "takeoff": sync.takeoff_timeout_s,
+        "goal": sync.goal_timeout_s,
+        "land": sync.landing_timeout_s,
+    }
+    others: tuple[Stage, ...] = ("start", "arm", "at_height", "done")
+    return {stage: s + _SPARE_S for stage, s in {**dict.fromkeys(others, 0.0), **own}.items()}
+
+
+class Watchdog:
+    """Ends a run as ERROR when one of its tasks gives no sign any more, or its flight hangs.
+
+    Every stage has time-outs of its own; this is for the task that should have seen to them.
+    patience_s: how long each stage may last, not counting the operator's holds. pace: how many
+    times real time the run clock goes: our own tasks are no faster for it.
+    """
+
+    def __init__(
+        self, *, run_state: RunState, patience_s: Mapping[Stage, float], pace: float = 1.0
+    ) -> None:
+        self._look_s, self._last_look_s = _LOOK_S * pace, _LAST_LOOK_S * pace
+        self._run_state = run_state
+        self._patience_s = patience_s
+        self._silent: dict[str, int] = {}
+        self._awaited: set[str] = set()
+        self._stage = run_state.stage
+        self._looks = 0
+
+    @classmethod
+    def of(cls, run_state: RunState, sync: SyncSetup, *, pace: float) -> Self:
+        """Return the watchdog of a campaign's run."""
+        return cls(run_state=run_state, patience_s=stage_patience_s(sync), pace=pace)
+
+    def watch(self, name: str) -> Sign:
+        """Return what a task has to call twice in ten seconds from its first call on."""
+
+        def sign() -> None:
+            self._silent[name] = 0
+            self._awaited.discard(name)
+
+        return sign
+
+    async def run(self) -> None:
+        """Look until something stands still, or until cancelled."""
+        while not self._run_state.over.is_set():
+            await asyncio.sleep(self._look_s)
+            still = self._who_is_silent() or self._what_hangs()
+            if still:
+                self._run_state.decide("ERROR", still, source="watchdog")
+        await self._run_state.reaching("end")
+
+    async def last_signs(self) -> None:
+        """Have all give one more sign, now that the flight is over: a PASS needs them to its end.
+
+        To be called when nothing has decided the run.
+        """
+        self._awaited = set(self._silent)
+        for _ in range(_LOOKS_WITHOUT_A_SIGN):
+            if not self._awaited:
+                return
+            await asyncio.sleep(self._last_look_s)
+        names = " and ".join(sorted(self._awaited))
+        self._run_state.decide("ERROR", _STANDS_STILL.format(names), source="watchdog")
+
+    def _who_is_silent(self) -> str:
+        for name in self._silent:
+            self._silent[name] += 1
+            if self._silent[name] > _LOOKS_WITHOUT_A_SIGN:
+                return _STANDS_STILL.format(name)
+        return ""
+
+    def _what_hangs(self) -> str:
+        if self._run_state.stage != self._stage or self._run_state.held:
+            self._stage, self._looks = self._run_state.stage, 0
+        self._looks += 1
+        patience_s = self._patience_s.get(self._stage)
+        if patience_s is None or self._looks * self._look_s <= patience_s:
+            return ""
+        return f"the flight hangs in stage {self._stage}, {patience_s:g} s after it was entered"

@@ -1,0 +1,1 @@
+"""Perception of a run: sensors, mixing, and calls of the autonomy under test."""

@@ -1,0 +1,190 @@
+"""Asking the autonomy under test: whatever it answers, a command or its fault comes of it."""
+
+import math
+import signal
+import sysconfig
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import NoReturn, TypeVar
+
+from vehicles.autonomy import Command
+from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from worlds.files.problems import printable
+from worlds.frames import Vec3
+
+T = TypeVar("T")
+
+LONGEST_ANSWER_S = 30.0
+LONGEST_CONSTRUCTION_S = 300.0
+"""Wall time for one answer, and for a constructor that loads a model; who takes longer hangs.
+Before a worker that says nothing is killed, and under the wall clock long after the guard."""
+_AGAIN_S = 1.0
+_LONGEST_TEXT = 300
+_LONGEST_NOTE = 80
+_LONGEST_LINE = 100
+_LONGEST_TRACE = 8000
+_STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
+_LARGEST = 1e6
+"""Metres and metres per second; also, what MAVLink's 32 bits of a float hold many times over."""
+
+
+class AutonomyFault(Exception):  # noqa: N818 - it is what is under test that failed
+    """The autonomy under test failed; says how, and where in its code.
+
+    trace: the whole traceback of what it raised; empty where it raised nothing.
+    """
+
+    def __init__(self, message: str, trace: str = "") -> None:
+        super().__init__(message)
+        self.trace = trace
+
+
+class _HangWarning(BaseException):
+    """Raised in the autonomy's own code when its time is up; no `except Exception` holds it."""
+
+
+def call_autonomy(ask: Callable[[], T], *, within_s: float = LONGEST_ANSWER_S) -> T:
+    """Return what a call of the autonomy gives. Raises AutonomyFault, and nothing else.
+
+    SystemExit, KeyboardInterrupt and CancelledError are faults, too: nothing but the autonomy's
+    own code raises them in a call that does not await.
+    """
+    try:
+        with _alarm(within_s):
+            return ask()
+    except _HangWarning as error:
+        said = f"gave no answer within {within_s:g} s ({_place_of(error)})"
+        raise AutonomyFault(said, _trace(error)) from None
+    except BaseException as error:  # noqa: BLE001 - whatever the code under test raises
+        raise AutonomyFault(
+            f"crashed: {_error_text(error)} ({_place_of(error)})", _trace(error)
+        ) from None
+
+
+def command_of(answer: object) -> Command:
+    """Return what `act` answered as a command of plain finite numbers. Raises AutonomyFault."""
+    if not isinstance(answer, Command):
+        raise AutonomyFault(f"answered {_kind(answer)}, not a Command")
+    note = answer.note
+    if not isinstance(note, str):
+        raise AutonomyFault(f"answered a note that is {_kind(note)}, not text")
+    return Command(_setpoint(answer.setpoint), bool(answer.done), printable(note)[:_LONGEST_NOTE])
+
+
+def _setpoint(given: object) -> Setpoint:
+    match given:
+        case VelocitySetpoint(velocity, yaw_rad, yaw_rate_rad_s):
+            if yaw_rad is not None and yaw_rate_rad_s is not None:
+                raise AutonomyFault("answered a setpoint with both yaw_rad and yaw_rate_rad_s")
+            return VelocitySetpoint(
+                _vector("velocity_ned_m_s", velocity),
+                _optional("yaw_rad", yaw_rad),
+                _optional("yaw_rate_rad_s", yaw_rate_rad_s),
+            )
+        case PositionSetpoint(position, yaw_rad):
+            return PositionSetpoint(
+                _vector("position_ned_m", position), _optional("yaw_rad", yaw_rad)
+            )
+    raise AutonomyFault(f"answered a Command whose setpoint is {_kind(given)}")
+
+
+def _vector(name: str, given: Sequence[object]) -> Vec3:
+    try:
+        north, east, down = given
+    except (TypeError, ValueError):
+        raise AutonomyFault(f"answered a setpoint whose {name} is not three numbers") from None
+    return (_number(name, north), _number(name, east), _number(name, down))
+
+
+def _optional(name: str, given: object) -> float | None:
+    return None if given is None else _number(name, given)
+
+
+def _number(name: str, given: object) -> float:
+    if isinstance(given, str):
+        raise AutonomyFault(f"answered a setpoint whose {name} has {_kind(given)} in it")
+    try:
+        number = float(given)  # type: ignore[arg-type]  # also NumPy's; what is none is said
+    except (TypeError, ValueError, OverflowError):
+        raise AutonomyFault(f"answered a setpoint whose {name} has {_kind(given)} in it") from None
+    if not math.isfinite(number):
+        raise AutonomyFault(f"answered a setpoint whose {name} is not finite ({number})")
+    if abs(number) > _LARGEST:
+        raise AutonomyFault(f"answered a setpoint whose {name} is beyond {_LARGEST:g} ({number:g})")
+    return number
+
+
+@contextmanager
+def _alarm(after_s: float) -> Iterator[None]:
+    """Raise _Hangs in the code within, and again each second, once its time is up.
+
+    Needs the main thread, where signals arrive; elsewhere there is no limit. A timer that
+    somebody else has set goes on afterwards.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, _warn_of_hang)
+    left_s, every_s = signal.setitimer(signal.ITIMER_REAL, after_s, _AGAIN_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_REAL, left_s, every_s)
+
+
+def _warn_of_hang(number: int, frame: FrameType | None) -> NoReturn:
+    del number, frame
+    raise _HangWarning
+
+
+def _kind(thing: object) -> str:
+    return "nothing" if thing is None else f"a {type(thing).__name__}"
+
+
+def _error_text(error: BaseException) -> str:
+    """Return an error's type and words; one that cannot even be told is told by its type."""
+    try:
+        words = str(error)
+    except BaseException:  # noqa: BLE001 - the words of the code under test may raise anything
+        words = "(it has no words that can be shown)"
+    text = printable(" ".join(words.split()))[:_LONGEST_TEXT]
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def _place_of(error: BaseException) -> str:
+    """Return the innermost line of the user's own code, with the text of that line.
+
+    Where a library of Python or of others raised, the line that called it is what can be mended.
+    """
+    frames = _frames(error)
+    own = [frame for frame in frames if not _is_library(frame.filename)] or frames
+    if not own:
+        return "no place"
+    last = own[-1]
+    line = printable(last.line or "")[:_LONGEST_LINE]
+    return f"{last.filename}:{last.lineno}" + (f", `{line}`" if line else "")
+
+
+def _trace(error: BaseException) -> str:
+    """Return the whole traceback, from the first line of the code under test on."""
+    lines = traceback.format_list(_frames(error))
+    return "\n".join(map(printable, "".join([*lines, _error_text(error)]).splitlines()))[
+        -_LONGEST_TRACE:
+    ]
+
+
+def _frames(error: BaseException) -> list[traceback.FrameSummary]:
+    found = traceback.extract_tb(error.__traceback__, limit=None)
+    return [frame for frame in found if frame.filename != __file__]
+
+
+def _is_library(filename: str) -> bool:
+    path = Path(filename)
+    installed = not {"site-packages", "dist-packages"}.isdisjoint(path.parts)
+    return filename.startswith("<") or installed or path.is_relative_to(_STANDARD_LIBRARY)

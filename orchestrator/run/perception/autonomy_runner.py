@@ -1,0 +1,83 @@
+"""The autonomy under test flies a vehicle: telemetry and readings in, setpoints out."""
+
+import asyncio
+from collections.abc import Callable
+
+from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy, command_of
+from orchestrator.state.run_state import RunState
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.autonomy import Autonomy, PerceivesRaw
+from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.readings import Reading
+
+
+class AutonomyRunner:
+    """Runs one autonomy on one vehicle at `rate_hz`.
+
+    A fault of the autonomy is a FAIL of the run, not an error of ours: it is what is under test.
+    """
+
+    def __init__(
+        self, *, autonomy: Autonomy, context: VehicleContext, run_state: RunState, rate_hz: float
+    ) -> None:
+        self.context = context
+        self._autonomy = autonomy
+        self._run_state = run_state
+        self._rate_hz = rate_hz
+        self._crashed = False
+        self._started: Callable[[str, float], None] | None = None
+        self.done = asyncio.Event()
+
+    def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
+        """Call `started(name, t_s)` when the next setpoint is on its way, once."""
+        self._started = started
+
+    def perceive(self, reading: Reading) -> None:
+        """Hand a reading to the autonomy."""
+        self._call_guarded(self._autonomy.perceive, reading)
+
+    def perceive_raw(self, reading: Reading) -> None:
+        """Hand on what a mixture was made of, to an autonomy that wants it."""
+        if isinstance(self._autonomy, PerceivesRaw):
+            self._call_guarded(self._autonomy.perceive_raw, reading)
+
+    def _call_guarded(self, perceive: Callable[[Reading], None], reading: Reading) -> None:
+        if self._crashed:
+            return
+        try:
+            call_autonomy(lambda: perceive(reading))
+        except AutonomyFault as fault:
+            self._report_fault(fault)
+
+    async def fly(self) -> None:
+        """Have the autonomy act from now on until cancelled; `done` is set when it says so."""
+        loop = asyncio.get_running_loop()
+        t0_s, tick = loop.time(), 0
+        while not self._crashed:
+            self._act(loop.time())
+            tick = max(tick + 1, int((loop.time() - t0_s) * self._rate_hz))
+            await sleep_until(t0_s + tick / self._rate_hz)
+
+    def _act(self, now_s: float) -> None:
+        telemetry = self.context.telemetry()
+        if telemetry is None:
+            return
+        try:
+            command = command_of(call_autonomy(lambda: self._autonomy.act(telemetry)))
+        except AutonomyFault as fault:
+            self._report_fault(fault)
+            return
+        self.context.driver.send(command.setpoint)
+        self.context.setpoint = command.setpoint
+        self.context.note = command.note
+        if self._started is not None:
+            self._started(self.context.name, now_s)
+            self._started = None
+        if command.done:
+            self.done.set()
+
+    def _report_fault(self, fault: AutonomyFault) -> None:
+        self._crashed = True
+        name = self.context.name
+        said = f"the autonomy of {name} {fault}"
+        self._run_state.decide("FAIL", said, source=f"autonomy/{name}", trace=fault.trace)

@@ -1,0 +1,106 @@
+"""What geometry says that a sensor shows: the virtual world drawn or cast from a reference pose.
+
+Our own renderer and ray caster draw it, whoever made the twin's readings, and from the reference
+pose, whatever pose these were made from.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from recipes.visibility.model import ExpectedPicture, ExpectedRanges, Ids, Mask, Virtual
+from vehicles.readings import DepthImage
+from vehicles.sensors.beams import Directions
+from vehicles.sensors.lens import ThroughLens
+from vehicles.sensors.world_views import WorldImages, WorldRays
+from worlds.camera import Intrinsics
+from worlds.frames import Pose
+from worlds.scene.scene import Scene
+
+_SAMPLES = 160
+"""How many columns of a picture are compared, at most: outlines are found to a few pixels, for a
+twentieth of what rendering the picture takes."""
+_HIDDEN_M = 0.05
+
+
+def samples_of(intrinsics: Intrinsics) -> slice:
+    """Return which rows, and which columns, of a picture are compared."""
+    step = -(-intrinsics.width_px // _SAMPLES)
+    return slice(step // 2, None, step)
+
+
+def sampled_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
+    """Return the camera whose pixels are the compared ones of another."""
+    part = samples_of(intrinsics)
+    step, first = part.step, part.start
+    return replace(
+        intrinsics,
+        width_px=len(range(first, intrinsics.width_px, step)),
+        height_px=len(range(first, intrinsics.height_px, step)),
+        fx_px=intrinsics.fx_px / step,
+        fy_px=intrinsics.fy_px / step,
+        cx_px=(intrinsics.cx_px - first) / step,
+        cy_px=(intrinsics.cy_px - first) / step,
+    )
+
+
+class ExpectedViews:
+    """Draws and casts what should be seen. real, virtual: what stands in W and in Wv.
+
+    Ids are those of the world file, in both.
+    """
+
+    def __init__(self, *, real: Scene, virtual: Scene, events: Mapping[str, float]) -> None:
+        physical = tuple(thing for thing in real.objects if thing.name not in virtual)
+        everything = Scene((*virtual.objects, *physical))
+        self._pictures = ThroughLens(WorldImages(scene=virtual, events=events))
+        self._hiding = ThroughLens(WorldImages(scene=everything, events=events))
+        self._has_physical = bool(physical)
+        self._rays = WorldRays(scene=everything, events=events)
+
+    def picture(
+        self,
+        camera: Pose,
+        intrinsics: Intrinsics,
+        t_s: float,
+        *,
+        virtual: Virtual,
+        real_depth_m: DepthImage | None,
+    ) -> ExpectedPicture:
+        """Return the compared pixels of a picture. camera: its pose (FRD axes, world frame).
+
+        real_depth_m: how far the real camera saw, at these pixels; None when unknown.
+        """
+        small = sampled_intrinsics(intrinsics)
+        drawn = self._pictures.picture(
+            camera, small, t_s, want_ids=True, want_depth=real_depth_m is not None
+        )
+        ids = _needed(drawn.object_ids)
+        unknown: Mask | None = None
+        if self._has_physical:
+            hidden = self._hiding.picture(camera, small, t_s, want_ids=True)
+            unknown = virtual.mask_of(ids) & (_needed(hidden.object_ids) != ids)
+        if real_depth_m is not None and drawn.depth_m is not None:
+            nearer = real_depth_m < drawn.depth_m - _HIDDEN_M
+            unknown = nearer if unknown is None else unknown | nearer
+        step = samples_of(intrinsics).step
+        return ExpectedPicture(ids, drawn.image_bgr, unknown, step)
+
+    def depths(self, camera: Pose, intrinsics: Intrinsics, t_s: float) -> ExpectedRanges:
+        """Return distances along the optical axis at the compared pixels, flat."""
+        small = sampled_intrinsics(intrinsics)
+        drawn = self._hiding.picture(camera, small, t_s, want_ids=True, want_depth=True)
+        depth_m = np.asarray(drawn.depth_m, np.float64)
+        return ExpectedRanges(depth_m.reshape(-1), _needed(drawn.object_ids).reshape(-1))
+
+    def ranges(self, sensor: Pose, directions: Directions, t_s: float) -> ExpectedRanges:
+        """Return what beams meet. sensor: its pose (FRD axes, world frame)."""
+        hits = self._rays(sensor, directions, t_s)
+        return ExpectedRanges(hits.ranges_m.astype(np.float64), hits.object_ids)
+
+
+def _needed(ids: Ids | None) -> Ids:
+    if ids is None:
+        raise TypeError("our renderer gives ids where they are wanted")
+    return ids

@@ -1,0 +1,143 @@
+"""Notices when mixing leaves its budget while the goal is flown: the flight proves nothing then."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from orchestrator.run.perception.mixing_loop import MixingLoop
+from orchestrator.state.mixtures import MixedFrame
+from orchestrator.state.run_state import RunState, Stage
+from recipes.pipeline.budgets import RateWatch, breach_of
+from recipes.visibility.coverage import uncovered
+
+STALLED_S = 1.0
+"""After how long without a mixture in flight the run proves nothing any more, at the least."""
+_STALLED_PERIODS = 3.0
+_SETTLE_S = 0.6
+"""How long what spoiled the mixing waits for the vehicles to be heard again."""
+
+
+@dataclass(slots=True)
+class _WatchedMixing:
+    loop: MixingLoop
+    rate: RateWatch
+    stalled_s: float
+
+
+class MixingBudgetWatch:
+    """Turns a mixture that left its budget into the verdict INVALID.
+
+    someone_is_silent: whether a vehicle has not been heard for a while. While one is silent this
+    may be its death, which is an ERROR that the guard tells; what spoiled the mixing counts only
+    once all are heard again.
+    """
+
+    def __init__(self, *, run_state: RunState, someone_is_silent: Callable[[], bool]) -> None:
+        self._run_state = run_state
+        self._someone_is_silent = someone_is_silent
+        self._watched: dict[str, _WatchedMixing] = {}
+        self._doubt: tuple[float, str] | None = None
+        self._is_over = False
+        run_state.on_stage(self._stage)
+
+    def watch(self, loop: MixingLoop, period_s: float) -> None:
+        """Watch a mixing too. period_s: of its mixtures."""
+        stalled_s = max(STALLED_S, _STALLED_PERIODS * period_s)
+        rate = RateWatch(loop.mixer.combination.budget)
+        self._watched[loop.name] = _WatchedMixing(loop, rate, stalled_s)
+
+    @property
+    def loops(self) -> Sequence[MixingLoop]:
+        """Return what is watched."""
+        return [one.loop for one in self._watched.values()]
+
+    def frame(self, frame: MixedFrame) -> None:
+        """Judge a mixture."""
+        watched = self._watched[frame.name]
+        provenance = frame.mixed.provenance
+        if frame.mixed.reading is not None:
+            watched.rate.delivered(frame.mixed.reading.arrived_s)
+        if self._run_state.stage != "goal":
+            return
+        if provenance.dropped is not None:
+            self.spoiled(frame.name, provenance.detail or provenance.dropped)
+            return
+        budget = watched.loop.mixer.combination.budget
+        breach = breach_of(budget, provenance)
+        if breach is not None:
+            self.spoiled(frame.name, str(breach))
+        self._visibility(watched.loop, frame)
+
+    def _visibility(self, loop: MixingLoop, frame: MixedFrame) -> None:
+        """Judge what a mixture shows of the virtual objects."""
+        if loop.probe is None or frame.visibility is None:
+            return
+        fault = loop.probe.coverage.take(frame.visibility)
+        if fault is not None:
+            self.spoiled(loop.name, fault.text + loop.probe.why_nothing())
+
+    def spoiled(self, name: str, reason: str) -> None:
+        """Take that what was perceived proves nothing, if this happens while the goal is flown."""
+        self.doubted(f"mixing of {name}: {reason}")
+
+    def doubted(self, reason: str) -> None:
+        """Take that a sensor gave nothing, if this happens while the goal is flown."""
+        if self._run_state.stage == "goal" and self._doubt is None:
+            self._doubt = (asyncio.get_running_loop().time(), reason)
+
+    async def run(self, alive: Callable[[], None]) -> None:
+        """Watch for what does not happen, and settle what is in doubt; until cancelled.
+
+        alive: called four times a second.
+        """
+        loop = asyncio.get_running_loop()
+        while True:
+            alive()
+            await asyncio.sleep(STALLED_S / 4)
+            if self._run_state.stage == "goal":
+                for watched in self._watched.values():
+                    self._look(watched, loop.time())
+            if self._doubt is None:
+                continue
+            t_s, reason = self._doubt
+            if loop.time() - t_s > _SETTLE_S and not self._someone_is_silent():
+                self._run_state.decide("INVALID", reason, t_s=t_s, source="mixing")
+                return
+
+    def _look(self, watched: _WatchedMixing, now_s: float) -> None:
+        last_s = watched.loop.statistics.last_delivery_s or 0.0
+        since_s = max(last_s, self._run_state.entered_s["goal"])
+        if now_s - since_s > watched.stalled_s:
+            said = f"no mixed reading for more than {watched.stalled_s:g} s"
+            self.spoiled(watched.loop.name, said)
+        breach = watched.rate.breach(now_s)
+        if breach is not None:
+            self.spoiled(watched.loop.name, str(breach))
+
+    def _stage(self, stage: Stage, t_s: float) -> None:
+        if stage == "goal":
+            for watched in self._watched.values():
+                watched.rate.start(t_s)
+        elif self._run_state.reached("goal") and not self._is_over:
+            self._is_over = True
+            self._look_back()
+
+    def _look_back(self) -> None:
+        """Judge what all mixtures of the goal's flight showed, once it is over."""
+        probes = {
+            name: watched.loop.probe
+            for name, watched in self._watched.items()
+            if watched.loop.probe is not None
+        }
+        for name, probe in probes.items():
+            fault = probe.coverage.never_shown()
+            if fault is not None:
+                self._prove_nothing(f"mixing of {name}: {fault.text}{probe.why_nothing()}")
+                return
+        fault = uncovered(probe.coverage for probe in probes.values())
+        if fault is not None:
+            self._prove_nothing(f"mixing: {fault.text}")
+
+    def _prove_nothing(self, reason: str) -> None:
+        if self._doubt is None:
+            self._run_state.decide("INVALID", reason, source="mixing", ends_flight=False)

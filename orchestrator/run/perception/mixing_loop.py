@@ -1,0 +1,232 @@
+"""Mixing while flying: each real reading is met by the twin's of the same moment and pose."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from orchestrator.run.perception.mixing_statistics import MixingStatistics
+from orchestrator.run.perception.visibility import VisibilityProbe
+from orchestrator.state.mixtures import MixedFrame
+from recipes.pipeline.alignment import align_pose
+from recipes.pipeline.mixture import Mixed
+from recipes.pipeline.pipeline import Mixer
+from vehicles.cameras.rendered_cameras import NoImageError, sleep_until
+from vehicles.poses.pose_history import PoseHistory
+from vehicles.readings import CameraReading, DepthReading, LidarPointsReading, Reading
+from vehicles.sensors.sensor_streams import OnDemand
+
+_POSE_POLL_S = 0.002
+_PAIR_WAIT_S = 0.05
+"""How long a reading waits for the twin's of its moment, where the twin's source is not asked."""
+_WAITING_BIG = 1
+_WAITING_SMALL = 32
+"""Readings that wait to be mixed: a late picture is not worth having, while readings of a few
+bytes come in bursts when the loop was busy."""
+_KEPT_BIG = 8
+_KEPT_SMALL = 64
+"""Readings of the twin among which that of a moment is sought."""
+_EARLY_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class RegistrationError:
+    """How far from its place what is virtual was drawn, RMS in pixels; None: nothing is in sight.
+
+    error_px: against an independent reference; None without one. bound_px: without one, what the
+    error is within by what is known of the pose.
+    """
+
+    error_px: float | None = None
+    bound_px: float | None = None
+
+
+Registration = Callable[[Reading, float], RegistrationError]
+"""The twin's reading, and the exposure of the real one that it was laid over."""
+
+
+class MixingLoop:
+    """Mixes the readings of one sensor and tells each mixture.
+
+    name: of the combination. twin: a source that is asked for the pose that the recipe's
+    `register` wants; None where the twin's readings come by themselves (`twin_reading`). poses: of
+    the vehicle from whose place it is asked. wait_s: how long a pose for the exposure is waited
+    for. period_s: of the real readings; none waits longer for the twin's. rate_hz: at most so
+    many mixtures; None for each real reading. registration: tells how far off a twin's picture is;
+    None for sensors without pixels. probe: measures what a mixture shows; None where
+    that cannot be, and `unmeasured` says why. tell: takes each mixture, also
+    one that is none. trouble: told what is wrong with a reading. A real reading that finds too
+    many waiting replaces the oldest, which counts as dropped. Ends by StepError when a step fails.
+    """
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        mixer: Mixer,
+        twin: OnDemand | None,
+        poses: PoseHistory,
+        wait_s: float,
+        period_s: float,
+        rate_hz: float | None,
+        registration: Registration | None,
+        probe: VisibilityProbe | None = None,
+        unmeasured: str = "",
+        tell: Callable[[MixedFrame], None],
+        trouble: Callable[[str], None],
+    ) -> None:
+        self.name = name
+        self.mixer = mixer
+        self.statistics = MixingStatistics()
+        self._twin = twin
+        self._poses = poses
+        self._wait_s = wait_s
+        self._pair_wait_s = min(_PAIR_WAIT_S, period_s)
+        self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
+        self._due_s = 0.0
+        self._drawn_s = 0.0
+        self._registration = registration
+        self.probe = probe
+        self.unmeasured = unmeasured
+        self._tell = tell
+        self._trouble = trouble
+        self._waiting: deque[Reading] = deque()
+        self._twins: deque[Reading] = deque(maxlen=_KEPT_SMALL)
+        self._arrived = asyncio.Event()
+
+    def real_reading(self, reading: Reading) -> None:
+        """Take a reading of the real vehicle's sensor."""
+        if not self._is_due(reading):
+            self.mixer.offer("real", reading)
+            return
+        if len(self._waiting) >= (_WAITING_BIG if _is_big(reading) else _WAITING_SMALL):
+            self._waiting.popleft()
+            self.statistics.replaced += 1
+        self._waiting.append(reading)
+        self._arrived.set()
+
+    def _is_due(self, reading: Reading) -> bool:
+        """Return whether a reading is to be mixed: on average at the recipe's rate."""
+        if self._period_s == 0.0:
+            return True
+        if reading.t_s < self._due_s - _EARLY_S:
+            return False
+        behind = reading.t_s - self._due_s >= self._period_s
+        self._due_s = (reading.t_s if behind else self._due_s) + self._period_s
+        return True
+
+    def twin_reading(self, reading: Reading) -> None:
+        """Take a reading of the twin's own sensor: for recipes that do not ask for a pose."""
+        fault = self.mixer.offer("twin", reading)
+        if fault is not None:
+            self._trouble(fault)
+            return
+        if _is_big(reading) and len(self._twins) >= _KEPT_BIG:
+            self._twins.popleft()
+        self._twins.append(reading)
+        self._arrived.set()
+
+    async def run(self) -> None:
+        """Mix until cancelled."""
+        while True:
+            await self._arrived.wait()
+            self._arrived.clear()
+            while self._waiting:
+                await self._mix()
+
+    async def _mix(self) -> None:
+        if self._twin is None:
+            await self._twin_has_come()
+            real = self._waiting.popleft()
+            twin, alignment = self._nearest(real.t_s), "as it came"
+        else:
+            real = self._waiting.popleft()
+            twin, alignment = await self._ask_twin(self._twin, real)
+        now_s = asyncio.get_running_loop().time()
+        if self.probe is not None:
+            self.probe.begin()
+        mixed: Mixed[Reading] = self.mixer.mix(real, twin, now_s=now_s, alignment=alignment)
+        visibility = None if self.probe is None else self.probe.measure(mixed)
+        if self._registration is not None and twin is not None:
+            told = mixed.provenance
+            # A step may have chosen an older picture of the real camera.
+            exposed_s = real.t_s if told.real_t_s is None else told.real_t_s
+            found = self._registration(twin, exposed_s)
+            told = replace(
+                told,
+                registration_error_px=found.error_px,
+                registration_bound_px=found.bound_px,
+            )
+            mixed = Mixed(mixed.reading, told)
+        self._account(mixed, now_s)
+        self._tell(MixedFrame(self.name, self.mixer.sensor, real, twin, mixed, visibility))
+
+    async def _twin_has_come(self) -> None:
+        """Wait until the twin's readings have reached the moment of the oldest that waits.
+
+        While this waits that reading may be replaced by a newer one.
+        """
+        if self._twin_is_there():
+            return
+        give_up_s = asyncio.get_running_loop().time() + self._pair_wait_s
+        try:
+            async with asyncio.timeout_at(give_up_s):
+                while not self._twin_is_there():
+                    self._arrived.clear()
+                    await self._arrived.wait()
+        except TimeoutError:
+            return
+
+    def _twin_is_there(self) -> bool:
+        return bool(self._twins) and self._twins[-1].t_s >= self._waiting[0].t_s - _EARLY_S
+
+    def _nearest(self, t_s: float) -> Reading | None:
+        return min(self._twins, key=lambda reading: abs(reading.t_s - t_s), default=None)
+
+    async def _ask_twin(self, twin: OnDemand, real: Reading) -> tuple[Reading | None, str]:
+        """Return the twin's reading from the pose that the recipe wants, and how that was found."""
+        request = self.mixer.pose_request
+        assert request is not None  # noqa: S101 - who asks has a request
+        if request.align == "interpolate":
+            await self._pose_has_come(real.t_s)
+        now_s = asyncio.get_running_loop().time()
+        found = align_pose(request, self._poses, exposure_s=real.t_s, now_s=now_s)
+        if found is None or found.t_s < self._drawn_s:
+            # A silent vehicle's last pose is older than what was predicted from it meanwhile.
+            return None, "no pose for the exposure"
+        self._drawn_s = found.t_s
+        try:
+            reading = await twin.ask(
+                found.pose,
+                found.t_s,
+                want_ids="ids" in self.mixer.needs,
+                want_depth="depth" in self.mixer.needs,
+            )
+        except NoImageError as error:
+            self._trouble(str(error))
+            return None, "no picture of its world"
+        return replace(reading, sensor=self.mixer.sensor), found.how
+
+    async def _pose_has_come(self, t_s: float) -> None:
+        """Wait until the pose source has passed t_s, for a short while."""
+        loop = asyncio.get_running_loop()
+        give_up_s = loop.time() + self._wait_s
+        while self._poses.at(t_s).kind != "interpolated" and loop.time() < give_up_s:
+            await sleep_until(loop.time() + _POSE_POLL_S)
+
+    def _account(self, mixed: Mixed[Reading], now_s: float) -> None:
+        statistics, provenance = self.statistics, mixed.provenance
+        if mixed.reading is not None:
+            statistics.delivered(now_s)
+        if provenance.skew_ms is not None:
+            statistics.skew_ms.add(provenance.skew_ms)
+        if provenance.latency_ms is not None:
+            statistics.latency_ms.add(provenance.latency_ms)
+        if provenance.registration_error_px is not None:
+            statistics.registration_error_px.add(provenance.registration_error_px)
+        if provenance.registration_bound_px is not None:
+            statistics.registration_bound_px.add(provenance.registration_bound_px)
+
+
+def _is_big(reading: Reading) -> bool:
+    return isinstance(reading, CameraReading | DepthReading | LidarPointsReading)

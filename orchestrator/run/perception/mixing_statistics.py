@@ -1,0 +1,62 @@
+"""Figures of the mixing of one run."""
+
+from array import array
+
+from orchestrator.model.results import Percentiles, percentiles
+
+
+class Samples:
+    """Grows by eight bytes a sample."""
+
+    def __init__(self) -> None:
+        self._values = array("d")
+
+    def add(self, value: float) -> None:
+        """Take a value."""
+        self._values.append(value)
+
+    @property
+    def last(self) -> float | None:
+        """Return the newest value."""
+        return self._values[-1] if self._values else None
+
+    def percentiles(self) -> Percentiles:
+        """Return the figures of all values so far."""
+        return percentiles(self._values)
+
+
+class MixingStatistics:
+    """Counts and figures of mixed readings: rate, skew, latency, registration error.
+
+    replaced: readings that made way for newer ones before they were mixed; what the mixer left
+    out it counts itself.
+    """
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.replaced = 0
+        self.skew_ms = Samples()
+        self.latency_ms = Samples()
+        self.registration_error_px = Samples()
+        self.registration_bound_px = Samples()
+        self._first_s: float | None = None
+        self._last_s: float | None = None
+
+    def delivered(self, t_s: float) -> None:
+        """Count a mixed reading delivered at t_s."""
+        self.frames += 1
+        if self._first_s is None:
+            self._first_s = t_s
+        self._last_s = t_s
+
+    @property
+    def last_delivery_s(self) -> float | None:
+        """Return when the newest mixed reading was delivered."""
+        return self._last_s
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Return the mean rate of delivery; None below two readings."""
+        if self._first_s is None or self._last_s is None or self._last_s <= self._first_s:
+            return None
+        return (self.frames - 1) / (self._last_s - self._first_s)

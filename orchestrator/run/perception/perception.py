@@ -1,0 +1,100 @@
+"""What is perceived in a run: sensors of the vehicles that fly, mixed by the recipe, delivered."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+from orchestrator.run.perception.mixing_budget import MixingBudgetWatch
+from orchestrator.run.perception.mixing_loop import MixingLoop
+from orchestrator.run.perception.mixing_statistics import MixingStatistics
+from orchestrator.run.perception.runner_factory import AnyRunner
+from orchestrator.state.mixtures import MixedFrame
+from orchestrator.state.run_state import RunState
+from recipes.working import StepError
+from vehicles.errors import VehicleError
+from vehicles.readings import Reading
+from vehicles.sensors.sensor_streams import Stream
+
+Take = Callable[[Reading], None]
+
+
+@dataclass(slots=True)
+class SensorSource:
+    """A sensor of a vehicle, and all who take its readings. vehicle, sensor: names."""
+
+    vehicle: str
+    sensor: str
+    stream: Stream
+    takers: list[Take] = field(default_factory=list)
+
+    async def run(self) -> None:
+        """Deliver until cancelled."""
+        await self.stream.run(self._deliver)
+
+    def _deliver(self, reading: Reading) -> None:
+        if reading.sensor != self.sensor:
+            reading = replace(reading, sensor=self.sensor)
+        for take in self.takers:
+            take(reading)
+
+
+@dataclass(slots=True)
+class Perception:
+    """The sensors and mixings of a run, and the pilots that perceive by them.
+
+    listeners: told each mixture with the readings behind it, also one that is none. from_outside:
+    whether a sensor's readings come from outside of our processes.
+    """
+
+    runners: Mapping[str, AnyRunner]
+    run_state: RunState
+    budgets: MixingBudgetWatch
+    from_outside: bool = False
+    sources: list[SensorSource] = field(default_factory=list)
+    listeners: list[Callable[[MixedFrame], None]] = field(default_factory=list)
+
+    @property
+    def mixings(self) -> tuple[MixingLoop, ...]:
+        """Return the mixings, in the order of the recipe."""
+        return tuple(self.budgets.loops)
+
+    @property
+    def statistics(self) -> MixingStatistics | None:
+        """Return the figures of the recipe's first combination; None where nothing is mixed."""
+        return self.mixings[0].statistics if self.mixings else None
+
+    def tell(self, frame: MixedFrame) -> None:
+        """Judge a mixture and pass it on to those who listen."""
+        self.budgets.frame(frame)
+        for listener in self.listeners:
+            listener(frame)
+
+    async def run(self, alive: Callable[[], None]) -> None:
+        """From the takeoff on, sense, mix and deliver until cancelled.
+
+        alive: called several times a second while budgets are watched.
+        """
+        await self.run_state.reaching("takeoff")
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self.run_state.reaching("end"), name="perception without sensors")
+            for source in self.sources:
+                group.create_task(
+                    self._sense(source), name=f"{source.vehicle} {source.sensor} sensor"
+                )
+            for mixing in self.mixings:
+                group.create_task(self._mix(mixing), name=f"mixing {mixing.name}")
+            if self.mixings or self.from_outside:
+                group.create_task(self.budgets.run(alive), name="mixing budgets")
+
+    async def _sense(self, source: SensorSource) -> None:
+        try:
+            await source.run()
+        except VehicleError as error:
+            if not self.run_state.reached("done"):
+                self.run_state.decide("ERROR", f"{source.vehicle} {source.sensor}: {error}")
+
+    async def _mix(self, mixing: MixingLoop) -> None:
+        try:
+            await mixing.run()
+        except StepError as error:
+            self.run_state.decide("ERROR", str(error), source="mixing")

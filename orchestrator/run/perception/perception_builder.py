@@ -1,0 +1,253 @@
+"""Who perceives what in a run: sources, mixings and pilots put together by campaign and recipe."""
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from campaigns.setup.case_setup import VehicleSetup
+from campaigns.values.sensor_setups import CameraSetup, DepthSetup, SensorSetup
+from orchestrator.external.external_io import ExternalIo
+from orchestrator.run.perception.mixing_budget import MixingBudgetWatch
+from orchestrator.run.perception.mixing_loop import MixingLoop, Registration
+from orchestrator.run.perception.perception import Perception, SensorSource, Take
+from orchestrator.run.perception.registration_error import Registrar
+from orchestrator.run.perception.runner_factory import AnyRunner
+from orchestrator.run.perception.sensor_factory import SensorFactory
+from orchestrator.run.perception.visibility import VisibilityProbe
+from orchestrator.run.perception.visibility_probes import VisibilityProbes
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.mixtures import MixedFrame, PreviewImages
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.run_state import RunState
+from orchestrator.state.vehicle_context import VehicleContext
+from recipes.pipeline.autonomy_readings import without_knowledge
+from recipes.pipeline.pipeline import Mixer, compile_recipe
+from vehicles.readings import CameraReading, Reading
+
+_POSE_WAIT_S = 0.05
+"""How long a picture waits for the pose of its exposure, on top of what the camera is late."""
+_SILENT_S = 0.3
+"""Telemetry comes 50 times a second: a vehicle that says nothing for so long may be dead."""
+_MOCAP_HZ = 100.0
+"""Where a campaign does not say how often motion capture comes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PerceptionWatchers:
+    """Who looks on.
+
+    reading: each of a source, of real or twin. frame: each mixture. perceived: each reading that
+    an autonomy perceives, with the vehicles whose autonomies do.
+    """
+
+    reading: Callable[[Reading], None]
+    frame: Callable[[MixedFrame], None]
+    perceived: Callable[[Reading, tuple[str, ...]], None]
+    shown: Callable[[PreviewImages], None]
+
+
+def build_perception(
+    setup: RunSetup,
+    *,
+    pair: Pair,
+    runners: Mapping[str, AnyRunner],
+    outside: ExternalIo,
+    run_state: RunState,
+    events: Mapping[str, float],
+    watchers: PerceptionWatchers,
+) -> Perception:
+    """Return the sensors and mixings of a run, not started yet, for its pilots."""
+
+    def someone_is_silent() -> bool:
+        now_s = asyncio.get_running_loop().time()
+        heard_s = [context.driver.state.last_heard_s for context in pair.contexts]
+        return any(t_s is None or now_s - t_s > _SILENT_S for t_s in heard_s)
+
+    budgets = MixingBudgetWatch(run_state=run_state, someone_is_silent=someone_is_silent)
+    perception = Perception(runners, run_state, budgets)
+    contexts = {context.name: context for context in pair.contexts}
+    senses = SensorFactory(
+        setup=setup, contexts=contexts, feeds=pair.vehicles, events=events, outside=outside
+    )
+    perception.from_outside = outside.senses(budgets.doubted)
+    arranger = _PerceptionBuilder(
+        setup=setup,
+        contexts=contexts,
+        senses=senses,
+        events=events,
+        watchers=watchers,
+        perception=perception,
+        probes=VisibilityProbes(setup=setup, contexts=contexts, events=events, outside=outside),
+    )
+    arranger.arrange()
+    return perception
+
+
+class _PerceptionBuilder:
+    def __init__(
+        self,
+        *,
+        setup: RunSetup,
+        contexts: Mapping[str, VehicleContext],
+        senses: SensorFactory,
+        events: Mapping[str, float],
+        watchers: PerceptionWatchers,
+        perception: Perception,
+        probes: VisibilityProbes,
+    ) -> None:
+        self._probes = probes
+        self._setup = setup
+        self._contexts = contexts
+        self._senses = senses
+        self._watchers = watchers
+        self._perception = perception
+        self._registrar = Registrar(setup=setup, contexts=contexts, events=events)
+        self._sources: dict[tuple[str, str], SensorSource] = {}
+        self._video: str | None = None
+
+    def arrange(self) -> None:
+        """Mix what the recipe mixes; what is not mixed for a vehicle, it perceives as it is."""
+        mixed: set[tuple[str, str]] = set()
+        mixers = self._mixers() if self._setup.mode == "wil" else ()
+        combined = Counter(mixer.sensor for mixer in mixers)
+        for mixer in mixers:
+            name = mixer.sensor
+            if combined[name] > 1:
+                name = f"{name}.{'_'.join(mixer.publish)}"
+            self._mix(mixer, name)
+            mixed |= {(vehicle, mixer.sensor) for vehicle in mixer.publish}
+        for vehicle in self._setup.vehicles:
+            for sensor in vehicle.sensors:
+                if (vehicle.name, sensor.name) not in mixed:
+                    self._direct(vehicle, sensor)
+        self._perception.sources.extend(self._sources.values())
+
+    def _mixers(self) -> tuple[Mixer, ...]:
+        if self._setup.campaign.recipe is None:
+            return ()
+        ids = {thing.name: thing.object_id for thing in self._setup.virtual_scene.objects}
+        watch = asyncio.get_running_loop().time if self._setup.clock != "virtual" else None
+        return compile_recipe(
+            self._setup.campaign.recipe,
+            object_ids=ids,
+            stopwatch=watch,
+            observer=self._probes.views,
+        )
+
+    def _mix(self, mixer: Mixer, name: str) -> None:
+        real = _named_combinations(self._setup.vehicle("real"), mixer.sensor)
+        twin = _named_combinations(self._setup.vehicle("twin"), mixer.sensor)
+        request, perception = mixer.pose_request, self._perception
+        rate_hz = mixer.combination.sensor.rate_hz
+        period_s = 1.0 / _rate_hz(real)
+        probe = self._probes.of(mixer, real, twin)
+        mixing = MixingLoop(
+            name=name,
+            mixer=mixer,
+            twin=None if request is None else self._senses.asked(twin, like=real),
+            poses=self._contexts["real" if request is None else request.pose].poses,
+            wait_s=_POSE_WAIT_S,
+            period_s=period_s,
+            rate_hz=rate_hz,
+            registration=self._registration(real),
+            probe=probe if isinstance(probe, VisibilityProbe) else None,
+            unmeasured="" if isinstance(probe, VisibilityProbe) else probe.why,
+            tell=perception.tell,
+            trouble=lambda reason: perception.budgets.spoiled(name, reason),
+        )
+        perception.budgets.watch(mixing, max(period_s, 1.0 / rate_hz if rate_hz else 0.0))
+        self._source("real", real).takers.append(mixing.real_reading)
+        if request is None:
+            self._source("twin", twin).takers.append(mixing.twin_reading)
+        perception.listeners.append(self._delivery(mixer, name, asked=request is not None))
+
+    def _delivery(self, mixer: Mixer, name: str, *, asked: bool) -> Callable[[MixedFrame], None]:
+        """Return who records a mixture and hands it to the autonomies that it is for."""
+        runners = [self._perception.runners[vehicle] for vehicle in mixer.publish]
+        raw = mixer.combination.publish_raw
+        subject = self._setup.subject in mixer.publish
+        filmed = subject and mixer.combination.sensor.kind == "camera" and self._film(name)
+
+        def deliver(frame: MixedFrame) -> None:
+            if frame.name != name:
+                return
+            if asked and frame.twin is not None:
+                self._watchers.reading(frame.twin)
+            self._watchers.frame(frame)
+            if frame.mixed.reading is not None:
+                self._watchers.perceived(frame.mixed.reading, mixer.publish)
+            if filmed:
+                self._show(frame)
+            for runner in runners:
+                _hand_over(runner, frame, raw=raw)
+
+        return deliver
+
+    def _film(self, name: str) -> bool:
+        """Return whether this is what the run's video shows: the first picture of the subject."""
+        self._video = self._video or name
+        return self._video == name
+
+    def _show(self, frame: MixedFrame) -> None:
+        if isinstance(frame.mixed.reading, CameraReading):
+            self._watchers.shown(
+                PreviewImages(frame.mixed.reading, _is_image(frame.real), _is_image(frame.twin))
+            )
+
+    def _direct(self, vehicle: VehicleSetup, sensor: SensorSetup) -> None:
+        """Let a vehicle perceive its own sensor."""
+        subject = vehicle.name == self._setup.subject
+        filmed = subject and isinstance(sensor, CameraSetup) and self._film(sensor.name)
+        self._source(vehicle.name, sensor).takers.append(
+            _perceiving_vehicles(
+                self._perception.runners[vehicle.name], self._watchers, filmed=filmed
+            )
+        )
+
+    def _source(self, vehicle: str, sensor: SensorSetup) -> SensorSource:
+        key = (vehicle, sensor.name)
+        if key not in self._sources:
+            stream = self._senses.stream(self._setup.vehicle(vehicle), sensor)
+            source = SensorSource(vehicle, sensor.name, stream, [self._watchers.reading])
+            self._sources[key] = source
+        return self._sources[key]
+
+    def _registration(self, real: SensorSetup) -> Registration | None:
+        if not isinstance(real, CameraSetup | DepthSetup):
+            return None
+        return self._registrar.of(real)
+
+
+def _perceiving_vehicles(runner: AnyRunner, watchers: PerceptionWatchers, *, filmed: bool) -> Take:
+    receivers = (runner.context.name,)
+
+    def take(reading: Reading) -> None:
+        reading = without_knowledge(reading)
+        watchers.perceived(reading, receivers)
+        if filmed and isinstance(reading, CameraReading):
+            watchers.shown(PreviewImages(reading, reading if reading.source == "real" else None))
+        runner.perceive(reading)
+
+    return take
+
+
+def _hand_over(runner: AnyRunner, frame: MixedFrame, *, raw: bool) -> None:
+    if raw:
+        for reading in (frame.real, frame.twin):
+            if reading is not None:
+                runner.perceive_raw(without_knowledge(reading))
+    if frame.mixed.reading is not None:
+        runner.perceive(frame.mixed.reading)
+
+
+def _is_image(reading: Reading | None) -> CameraReading | None:
+    return reading if isinstance(reading, CameraReading) else None
+
+
+def _named_combinations(vehicle: VehicleSetup, name: str) -> SensorSetup:
+    return next(sensor for sensor in vehicle.sensors if sensor.name == name)
+
+
+def _rate_hz(sensor: SensorSetup) -> float:
+    return sensor.rate_hz or _MOCAP_HZ

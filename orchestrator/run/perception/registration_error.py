@@ -1,0 +1,164 @@
+"""How far the virtual objects were drawn from where they belong, in pixels."""
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping
+
+from campaigns.setup.case_setup import VehicleSetup
+from campaigns.values.external_setups import PoseAccuracy, ShownAs
+from campaigns.values.sensor_setups import CameraSetup, DepthSetup
+from orchestrator.run.perception.mixing_loop import Registration, RegistrationError
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.readings import CameraReading, DepthReading, Reading
+from worlds.camera import Intrinsics
+from worlds.frames import Pose, Vec3, norm
+from worlds.scene.scene import SceneObject
+
+Pictured = CameraSetup | DepthSetup
+
+
+class Registrar:
+    """Measures registration errors against where the real camera truly was."""
+
+    def __init__(
+        self,
+        *,
+        setup: RunSetup,
+        contexts: Mapping[str, VehicleContext],
+        events: Mapping[str, float],
+    ) -> None:
+        real = set(setup.real_scene.names)
+        self._virtual = [
+            (thing, box_corners(thing))
+            for thing in setup.virtual_scene.objects
+            if thing.name not in real
+        ]
+        self._setup = setup
+        self._contexts = contexts
+        self._events = events
+
+    def of(self, camera: Pictured) -> Registration:
+        """Return what tells how far off a twin's picture is, over one of a real camera.
+
+        It tells nothing of a picture of unknown place, nor where nothing virtual is in sight. The
+        truth of a vehicle of ours is no reference for pictures that come from outside.
+        """
+        twin_camera = _projected_corners(self._setup.vehicle("twin"), camera.name)
+        accuracy = self._setup.vehicle("real").pose_accuracy
+        real, shown_as = self._contexts["real"], _drawn_objects(camera)
+
+        def registered(twin: Reading, exposed_s: float) -> RegistrationError:
+            drawn_from = self._drawn_from(twin, twin_camera)
+            truth = real.truth.at(exposed_s).pose if shown_as == "rendered" else None
+            found = real.poses.at(exposed_s).pose if truth is None else truth
+            if drawn_from is None or found is None or shown_as == "file":
+                return RegistrationError()
+            corners, here = self._corners(exposed_s), camera.mount.camera_pose(found)
+            error_px = registration_error_px(
+                zip(self._corners(twin.t_s), corners, strict=True),
+                intrinsics=camera.intrinsics,
+                drawn_from=drawn_from,
+                reference=here,
+            )
+            if truth is not None or error_px is None:
+                return RegistrationError(error_px)
+            doubt_px = uncertainty_px(
+                corners, intrinsics=camera.intrinsics, camera=here, accuracy=accuracy
+            )
+            return RegistrationError(bound_px=error_px + doubt_px)
+
+        return registered
+
+    def _drawn_from(self, twin: Reading, camera: Pictured | None) -> Pose | None:
+        """Return where a twin's picture was drawn from; a live one does not say so itself."""
+        if not isinstance(twin, CameraReading | DepthReading):
+            return None
+        if twin.camera_pose is not None or camera is None or _drawn_objects(camera) != "live":
+            return twin.camera_pose
+        body = self._contexts["twin"].poses.at(twin.t_s).pose
+        return None if body is None else camera.mount.camera_pose(body)
+
+    def _corners(self, t_s: float) -> list[Vec3]:
+        return [
+            pose.to_parent(corner)
+            for thing, corners in self._virtual
+            for pose in (thing.pose_at(t_s, self._events),)
+            for corner in corners
+        ]
+
+
+def _projected_corners(vehicle: VehicleSetup, name: str) -> Pictured | None:
+    found = (one for one in vehicle.sensors if one.name == name)
+    return next((one for one in found if isinstance(one, CameraSetup | DepthSetup)), None)
+
+
+def _drawn_objects(camera: Pictured) -> ShownAs:
+    source = camera.source if isinstance(camera, CameraSetup) else None
+    return "rendered" if source is None else source.shown_as
+
+
+def registration_error_px(
+    points_ned_m: Iterable[tuple[Vec3, Vec3]],
+    *,
+    intrinsics: Intrinsics,
+    drawn_from: Pose,
+    reference: Pose,
+) -> float | None:
+    """Return the RMS distance between points as drawn and as the reference camera would see them.
+
+    points_ned_m: points of virtual objects, world frame, each where it was drawn and where it
+    was at the exposure of the real picture. drawn_from, reference: camera poses (FRD axes). Only
+    points in front of both cameras and within either picture count; None when there is none.
+    """
+    squares: list[float] = []
+    for shown, point in points_ned_m:
+        drawn = intrinsics.project(drawn_from.to_local(shown))
+        right = intrinsics.project(reference.to_local(point))
+        if drawn is None or right is None:
+            continue
+        if _inside(drawn, intrinsics) or _inside(right, intrinsics):
+            squares.append((drawn[0] - right[0]) ** 2 + (drawn[1] - right[1]) ** 2)
+    if not squares:
+        return None
+    return math.sqrt(math.fsum(squares) / len(squares))
+
+
+def uncertainty_px(
+    points_ned_m: Iterable[Vec3], *, intrinsics: Intrinsics, camera: Pose, accuracy: PoseAccuracy
+) -> float:
+    """Return how far points may be seen off, by three standard deviations of the camera's pose.
+
+    RMS over the points in its picture, in pixels; 0 for none. To first order a camera that is
+    moved by s across the ray to a point at distance d, depth z, sees it turned by s / d; an angle
+    a moves it by up to f (d / z)^2 a pixels.
+    """
+    focal_px = max(intrinsics.fx_px, intrinsics.fy_px)
+    squares: list[float] = []
+    for point in points_ned_m:
+        local = camera.to_local(point)
+        pixel = intrinsics.project(local)
+        if pixel is None or not _inside(pixel, intrinsics):
+            continue
+        away_m = norm(local)
+        angle_rad = math.hypot(accuracy.position_m / away_m, accuracy.attitude_rad)
+        squares.append((_SIGMAS * focal_px * (away_m / local[0]) ** 2 * angle_rad) ** 2)
+    return math.sqrt(math.fsum(squares) / len(squares)) if squares else 0.0
+
+
+_SIGMAS = 3.0
+
+
+def box_corners(thing: SceneObject) -> tuple[Vec3, ...]:
+    """Return the eight corners of the box round a thing, in its own frame (FRD metres)."""
+    low = [float(value) for value in thing.shape.mesh.vertices_m.min(axis=0)]
+    high = [float(value) for value in thing.shape.mesh.vertices_m.max(axis=0)]
+    sides = zip(low, high, strict=True)
+    return tuple((north, east, down) for north, east, down in itertools.product(*sides))
+
+
+def _inside(pixel: tuple[float, float], intrinsics: Intrinsics) -> bool:
+    return (
+        -0.5 <= pixel[0] <= intrinsics.width_px - 0.5
+        and -0.5 <= pixel[1] <= intrinsics.height_px - 0.5
+    )

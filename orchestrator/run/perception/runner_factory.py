@@ -1,0 +1,72 @@
+"""Who flies the vehicles of a run: the campaign's autonomy, in this process or a program."""
+
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
+
+from orchestrator.external.program_runner import ProgramRunner
+from orchestrator.run.perception.autonomy_calls import (
+    LONGEST_CONSTRUCTION_S,
+    AutonomyFault,
+    call_autonomy,
+)
+from orchestrator.run.perception.autonomy_runner import AutonomyRunner
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.run_state import RunState
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.autonomy import Autonomy
+from vehicles.autopilots.autopilot import Target
+
+AnyRunner = AutonomyRunner | ProgramRunner
+
+
+@asynccontextmanager
+async def open_runners(
+    setup: RunSetup, pair: Pair, run_state: RunState
+) -> AsyncIterator[Mapping[str, AnyRunner]]:
+    """Build the pilots by vehicle; programs run while this is open.
+
+    Raises AutonomyFault for an autonomy that cannot be built, VehicleError for a program that
+    cannot be started.
+    """
+    runners: dict[str, AnyRunner] = {}
+    async with AsyncExitStack() as stack:
+        for context in pair.contexts:
+            if setup.campaign.under_test.program is None:
+                runners[context.name] = AutonomyRunner(
+                    autonomy=_build_autonomy(setup, context.name),
+                    context=context,
+                    run_state=run_state,
+                    rate_hz=setup.campaign.under_test.rate_hz,
+                )
+            else:
+                program = _program_runner(setup, pair, context, run_state)
+                runners[context.name] = await stack.enter_async_context(program)
+        yield runners
+
+
+def _build_autonomy(setup: RunSetup, name: str) -> Autonomy:
+    """Return the autonomy of a vehicle. Raises AutonomyFault."""
+    try:
+        return call_autonomy(
+            lambda: setup.campaign.under_test.build(setup.seed), within_s=LONGEST_CONSTRUCTION_S
+        )
+    except AutonomyFault as fault:
+        raise AutonomyFault(f"the autonomy of {name} {fault}", fault.trace) from None
+
+
+def _program_runner(
+    setup: RunSetup, pair: Pair, context: VehicleContext, run_state: RunState
+) -> ProgramRunner:
+    # What is perceived in mode wil is as large as the real picture, which it replaces.
+    owner = setup.vehicle("real" if setup.mode == "wil" else context.name)
+    return ProgramRunner(
+        under_test=setup.campaign.under_test,
+        context=context,
+        link=pair.links[context.name],
+        target=Target(setup.vehicle(context.name).system_id),
+        camera=next(iter(owner.cameras), None),
+        run_state=run_state,
+        folder=setup.order.folder,
+        seed=setup.seed,
+    )

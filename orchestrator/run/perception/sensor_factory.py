@@ -1,0 +1,297 @@
+"""The sensors of a run's vehicles: each as its campaign says, as good as its profile is."""
+
+import asyncio
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from campaigns.setup.case_setup import VehicleSetup
+from campaigns.values.sensor_setups import (
+    CameraSetup,
+    DepthSetup,
+    GpsSetup,
+    LidarPointsSetup,
+    MicrophoneSetup,
+    PoseSetup,
+    RangefinderSetup,
+    RangingSetup,
+    SensorSetup,
+)
+from orchestrator.external.external_io import ExternalIo
+from orchestrator.run.vehicles.vehicle_backends import Feed, vehicle_seed
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.model.samples import PoseSample
+from vehicles.cameras.camera_effects import CameraQuality
+from vehicles.cameras.rendered_cameras import (
+    Compute,
+    ImageSource,
+    OnDemandCamera,
+    RenderedCamera,
+    inline,
+)
+from vehicles.embedded.physics.states import TruthSample
+from vehicles.sensors.beams import RangeNoise
+from vehicles.sensors.depth import DepthSensor
+from vehicles.sensors.gps import GPS_TIMING, GpsSensor
+from vehicles.sensors.imu import ImuSensor
+from vehicles.sensors.lens import ThroughLens
+from vehicles.sensors.lidar import (
+    POINTS_TIMING,
+    RANGEFINDER_TIMING,
+    SCAN_TIMING,
+    LidarPointsSensor,
+    LidarScanSensor,
+    RangefinderSensor,
+)
+from vehicles.sensors.microphone import MicrophoneSensor
+from vehicles.sensors.noise_sets import NOISE_SETS, SensorNoise
+from vehicles.sensors.sensor_streams import (
+    OnDemand,
+    OnDemandSensor,
+    PoseStream,
+    RenderedDepth,
+    Sensor,
+    SensorStream,
+    Stream,
+)
+from vehicles.sensors.timing import Timing
+from vehicles.sensors.truth_history import TruthHistory
+from vehicles.sensors.world_views import WorldImages, WorldRays
+from worlds.scene.scene import Scene
+
+T = TypeVar("T")
+
+FELT_TRUTH_HZ = 250.0
+"""Of the truth that sensors feel: as often as the physics goes."""
+POSE_DELAY_S = 0.01
+"""How long after an exposure its pose is looked up: by then the samples around it have come."""
+_TELEMETRY_DELAY_S = 0.06
+"""The same for poses that come by telemetry."""
+
+
+async def in_thread(job: Callable[[], T], /) -> T:
+    """Run a job in a thread, so that the loop's 50 Hz go on."""
+    return await asyncio.to_thread(job)
+
+
+class SensorFactory:
+    """Makes the sensors of a run's vehicles, each with noise of its own.
+
+    events: of the world, with their times. outside: cameras whose pictures come from there, and
+    simulators that draw them. A sensor's noise depends on the run's seed, its
+    vehicle and its name alone, so that a further sensor changes nothing for the others.
+    """
+
+    def __init__(
+        self,
+        *,
+        setup: RunSetup,
+        contexts: Mapping[str, VehicleContext],
+        feeds: Mapping[str, Feed],
+        events: Mapping[str, float],
+        outside: ExternalIo,
+    ) -> None:
+        self._outside = outside
+        self._setup = setup
+        self._contexts = contexts
+        self._feeds = feeds
+        self._events = events
+        self._tracks: dict[str, TruthHistory] = {}
+        self._rays: dict[str, WorldRays] = {}
+        self._asked: dict[str, OnDemand] = {}
+
+    def stream(self, vehicle: VehicleSetup, sensor: SensorSetup) -> Stream:
+        """Return a sensor of a vehicle that delivers by itself."""
+        if isinstance(sensor, CameraSetup):
+            return self._camera(vehicle, sensor)
+        if isinstance(sensor, PoseSetup):
+            context = self._contexts[vehicle.name]
+            return PoseStream(listen=context.on_mocap, rate_hz=sensor.rate_hz)
+        return SensorStream(
+            sensor=self._model(vehicle, sensor, like=sensor),
+            track=self._track(vehicle.name),
+            rate_hz=sensor.rate_hz,
+            rng=self._rng(vehicle, sensor),
+            compute=self._compute(sensor),
+        )
+
+    def asked(self, sensor: SensorSetup, *, like: SensorSetup) -> OnDemand:
+        """Return the twin's sensor that answers for a pose, mounted like that of the real one.
+
+        A recipe asks only for readings that are of a place. Whoever asks for a sensor gets the
+        same one, so that its numbers are told once.
+        """
+        if sensor.name not in self._asked:
+            self._asked[sensor.name] = self._asked_sensor(sensor, like)
+        return self._asked[sensor.name]
+
+    def _asked_sensor(self, sensor: SensorSetup, like: SensorSetup) -> OnDemand:
+        twin = self._setup.vehicle("twin")
+        if isinstance(sensor, CameraSetup) and isinstance(like, CameraSetup):
+            return OnDemandCamera(
+                source=self._image_source("twin", sensor.name),
+                intrinsics=sensor.intrinsics,
+                mount=like.mount,
+                compute=self._compute(sensor),
+            )
+        return OnDemandSensor(
+            sensor=self._model(twin, sensor, like=like),
+            rng=self._rng(twin, sensor),
+            compute=self._compute(sensor),
+        )
+
+    def _camera(self, vehicle: VehicleSetup, camera: CameraSetup) -> Stream:
+        key = (vehicle.name, camera.name)
+        if key in self._outside.cameras:
+            return self._outside.cameras[key]
+        context = self._contexts[vehicle.name]
+        return RenderedCamera(
+            source=self._image_source(*key),
+            on_missing=lambda reason: self._outside.missing(key, reason),
+            # Where nobody knows the truth, it stands where its pose source says.
+            history=context.truth if vehicle.embedded else context.poses,
+            intrinsics=camera.intrinsics,
+            rate_hz=camera.rate_hz,
+            side=vehicle.name,
+            rng=self._rng(vehicle, camera),
+            mount=camera.mount,
+            quality=CameraQuality.of_profile(self._setup.profiles[vehicle.name].camera),
+            compute=self._compute(camera),
+            pose_delay_s=POSE_DELAY_S if vehicle.embedded else _TELEMETRY_DELAY_S,
+        )
+
+    def _model(self, vehicle: VehicleSetup, sensor: SensorSetup, *, like: SensorSetup) -> Sensor:
+        """Return a sensor's model. like: the sensor whose mount it has."""
+        noise = NOISE_SETS[self._setup.profiles[vehicle.name].sensors]
+        if isinstance(sensor, RangingSetup):
+            return self._ranging_sensor(vehicle, sensor, like, noise)
+        if isinstance(sensor, DepthSetup):
+            camera = self._setup.profiles[vehicle.name].camera
+            return RenderedDepth(
+                source=self._image_source(vehicle.name, sensor.name),
+                intrinsics=sensor.intrinsics,
+                mount=like.mount if isinstance(like, DepthSetup | CameraSetup) else sensor.mount,
+                side=vehicle.name,
+                sensor=DepthSensor(noise=noise.depth),
+                timing=Timing(sensor.rate_hz, camera.latency_s, camera.jitter_s),
+            )
+        if isinstance(sensor, GpsSetup):
+            return GpsSensor(
+                source=vehicle.name,
+                frame=self._setup.campaign.world.frame,
+                noise=noise.gps,
+                timing=self._sensor_timing(vehicle, GPS_TIMING, sensor.rate_hz),
+            )
+        if isinstance(sensor, MicrophoneSetup):
+            return MicrophoneSensor(
+                source=vehicle.name,
+                noise=noise.microphone,
+                sample_rate_hz=sensor.sample_rate_hz,
+                block_samples=sensor.block_samples,
+            )
+        return ImuSensor(
+            source=vehicle.name, noise=noise.imu, timing=Timing(sensor.rate_hz or FELT_TRUTH_HZ)
+        )
+
+    def _ranging_sensor(
+        self, vehicle: VehicleSetup, sensor: RangingSetup, like: SensorSetup, noise: SensorNoise
+    ) -> Sensor:
+        mount = like.mount if isinstance(like, RangingSetup) else sensor.mount
+        cast = self._caster(vehicle.name)
+        if isinstance(sensor, RangefinderSetup):
+            return RangefinderSensor(
+                source=vehicle.name,
+                cast=cast,
+                half_angle_rad=sensor.half_angle_rad,
+                noise=_within_reach(noise.rangefinder, sensor),
+                timing=self._sensor_timing(vehicle, RANGEFINDER_TIMING, sensor.rate_hz),
+                mount=mount,
+            )
+        if isinstance(sensor, LidarPointsSetup):
+            return LidarPointsSensor(
+                source=vehicle.name,
+                cast=cast,
+                pattern=sensor.pattern,
+                noise=_within_reach(noise.lidar_points, sensor),
+                timing=self._sensor_timing(vehicle, POINTS_TIMING, sensor.rate_hz),
+                mount=mount,
+            )
+        return LidarScanSensor(
+            source=vehicle.name,
+            cast=cast,
+            pattern=sensor.pattern,
+            noise=_within_reach(noise.lidar, sensor),
+            timing=self._sensor_timing(vehicle, SCAN_TIMING, sensor.rate_hz),
+            mount=mount,
+        )
+
+    def _sensor_timing(self, vehicle: VehicleSetup, datasheet: Timing, rate_hz: float) -> Timing:
+        """Return when readings come: at once from ideal sensors, else as late as data sheets say.
+
+        A turn of a lidar is delivered when it is over, so that a quicker one is less late.
+        """
+        if self._setup.profiles[vehicle.name].sensors == "ideal":
+            return Timing(rate_hz)
+        turn_s = 1.0 / datasheet.rate_hz
+        late_s = 1.0 / rate_hz if datasheet.latency_s == turn_s else datasheet.latency_s
+        return Timing(rate_hz, late_s, datasheet.jitter_s)
+
+    def _scene(self, name: str) -> Scene:
+        return self._setup.real_scene if name == "real" else self._setup.virtual_scene
+
+    def _image_source(self, name: str, sensor: str) -> ImageSource:
+        """Return what draws a sensor's pictures: a simulator, or we."""
+        simulator = self._outside.simulators.get((name, sensor))
+        if simulator is not None:
+            return ThroughLens(simulator)
+        return ThroughLens(WorldImages(scene=self._scene(name), events=self._events))
+
+    def _caster(self, name: str) -> WorldRays:
+        if name not in self._rays:
+            self._rays[name] = WorldRays(scene=self._scene(name), events=self._events)
+        return self._rays[name]
+
+    def _track(self, name: str) -> TruthHistory:
+        if name not in self._tracks:
+            self._tracks[name] = TruthHistory()
+            if self._setup.vehicle(name).embedded:
+                self._feeds[name].on_truth(self._tracks[name].add, FELT_TRUTH_HZ)
+            else:
+                self._contexts[name].on_pose(partial(_trust_profile, self._tracks[name]))
+        return self._tracks[name]
+
+    def _rng(self, vehicle: VehicleSetup, sensor: SensorSetup) -> np.random.Generator:
+        seed = vehicle_seed(self._setup.seed, vehicle.name)
+        return np.random.default_rng([seed, zlib.crc32(sensor.name.encode())])
+
+    def _compute(self, sensor: SensorSetup) -> Compute:
+        """Return where a reading is made: what takes milliseconds goes to a thread in wall time."""
+        heavy = isinstance(sensor, CameraSetup | DepthSetup | LidarPointsSetup)
+        return in_thread if heavy and self._setup.clock != "virtual" else inline
+
+
+def _trust_profile(track: TruthHistory, sample: PoseSample) -> None:
+    """Take a pose for the truth: nobody knows better where it is."""
+    track.add(
+        TruthSample(
+            sample.t_s,
+            sample.pose,
+            sample.velocity_ned_m_s,
+            on_ground=False,
+            motors_stopped=False,
+        )
+    )
+
+
+def _within_reach(noise: RangeNoise, sensor: RangingSetup) -> RangeNoise:
+    low_m, high_m = sensor.reach.min_m, sensor.reach.max_m
+    return replace(
+        noise,
+        range_min_m=noise.range_min_m if low_m is None else low_m,
+        range_max_m=noise.range_max_m if high_m is None else high_m,
+    )

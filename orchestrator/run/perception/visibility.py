@@ -1,0 +1,265 @@
+"""Measures in flight what a mixture shows of the virtual objects, and from which pose."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.values.sensor_setups import (
+    CameraSetup,
+    DepthSetup,
+    LidarPointsSetup,
+    RangefinderSetup,
+)
+from campaigns.values.sensor_setups import SensorSetup as Setup
+from orchestrator.run.perception.expected_views import ExpectedViews, samples_of
+from recipes.model.recipe import Combination
+from recipes.pipeline.mixture import Mixed
+from recipes.pipeline.stages import StageView
+from recipes.steps.transform.geometry import CameraModelParameters
+from recipes.visibility.coverage import Coverage
+from recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
+from recipes.visibility.pictures import IN_VIEW_SHARE, PicturePair, compare_pictures
+from recipes.visibility.ranges import compare_points, compare_ranges
+from vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    LidarPointsReading,
+    LidarScanReading,
+    RangefinderReading,
+    Reading,
+)
+from vehicles.sensors.beams import Directions, cone_directions, grid_directions, plane_directions
+from worlds.frames import IDENTITY, Pose, Quat, quat_multiply
+
+PERIOD_S = 0.2
+"""How often a mixture is measured; each one, as long as the last was wrong."""
+_EARLY_S = 1e-6
+_MOST_BEAMS = 3000
+"""Of a 3-D lidar, cast for the comparison."""
+
+BodyPose = Callable[[float], Pose | None]
+"""Where the real vehicle was at a time (run clock), by the best reference there is."""
+
+
+class MixtureViews:
+    """Keeps what the steps made of the last pair of readings; an observer of the mixers.
+
+    Mixers mix one at a time: what is kept is of the mixture that was made last.
+    """
+
+    def __init__(self) -> None:
+        self.views: list[StageView] = []
+
+    def __call__(self, view: StageView) -> None:
+        """Take what a step made."""
+        self.views.append(view)
+
+    def clear(self) -> None:
+        """Forget what was kept."""
+        self.views.clear()
+
+    def merged_real(self) -> Reading | None:
+        """Return the real reading as the merge took it; None when nothing was merged."""
+        if not self.views or self.views[-1].side is not None:
+            return None
+        found = [view.work.reading for view in self.views if view.side == "real"]
+        return found[-1] if found else None
+
+    def emptied_by(self) -> str:
+        """Return the first step that kept nothing of the twin's reading; "" for none."""
+        for view in self.views:
+            mask = view.work.mask
+            if view.side == "twin" and mask is not None and not mask.any():
+                return view.name
+        return ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """What is measured of one combination's mixtures.
+
+    real, twin: the sensors. body: reference of the real vehicle's pose. is_like: whether the
+    twin's pictures are drawn by our renderer.
+    """
+
+    combination: Combination
+    real: Setup
+    twin: Setup
+    virtual: Virtual
+    views: ExpectedViews
+    body: BodyPose
+    is_like: bool
+
+
+class VisibilityProbe:
+    """Measures the mixtures of one combination."""
+
+    def __init__(self, measured: Measured, *, views: MixtureViews) -> None:
+        self._measured = measured
+        self._views = views
+        self._turn = _turn_of(measured.combination)
+        self._due_s = 0.0
+        self.coverage = Coverage()
+
+    def begin(self) -> None:
+        """Prepare for a mixture."""
+        self._views.clear()
+
+    def measure(self, mixed: Mixed[Reading]) -> FrameVisibility | None:
+        """Return what a mixture shows, made since `begin`; None for one that is not measured."""
+        t_s = mixed.provenance.real_t_s
+        if mixed.reading is None or t_s is None or not self._is_due(t_s):
+            return None
+        real, body = self._views.merged_real(), self._measured.body(t_s)
+        if real is None or body is None:
+            return FrameVisibility(t_s, not_measured="no reference pose of the exposure")
+        return self._compare(real, mixed.reading, body, t_s)
+
+    def why_nothing(self) -> str:
+        """Return what the recipe did to the last mixture, for a fault: "" when it is not known."""
+        name = self._views.emptied_by()
+        return f" ({name} kept nothing)" if name else ""
+
+    def _is_due(self, t_s: float) -> bool:
+        if t_s < self._due_s - _EARLY_S and not self.coverage.is_suspect():
+            return False
+        self._due_s = t_s + PERIOD_S
+        return True
+
+    def _compare(self, real: Reading, mixed: Reading, body: Pose, t_s: float) -> FrameVisibility:
+        match real, mixed:
+            case CameraReading(), CameraReading() if real.image_bgr.shape == mixed.image_bgr.shape:
+                return self._camera(real, mixed, body, t_s)
+            case DepthReading(), DepthReading() if real.depth_m.shape == mixed.depth_m.shape:
+                return self._depth(real, mixed, body, t_s)
+            case LidarScanReading(), LidarScanReading() if len(real.ranges_m) == len(
+                mixed.ranges_m
+            ):
+                return self._scan(real, mixed, body, t_s)
+            case RangefinderReading(), RangefinderReading():
+                return self._beam(real, mixed, body, t_s)
+            case LidarPointsReading(), LidarPointsReading() if isinstance(
+                self._measured.twin, LidarPointsSetup
+            ):
+                return self._points(real, mixed, self._measured.twin, body, t_s)
+        return FrameVisibility(t_s, not_measured="the merge changes the shape of the reading")
+
+    def _camera(
+        self, real: CameraReading, mixed: CameraReading, body: Pose, t_s: float
+    ) -> FrameVisibility:
+        part, measured = samples_of(mixed.intrinsics), self._measured
+        depth_m = None if real.depth_m is None else real.depth_m[part, part]
+        expected = measured.views.picture(
+            self._camera_pose(body),
+            mixed.intrinsics,
+            t_s,
+            virtual=measured.virtual,
+            real_depth_m=depth_m,
+        )
+        return compare_pictures(
+            PicturePair(
+                t_s=t_s,
+                real_bgr=real.image_bgr[part, part],
+                mixed_bgr=mixed.image_bgr[part, part],
+                expected=expected,
+                virtual=measured.virtual,
+                limit_px=measured.combination.budget.max_registration_error_px,
+                is_like=measured.is_like,
+            )
+        )
+
+    def _depth(
+        self, real: DepthReading, mixed: DepthReading, body: Pose, t_s: float
+    ) -> FrameVisibility:
+        part, measured = samples_of(mixed.intrinsics), self._measured
+        expected = measured.views.depths(self._camera_pose(body), mixed.intrinsics, t_s)
+        return compare_ranges(
+            t_s=t_s,
+            real_m=real.depth_m[part, part].reshape(-1).astype(np.float64),
+            mixed_m=mixed.depth_m[part, part].reshape(-1).astype(np.float64),
+            expected=expected,
+            virtual=measured.virtual,
+            reach_m=(0.0, np.inf),
+            least=IN_VIEW_SHARE * expected.ids.size,
+        )
+
+    def _scan(
+        self, real: LidarScanReading, mixed: LidarScanReading, body: Pose, t_s: float
+    ) -> FrameVisibility:
+        directions = plane_directions(mixed.start_angle_rad, mixed.step_rad, len(mixed.ranges_m))
+        sensor = body.compose(mixed.mount)
+        return compare_ranges(
+            t_s=t_s,
+            real_m=real.ranges_m.astype(np.float64),
+            mixed_m=mixed.ranges_m.astype(np.float64),
+            expected=self._measured.views.ranges(sensor, directions, t_s),
+            virtual=self._measured.virtual,
+            reach_m=(mixed.range_min_m, mixed.range_max_m),
+        )
+
+    def _beam(
+        self, real: RangefinderReading, mixed: RangefinderReading, body: Pose, t_s: float
+    ) -> FrameVisibility:
+        setup = self._measured.real
+        half_rad = setup.half_angle_rad if isinstance(setup, RangefinderSetup) else 0.0
+        sensor = body.compose(mixed.mount)
+        cone = self._measured.views.ranges(sensor, cone_directions(half_rad, 8), t_s)
+        nearest = slice(k := int(cone.ranges_m.argmin()), k + 1)
+        return compare_ranges(
+            t_s=t_s,
+            real_m=np.array([real.range_m]),
+            mixed_m=np.array([mixed.range_m]),
+            expected=ExpectedRanges(cone.ranges_m[nearest], cone.ids[nearest]),
+            virtual=self._measured.virtual,
+            reach_m=(mixed.range_min_m, mixed.range_max_m),
+            least=1,
+        )
+
+    def _points(
+        self,
+        real: LidarPointsReading,
+        mixed: LidarPointsReading,
+        twin: LidarPointsSetup,
+        body: Pose,
+        t_s: float,
+    ) -> FrameVisibility:
+        directions = _some_beams(twin)
+        found = self._measured.views.ranges(body.compose(mixed.mount), directions, t_s)
+        reach_m = np.inf if twin.reach.max_m is None else twin.reach.max_m
+        ids = np.where(found.ranges_m <= reach_m, found.ids, np.uint8(0))
+        met = np.isfinite(found.ranges_m)
+        return compare_points(
+            t_s=t_s,
+            real_m=real.points_frd_m,
+            mixed_m=mixed.points_frd_m,
+            expected_m=directions[met] * found.ranges_m[met, np.newaxis],
+            ids=ids[met],
+            virtual=self._measured.virtual,
+        )
+
+    def _camera_pose(self, body: Pose) -> Pose:
+        camera = self._measured.real
+        if not isinstance(camera, CameraSetup | DepthSetup):
+            raise TypeError(f"{camera.name} takes no pictures")
+        pose = camera.mount.camera_pose(body)
+        return Pose(pose.position_ned_m, quat_multiply(pose.q_wxyz, self._turn))
+
+
+def _some_beams(lidar: LidarPointsSetup) -> Directions:
+    """Return every n-th column of a 3-D lidar's beams, all rings."""
+    pattern = lidar.pattern
+    every = max(1, -(-pattern.columns * pattern.rings // _MOST_BEAMS))
+    azimuths = 2.0 * np.pi * np.arange(0, pattern.columns, every) / pattern.columns
+    rings = np.linspace(pattern.lowest_rad, pattern.highest_rad, pattern.rings)
+    return grid_directions(azimuths, rings)
+
+
+def _turn_of(combination: Combination) -> Quat:
+    """Return how the recipe turns the view of the real camera."""
+    turn = IDENTITY
+    for step in combination.steps:
+        parameters = step.parameters
+        if isinstance(parameters, CameraModelParameters) and "real" in parameters.sides():
+            turn = quat_multiply(turn, parameters.turn.quaternion())
+    return turn

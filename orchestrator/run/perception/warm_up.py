@@ -1,0 +1,31 @@
+"""What takes its time once in a process is done before the loop runs, not in flight.
+
+Compiled kernels are loaded, or compiled, at their first call, with the interpreter's lock held
+for most of a second: the guard would take that for an orchestrator that is dead. On a machine that
+has nothing kept and much to do it takes minutes: the pool would take that for a worker that hangs.
+"""
+
+import math
+
+from orchestrator.run.vehicles.vehicle_backends import BODY
+from orchestrator.state.run_setup import RunSetup
+from vehicles.perception.hsv import NAMED_COLORS, HsvMask
+from worlds.camera import Intrinsics
+from worlds.clearance.clearance import ClearanceProbe
+from worlds.frames import Pose
+from worlds.render.renderer import Renderer
+
+_FAR_M = 1000.0
+_SMALL = Intrinsics.from_fov(64, 48, math.radians(60.0))
+
+
+def warm_up(setup: RunSetup) -> None:
+    """Measure once to what stands there, render once what cameras will see, find one colour."""
+    probe = ClearanceProbe(setup.judged_scene, BODY, within_m=_FAR_M)
+    probe.sweep(Pose((0.0, 0.0, -1.0)), 0.0, Pose((0.1, 0.0, -1.0)), 0.1)
+    if any(vehicle.cameras for vehicle in setup.vehicles):
+        for scene in (setup.real_scene, setup.virtual_scene):
+            renderer = Renderer(scene)
+            for ids in (False, True):
+                seen = renderer.render(Pose((0.0, 0.0, -1.0)), _SMALL, 0.0, {}, want_ids=ids)
+        HsvMask(NAMED_COLORS["orange"]).of(seen.image_bgr)

@@ -1,0 +1,1 @@
+"""The vehicles of a run: started, guarded, checked and configured before they arm."""

@@ -1,0 +1,81 @@
+"""What of a campaign's fence an autopilot keeps by itself: areas on earth, and a ceiling; pure."""
+
+from collections.abc import Callable, Iterator
+
+import shapely
+
+from safety.fence.areas import Area, Circle, Point2
+from safety.fence.geofence import Fence
+from vehicles.driver.onboard.fence_protocol import (
+    AutopilotFence,
+    FenceArea,
+    FenceCircle,
+    FencePolygon,
+    Place,
+)
+from worlds.frames import Vec3
+
+_QUARTER = 6
+"""Corners of a circle's quarter where it is joined with other areas: autopilots keep 70 in all."""
+
+Locate = Callable[[Point2], Place]
+"""Returns where on earth a place of the world is; north and east in metres."""
+
+
+def onboard_fence_of(
+    fence: Fence, *, margin_m: float, home_ned_m: Vec3, here_m: Point2, locate: Locate
+) -> AutopilotFence:
+    """Return a campaign's fence for an autopilot to keep, wider by a margin.
+
+    home_ned_m: above which its ceiling counts. here_m: north and east of where it is: of inclusions
+    that do not touch, the one that it is in is kept: it can fly to no other one. Raises ValueError
+    for a ceiling that is not above its home.
+    """
+    areas = [
+        *_inclusion(fence.inclusions, here_m, margin_m, locate),
+        *(one for area in fence.exclusions for one in _exclusion(area, margin_m, locate)),
+    ]
+    ceiling_m = None
+    if fence.ceiling_up_m is not None:
+        ceiling_m = fence.ceiling_up_m + home_ned_m[2] + margin_m
+    return AutopilotFence(areas=tuple(areas), ceiling_m=ceiling_m, action="land")
+
+
+def _inclusion(
+    areas: tuple[Area, ...], here_m: Point2, margin_m: float, locate: Locate
+) -> Iterator[FenceArea]:
+    if len(areas) == 1 and isinstance(areas[0], Circle):
+        yield _disc(areas[0], margin_m, inside=True, locate=locate)
+        return
+    grown = shapely.union_all([_shape(area) for area in areas]).buffer(margin_m, join_style="mitre")
+    for part in getattr(grown, "geoms", (grown,)):
+        if part.contains(shapely.Point(*here_m)):
+            yield _closed_ring(part.exterior, inside=True, locate=locate)
+            for hole in part.interiors:
+                yield _closed_ring(hole, inside=False, locate=locate)
+
+
+def _exclusion(area: Area, margin_m: float, locate: Locate) -> Iterator[FenceArea]:
+    if isinstance(area, Circle):
+        if area.radius_m > margin_m:
+            yield _disc(area, -margin_m, inside=False, locate=locate)
+        return
+    left = _shape(area).buffer(-margin_m, join_style="mitre")
+    for part in getattr(left, "geoms", (left,)):
+        if part.area > 0.0:
+            yield _closed_ring(part.exterior, inside=False, locate=locate)
+
+
+def _shape(area: Area) -> shapely.Polygon:
+    if isinstance(area, Circle):
+        return shapely.Point(*area.centre_m).buffer(area.radius_m, quad_segs=_QUARTER)
+    return shapely.Polygon(area.corners_m)
+
+
+def _closed_ring(ring: shapely.LinearRing, *, inside: bool, locate: Locate) -> FencePolygon:
+    corners = [locate((north, east)) for north, east in list(ring.coords)[:-1]]
+    return FencePolygon(tuple(corners), inside=inside)
+
+
+def _disc(circle: Circle, margin_m: float, *, inside: bool, locate: Locate) -> FenceCircle:
+    return FenceCircle(locate(circle.centre_m), circle.radius_m + margin_m, inside=inside)

@@ -1,0 +1,133 @@
+"""Which guard stands over a run: in this process under virtual time, else in one of its own."""
+
+import asyncio
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+
+from campaigns.setup.case_setup import LinkSetup, VehicleSetup
+from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from orchestrator.run.vehicles.vehicle_backends import (
+    InProcessBackend,
+    SubprocessBackend,
+    VehicleBackend,
+    vehicle_seed,
+)
+from orchestrator.state.run_setup import RunSetup
+from safety.guard.core.events import GuardedVehicle, GuardSettings
+from safety.guard.guard import Guard
+from safety.guard.local_guard import GuardLinks, LocalGuard, Record
+from safety.guard.process.clock_follower import PaceSetup
+from safety.guard.process.guard_config import GuardConfig, Guarded
+from safety.guard.process.remote_guard import RemoteGuard
+from vehicles.autopilots.autopilot import Target
+from vehicles.autopilots.registry import autopilot_named
+from vehicles.launch.prepared_launch import PreparedLaunch
+from vehicles.links.link import Link
+from vehicles.links.link_conditions import LinkConditions, under_conditions
+from vehicles.links.memory import memory_pair
+
+_LINK_LUCK = 3
+"""Keeps the luck of links apart from that of other things with the same seed."""
+
+HANGING_S = 1.0
+"""How long an orchestrator on a busy computer may be silent under the wall clock. The end of its
+process is seen at once, and the guard watches the fence meanwhile; from 1 s on PX4 falls into its
+own failsafe for want of setpoints anyway."""
+
+
+def guard_of(
+    setup: RunSetup, *, record: Record, prepared: Mapping[str, PreparedLaunch]
+) -> tuple[Guard, VehicleBackend, Mapping[str, Link]]:
+    """Return the guard, the hangar that starts vehicles for it, and the links to it by vehicle.
+
+    prepared: the simulators that are going to be launched. record: gets every frame under virtual
+    time; under the wall clock the guard's process writes the logs of frames, and it gets the
+    commands that went out.
+    """
+    guarded: dict[str, GuardedVehicle] = {
+        vehicle.name: GuardedVehicle(
+            autopilot=autopilot_named(vehicle.autopilot),
+            target=Target(vehicle.system_id),
+            limits=setup.campaign.limits,
+            attached=vehicle.attached is not None,
+            gcs=setup.clock != "virtual" and vehicle.name in setup.campaign.gcs,
+            fence=setup.campaign.fences.get(vehicle.name),
+        )
+        for vehicle in setup.vehicles
+    }
+    keeping = setup.campaign.guarding
+    settings = GuardSettings(
+        keep_m=keeping.keep_m, latency_s=keeping.latency_s, braking_m_s2=keeping.braking_m_s2
+    )
+    if setup.clock == "virtual":
+        return _in_process(setup, guarded, settings, record)
+    guard_config = GuardConfig(
+        run=setup.order.plan.name,
+        folder=str(setup.order.folder.absolute()),
+        epoch_s=time.time() - asyncio.get_running_loop().time(),
+        vehicles={
+            one.name: Guarded(
+                vehicle=guarded[one.name],
+                link=_address(one, prepared),
+                patient=one.launch is not None,
+                gcs=setup.campaign.gcs.get(one.name, ""),
+                spares=tuple(map(str, one.spares)),
+                conditions=conditions_of(setup, one),
+            )
+            for one in setup.vehicles
+        },
+        settings=replace(settings, orchestrator_silent_s=HANGING_S * setup.pace),
+        pace=_pace_of(setup),
+    )
+    guard = RemoteGuard(guard_config=guard_config, record=record)
+    backend = SubprocessBackend(setup, guard, prepared)
+    return guard, backend, {name: guard.link(name) for name in guarded}
+
+
+def _pace_of(setup: RunSetup) -> PaceSetup | None:
+    """Return how the scaled clock goes: by a simulation with a pace of its own, where one flies."""
+    if setup.clock != "scaled":
+        return None
+    leader = next((one for one in setup.vehicles if one.launch is not None), setup.vehicles[0])
+    return PaceSetup(nominal=setup.pace, leader=leader.name, follows_us=leader.launch is None)
+
+
+def _address(vehicle: VehicleSetup, prepared: Mapping[str, PreparedLaunch]) -> str:
+    """Return the link string to a vehicle; empty for a port of the guard's choice."""
+    if vehicle.name in prepared:
+        return str(prepared[vehicle.name].plan.link)
+    return "" if vehicle.attached is None else str(vehicle.attached)
+
+
+def conditions_of(setup: RunSetup, vehicle: VehicleSetup) -> LinkConditions:
+    """Return how frames fare between the guard and a vehicle, by the run's seed."""
+    link = setup.campaign.links.get(vehicle.name, LinkSetup())
+    return LinkConditions(
+        outgoing=link.outgoing,
+        incoming=link.incoming,
+        seed=(vehicle_seed(setup.seed, vehicle.name), _LINK_LUCK),
+        may_go_dark=bool(link.blackouts),
+        signing=vehicle.signing,
+    )
+
+
+def _in_process(
+    setup: RunSetup,
+    guarded: Mapping[str, GuardedVehicle],
+    settings: GuardSettings,
+    record: Record,
+) -> tuple[Guard, VehicleBackend, Mapping[str, Link]]:
+    backend = InProcessBackend(setup)
+    inner: dict[str, GuardLinks] = {}
+    outer: dict[str, Link] = {}
+    for vehicle in setup.vehicles:
+        near, outer[vehicle.name] = memory_pair(name=f"{vehicle.name} guard")
+        there = under_conditions(
+            backend.link(vehicle), conditions_of(setup, vehicle), utc_s=VIRTUAL_EPOCH_S
+        )
+        inner[vehicle.name] = GuardLinks(
+            vehicle=there.link, orchestrator=near, impaired=there.impaired
+        )
+    guard = LocalGuard(vehicles=guarded, links=inner, settings=settings, record=record)
+    return guard, backend, outer

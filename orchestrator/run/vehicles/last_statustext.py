@@ -1,0 +1,15 @@
+"""What a vehicle last said: for the reason of a run that it ended."""
+
+from orchestrator.run.vehicles.pair import Pair
+from safety.guard.core.events import GuardEvent
+
+_LAST_TEXTS = 4
+
+
+def last_statustext(pair: Pair, event: GuardEvent) -> str:
+    """Return what a vehicle that was lost, or went into a failsafe, last said."""
+    context = next((one for one in pair.contexts if one.name == event.vehicle), None)
+    if context is None or event.kind not in {"lost", "failsafe"}:
+        return ""
+    texts = [said.text.strip() for said in context.driver.state.texts[-_LAST_TEXTS:]]
+    return f"; it last said: {' | '.join(texts)}" if texts else ""

@@ -1,0 +1,180 @@
+"""The fences that the autopilots keep by themselves, behind the guard's: put aboard, exchanged."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import AsyncExitStack
+
+from orchestrator.run.vehicles.fence_conversion import onboard_fence_of
+from orchestrator.run.vehicles.preflight_checks import (
+    ceiling_above_home_m,
+    lower_return,
+    sets_failsafes,
+)
+from orchestrator.state.parameter_backups import parameter_backup_folder
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.fence.areas import Point2
+from safety.fence.geofence import Fence
+from vehicles.driver.onboard.fence_protocol import AutopilotFence, Place
+from vehicles.driver.onboard.onboard_fence import OnboardFence
+from vehicles.driver.onboard.parameter_backup import ParameterValue
+from vehicles.errors import VehicleError
+
+Note = Callable[..., None]
+
+_PLACE_S, _LOOK_S = 3.0, 0.05
+"""How long is waited for its place on earth: that comes twice a second, on a radio that loses."""
+
+
+class OnboardFences:
+    """Uploads fences to all autopilots of a run, and reads them back; wider than the guard's.
+
+    note: takes what is worth recording. Where the campaign uploads none (`preflight.fence: null`),
+    there is nothing to do.
+    """
+
+    def __init__(
+        self, *, setup: RunSetup, contexts: tuple[VehicleContext, ...], note: Note
+    ) -> None:
+        self._setup = setup
+        self._contexts = {context.name: context for context in contexts}
+        self._note = note
+        self._kept: dict[str, OnboardFence] = {}
+        self._ceilings_m: dict[str, float | None] = {}
+
+    @property
+    def unsettled(self) -> tuple[str, ...]:
+        """Return the vehicles that were offered a fence which was neither confirmed nor undone."""
+        return tuple(name for name, kept in self._kept.items() if kept.unsettled)
+
+    async def put(self, context: VehicleContext, stack: AsyncExitStack) -> None:
+        """Give a vehicle on the ground the campaign's fence. Raises VehicleError.
+
+        stack: what gives an attached vehicle its own back when it is closed.
+        """
+        if self._setup.campaign.preflight.fence is None:
+            return
+        vehicle = self._setup.vehicle(context.name)
+        attached = vehicle.attached is not None
+        kept = OnboardFence(
+            fences=context.driver.onboard.fences,
+            parameters=context.driver.parameters,
+            autopilot=context.driver.identity.autopilot,
+            journal=parameter_backup_folder() if attached else None,
+        )
+        if attached:
+            await stack.enter_async_context(kept)
+        fence = self._setup.campaign.fences.get(vehicle.name)
+        self._ceilings_m[context.name] = ceiling_above_home_m(self._setup, vehicle)
+        if fence is not None:
+            await _await_location(context)
+            start_m = context.start.position_ned_m
+            own = self._own(context, fence, (start_m[0], start_m[1]))
+            await kept.keep(own)
+            self._report(context.name, own)
+        self._kept[context.name] = kept
+
+    async def offer(self, fences: Mapping[str, Fence]) -> None:
+        """Have vehicles in flight keep other fences, each read back.
+
+        Raises VehicleError of the first that does not; then, and when cancelled, `put_back` is to
+        be called, otherwise `confirm`.
+        """
+        if self._setup.campaign.preflight.fence is None:
+            return
+        for name in fences:
+            if name not in self._kept:
+                raise VehicleError(f"{name}: it is not ready yet; its first fence is uploaded then")
+        try:
+            async with asyncio.TaskGroup() as group:
+                for name, fence in fences.items():
+                    group.create_task(self._offer(name, fence), name=f"{name} fence")
+        except* VehicleError as errors:
+            raise errors.exceptions[0] from None
+
+    async def confirm(self) -> None:
+        """Let what was offered count."""
+        for name in self.unsettled:
+            kept = self._kept[name]
+            await kept.confirm()
+            if kept.fence is not None:
+                self._report(name, kept.fence)
+
+    async def put_back(self) -> None:
+        """Have all keep what they kept before the offer. Raises VehicleError, after all others.
+
+        To be called again then.
+        """
+        names = self.unsettled
+        results = await asyncio.gather(
+            *(self._kept[name].put_back() for name in names), return_exceptions=True
+        )
+        for name, result in zip(names, results, strict=True):
+            if result is None:
+                self._note("fence_put_back", vehicle=name)
+        for result in results:
+            if result is not None:
+                raise result
+
+    async def _offer(self, name: str, fence: Fence) -> None:
+        context = self._contexts[name]
+        here = context.poses.latest().pose
+        place_m = (context.start if here is None else here).position_ned_m
+        own = self._own(context, fence, (place_m[0], place_m[1]))
+        also = await self._return_beneath(context, fence)
+        await self._kept[name].offer(own, also)
+
+    async def _return_beneath(
+        self, context: VehicleContext, fence: Fence
+    ) -> Mapping[str, ParameterValue]:
+        """Return what keeps a vehicle's return beneath a ceiling that is lower than the last.
+
+        Raises VehicleError where that may not be set.
+        """
+        vehicle = self._setup.vehicle(context.name)
+        before_m = self._ceilings_m.get(context.name)
+        ceiling_m = ceiling_above_home_m(self._setup, vehicle, fence)
+        if ceiling_m is None or (before_m is not None and ceiling_m >= before_m):
+            return {}
+        if "return_altitude" in self._setup.campaign.preflight.override:
+            return {}
+        driver = context.driver
+        lower = await lower_return(
+            driver.identity.autopilot, driver.parameters, ceiling_m=ceiling_m
+        )
+        if sets_failsafes(self._setup, vehicle) and not lower.keys() & vehicle.params.keys():
+            return lower
+        for name in lower:
+            raise VehicleError(
+                f"{context.name}: it returns above the new ceiling; set {name} in the vehicle"
+            )
+        return {}
+
+    def _own(self, context: VehicleContext, fence: Fence, here_m: Point2) -> AutopilotFence:
+        """Return what an autopilot can keep of a fence. Raises VehicleError."""
+        wider = self._setup.campaign.preflight.fence
+
+        def locate(point_m: Point2) -> Place:
+            place = context.driver.place_of((*point_m, 0.0))
+            return Place(place.latitude_deg, place.longitude_deg)
+
+        try:
+            return onboard_fence_of(
+                fence,
+                margin_m=0.0 if wider is None else wider.margin_m,
+                home_ned_m=context.start.position_ned_m,
+                here_m=here_m,
+                locate=locate,
+            )
+        except ValueError as error:
+            raise VehicleError(f"{context.name}: {error}") from error
+
+    def _report(self, name: str, own: AutopilotFence) -> None:
+        self._note("fence", vehicle=name, areas=len(own.areas), ceiling_m=own.ceiling_m)
+
+
+async def _await_location(context: VehicleContext) -> None:
+    for _ in range(round(_PLACE_S / _LOOK_S)):
+        if context.driver.place_deg is not None:
+            return
+        await asyncio.sleep(_LOOK_S)

@@ -1,0 +1,129 @@
+"""Opens the pair: guard, vehicles and drivers, in the order in which they may be closed."""
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass
+from typing import cast
+
+from campaigns.schema import VehicleName
+from campaigns.setup.case_setup import LinkSetup, VehicleSetup
+from orchestrator.external.motion_captures import MotionCaptures
+from orchestrator.run.vehicles.guard_factory import guard_of
+from orchestrator.run.vehicles.simulator_launch import prepare_launches
+from orchestrator.run.vehicles.vehicle_backends import TRUTH_HZ, Feed
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.run_state import RunState, Stage
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.guard.guard import Guard
+from safety.guard.local_guard import Record
+from vehicles.command_backends import command_backend_of
+from vehicles.driver import Driver
+from vehicles.links.tapped import TappedLink
+
+_OTHERS_TRUTH_HZ = 50.0
+"""The truth of a vehicle that nobody judges by it: its camera interpolates, and it is recorded."""
+_CLOCK_DRIFT = 2e-4
+"""The worst crystal that a vehicle's clock has, ten times over; only SITL drifts by more."""
+_SIMULATED_CLOCK_DRIFT = 0.02
+"""What is attached may be a simulation, whose clock runs as well as its machine can."""
+_STEERED_CLOCK_DRIFT = 0.1
+"""The run clock is led behind a simulation that hurries and tarries."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """What flies: one station in modes sim and real, two in wil; and the guard over them.
+
+    links: to the vehicles through the guard, for who speaks MAVLink beside the drivers.
+    """
+
+    contexts: tuple[VehicleContext, ...]
+    vehicles: Mapping[str, Feed]
+    guard: Guard
+    links: Mapping[str, TappedLink]
+
+    def begin_outage(self, links: Mapping[VehicleName, LinkSetup], run_state: RunState) -> None:
+        """Have links black out at the stages that the campaign names."""
+
+        def entered(stage: Stage, _: float) -> None:
+            loop = asyncio.get_running_loop()
+            for context in self.contexts:
+                link = links.get(cast("VehicleName", context.name))
+                for blackout in () if link is None else link.blackouts:
+                    if blackout.stage == stage:
+                        loop.call_later(
+                            blackout.after_s, self.guard.start_outage, context.name, blackout.for_s
+                        )
+
+        run_state.on_stage(entered)
+
+    def send_anchors(self) -> None:
+        """Tell the guard where the vehicles' own frames lie in the world, as far as is known.
+
+        With it the guard can place them by their own estimates, which it needs when nobody else
+        tells it where they are, and it can limit setpoints, which are in these frames.
+        """
+        for context in self.contexts:
+            if context.driver.anchor is not None:
+                self.guard.anchor(context.name, context.driver.anchor)
+
+    def notify(self, event: str, t_s: float) -> None:
+        """Tell every vehicle's surroundings that an event of the world happened."""
+        for vehicle in self.vehicles.values():
+            vehicle.notify(event, t_s)
+
+
+@asynccontextmanager
+async def open_pair(
+    setup: RunSetup, *, record: Record, captures: MotionCaptures
+) -> AsyncIterator[Pair]:
+    """Start the guard, then the vehicles of a run, and connect to them through the guard.
+
+    captures: motion capture from outside, for vehicles that have it. Closing stops the vehicles,
+    wherever they are: land before that. Raises LinkError.
+    """
+    async with AsyncExitStack() as stack:
+        prepared = prepare_launches(setup, stack)
+        guard, backend, guarded = guard_of(setup, record=record, prepared=prepared)
+        links = {name: TappedLink(link) for name, link in guarded.items()}
+        contexts = [
+            _vehicle_context(setup, vehicle, links[vehicle.name]) for vehicle in setup.vehicles
+        ]
+        await stack.enter_async_context(guard)
+        feeds: dict[str, Feed] = {}
+        for vehicle, context in zip(setup.vehicles, contexts, strict=True):
+            truth_hz = TRUTH_HZ if vehicle.name == setup.subject else _OTHERS_TRUTH_HZ
+            feeds[vehicle.name] = feed = await backend.start(stack, vehicle)
+            await stack.enter_async_context(context.driver)
+            _connect(context, feed, guard, truth_hz=truth_hz)
+            if not captures.listen(vehicle.name, context.take_mocap):
+                feed.on_mocap(context.take_mocap)
+        backend.all_started()
+        yield Pair(tuple(contexts), feeds, guard, links)
+
+
+def _vehicle_context(setup: RunSetup, vehicle: VehicleSetup, link: TappedLink) -> VehicleContext:
+    driver = Driver(
+        name=vehicle.name,
+        link=link,
+        autopilot=vehicle.autopilot,
+        system_id=vehicle.system_id,
+        start=vehicle.start,
+        rates=vehicle.rates,
+        voice=command_backend_of(vehicle.driver, name=vehicle.name),
+        max_clock_drift=_clock_drift(setup, vehicle),
+    )
+    return VehicleContext(vehicle.name, driver, vehicle.start, vehicle.pose_source)
+
+
+def _clock_drift(setup: RunSetup, vehicle: VehicleSetup) -> float:
+    if setup.clock == "scaled":
+        return _STEERED_CLOCK_DRIFT
+    return _CLOCK_DRIFT if vehicle.embedded else _SIMULATED_CLOCK_DRIFT
+
+
+def _connect(context: VehicleContext, feed: Feed, guard: Guard, *, truth_hz: float) -> None:
+    context.driver.on_estimate(context.take_estimate)
+    feed.on_truth(context.take_truth, truth_hz)
+    context.on_pose(guard.position)

@@ -1,0 +1,261 @@
+"""Preflight of a run: gathers what the checks of `safety.preflight` look at, and keeps the list."""
+
+import asyncio
+import shutil
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from pathlib import Path
+
+from campaigns.setup.case_setup import VehicleSetup
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.run_state import FlightError
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.fence.geofence import Fence
+from safety.preflight import (
+    Item,
+    at_least,
+    at_most,
+    gps_items,
+    home_item,
+    pair_item,
+    refused,
+    settled,
+    without_faults,
+)
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.autopilots.failsafes import (
+    FAILSAFES,
+    RETURN_ALTITUDES,
+    return_altitude_m,
+    unsound,
+)
+from vehicles.driver.onboard.parameter_backup import ParameterValue
+from vehicles.driver.onboard.parameters import Parameters
+from vehicles.errors import ParameterError
+from worlds.frames import Vec3, norm, subtract
+
+Note = Callable[..., None]
+
+_FRESH_S = 0.5
+"""How old the newest pose may be: twenty times what the slowest telemetry asked for takes."""
+_FIRST_POSE_S = 5.0
+"""How long the poses of a ready vehicle are waited for; a computer that stumbles is no fault."""
+_FIX_WITHIN_S = 3.0
+_RATE_OVER_S = 1.0
+_POLL_S = 0.02
+_MEGABYTE = 1e6
+_OF_CEILING = 0.75
+"""How high a return is set beneath a low ceiling: a quarter of it is left for overshooting."""
+
+
+class Preflight:
+    """Looks at everything before arming; `items` is the list."""
+
+    def __init__(self, *, setup: RunSetup) -> None:
+        self._setup = setup
+        self.items: tuple[Item, ...] = ()
+
+    async def check(self, contexts: tuple[VehicleContext, ...], *, note: Note) -> None:
+        """Check all vehicles. Raises FlightError with everything that speaks against arming.
+
+        note: takes each item for the run's log.
+        """
+        wanted = self._setup.campaign.preflight
+        items = [disk_item(self._setup.order.folder, wanted.min_disk_mb)]
+        await _await_position(contexts)
+        for context in contexts:
+            items += await self._vehicle(context)
+        items += self._pair(contexts)
+        self.items = settled(items, wanted.override)
+        for item in self.items:
+            note("preflight", **asdict(item))
+        if why := refused(self.items):
+            raise FlightError(f"preflight: {why}{_advice(self.items)}")
+
+    async def _vehicle(self, context: VehicleContext) -> Iterable[Item]:
+        setup, name = self._setup, context.name
+        wanted, vehicle = setup.campaign.preflight, setup.vehicle(name)
+        state, fence = context.driver.state, setup.campaign.fences.get(vehicle.name)
+        battery = None if state.battery is None else state.battery.remaining
+        place = _place(context)
+        uncertainty_s = context.driver.clock.uncertainty_s
+        items = [
+            *await self._failsafes(context, vehicle),
+            at_least("battery", name, battery, wanted.min_battery, unit="", what="its charge"),
+            without_faults("estimator", name, state.faults),
+            _position_item(context, place, wanted.start_tolerance_m),
+            *await self._source(context),
+            at_most(
+                "clock",
+                name,
+                uncertainty_s,
+                wanted.max_clock_error_s,
+                unit="s",
+                what="how far its clock may be from where we take it to be",
+            ),
+        ]
+        if fence is not None:
+            items.append(home_item(name, fence, place, setup.campaign.guarding.keep_m))
+        return items
+
+    async def _source(self, context: VehicleContext) -> Iterable[Item]:
+        """Return how good is what its poses come from: GPS, or motion capture."""
+        wanted, name = self._setup.campaign.preflight, context.name
+        if context.pose_source == "mocap":
+            seen_s = context.poses.at(asyncio.get_running_loop().time()).gap_s
+            rate_hz = context.poses.rate_hz(_RATE_OVER_S)
+            since = "how long ago motion capture saw it"
+            often = "how often motion capture sees it"
+            return (
+                at_most("mocap", name, seen_s, _FRESH_S, unit="s", what=since),
+                at_least("mocap", name, rate_hz, wanted.min_mocap_hz, unit="Hz", what=often),
+            )
+        if wanted.gps is None:
+            return ()
+        fix = await context.driver.onboard.satellites.fix(_FIX_WITHIN_S)
+        return gps_items(
+            name,
+            None if fix is None else (fix.kind, fix.satellites, fix.hdop),
+            min_satellites=wanted.gps.min_satellites,
+            max_hdop=wanted.gps.max_hdop,
+        )
+
+    async def _failsafes(self, context: VehicleContext, vehicle: VehicleSetup) -> Iterable[Item]:
+        autopilot = context.driver.identity.autopilot
+        parameters = context.driver.parameters
+        values: dict[str, float] = {}
+        for rule in FAILSAFES[autopilot]:
+            values |= await first_known(parameters, rule.names)
+        names = tuple(one.name for one in RETURN_ALTITUDES[autopilot])
+        ceiling_m = ceiling_above_home_m(self._setup, vehicle)
+        yielded = [
+            without_faults(
+                "failsafe",
+                context.name,
+                unsound(autopilot, values, pace=vehicle.launch_pace or 1.0),
+            )
+        ]
+        if ceiling_m is not None:
+            altitude_m = return_altitude_m(autopilot, await first_known(parameters, names))
+            what = "the height it returns at"
+            yielded.append(
+                at_most("return_altitude", context.name, altitude_m, ceiling_m, unit="m", what=what)
+            )
+        return yielded
+
+    def _pair(self, contexts: tuple[VehicleContext, ...]) -> Iterable[Item]:
+        if len(contexts) < 2:
+            return ()
+        real, twin = [_from_start(context, _place(context)) for context in contexts]
+        return (pair_item(real, twin, self._setup.campaign.preflight.pair_tolerance_m),)
+
+
+async def first_known(parameters: Parameters, names: Iterable[str]) -> dict[str, float]:
+    """Return the first parameter of several names that the firmware knows; empty for none."""
+    for name in names:
+        try:
+            return {name: await parameters.get(name)}
+        except ParameterError:
+            continue
+    return {}
+
+
+async def wanted_failsafes(
+    autopilot: AutopilotName, parameters: Parameters, *, ceiling_m: float | None
+) -> dict[str, ParameterValue]:
+    """Return what an autopilot's failsafes are set to, by the names that its firmware has.
+
+    ceiling_m: of the fence, above home; where it returns above that, it is to return beneath.
+    """
+    wanted: dict[str, ParameterValue] = {}
+    for rule in FAILSAFES[autopilot]:
+        if rule.wanted is not None:
+            for name, value in (await first_known(parameters, rule.names)).items():
+                if value != rule.wanted:
+                    wanted[name] = rule.wanted
+    if ceiling_m is not None:
+        wanted |= await lower_return(autopilot, parameters, ceiling_m=ceiling_m)
+    return wanted
+
+
+async def lower_return(
+    autopilot: AutopilotName, parameters: Parameters, *, ceiling_m: float
+) -> dict[str, ParameterValue]:
+    """Return what makes an autopilot return beneath a ceiling; empty where it does already."""
+    for one in RETURN_ALTITUDES[autopilot]:
+        for name, value in (await first_known(parameters, [one.name])).items():
+            if value * one.metres <= ceiling_m:
+                return {}
+            beneath = ceiling_m * _OF_CEILING / one.metres
+            return {name: int(beneath) if isinstance(value, int) else beneath}
+    return {}
+
+
+def sets_failsafes(setup: RunSetup, vehicle: VehicleSetup) -> bool:
+    """Return whether a vehicle's own failsafes are set; by default what is attached is not touched.
+
+    Those that are not set are looked at.
+    """
+    how = setup.campaign.preflight.failsafe
+    return how == "set" or (how is None and vehicle.attached is None)
+
+
+def ceiling_above_home_m(
+    setup: RunSetup, vehicle: VehicleSetup, changed: Fence | None = None
+) -> float | None:
+    """Return how far above where it starts a vehicle's ceiling is; None without one.
+
+    changed: the fence in place of the campaign's.
+    """
+    fence = changed or setup.campaign.fences.get(vehicle.name)
+    if fence is None or fence.ceiling_up_m is None:
+        return None
+    return fence.ceiling_up_m + vehicle.start.position_ned_m[2]
+
+
+def disk_item(folder: Path, least_mb: float) -> Item:
+    """Return whether there is room for recordings; how much there is differs from run to run."""
+    free_mb = shutil.disk_usage(folder).free / _MEGABYTE
+    item = at_least("disk", "", free_mb, least_mb, unit="MB", what=f"what is free in {folder}")
+    return item if item.outcome == "refused" else Item("disk", "", "ok", None, least_mb, "MB")
+
+
+def _advice(items: Iterable[Item]) -> str:
+    """Return what to do about parameters that were only checked; empty for other reasons."""
+    wrong = {item.check for item in items if item.outcome == "refused"}
+    if wrong.isdisjoint({"failsafe", "return_altitude"}):
+        return ""
+    return "; set them in the vehicle, by its params, or with preflight.failsafe: set"
+
+
+def _position_item(context: VehicleContext, place: Vec3 | None, tolerance_m: float) -> Item:
+    away = _from_start(context, place)
+    what = f"how far from its start it stands by {context.pose_source}"
+    return at_most(
+        "position",
+        context.name,
+        None if away is None else norm(away),
+        tolerance_m,
+        unit="m",
+        what=what,
+    )
+
+
+async def _await_position(contexts: Iterable[VehicleContext]) -> None:
+    """Wait for the first poses: until its frame is anchored in the world, a vehicle has none."""
+    loop = asyncio.get_running_loop()
+    deadline_s = loop.time() + _FIRST_POSE_S
+    while any(_place(one) is None for one in contexts) and loop.time() < deadline_s:  # noqa: ASYNC110 - a history tells nobody
+        await asyncio.sleep(_POLL_S)
+
+
+def _place(context: VehicleContext) -> Vec3 | None:
+    """Return where a vehicle is by its pose source; None when that is silent."""
+    latest = context.poses.at(asyncio.get_running_loop().time())
+    if latest.pose is None or latest.gap_s > _FRESH_S:
+        return None
+    return latest.pose.position_ned_m
+
+
+def _from_start(context: VehicleContext, place: Vec3 | None) -> Vec3 | None:
+    return None if place is None else subtract(place, context.start.position_ned_m)

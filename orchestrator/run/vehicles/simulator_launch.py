@@ -1,0 +1,63 @@
+"""Simulators that a run launches: prepared before the guard opens its links, started by it."""
+
+import math
+from collections.abc import Mapping
+from contextlib import AsyncExitStack
+from dataclasses import replace
+
+from campaigns.setup.case_setup import VehicleSetup
+from campaigns.setup.vehicle_setups import SitlLaunch
+from orchestrator.state.run_setup import RunSetup
+from safety.guard.process.remote_guard import RemoteGuard
+from vehicles.launch.launch_plan import Home
+from vehicles.launch.prepared_launch import PreparedLaunch
+from vehicles.tasks import start, stop
+
+_READY_S = 60.0
+"""A simulator on a loaded machine; an image that starts cold."""
+_GRACE_S = 2.0
+"""Below what the guard gives its children to end."""
+
+
+def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, PreparedLaunch]:
+    """Take folder and instance of every simulator of a run; leaving the stack gives them back.
+
+    Raises LaunchError when something is missing. Nothing is started.
+    """
+    prepared: dict[str, PreparedLaunch] = {}
+    for vehicle in setup.vehicles:
+        if vehicle.launch is None:
+            continue
+        one = PreparedLaunch(
+            launch=_await_home(vehicle.launch, setup, vehicle),
+            folder=(setup.order.folder / f"{vehicle.name}-sitl").absolute(),
+            system_id=vehicle.system_id,
+        )
+        stack.enter_context(one)
+        stack.push_async_callback(one.clean_up)
+        prepared[vehicle.name] = one
+    return prepared
+
+
+async def start_simulators(name: str, prepared: PreparedLaunch, guard: RemoteGuard) -> None:
+    """Have the guard start a simulator, and wait until it runs. Raises LinkError, LaunchError."""
+    end = start(guard.end_of(name), name=f"end of {name}")
+    try:
+        # It lives on the lifeline of guard and orchestrator, not on one of them alone.
+        command = prepared.command(parent=0, grace_s=_GRACE_S)
+        prepared.note(await guard.start(name, command, dict(prepared.plan.environment)))
+        await prepared.until_ready(end, ready_s=_READY_S)
+    finally:
+        await stop(end)
+
+
+def _await_home(launch: SitlLaunch, setup: RunSetup, vehicle: VehicleSetup) -> SitlLaunch:
+    """Return the launch at the vehicle's start in the world."""
+    place = setup.campaign.world.frame.to_geodetic(vehicle.start.position_ned_m)
+    home = Home(
+        latitude_deg=place.latitude_deg,
+        longitude_deg=place.longitude_deg,
+        altitude_m=place.altitude_m,
+        heading_deg=math.degrees(vehicle.start.yaw_rad) % 360.0,
+    )
+    return replace(launch, home=home)

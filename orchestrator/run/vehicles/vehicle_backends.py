@@ -1,0 +1,190 @@
+"""Where the vehicles of a run live: in this process under virtual time, else each in its own."""
+
+import math
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import AsyncExitStack
+from typing import Protocol
+
+from campaigns.setup.case_setup import VehicleSetup
+from orchestrator.run.vehicles.simulator_launch import start_simulators
+from orchestrator.state.run_setup import RunSetup
+from safety.guard.process.remote_guard import RemoteGuard
+from vehicles.autopilots.failsafes import SILENCE_PARAMETERS
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.config import EmbeddedConfig
+from vehicles.embedded.physics.contact_world import SceneContactWorld, as_argument, body_of
+from vehicles.embedded.physics.states import TruthSample
+from vehicles.embedded.process.embedded_launch import FeedClient
+from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings, Start
+from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.launch.prepared_launch import PreparedLaunch
+from vehicles.links.link import Link
+from vehicles.links.memory import memory_pair
+from vehicles.readings import PoseReading
+from vehicles.tasks import start, stop
+from worlds.scene.parts import BoxShape
+
+BODY: BoxShape = body_of(Airframe())
+"""What judging and physical contact take the embedded vehicle for."""
+_LINK_LATENCY_S = 0.003
+"""Each way, as measured between processes on one machine's loopback, rounded up."""
+_FIRST_WORD_S = 20.0
+"""How long a process may take to import, build its physics and send its first datagram."""
+TRUTH_HZ = 125.0
+
+
+class Feed(Protocol):
+    """What an embedded vehicle gives beside MAVLink."""
+
+    def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
+        """Have the truth given to `callback` so often."""
+
+    def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
+        """Have motion capture's readings given to `callback`."""
+
+    def notify(self, event: str, t_s: float) -> None:
+        """Pass an event of the world to the vehicle's surroundings."""
+
+
+class VehicleBackend(Protocol):
+    """Starts the vehicles of a run, once the guard holds the links to them."""
+
+    async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
+        """Start a vehicle whose link is open; leaving the stack stops it. Raises LinkError."""
+
+    def all_started(self) -> None:
+        """Take that no other vehicle has to be started: a scaled clock may leave the wall's."""
+
+
+class InProcessBackend:
+    """Vehicles in this event loop, at the far end of links in memory."""
+
+    def __init__(self, setup: RunSetup) -> None:
+        self._setup = setup
+        self._far: dict[str, Link] = {}
+
+    def link(self, vehicle: VehicleSetup) -> Link:
+        """Return the near end of a link in memory."""
+        far, near = memory_pair(latency_s=_LINK_LATENCY_S, name=vehicle.name)
+        self._far[vehicle.name] = far
+        return near
+
+    async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> EmbeddedVehicle:
+        """Start the vehicle in this loop."""
+        setup, frame = self._setup, self._setup.campaign.world.frame
+        scene = setup.real_scene
+        real = vehicle.name == "real"
+        embedded = EmbeddedVehicle(
+            config=EmbeddedConfig(
+                autopilot=vehicle.autopilot,
+                profile=setup.profiles[vehicle.name],
+                source=vehicle.name,
+                system_id=vehicle.system_id,
+                start=vehicle.start,
+                latitude_deg=frame.latitude_deg,
+                longitude_deg=frame.longitude_deg,
+                altitude_m=frame.altitude_m,
+                parameters={**SILENCE_PARAMETERS[vehicle.autopilot], **vehicle.params},
+            ),
+            link=self._far[vehicle.name],
+            seed=vehicle_seed(setup.seed, vehicle.name),
+            surroundings=SceneContactWorld(scene=scene, body=BODY) if real else None,
+        )
+        await stack.enter_async_context(embedded)
+        return embedded
+
+    def all_started(self) -> None:
+        """Leave it alone: virtual time is nobody's pace."""
+
+
+class NoFeed:
+    """What a vehicle gives beside MAVLink that we have not made: nothing."""
+
+    def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
+        """Never call it: nobody knows the truth."""
+
+    def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
+        """Never call it: it brings no motion capture along."""
+
+    def notify(self, event: str, t_s: float) -> None:
+        """Leave it alone: its surroundings are not ours."""
+
+
+class SubprocessBackend:
+    """Each vehicle a process of its own, a child of the guard's; or one that is there already."""
+
+    def __init__(
+        self, setup: RunSetup, guard: RemoteGuard, prepared: Mapping[str, PreparedLaunch]
+    ) -> None:
+        self._setup = setup
+        self._guard = guard
+        self._prepared = prepared
+
+    async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
+        """Have the guard start the vehicle's process, unless it is attached."""
+        if vehicle.embedded:
+            return await self._start_embedded(stack, vehicle)
+        if vehicle.name in self._prepared:
+            await start_simulators(vehicle.name, self._prepared[vehicle.name], self._guard)
+        return NoFeed()
+
+    def all_started(self) -> None:
+        """Have the guard lead the scaled clock from now on."""
+        self._guard.follow()
+
+    async def _start_embedded(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
+        """Start an embedded vehicle; its feed comes straight to us."""
+        feed = FeedClient(source=vehicle.name)
+        await stack.enter_async_context(feed)
+        self._guard.on_pace(feed.pace)
+        settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
+        program = [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()]
+        await self._guard.start(vehicle.name, program)
+        heard = start(feed.heard.wait(), name=f"first word of {vehicle.name}")
+        try:
+            await self._guard.ended_or(vehicle.name, heard, _FIRST_WORD_S)
+        finally:
+            await stop(heard)
+        return feed
+
+    def _settings(self, vehicle: VehicleSetup) -> ProcessSettings:
+        setup, frame = self._setup, self._setup.campaign.world.frame
+        north_m, east_m, down_m = vehicle.start.position_ned_m
+        return ProcessSettings(
+            autopilot=vehicle.autopilot,
+            link=f"udpout://127.0.0.1:{self._guard.port(vehicle.name)}",
+            seed=vehicle_seed(setup.seed, vehicle.name),
+            profile=vehicle.profile,
+            source=vehicle.name,
+            system_id=vehicle.system_id,
+            start=Start(
+                north_m=north_m,
+                east_m=east_m,
+                up_m=-down_m,
+                yaw_deg=math.degrees(vehicle.start.yaw_rad),
+            ),
+            latitude_deg=frame.latitude_deg,
+            longitude_deg=frame.longitude_deg,
+            altitude_m=frame.altitude_m,
+            parameters={**SILENCE_PARAMETERS[vehicle.autopilot], **vehicle.params},
+            truth_hz=TRUTH_HZ,
+            end_with_stdin=True,
+            end_with_parent=False,
+            surroundings=self._contact_settings() if vehicle.name == "real" else None,
+        )
+
+    def _contact_settings(self) -> ContactWorldSettings | None:
+        """Return what the real vehicle can hit: only it can break anything."""
+        world = self._setup.order.plan.files.world
+        if world is None:
+            return None
+        return ContactWorldSettings(
+            use="vehicles.embedded.physics.contact_world:from_argument",
+            argument=as_argument(world, self._setup.mode, "W"),
+        )
+
+
+def vehicle_seed(seed: int, name: str) -> int:
+    """Return the seed of one vehicle: real and twin must not share their noise."""
+    return seed * 2 + (1 if name == "twin" else 0)

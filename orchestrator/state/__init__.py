@@ -1,0 +1,1 @@
+"""The state of one run: its setup, its stages, and its vehicles."""

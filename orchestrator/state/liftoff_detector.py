@@ -1,0 +1,47 @@
+"""When a vehicle left the ground, by its own estimate, which drifts while it still stands; pure.
+
+A real autopilot's height wanders before it lifts: that of PX4's own simulation by up to 0.4 m
+between arming and taking off, at up to 0.3 m/s for a moment. So no height says that it flies, and
+no speed alone; a climb that goes on for a second does.
+"""
+
+from collections import deque
+
+_CLIMBS_M_S = 0.2
+_RISEN_M = 0.2
+_WITHIN_S = 1.0
+_ABOVE_M = 0.1
+
+
+class LiftoffDetector:
+    """Takes heights of an armed vehicle, and knows the beginning of the climb that lifted it."""
+
+    def __init__(self) -> None:
+        self._recent: deque[tuple[float, float, float]] = deque()
+        self._climbed_s: float | None = None
+        self._above_s: float | None = None
+
+    @property
+    def liftoff_s(self) -> float | None:
+        """Return when it began to climb; None before that is known.
+
+        Of one that climbs too slowly to tell, when it was last seen to come above 0.1 m.
+        """
+        return self._above_s if self._climbed_s is None else self._climbed_s
+
+    def take(self, t_s: float, *, height_m: float, climb_m_s: float) -> None:
+        """Take a height above where it stood and how fast that grows; armed vehicles only."""
+        if self._climbed_s is not None:
+            return
+        if height_m <= _ABOVE_M:
+            self._above_s = None
+        elif self._above_s is None:
+            self._above_s = t_s
+        recent = self._recent
+        recent.append((t_s, height_m, climb_m_s))
+        while t_s - recent[0][0] >= _WITHIN_S:
+            began_s, from_m, speed_m_s = recent.popleft()
+            if speed_m_s >= _CLIMBS_M_S and height_m - from_m >= _RISEN_M:
+                self._climbed_s = began_s
+                recent.clear()
+                return

@@ -1,0 +1,32 @@
+"""What mixing hands on: each mixture with its readings, and the images of it for people."""
+
+from dataclasses import dataclass
+
+from recipes.pipeline.mixture import Mixed
+from recipes.visibility.model import FrameVisibility
+from vehicles.readings import CameraReading, Reading
+
+
+@dataclass(frozen=True, slots=True)
+class MixedFrame:
+    """One mixture with the readings behind it.
+
+    name: of the combination. visibility: what it shows of the virtual objects; None where that
+    was not measured.
+    """
+
+    name: str
+    sensor: str
+    real: Reading | None
+    twin: Reading | None
+    mixed: Mixed[Reading]
+    visibility: FrameVisibility | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PreviewImages:
+    """Pictures for people: what the subject perceives, and what that was mixed of."""
+
+    perceived: CameraReading
+    real: CameraReading | None = None
+    twin: CameraReading | None = None

@@ -1,0 +1,146 @@
+"""The course of a run: its stages, what decided it, and whether the flight is over."""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Literal
+
+from orchestrator.model.faults import Fault, FaultLog, Faults
+from safety.model.verdict import DecisiveEvent, DecisiveKind
+
+Stage = Literal[
+    "start",
+    "identify",
+    "ready",
+    "arm",
+    "takeoff",
+    "at_height",
+    "goal",
+    "done",
+    "land",
+    "landed",
+    "end",
+]
+StageWatcher = Callable[[Stage, float], None]
+DecisiveWatcher = Callable[[DecisiveEvent], None]
+
+
+class FlightError(Exception):
+    """A stage that could not be completed; says which vehicle and why."""
+
+
+class RunState:
+    """What has happened so far; every part of a run reports here.
+
+    `over` is set when the flight has to end before its time: something that ends it happened.
+    While the operator holds, nothing of the flight's own ends it: whoever holds wants to look.
+    A watcher that raises keeps no other from being called: that it did is decisive. log_fault:
+    takes each exception of ours; `faults` has them all.
+    """
+
+    def __init__(self, *, time: Callable[[], float], log_fault: FaultLog = lambda _: None) -> None:
+        self._time = time
+        self._faults = Faults(time=time, log=log_fault, take=self._decide_fault)
+        self._deciding_faults = 0
+        self.stage: Stage = "start"
+        self.entered_s: dict[Stage, float] = {"start": time()}
+        self.decisive: list[DecisiveEvent] = []
+        self.over = asyncio.Event()
+        self.last_note: Callable[[], str] = str
+        """What the autonomy of the judged vehicle noted last; set once there is one."""
+        self._held = False
+        self._due = False
+        self._stage_watchers: list[StageWatcher] = []
+        self._entries: dict[Stage, asyncio.Event] = {}
+        self._decisive_watchers: list[DecisiveWatcher] = []
+
+    def on_stage(self, watcher: StageWatcher) -> None:
+        """Call `watcher(stage, t_s)` at each entry into a stage from now on."""
+        self._stage_watchers.append(watcher)
+
+    def on_decisive(self, watcher: DecisiveWatcher) -> None:
+        """Call `watcher(event)` at each decisive event from now on."""
+        self._decisive_watchers.append(watcher)
+
+    def enter(self, stage: Stage) -> float:
+        """Enter a stage now; return the time."""
+        now_s = self._time()
+        self.stage = stage
+        self.entered_s[stage] = now_s
+        if stage in self._entries:
+            self._entries[stage].set()
+        for watcher in self._stage_watchers:
+            with self.taking(f"stage {stage}"):
+                watcher(stage, now_s)
+        return now_s
+
+    def reached(self, stage: Stage) -> bool:
+        """Return whether a stage has been entered."""
+        return stage in self.entered_s
+
+    async def reaching(self, stage: Stage) -> None:
+        """Wait until a stage has been entered."""
+        if not self.reached(stage):
+            await self._entries.setdefault(stage, asyncio.Event()).wait()
+
+    def decide(
+        self,
+        kind: DecisiveKind,
+        reason: str,
+        *,
+        t_s: float | None = None,
+        source: str = "",
+        trace: str = "",
+        ends_flight: bool = True,
+    ) -> None:
+        """Record that the run is settled; `ends_flight`: the vehicles have to come down for it.
+
+        trace: the traceback of what was raised, for the log and the result.
+        """
+        at_s = self._time() if t_s is None else t_s
+        event = DecisiveEvent(at_s, kind, reason, source, self.last_note(), trace)
+        self.decisive.append(event)
+        if ends_flight and self._held:
+            self._due = True
+        elif ends_flight:
+            self.over.set()
+        if self._deciding_faults > 1:
+            return  # A watcher that raises whenever it is called would be called without end.
+        for watcher in self._decisive_watchers:
+            with self.taking("a watcher of decisive events"):
+                watcher(event)
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Return the exceptions of ours so far."""
+        return tuple(self._faults.all)
+
+    def fault(self, error: BaseException, where: str) -> None:
+        """Take an exception of ours, once wherever it comes by: it is decisive."""
+        self._faults.take(error, where)
+
+    def taking(self, where: str) -> AbstractContextManager[None]:
+        """Take an exception of ours that is raised meanwhile, and go on after it."""
+        return self._faults.taking(where)
+
+    def _decide_fault(self, fault: Fault) -> None:
+        self._deciding_faults += 1
+        try:
+            self.decide("ERROR", fault.text, source="exception")
+        finally:
+            self._deciding_faults -= 1
+
+    @property
+    def held(self) -> bool:
+        """Return whether the operator holds."""
+        return self._held
+
+    def hold(self) -> None:
+        """Have nothing end the flight until `release`."""
+        self._held = True
+
+    def release(self) -> None:
+        """Take that nobody holds any more; what ended the flight meanwhile does so now."""
+        self._held = False
+        if self._due:
+            self.over.set()

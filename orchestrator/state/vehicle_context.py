@@ -1,0 +1,153 @@
+"""A station: one vehicle of the run and all that belongs to it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from orchestrator.state.liftoff_detector import LiftoffDetector
+from safety.model.samples import PoseSample, ReferenceSample
+from vehicles.autonomy import Telemetry
+from vehicles.autopilots.injection_support.rules import Setpoints
+from vehicles.driver import Driver
+from vehicles.driver.vehicle_state import EstimateSample
+from vehicles.embedded.physics.states import TruthSample
+from vehicles.poses.pose_history import PoseHistory
+from vehicles.readings import PoseReading
+from vehicles.setpoints import PositionSetpoint, Setpoint
+from vehicles.tasks import Contained
+from worlds.frames import Pose, Vec3, scale, subtract
+
+_LISTENER = Contained("a listener to a vehicle's place")
+HISTORY_S = 2.0
+"""How far back poses are kept: longer than any camera is late."""
+_REFER_EVERY_S = 0.098
+"""Ten references a second of any source whose period is a part of a tenth, whatever its digits."""
+_ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+PoseListener = Callable[[PoseSample], None]
+ReferenceListener = Callable[[ReferenceSample], None]
+ContactListener = Callable[[TruthSample], None]
+MocapListener = Callable[[PoseReading], None]
+
+
+@dataclass(slots=True)
+class VehicleContext:
+    """One vehicle: its driver, where it is by its pose source and in truth, what it was told.
+
+    poses: by the campaign's pose source, world frame; what judging and rendering use. truth:
+    where it truly is; empty for vehicles that are not embedded. setpoint, note: the newest of its
+    autonomy; program_setpoints: of which kind a program's newest was. lift: when it left the
+    ground by the vehicle's own clock, mapped.
+    """
+
+    name: str
+    driver: Driver
+    start: Pose
+    pose_source: str
+    poses: PoseHistory = field(default_factory=lambda: PoseHistory(HISTORY_S))
+    truth: PoseHistory = field(default_factory=lambda: PoseHistory(HISTORY_S))
+    setpoint: Setpoint | None = None
+    program_setpoints: Setpoints | None = None
+    note: str = ""
+    liftoff: LiftoffDetector = field(default_factory=LiftoffDetector)
+    contact: str | None = None
+    _listeners: list[PoseListener] = field(default_factory=list)
+    _reference_listeners: list[ReferenceListener] = field(default_factory=list)
+    _contact_listeners: list[ContactListener] = field(default_factory=list)
+    _mocap_listeners: list[MocapListener] = field(default_factory=list)
+    _refer_due_s: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def steered_by(self) -> Setpoints | None:
+        """Return what its autonomy steers by; None before its first setpoint."""
+        if self.setpoint is None:
+            return self.program_setpoints
+        return "position" if isinstance(self.setpoint, PositionSetpoint) else "velocity"
+
+    def on_pose(self, listener: PoseListener) -> None:
+        """Call `listener` with each pose of the campaign's pose source."""
+        self._listeners.append(listener)
+
+    def on_reference(self, listener: ReferenceListener) -> None:
+        """Call `listener` with where its other sources have it, a few times a second each."""
+        self._reference_listeners.append(listener)
+
+    def on_contact(self, listener: ContactListener) -> None:
+        """Call `listener` with the truth at its first contact with a physical thing."""
+        self._contact_listeners.append(listener)
+
+    def on_mocap(self, listener: MocapListener) -> None:
+        """Call `listener` with each reading of its motion capture."""
+        self._mocap_listeners.append(listener)
+
+    def height_m(self) -> float | None:
+        """Return its height above its start by its own estimate; None while unknown."""
+        estimate = self.driver.estimate
+        if estimate is None:
+            return None
+        return self.start.position_ned_m[2] - estimate.pose.position_ned_m[2]
+
+    def telemetry(self) -> Telemetry | None:
+        """Return what its autonomy may know of it: its own estimate; None while unknown."""
+        estimate = self.driver.estimate
+        if estimate is None:
+            return None
+        return Telemetry(estimate.t_s, estimate.pose, estimate.velocity_ned_m_s)
+
+    def take_estimate(self, sample: EstimateSample) -> None:
+        """Take an estimate of the autopilot."""
+        if self.driver.state.armed:
+            self._lift(sample)
+        if self.pose_source == "mavlink":
+            self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        else:
+            self._refer("mavlink", sample.t_s, sample.pose, sample.velocity_ned_m_s)
+
+    def take_mocap(self, reading: PoseReading) -> None:
+        """Take a pose of motion capture."""
+        for listener in self._mocap_listeners:
+            with _LISTENER:
+                listener(reading)
+        if self.pose_source != "mocap":
+            self._refer("mocap", reading.t_s, reading.pose, reading.velocity_ned_m_s or _ZERO)
+            return
+        velocity = reading.velocity_ned_m_s or self._mocap_velocity(reading)
+        self._take_pose(reading.t_s, reading.pose, velocity)
+
+    def take_truth(self, sample: TruthSample) -> None:
+        """Take where it truly is."""
+        self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        self._refer("truth", sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        if sample.contact is not None and self.contact is None:
+            self.contact = sample.contact
+            for told in self._contact_listeners:
+                with _LISTENER:
+                    told(sample)
+
+    def _take_pose(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
+        if not self.poses.add(t_s, pose, velocity_ned_m_s):
+            return
+        sample = PoseSample(t_s, self.name, pose, velocity_ned_m_s)
+        for listener in self._listeners:
+            with _LISTENER:
+                listener(sample)
+
+    def _refer(self, source: str, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
+        if t_s < self._refer_due_s.get(source, 0.0):
+            return
+        self._refer_due_s[source] = t_s + _REFER_EVERY_S
+        sample = ReferenceSample(t_s, self.name, source, pose.position_ned_m, velocity_ned_m_s)
+        for listener in self._reference_listeners:
+            listener(sample)
+
+    def _mocap_velocity(self, reading: PoseReading) -> Vec3:
+        """Return the velocity over a tenth of a second: over one frame, noise would rule."""
+        earlier = self.poses.at(reading.t_s - 0.1)
+        if earlier.pose is None or earlier.kind != "interpolated":
+            return _ZERO
+        moved = subtract(reading.pose.position_ned_m, earlier.pose.position_ned_m)
+        return scale(moved, 10.0)
+
+    def _lift(self, sample: EstimateSample) -> None:
+        height_m = self.start.position_ned_m[2] - sample.pose.position_ned_m[2]
+        climb_m_s = -sample.velocity_ned_m_s[2]
+        self.liftoff.take(sample.t_s, height_m=height_m, climb_m_s=climb_m_s)

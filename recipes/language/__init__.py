@@ -1,0 +1,1 @@
+"""The recipe language: YAML and the paper's XML, read into checked recipes."""

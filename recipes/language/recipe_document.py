@@ -1,0 +1,317 @@
+"""The recipe language: a YAML document in, a checked recipe out, or every fault at once."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from pydantic import Field, JsonValue, ValidationError, field_validator
+
+from recipes.model.recipe import Budget, Combination, Recipe, Sensor, Step
+from recipes.model.registry import STAGES, Stage, StepParameters, StepType, find, resembling, steps
+from recipes.working import SIDES, Side
+from worlds.files.documents import (
+    BadInput,
+    Data,
+    Document,
+    KeyFaultError,
+    Part,
+    Path,
+    Problem,
+    check,
+    closest,
+)
+
+SCHEMA = "wil/recipe/1"
+
+MAX_SKEW_MS = 100.0
+"""Bound of the skew where a recipe sets none: an overlay is never held for ever."""
+
+
+SensorType = Literal[
+    "camera",
+    "depth",
+    "lidar",
+    "lidar_points",
+    "rangefinder",
+    "gps",
+    "pose",
+    "imu",
+    "microphone",
+]
+
+
+class SensorPart(Part):
+    """One sensor: the type and rate of its mixed readings.
+
+    real_type, twin_type: what a source delivers, where a transform makes it into `type`.
+    """
+
+    type: SensorType
+    rate_hz: Annotated[float, Field(gt=0, le=100_000)] | None = None
+    real_type: SensorType | None = None
+    twin_type: SensorType | None = None
+
+
+class CombinePart(Part):
+    """One combination; its steps are checked one by one against what each step takes."""
+
+    sensor: str
+    transform: list[JsonValue] = Field(default_factory=list)
+    filter: list[JsonValue] = Field(default_factory=list)
+    merge: JsonValue
+    publish: Annotated[list[Side], Field(min_length=1)] = Field(default_factory=lambda: [*SIDES])
+    max_skew_ms: Annotated[float, Field(gt=0, le=10_000)] = MAX_SKEW_MS
+    max_latency_ms: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    min_rate_hz: Annotated[float, Field(gt=0, le=100_000)] | None = None
+    max_registration_error_px: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    publish_raw: bool = False
+
+    @field_validator("merge")
+    @classmethod
+    def _some_step(cls, merge: JsonValue) -> JsonValue:
+        if merge is None:
+            raise ValueError("needs a step, like overlay")
+        return merge
+
+    @field_validator("publish")
+    @classmethod
+    def _once_each(cls, publish: list[Side]) -> list[Side]:
+        if len(set(publish)) != len(publish):
+            raise ValueError("names a side twice")
+        return publish
+
+
+class RecipePart(Part):
+    """A recipe file. twins: names of the twins; there is room for several, and one flies now."""
+
+    schema_: Literal["wil/recipe/1"] = Field(alias="schema")
+    description: str = ""
+    twins: Annotated[list[str], Field(min_length=1)] = Field(default_factory=lambda: ["twin"])
+    sensors: Annotated[dict[str, SensorPart], Field(min_length=1)]
+    combine: Annotated[list[CombinePart], Field(min_length=1)]
+
+    @field_validator("twins")
+    @classmethod
+    def _one_twin(cls, twins: list[str]) -> list[str]:
+        if len(twins) > 1:
+            raise KeyFaultError(
+                1, "several twins are not supported yet: a pair is one real vehicle and one twin"
+            )
+        if twins[0] != "twin":
+            raise KeyFaultError(0, "the one twin is called 'twin'", "twin")
+        return twins
+
+
+def load_recipe(document: Document) -> Recipe:
+    """Return the recipe in a document. Raises BadInput with every problem found."""
+    reader = _Reader(document)
+    parsed = [reader.steps_of(index) for index in range(reader.combination_count())]
+    try:
+        part = check(document, RecipePart)
+    except BadInput as error:
+        raise BadInput(_in_order([*error.problems, *reader.problems])) from None
+    sensors = tuple(
+        Sensor(name, one.type, one.rate_hz, one.real_type, one.twin_type)
+        for name, one in part.sensors.items()
+    )
+    _check_sensors(reader, part, sensors, parsed)
+    _check_receivers(reader, part)
+    if reader.problems:
+        raise BadInput(_in_order(reader.problems))
+    return Recipe(
+        part.description,
+        sensors,
+        tuple(
+            _combination(one, sensors, found)
+            for one, found in zip(part.combine, parsed, strict=True)
+        ),
+        document,
+    )
+
+
+def _combination(part: CombinePart, sensors: tuple[Sensor, ...], found: list[Step]) -> Combination:
+    return Combination(
+        sensor=next(sensor for sensor in sensors if sensor.name == part.sensor),
+        steps=tuple(step for step in found if step.kind.stage != "merge"),
+        merge=next(step for step in found if step.kind.stage == "merge"),
+        publish=tuple(part.publish),
+        budget=Budget(
+            max_skew_s=part.max_skew_ms / 1000.0,
+            max_latency_s=None if part.max_latency_ms is None else part.max_latency_ms / 1000.0,
+            min_rate_hz=part.min_rate_hz,
+            max_registration_error_px=part.max_registration_error_px,
+        ),
+        publish_raw=part.publish_raw,
+    )
+
+
+def _in_order(problems: list[Problem]) -> list[Problem]:
+    return sorted(problems, key=lambda problem: (problem.line, problem.column))
+
+
+def _check_sensors(
+    reader: "_Reader", part: RecipePart, sensors: tuple[Sensor, ...], parsed: list[list[Step]]
+) -> None:
+    known = {sensor.name: sensor for sensor in sensors}
+    for index, (one, found) in enumerate(zip(part.combine, parsed, strict=True)):
+        sensor = known.get(one.sensor)
+        if sensor is None:
+            message = f"no sensor '{one.sensor}' is declared under 'sensors'"
+            reader.note(("combine", index, "sensor"), message, closest(one.sensor, known))
+        else:
+            _check_kinds(reader, sensor, found)
+        if one.max_registration_error_px is not None and sensor and sensor.kind not in _PICTURES:
+            message = f"a {sensor.kind} has no pixels to be registered"
+            reader.note(("combine", index, "max_registration_error_px"), message, key=True)
+
+
+_PICTURES = ("camera", "depth")
+
+
+def _check_kinds(reader: "_Reader", sensor: Sensor, found: list[Step]) -> None:
+    """Follow what each side delivers through the steps; refuse what a step cannot work on."""
+    kinds: dict[Side, str] = {side: sensor.kind_of(side) for side in SIDES}
+    for step in found:
+        if step.kind.stage == "merge":
+            _check_merged(reader, sensor, kinds, step)
+        sides: tuple[Side, ...] = step.parameters.sides()
+        if not sides:
+            sides = ("twin",) if step.kind.stage != "merge" else SIDES
+        for kind in dict.fromkeys(kinds[side] for side in sides):
+            refusal = _refusal(step, kind)
+            if refusal:
+                reader.note(step.path, refusal, key=True)
+                return
+        for side in sides:
+            kinds[side] = step.kind.gives.get(kinds[side], kinds[side])
+
+
+def _refusal(step: Step, kind: str) -> str:
+    if kind not in step.kind.sensors:
+        works = " and ".join(step.kind.sensors)
+        return f"step '{step.kind.name}' works on {works}, not on {kind}"
+    return step.parameters.refuses(kind)
+
+
+def _check_merged(reader: "_Reader", sensor: Sensor, kinds: dict[Side, str], merge: Step) -> None:
+    for side in SIDES:
+        if kinds[side] != sensor.kind:
+            message = (
+                f"{sensor.name} is a {sensor.kind}, but {side} comes to its merge as {kinds[side]};"
+                " a transform has to make one of the other"
+            )
+            reader.note(merge.path, message, key=True)
+            kinds[side] = sensor.kind
+
+
+def _check_receivers(reader: "_Reader", part: RecipePart) -> None:
+    """Refuse two mixtures of one sensor for one vehicle."""
+    first: dict[tuple[str, Side], int] = {}
+    for index, one in enumerate(part.combine):
+        for side in one.publish:
+            earlier = first.setdefault((one.sensor, side), index)
+            if earlier != index:
+                message = f"'{side}' gets {one.sensor} from combination {earlier + 1} already"
+                reader.note(("combine", index, "publish"), message)
+
+
+@dataclass(slots=True)
+class _Reader:
+    """Reads the steps of a document, noting problems as it goes."""
+
+    document: Document
+    problems: list[Problem] = field(default_factory=list)
+
+    def note(self, path: Path, message: str, suggestion: str = "", *, key: bool = False) -> None:
+        self.problems.append(self.document.problem(path, message, suggestion, key=key))
+
+    def combination_count(self) -> int:
+        combinations = self.document.get(("combine",))
+        return len(combinations) if isinstance(combinations, list) else 0
+
+    def steps_of(self, index: int) -> list[Step]:
+        """Return the steps of a combination, in the order in which they are applied."""
+        found: list[Step] = []
+        for stage in STAGES:
+            at: Path = ("combine", index, stage)
+            given = self.document.get(at)
+            if stage == "merge":
+                found += self._step(at, given, stage) if given is not None else []
+            elif isinstance(given, list):
+                for place, one in enumerate(given):
+                    found += self._step((*at, place), one, stage)
+        self._refuse_second_register(found)
+        self._refuse_late_timing(found)
+        return found
+
+    def _refuse_late_timing(self, found: list[Step]) -> None:
+        """Refuse a choice by time behind a step that changes readings: it would undo that step."""
+        changed: dict[Side, str] = {}
+        for step in found:
+            if step.kind.name == "register" or step.kind.stage == "merge":
+                continue
+            for side in step.parameters.sides():
+                if not step.parameters.timed:
+                    changed.setdefault(side, step.kind.name)
+                elif side in changed:
+                    message = (
+                        f"'{step.kind.name}' chooses among readings as they came: "
+                        f"it belongs before '{changed[side]}'"
+                    )
+                    self.note(step.path, message, key=True)
+                    break
+
+    def _refuse_second_register(self, found: list[Step]) -> None:
+        for second in [step for step in found if step.kind.name == "register"][1:]:
+            self.note(second.path, "a second 'register'; a reading has one pose", key=True)
+
+    def _step(self, at: Path, given: Data, stage: Stage) -> list[Step]:
+        """Return the step at a path, in a list; an empty one when something is wrong with it."""
+        if isinstance(given, str):
+            kind = self._kind(at, given, stage)
+            return self._bare(at, kind) if kind is not None else []
+        if isinstance(given, dict) and "use" in given:
+            own = find("use", stage)
+            return self._check_recipe(own, at, shorthand=False) if own is not None else []
+        if not isinstance(given, dict) or len(given) != 1:
+            example = next(kind.name for kind in steps() if kind.stage == stage)
+            self.note(at, f"a step is its name, or one mapping {{{example}: parameters}}")
+            return []
+        ((name, value),) = given.items()
+        kind = self._kind((*at, name), name, stage)
+        if kind is None:
+            return []
+        return self._check_recipe(kind, (*at, name), shorthand=not isinstance(value, dict))
+
+    def _check_recipe(self, kind: StepType, at: Path, *, shorthand: bool) -> list[Step]:
+        """Return the step whose parameters stand at a path, when nothing is wrong with them."""
+        try:
+            parameters = check(self.document, kind.parameters, at)
+        except BadInput as error:
+            self.problems += error.problems
+            return []
+        step = Step(kind, parameters, at, shorthand)
+        for fault in parameters.faults(self.document.path.parent):
+            self.note(step.place_of(fault.path), fault.message, fault.suggestion)
+        return [step]
+
+    def _bare(self, at: Path, kind: StepType) -> list[Step]:
+        try:
+            parameters: StepParameters = kind.parameters()
+        except ValidationError:
+            known = ", ".join(kind.parameters.model_fields)
+            self.note(at, f"step '{kind.name}' needs parameters ({known})")
+            return []
+        return [Step(kind, parameters, at)]
+
+    def _kind(self, at: Path, name: str, stage: Stage) -> StepType | None:
+        kind = find(name, stage)
+        if kind is None:
+            meant = resembling(name, stage)
+            known = ", ".join(one.name for one in steps() if one.stage == stage)
+            hint = "" if meant else f" (known for {stage}: {known})"
+            self.note(at, f"unknown step '{name}'{hint}", meant, key=True)
+            return None
+        if kind.stage != stage:
+            self.note(at, f"step '{name}' belongs under '{kind.stage}', not '{stage}'", key=True)
+            return None
+        return kind

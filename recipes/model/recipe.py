@@ -1,0 +1,117 @@
+"""A recipe as the code uses it: checked, frozen."""
+
+from dataclasses import dataclass
+
+from recipes.model.registry import StepParameters, StepType
+from recipes.working import Side
+from worlds.files.documents import Document, Path, Problem, closest
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A step of a recipe. path: where it stands in the document, down to its parameters."""
+
+    kind: StepType
+    parameters: StepParameters
+    path: Path
+    shorthand: bool = False
+
+    def place_of(self, inner: Path) -> Path:
+        """Return the path in the document of a parameter of this step."""
+        return (*self.path, *(inner[1:] if self.shorthand else inner))
+
+    @property
+    def label(self) -> str:
+        """Return what people call the step."""
+        return self.parameters.label() or self.kind.name
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A sensor that the recipe declares.
+
+    kind: type of the mixed readings. rate_hz: theirs; None: the real's. real_kind, twin_kind: what
+    the two sources deliver, where transforms make it into `kind`; None: the same.
+    """
+
+    name: str
+    kind: str
+    rate_hz: float | None
+    real_kind: str | None = None
+    twin_kind: str | None = None
+
+    def kind_of(self, side: Side) -> str:
+        """Return the type of what a side's source delivers."""
+        return (self.real_kind if side == "real" else self.twin_kind) or self.kind
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """What the mixing of a sensor may cost before a run proves nothing; None: no limit.
+
+    max_skew_s: between the two exposures. max_latency_s: from the older exposure to delivery.
+    min_rate_hz: of the mixed readings. max_registration_error_px: of what is overlaid.
+    """
+
+    max_skew_s: float
+    max_latency_s: float | None = None
+    min_rate_hz: float | None = None
+    max_registration_error_px: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Combination:
+    """How one sensor's readings are mixed, and for whom.
+
+    steps: transforms and filters in their order. budget: an overlay beyond its skew or latency is
+    not drawn. publish_raw: whether S and Sv go out beside Sm.
+    """
+
+    sensor: Sensor
+    steps: tuple[Step, ...]
+    merge: Step
+    publish: tuple[Side, ...]
+    budget: Budget
+    publish_raw: bool = False
+
+    @property
+    def max_skew_s(self) -> float:
+        """Return by how much the exposures may differ."""
+        return self.budget.max_skew_s
+
+    def tolerated(self, side: Side) -> frozenset[str]:
+        """Return what is no fault of a side's readings: its steps mend it, or it is no news.
+
+        The twin's cloud may be empty: a virtual world need not hold anything within reach.
+        """
+        mending = (step.parameters for step in self.steps if side in step.parameters.sides())
+        nothing_there = side == "twin" and self.sensor.kind_of(side) == "lidar_points"
+        start = frozenset({"empty"} if nothing_there else ())
+        return start.union(*(parameters.tolerates for parameters in mending))
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """All combinations of a recipe file."""
+
+    description: str
+    sensors: tuple[Sensor, ...]
+    combinations: tuple[Combination, ...]
+    document: Document
+
+    def objects(self) -> tuple[tuple[Path, str], ...]:
+        """Return the objects that the recipe names, each with its path in the document."""
+        return tuple(
+            (step.place_of(path), name)
+            for combination in self.combinations
+            for step in (*combination.steps, combination.merge)
+            for path, name in step.parameters.objects()
+        )
+
+    def unknown_objects(self, known: frozenset[str]) -> tuple[Problem, ...]:
+        """Return a problem for each object named that the world does not know."""
+        return tuple(
+            self.document.problem(path, f"no object '{name}' in the world", closest(name, known))
+            for path, name in self.objects()
+            if name not in known
+        )

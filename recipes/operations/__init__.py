@@ -1,0 +1,1 @@
+"""Operations on readings that steps share; pure."""

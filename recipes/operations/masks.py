@@ -1,0 +1,49 @@
+"""Masks: which elements of a reading are kept."""
+
+from typing import Any, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recipes.working import AnyMasked, Masked, R, element_shape
+from vehicles.perception.hsv import Mask
+
+Bools = NDArray[np.bool_]
+A = TypeVar("A", bound=NDArray[Any])
+
+KEPT = 255
+
+
+def both(mask: Mask, earlier: Mask | None) -> Mask:
+    """Return the elements that this mask and an earlier one keep; writes into this one."""
+    if earlier is not None:
+        cv2.bitwise_and(mask, earlier.reshape(mask.shape), dst=mask)
+    return mask
+
+
+def narrowed(work: Masked[R], keep: Bools) -> Masked[R]:
+    """Return the side with what `keep` keeps of it; keep: bool, one per element."""
+    mask = keep.astype(np.uint8)
+    mask *= KEPT
+    if work.mask is not None:
+        mask &= work.mask
+    return Masked(work.reading, mask)
+
+
+def with_mask(work: AnyMasked) -> Bools:
+    """Return one bool per element: whether it is kept."""
+    if work.mask is None:
+        return np.ones(element_shape(work.reading), np.bool_)
+    chosen: Bools = work.mask != 0
+    return chosen
+
+
+def is_kept(work: AnyMasked) -> bool:
+    """Return whether a reading of one value is kept."""
+    return work.mask is None or bool(work.mask.any())
+
+
+def take_elements(array: A | None, keep: Bools) -> A | None:
+    """Return those entries of an array, one per element, that are kept; None for None."""
+    return None if array is None else array[keep]  # type: ignore[return-value]  # numpy widens it

@@ -1,0 +1,1 @@
+"""The mixing pipeline: a recipe and the readings of both worlds in, the mixture out."""

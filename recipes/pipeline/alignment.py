@@ -1,0 +1,36 @@
+"""Align the worlds in time: from which pose the twin's picture is to be taken."""
+
+from recipes.working import AlignedPose, PoseRequest
+from vehicles.poses.pose_history import PoseHistory
+
+
+def align_pose(
+    request: PoseRequest, history: PoseHistory, *, exposure_s: float, now_s: float
+) -> AlignedPose | None:
+    """Return the body's pose for a picture exposed at `exposure_s`; None when none is near.
+
+    history: of the vehicle that the request names. now_s: what is known by now counts for
+    `latest`. The result's time is that of the pose, so that the skew of a mixture shows it.
+    """
+    if request.align == "interpolate":
+        found = _interpolate_pose(history, exposure_s)
+    else:
+        found = _hold_pose(history, exposure_s if request.align == "hold" else now_s, exposure_s)
+        found = found and AlignedPose(found.pose, found.t_s, request.align, found.gap_s)
+    return found if found is not None and found.gap_s <= request.max_gap_s else None
+
+
+def _interpolate_pose(history: PoseHistory, exposure_s: float) -> AlignedPose | None:
+    found = history.at(exposure_s)
+    if found.pose is None:
+        return None
+    t_s = exposure_s - found.gap_s if found.kind == "latest" else exposure_s
+    return AlignedPose(found.pose, t_s, found.kind, found.gap_s)
+
+
+def _hold_pose(history: PoseHistory, until_s: float, exposure_s: float) -> AlignedPose | None:
+    sample = history.sample_before(until_s)
+    if sample is None:
+        return None
+    t_s, pose = sample
+    return AlignedPose(pose, t_s, "hold", abs(exposure_s - t_s))

@@ -1,0 +1,127 @@
+"""Budgets of mixing: when its figures say that a flight proves nothing. Pure.
+
+A reading beyond its skew or latency loses its overlay in the mixer already, and is counted there.
+What is here judges one reading, the rate over a window, and the figures of a whole run; who calls
+it turns a breach into the verdict INVALID.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+from recipes.model.recipe import Budget
+from recipes.pipeline.mixture import Provenance
+
+_SLACK = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Breach:
+    """A limit that was left. what: the budget's key in the recipe; limit in the same unit."""
+
+    what: str
+    actual: float
+    limit: float
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.actual:.4g}, the limit is {self.limit:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Figures of a run, as summary.json has them; None where there are none.
+
+    skew_ms, latency_ms, registration_error_px: the 99th percentiles. rate_hz: mean. Without a
+    reference the bound stands for the registration error.
+    """
+
+    rate_hz: float | None
+    skew_ms: float | None
+    latency_ms: float | None
+    registration_error_px: float | None
+
+
+def breaches(budget: Budget, figures: Figures) -> tuple[Breach, ...]:
+    """Return each limit that the figures of a run leave.
+
+    A limit without its figure is left too: what was not measured is not shown to be good. But the
+    registration error is null by definition where there is no reference and no bound.
+    """
+    limits = (
+        ("max_skew_ms", figures.skew_ms, budget.max_skew_s * 1000.0),
+        ("max_latency_ms", figures.latency_ms, _ms(budget.max_latency_s)),
+        (
+            "max_registration_error_px",
+            figures.registration_error_px,
+            budget.max_registration_error_px,
+        ),
+    )
+    found = [
+        Breach(what, actual, limit)
+        for what, actual, limit in limits
+        if actual is not None and limit is not None and not actual <= limit + _SLACK
+    ]
+    if budget.min_rate_hz is not None:
+        rate_hz = figures.rate_hz or 0.0
+        if rate_hz < budget.min_rate_hz - _SLACK:
+            found.append(Breach("min_rate_hz", rate_hz, budget.min_rate_hz))
+    return tuple(found)
+
+
+def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
+    """Return the limit that one mixed reading leaves; None when it leaves none."""
+    found = breaches(
+        Budget(
+            max_skew_s=budget.max_skew_s,
+            max_latency_s=budget.max_latency_s,
+            max_registration_error_px=budget.max_registration_error_px,
+        ),
+        Figures(
+            rate_hz=None,
+            skew_ms=provenance.skew_ms,
+            latency_ms=provenance.latency_ms,
+            registration_error_px=provenance.registration_bound_px
+            if provenance.registration_error_px is None
+            else provenance.registration_error_px,
+        ),
+    )
+    return found[0] if found else None
+
+
+class RateWatch:
+    """Tells when the rate of deliveries, over a window that ends now, is below the budget's.
+
+    window_s: long enough for a lost reading not to count: by default one second, and at least
+    five readings.
+    """
+
+    def __init__(self, budget: Budget, *, window_s: float = 1.0) -> None:
+        self._min_rate_hz = budget.min_rate_hz
+        self._window_s = max(window_s, 5.0 / budget.min_rate_hz) if budget.min_rate_hz else window_s
+        self._started_s: float | None = None
+        self._times: deque[float] = deque()
+
+    def start(self, now_s: float) -> None:
+        """Begin to watch: what came before does not count."""
+        self._started_s = now_s
+        self._times.clear()
+
+    def delivered(self, t_s: float) -> None:
+        """Take the time of a delivery."""
+        self._times.append(t_s)
+
+    def breach(self, now_s: float) -> Breach | None:
+        """Return the breach, once a whole window has been watched; None before, or without."""
+        if self._min_rate_hz is None or self._started_s is None:
+            return None
+        begin_s = now_s - self._window_s
+        while self._times and self._times[0] <= begin_s:
+            self._times.popleft()
+        # A window may begin just after a delivery and end just before the next: one is forgiven.
+        rate_hz = (len(self._times) + 1) / self._window_s
+        if begin_s < self._started_s or rate_hz >= self._min_rate_hz - _SLACK:
+            return None
+        return Breach("min_rate_hz", len(self._times) / self._window_s, self._min_rate_hz)
+
+
+def _ms(time_s: float | None) -> float | None:
+    return None if time_s is None else time_s * 1000.0

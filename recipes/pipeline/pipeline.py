@@ -1,0 +1,342 @@
+"""The mixing pipeline: a recipe and the readings of both worlds in, the mixed reading out.
+
+Pure but for its buffers and for what its steps remember: what `mix` returns depends on the
+readings that it was given and on nothing else, unless a clock is handed in to measure the steps.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import TypeVar, cast
+
+from recipes.model.recipe import Combination, Recipe
+from recipes.model.registry import Context
+from recipes.pipeline.autonomy_readings import autonomy_reading
+from recipes.pipeline.intake import Intake
+from recipes.pipeline.mixture import MixCounts, Mixed, Provenance, StageTime
+from recipes.pipeline.stages import Merging, Observer, Stage, StageView, Stopwatch, compile_stages
+from recipes.working import (
+    SIDES,
+    AnyMasked,
+    CannotMixError,
+    DropReason,
+    Masked,
+    Need,
+    PoseRequest,
+    Side,
+)
+from vehicles.readings import Reading
+
+__all__ = ["Mixer", "Stopwatch", "compile_recipe"]
+
+R = TypeVar("R", bound=Reading)
+
+_STAMP_S = 1e-6
+"""MAVLink stamps count microseconds: a skew at its limit is within it."""
+
+
+def compile_recipe(
+    recipe: Recipe,
+    *,
+    object_ids: Mapping[str, int],
+    stopwatch: Stopwatch | None = None,
+    observer: Observer | None = None,
+) -> tuple["Mixer", ...]:
+    """Return a mixer for each combination of a recipe, in their order.
+
+    object_ids: what `object_ids` of the twin's readings mean. stopwatch: seconds, to measure the
+    steps; None leaves the provenance without durations. observer: is shown what each step made,
+    and the two sides before the first. Raises ValueError for an object that
+    the world has not (`Recipe.unknown_objects` says it with its place).
+    """
+    context = Context(object_ids, recipe.document.path.parent)
+    return tuple(_compile(one, context, recipe, stopwatch, observer) for one in recipe.combinations)
+
+
+def _compile(
+    combination: Combination,
+    context: Context,
+    recipe: Recipe,
+    stopwatch: Stopwatch | None,
+    observer: Observer | None,
+) -> "Mixer":
+    compiled = compile_stages(combination, context, recipe.document)
+    return Mixer(
+        combination=combination,
+        stages=compiled.stages,
+        merging=compiled.merging,
+        pose_request=compiled.pose_request,
+        needs=compiled.needs,
+        stopwatch=stopwatch,
+        observer=observer,
+    )
+
+
+class Mixer:
+    """Mixes the readings of one sensor, of whatever type.
+
+    Hand it one pair at a time: its steps keep buffers. What it returns shares no buffer with it,
+    but may share the real reading, unchanged, where nothing is laid over it.
+    """
+
+    def __init__(
+        self,
+        *,
+        combination: Combination,
+        stages: tuple[Stage, ...],
+        merging: Merging,
+        pose_request: PoseRequest | None,
+        needs: Mapping[Side, frozenset[Need]],
+        stopwatch: Stopwatch | None,
+        observer: Observer | None = None,
+    ) -> None:
+        self.combination = combination
+        self.pose_request = pose_request
+        self.needs = needs["twin"]
+        self.real_needs = needs["real"]
+        self._stages = stages
+        self._merging = merging
+        self._stopwatch = stopwatch
+        self._observer = observer
+        sensor = combination.sensor
+        self._real, self._twin = (
+            Intake(side, sensor.kind_of(side), combination.tolerated(side)) for side in SIDES
+        )
+        self._frames = 0
+        self._mixed = 0
+        self._dropped: Counter[DropReason] = Counter()
+
+    @property
+    def sensor(self) -> str:
+        """Return the name of the sensor that is mixed."""
+        return self.combination.sensor.name
+
+    @property
+    def publish(self) -> tuple[Side, ...]:
+        """Return the vehicles to whose autonomy the mixture goes."""
+        return self.combination.publish
+
+    def counts(self) -> MixCounts:
+        """Return what became of the frames so far."""
+        faults = sorted((self._real.faults + self._twin.faults).items())
+        dropped = tuple(sorted(self._dropped.items()))
+        return MixCounts(self._frames, self._mixed, dropped, tuple(faults))
+
+    def offer(self, side: Side, reading: Reading) -> str | None:
+        """Take a reading as it comes: a step, or whoever pairs readings, may choose it later.
+
+        Readings that `mix` is given need not be offered. Returns what is wrong with one that is
+        at fault; it is counted, and must not be mixed.
+        """
+        intake = self._real if side == "real" else self._twin
+        fault = intake.fault_of(reading)
+        if fault is None:
+            seen: Reading | None = reading
+            for stage in self._stages:
+                # Steps that choose by time stand before all others, so none is left out here.
+                seen = stage.offer(side, seen) if seen is not None else None
+        return fault
+
+    def mix(
+        self,
+        real: R | None,
+        twin: Reading | None,
+        *,
+        now_s: float,
+        alignment: str = "",
+    ) -> Mixed[R]:
+        """Return the mixture of two readings, delivered at `now_s` on the run clock.
+
+        The real reading sets the time: without one there is no mixture, for a vehicle whose
+        sensor is silent must not be told that it senses. Without a usable one of the twin (none,
+        too far in time, too late, wrong size) the real one passes through; both are counted and
+        said. alignment: how the pose of the twin's reading was found, for the record, or what there
+        is none of ("no pose for the exposure"). Raises StepError when a step fails by a fault of
+        its own.
+        """
+        run = _Frame(self._stages, self._merging, self._stopwatch, self._frames, self._observer)
+        self._frames += 1
+        reading, fault = self._run(run, real, twin, now_s, alignment)
+        if fault is None:
+            self._mixed += 1
+        else:
+            self._dropped[fault.reason] += 1
+        used = run.sides.get("real")
+        mixed = (
+            None
+            if reading is None or used is None
+            else autonomy_reading(reading, used.reading, now_s, self.sensor)
+        )
+        told = _provenance(
+            real=run.used("real", real),
+            twin=run.used("twin", twin),
+            now_s=now_s,
+            fault=fault,
+            alignment=alignment,
+            times=run.times,
+            given=(_seq(real), _seq(twin)),
+        )
+        return Mixed(cast("R | None", mixed), told)
+
+    def _run(
+        self,
+        run: "_Frame",
+        real: Reading | None,
+        twin: Reading | None,
+        now_s: float,
+        alignment: str,
+    ) -> tuple[Reading | None, CannotMixError | None]:
+        """Return what is to be seen, if anything, and what is missing of the mixture, if so."""
+        if real is None:
+            return None, CannotMixError("no_real", f"no {self._real.kind} reading of real")
+        if (bad := self._real.fault_of(real)) is not None:
+            return None, CannotMixError("bad_real", bad)
+        run.sides["real"] = Masked(real)
+        fault: CannotMixError | None = None
+        if twin is None:
+            why = f": {alignment}" if alignment.startswith("no ") else ""
+            fault = CannotMixError("no_twin", f"no {self._twin.kind} reading of the twin{why}")
+        elif (bad := self._twin.fault_of(twin)) is not None:
+            fault = CannotMixError("bad_twin", bad)
+        else:
+            run.sides["twin"] = Masked(twin)
+        try:
+            fault = run.apply() or fault
+            fault = self._overdue(run.sides, now_s) or fault
+            return run.merged(fault)
+        except CannotMixError as nothing:
+            return None, nothing
+
+    def _overdue(self, sides: dict[Side, AnyMasked], now_s: float) -> CannotMixError | None:
+        """Leave out the twin's reading when it is too far in time, or too late."""
+        if "twin" not in sides:
+            return None
+        real_s, twin_s = sides["real"].reading.t_s, sides["twin"].reading.t_s
+        budget = self.combination.budget
+        skew_s, age_s = abs(real_s - twin_s), now_s - min(real_s, twin_s)
+        if skew_s > budget.max_skew_s + _STAMP_S:
+            reason: DropReason = "stale"
+            said = f"exposures {_ms(skew_s)} apart, more than {_ms(budget.max_skew_s)}"
+        elif budget.max_latency_s is not None and age_s > budget.max_latency_s + _STAMP_S:
+            reason = "late"
+            said = f"{_ms(age_s)} old at delivery, more than {_ms(budget.max_latency_s)}"
+        else:
+            return None
+        del sides["twin"]
+        return CannotMixError(reason, said)
+
+
+class _Frame:
+    """One run of the steps: the sides as they become, and how long each step took."""
+
+    __slots__ = ("_frame", "_merging", "_observer", "_stages", "_stopwatch", "sides", "times")
+
+    def __init__(
+        self,
+        stages: tuple[Stage, ...],
+        merging: Merging,
+        stopwatch: Stopwatch | None,
+        frame: int,
+        observer: Observer | None,
+    ) -> None:
+        self._stages = stages
+        self._merging = merging
+        self._stopwatch = stopwatch
+        self._frame = frame
+        self._observer = observer
+        self.sides: dict[Side, AnyMasked] = {}
+        self.times: list[StageTime] = []
+
+    def used(self, side: Side, given: Reading | None) -> Reading | None:
+        """Return the reading of a side that counts: the one chosen by a step, or the given."""
+        work = self.sides.get(side)
+        return given if work is None else cast("Reading", work.reading)
+
+    def apply(self) -> CannotMixError | None:
+        """Run the steps on the sides that are there; return why the twin's was left out.
+
+        Raises CannotMixError when it is the real side that cannot be worked on.
+        """
+        left_out: CannotMixError | None = None
+        for side in self.sides:
+            self._show(side, side)
+        for stage in self._stages:
+            started_s = self._now()
+            for side in stage.sides:
+                if side not in self.sides:
+                    continue
+                try:
+                    self.sides[side] = stage.apply(side, self.sides, self._frame)
+                    self._show(stage.name, side)
+                except CannotMixError as fault:
+                    if side == "real":
+                        raise
+                    left_out = fault
+                    del self.sides["twin"]
+            self._note(stage.name, started_s)
+        return left_out
+
+    def merged(self, fault: CannotMixError | None) -> tuple[Reading, CannotMixError | None]:
+        """Return the merged reading; the real side's alone, and why, when the two do not fit."""
+        started_s = self._now()
+        try:
+            reading = self._merging.apply(self.sides, self._frame)
+        except CannotMixError as mismatch:
+            if "twin" not in self.sides:
+                raise
+            fault = mismatch
+            reading = self._merging.apply({"real": self.sides["real"]}, self._frame)
+        self._note(self._merging.name, started_s)
+        if self._observer is not None:
+            self._observer(StageView(self._merging.name, None, Masked(reading)))
+        return reading, fault
+
+    def _show(self, name: str, side: Side) -> None:
+        if self._observer is not None:
+            self._observer(StageView(name, side, self.sides[side]))
+
+    def _now(self) -> float:
+        return self._stopwatch() if self._stopwatch is not None else 0.0
+
+    def _note(self, name: str, started_s: float) -> None:
+        if self._stopwatch is not None:
+            self.times.append(StageTime(name, self._stopwatch() - started_s))
+
+
+def _ms(time_s: float) -> str:
+    return f"{time_s * 1000:.0f} ms"
+
+
+def _provenance(
+    *,
+    real: Reading | None,
+    twin: Reading | None,
+    now_s: float,
+    fault: CannotMixError | None,
+    alignment: str,
+    times: list[StageTime],
+    given: tuple[int | None, int | None],
+) -> Provenance:
+    real_t_s = real.t_s if real is not None else None
+    twin_t_s = twin.t_s if twin is not None else None
+    skew_ms = (
+        abs(real_t_s - twin_t_s) * 1000.0 if real_t_s is not None and twin_t_s is not None else None
+    )
+    return Provenance(
+        real_seq=_seq(real),
+        real_t_s=real_t_s,
+        twin_seq=_seq(twin),
+        twin_t_s=twin_t_s,
+        skew_ms=skew_ms,
+        latency_ms=(now_s - real_t_s) * 1000.0 if real_t_s is not None else None,
+        alignment=alignment,
+        dropped=fault.reason if fault is not None else None,
+        detail=str(fault) if fault is not None else "",
+        stages=tuple(times),
+        mixed_s=now_s,
+        given_real_seq=given[0],
+        given_twin_seq=given[1],
+    )
+
+
+def _seq(reading: Reading | None) -> int | None:
+    return None if reading is None else reading.seq

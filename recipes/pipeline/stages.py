@@ -1,0 +1,162 @@
+"""Steps made ready to run: an operator for each side, and the place to name when one fails."""
+
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+from recipes.model.recipe import Combination, Step
+from recipes.model.registry import OWN_STEP, Context
+from recipes.working import (
+    SIDES,
+    AnyMasked,
+    Built,
+    CannotMixError,
+    Merge,
+    Need,
+    Operator,
+    PoseRequest,
+    Side,
+    Sides,
+    StepError,
+    TimedOperator,
+)
+from vehicles.readings import Reading
+from worlds.files.documents import Document
+
+Stopwatch = Callable[[], float]
+
+
+@dataclass(frozen=True, slots=True)
+class StageView:
+    """What a step made. side: None for a merge. work: its mask holds until the next frame."""
+
+    name: str
+    side: Side | None
+    work: AnyMasked
+
+
+Observer = Callable[[StageView], None]
+
+
+@dataclass(frozen=True, slots=True)
+class StepPlace:
+    """Where a step stands in its recipe, and what people call it."""
+
+    file: str
+    line: int
+    label: str
+
+    def failed(self, error: Exception, frame: int) -> StepError:
+        """Return the error that says where a step failed."""
+        return StepError(
+            file=self.file, line=self.line, step=self.label, frame=frame, detail=_error_text(error)
+        )
+
+
+def _error_text(error: Exception) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name} line {frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {error}{where}"
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A transform or filter; one operator for each side, for each has buffers of its own."""
+
+    name: str
+    sides: tuple[Side, ...]
+    operators: Mapping[Side, Operator]
+    place: StepPlace
+
+    def apply(self, side: Side, sides: Sides, frame: int) -> AnyMasked:
+        """Return one side made anew. Raises CannotMixError, or StepError for any other fault."""
+        other: Side = "twin" if side == "real" else "real"
+        try:
+            return self.operators[side](sides[side], sides.get(other))
+        except CannotMixError:
+            raise
+        except Exception as error:
+            raise self.place.failed(error, frame) from error
+
+    def offer(self, side: Side, reading: Reading) -> Reading | None:
+        """Let a step that chooses by time see a reading; return what the step after it sees."""
+        operator = self.operators.get(side)
+        return operator.offer(reading) if isinstance(operator, TimedOperator) else reading
+
+
+@dataclass(frozen=True, slots=True)
+class Merging:
+    """The merge, and its place."""
+
+    name: str
+    merge: Merge
+    place: StepPlace
+
+    def apply(self, sides: Sides, frame: int) -> Reading:
+        """Return the merged reading. Raises CannotMixError, or StepError for any other fault."""
+        try:
+            return self.merge(sides)
+        except CannotMixError:
+            raise
+        except Exception as error:
+            raise self.place.failed(error, frame) from error
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledStages:
+    """A combination made ready. needs: what each side's readings must carry."""
+
+    stages: tuple[Stage, ...]
+    merging: Merging
+    pose_request: PoseRequest | None
+    needs: Mapping[Side, frozenset[Need]]
+
+
+def compile_stages(
+    combination: Combination, context: Context, document: Document
+) -> CompiledStages:
+    """Return the steps of a combination, built.
+
+    Raises ValueError for an unknown object, StepError for a step of the user's that cannot be made.
+    """
+    stages: list[Stage] = []
+    request: PoseRequest | None = None
+    needs: dict[Side, frozenset[Need]] = {
+        side: combination.merge.parameters.needed() for side in SIDES
+    }
+    for step in combination.steps:
+        sides = step.parameters.sides()
+        place = _place(step, document)
+        built = {
+            side: _build_operator(step, replace(context, side=side), place)
+            for side in sides or SIDES[1:]
+        }
+        for side in built:
+            needs[side] |= step.parameters.needed()
+        first = next(iter(built.values()))
+        if isinstance(first, PoseRequest):
+            request = first
+        else:
+            operators = cast("Mapping[Side, Operator]", built)
+            stages.append(Stage(step.label, sides, operators, place))
+    step, place = combination.merge, _place(combination.merge, document)
+    merging = Merging(step.label, cast("Merge", _build_operator(step, context, place)), place)
+    return CompiledStages(tuple(stages), merging, request, needs)
+
+
+def _build_operator(step: Step, context: Context, place: StepPlace) -> Built:
+    """Build a step; a class of the user's that cannot be made is told as a step that failed."""
+    try:
+        built: Built = step.kind.build(step.parameters, context)
+    except Exception as error:
+        if step.kind.name == OWN_STEP:
+            raise place.failed(error, 0) from error
+        raise
+    return built
+
+
+def _place(step: Step, document: Document) -> StepPlace:
+    line, _ = document.place(step.path, key=True)
+    return StepPlace(document.name, line, step.label)

@@ -1,0 +1,129 @@
+"""Filter by change: what was not there before, or not in an empty picture."""
+
+from pathlib import Path as FilePath
+from typing import Annotated, Any, Literal
+
+import cv2
+import numpy as np
+from pydantic import Field, model_validator
+
+from recipes.model.registry import Context, ParameterFault, SidedParameters, step
+from recipes.operations.masks import both
+from recipes.working import AnyMasked, CannotMixError, Masked, Operator
+from vehicles.perception.hsv import Mask
+from vehicles.readings import BgrImage, CameraReading
+from worlds.files.documents import KeyFaultError
+
+Work = Masked[CameraReading]
+
+
+class SubtractBackgroundParameters(SidedParameters):
+    """method: `mog2` and `knn` learn what stays; `picture` compares with an empty scene's picture.
+
+    picture: a file beside the recipe. threshold: of the picture's difference in grey levels; of
+    the learning methods, their squared distance. history: frames that learning looks back on.
+    learn: frames in which nothing is kept, for there is nothing known yet. remove_specks_px: radius
+    of a morphological opening.
+    """
+
+    method: Literal["mog2", "knn", "picture"] = "mog2"
+    picture: str | None = None
+    threshold: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    history: Annotated[int, Field(ge=2, le=100_000)] = 200
+    learn: Annotated[int, Field(ge=0, le=100_000)] = 5
+    remove_specks_px: Annotated[int, Field(ge=0, le=50)] = 1
+
+    @model_validator(mode="after")
+    def _check_image_with_method(self) -> "SubtractBackgroundParameters":
+        if (self.picture is None) == (self.method == "picture"):
+            raise KeyFaultError("method", "method 'picture' and the key 'picture' go together")
+        return self
+
+    def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
+        """Return why the picture cannot be used."""
+        if self.picture is None:
+            return ()
+        said = _unreadable_fault(folder / self.picture)
+        return (ParameterFault(("picture",), said),) if said else ()
+
+
+def _unreadable_fault(path: FilePath) -> str:
+    if not path.is_file():
+        return f"there is no file '{path.name}' beside the recipe"
+    if cv2.imread(str(path), cv2.IMREAD_COLOR) is None:
+        return f"'{path.name}' is no picture that can be read"
+    return ""
+
+
+@step(
+    "subtract_background",
+    stage="filter",
+    sensors=("camera",),
+    parameters=SubtractBackgroundParameters,
+)
+def subtract_background(parameters: SubtractBackgroundParameters, context: Context) -> Operator:
+    """Keep what differs from the background, learned from earlier frames or given as a picture.
+
+    image_bgr (height, width, 3) uint8. Learning: OpenCV's MOG2 (Zivkovic 2004) or KNN; shadows
+    are background. A picture of another size is a mismatch.
+    """
+    p = parameters
+    if p.picture is not None:
+        empty = cv2.imread(str(context.folder / p.picture), cv2.IMREAD_COLOR)
+        if empty is None:
+            raise ValueError(_unreadable_fault(context.folder / p.picture))
+        return _FixedBackground(
+            np.asarray(empty, np.uint8), p.threshold or 30.0, p.remove_specks_px
+        )
+    return _LearnedBackground(p)
+
+
+class _FixedBackground:
+    def __init__(self, empty: BgrImage, threshold: float, specks_px: int) -> None:
+        self._empty = empty
+        self._threshold = threshold
+        self._specks_px = specks_px
+
+    def __call__(self, work: Work, other: AnyMasked | None) -> Work:  # noqa: ARG002 - the interface
+        image = work.reading.image_bgr
+        if image.shape != self._empty.shape:
+            sizes = f"{image.shape[1]} x {image.shape[0]}", self._empty.shape[1::-1]
+            raise CannotMixError(
+                "mismatch", f"subtract_background: {sizes[0]}, the background {sizes[1]}"
+            )
+        apart = cv2.absdiff(image, self._empty)
+        largest = cv2.max(cv2.max(apart[:, :, 0], apart[:, :, 1]), apart[:, :, 2])
+        mask: Mask = cv2.compare(largest, self._threshold, cv2.CMP_GT)
+        return Masked(work.reading, both(_open_mask(mask, self._specks_px), work.mask))
+
+
+class _LearnedBackground:
+    def __init__(self, p: SubtractBackgroundParameters) -> None:
+        kind: Any = (
+            cv2.createBackgroundSubtractorMOG2
+            if p.method == "mog2"
+            else cv2.createBackgroundSubtractorKNN
+        )
+        threshold = p.threshold or (16.0 if p.method == "mog2" else 400.0)
+        self._model = kind(p.history, threshold, True)
+        self._learn = p.learn
+        self._specks_px = p.remove_specks_px
+        self._seen = 0
+
+    def __call__(self, work: Work, other: AnyMasked | None) -> Work:  # noqa: ARG002 - the interface
+        found = self._model.apply(work.reading.image_bgr)
+        mask: Mask = cv2.compare(found, _SHADOW, cv2.CMP_GT)
+        if self._seen < self._learn:
+            mask[:] = 0
+        self._seen += 1
+        return Masked(work.reading, both(_open_mask(mask, self._specks_px), work.mask))
+
+
+_SHADOW = 127.0
+
+
+def _open_mask(mask: Mask, radius_px: int) -> Mask:
+    if radius_px:
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius_px + 1,) * 2)
+        cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc, dst=mask)
+    return mask

@@ -1,0 +1,97 @@
+"""Filter by detection: what a neural network finds in the picture."""
+
+from pathlib import Path as FilePath
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from recipes.model.registry import Context, ParameterFault, SidedParameters, step
+from recipes.operations.masks import both
+from recipes.working import AnyMasked, Masked, Operator
+from vehicles.perception.detector import DetectorError, Layout, OnnxDetector
+from vehicles.readings import CameraReading
+from worlds.files.documents import KeyFaultError, closest
+
+InputPx = Annotated[int, Field(ge=16, le=4096)]
+
+
+class IsolateDetectionsParameters(SidedParameters):
+    """model: an ONNX file beside the recipe. names: its classes, in order. keep: which of them.
+
+    input_width_px, input_height_px: the network's input. threshold: least score; overlap: of two
+    boxes of one class that share more (intersection over union) the better stays. layout: of the
+    output. grow_px: how far each box is widened.
+    """
+
+    model: str
+    names: Annotated[list[str], Field(min_length=1)]
+    keep: list[str] = Field(default_factory=list)
+    input_width_px: InputPx = 640
+    input_height_px: InputPx = 640
+    threshold: Annotated[float, Field(gt=0, le=1)] = 0.25
+    overlap: Annotated[float, Field(ge=0, le=1)] = 0.45
+    layout: Layout = "auto"
+    grow_px: Annotated[float, Field(ge=-100, le=1000)] = 0.0
+
+    @model_validator(mode="after")
+    def _require_known_classes(self) -> "IsolateDetectionsParameters":
+        for index, name in enumerate(self.keep):
+            if name not in self.names:
+                said = f"'{name}' is no class of the detector"
+                raise KeyFaultError(("keep", index), said, closest(name, self.names))
+        return self
+
+    def detector(self, folder: FilePath) -> OnnxDetector:
+        """Return the detector. Raises DetectorError for a file that is none."""
+        return OnnxDetector(
+            folder / self.model,
+            names=self.names,
+            input_px=(self.input_width_px, self.input_height_px),
+            threshold=self.threshold,
+            overlap=self.overlap,
+            layout=self.layout,
+        )
+
+    def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
+        """Load the detector and try it once on an empty picture; say what is wrong."""
+        empty = np.zeros((self.input_height_px, self.input_width_px, 3), np.uint8)
+        try:
+            self.detector(folder).detect(empty)
+        except DetectorError as error:
+            return (ParameterFault(("model",), str(error)),)
+        return ()
+
+
+@step(
+    "isolate_detections",
+    stage="filter",
+    sensors=("camera",),
+    parameters=IsolateDetectionsParameters,
+)
+def isolate_detections(parameters: IsolateDetectionsParameters, context: Context) -> Operator:
+    """Keep the boxes of what a detector (an ONNX file of the YOLO family) finds in a picture.
+
+    image_bgr (height, width, 3) uint8; boxes in pixels. Classes not in `keep` are not kept; an
+    empty `keep` keeps all.
+    """
+    detector = parameters.detector(context.folder)
+    wanted = frozenset(parameters.keep or parameters.names)
+    grow = parameters.grow_px
+
+    def operator(
+        work: Masked[CameraReading],
+        other: AnyMasked | None,  # noqa: ARG001 - the interface
+    ) -> Masked[CameraReading]:
+        image = work.reading.image_bgr
+        mask = np.zeros(image.shape[:2], np.uint8)
+        for found in detector.detect(image):
+            if found.name in wanted:
+                top, left = (max(0, round(edge - grow)) for edge in (found.top_px, found.left_px))
+                bottom, right = (
+                    max(0, round(edge + grow)) for edge in (found.bottom_px, found.right_px)
+                )
+                mask[top:bottom, left:right] = 255
+        return Masked(work.reading, both(mask, work.mask))
+
+    return operator

@@ -1,0 +1,167 @@
+"""Filters that keep a part of a reading: by colour, or by the objects that a simulator marks."""
+
+from typing import Annotated
+
+import cv2
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from recipes.model.registry import Context, SidedParameters, step
+from recipes.operations.masks import both
+from recipes.working import AnyMasked, CannotMixError, Masked, Operator
+from vehicles.perception.hsv import FULL_CIRCLE_DEG, NAMED_COLORS, HsvMask, HsvRange, Mask
+from vehicles.readings import CameraReading, DepthReading, LidarPointsReading, LidarScanReading
+from worlds.files.documents import KeyFaultError, Part, Path, closest
+
+Identified = CameraReading | DepthReading | LidarScanReading | LidarPointsReading
+
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Degrees = Annotated[float, Field(ge=0, le=360)]
+RadiusPx = Annotated[int, Field(ge=0, le=50)]
+PAIR = Field(min_length=2, max_length=2)
+
+
+class RangePart(Part):
+    """A range of colours: hue from the first to the second, clockwise, so that it may wrap."""
+
+    hue_deg: Annotated[list[Degrees], PAIR] = Field(default_factory=lambda: [*FULL_CIRCLE_DEG])
+    saturation: Annotated[list[Fraction], PAIR] = Field(default_factory=lambda: [0.0, 1.0])
+    value: Annotated[list[Fraction], PAIR] = Field(default_factory=lambda: [0.0, 1.0])
+
+    @field_validator("saturation", "value")
+    @classmethod
+    def _in_order(cls, pair: list[float]) -> list[float]:
+        if pair[0] > pair[1]:
+            raise ValueError(f"[{pair[0]}, {pair[1]}] has its ends the wrong way round")
+        return pair
+
+    def range(self) -> HsvRange:
+        """Return the range as the code uses it."""
+        (hue_low, hue_high), (pale, vivid), (dark, bright) = (
+            self.hue_deg,
+            self.saturation,
+            self.value,
+        )
+        return HsvRange((hue_low, hue_high), (pale, vivid), (dark, bright))
+
+
+class IsolateColorParameters(SidedParameters):
+    """name: a colour of the table; ranges: colours of one's own; at least one of both.
+
+    remove_specks_px, fill_holes_px: radius of morphological opening and closing; shrink_px: how
+    far the edge is taken in, for a picture whose edges are blended with what is behind.
+    """
+
+    shorthand = "name"
+
+    name: str | None = None
+    ranges: list[RangePart] = Field(default_factory=list)
+    remove_specks_px: RadiusPx = 0
+    fill_holes_px: RadiusPx = 0
+    shrink_px: RadiusPx = 0
+
+    @field_validator("name")
+    @classmethod
+    def _require_known_color(cls, name: str | None) -> str | None:
+        if name is not None and name not in NAMED_COLORS:
+            known = ", ".join(NAMED_COLORS)
+            raise KeyFaultError(
+                (), f"unknown colour '{name}' (known: {known})", closest(name, NAMED_COLORS)
+            )
+        return name
+
+    @model_validator(mode="after")
+    def _some(self) -> "IsolateColorParameters":
+        if self.name is None and not self.ranges:
+            raise ValueError("needs a colour: 'name' or 'ranges'")
+        return self
+
+
+@step("isolate_color", stage="filter", sensors=("camera",), parameters=IsolateColorParameters)
+def isolate_color(parameters: IsolateColorParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Keep the pixels of a colour, by ranges of hue, saturation and value."""
+    named = NAMED_COLORS[parameters.name] if parameters.name is not None else ()
+    finder = HsvMask((*named, *(part.range() for part in parameters.ranges)))
+
+    def operator(
+        work: Masked[CameraReading],
+        other: AnyMasked | None,  # noqa: ARG001 - the interface
+    ) -> Masked[CameraReading]:
+        mask = finder.of(work.reading.image_bgr)
+        _clean(mask, parameters)
+        return Masked(work.reading, both(mask, work.mask))
+
+    return operator
+
+
+def _clean(mask: Mask, parameters: IsolateColorParameters) -> None:
+    for radius_px, operation in (
+        (parameters.remove_specks_px, cv2.MORPH_OPEN),
+        (parameters.fill_holes_px, cv2.MORPH_CLOSE),
+        (parameters.shrink_px, cv2.MORPH_ERODE),
+    ):
+        if radius_px:
+            size = 2 * radius_px + 1
+            disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+            cv2.morphologyEx(mask, operation, disc, dst=mask)
+
+
+class IsolateObjectsParameters(SidedParameters):
+    """names: of objects in the world of the side that the step works on, the twin's."""
+
+    shorthand = "names"
+    needs = frozenset({"ids"})
+
+    names: Annotated[list[str], Field(min_length=1)]
+
+    @field_validator("on")
+    @classmethod
+    def _only_the_twin(cls, on: str) -> str:
+        if on != "twin":
+            raise ValueError("only the twin's pictures say which object a pixel shows")
+        return on
+
+    def objects(self) -> tuple[tuple[Path, str], ...]:
+        """Return the names of the objects, each with its path."""
+        return tuple((("names", index), name) for index, name in enumerate(self.names))
+
+
+@step(
+    "isolate_objects",
+    stage="filter",
+    sensors=("camera", "depth", "lidar", "lidar_points"),
+    parameters=IsolateObjectsParameters,
+)
+def isolate_objects(parameters: IsolateObjectsParameters, context: Context) -> Operator:
+    """Keep the pixels, beams or points of objects, by the ids that the simulator gives with them.
+
+    object_ids: (height, width), (beams,) or (points,) uint8. Drops the overlay ("no_ids") when
+    the reading has none.
+    """
+    table = np.zeros(256, np.uint8)
+    for name in parameters.names:
+        table[_id_of(name, context)] = 255
+
+    def operator(
+        work: Masked[Identified],
+        other: AnyMasked | None,  # noqa: ARG001 - the interface
+    ) -> Masked[Identified]:
+        ids = work.reading.object_ids
+        if ids is None:
+            raise CannotMixError("no_ids", "isolate_objects: the reading says no objects' ids")
+        # OpenCV is quicker for pictures, and makes nothing of an empty cloud.
+        kept = cv2.LUT(ids, table) if ids.ndim == 2 else table[ids]
+        return Masked(work.reading, both(kept, work.mask))
+
+    return operator
+
+
+def _id_of(name: str, context: Context) -> int:
+    if name not in context.object_ids:
+        known = ", ".join(context.object_ids) or "none"
+        raise UnknownObjectError(f"isolate_objects: no object '{name}' in the world ({known})")
+    return context.object_ids[name]
+
+
+class UnknownObjectError(ValueError):
+    """A recipe names an object that the twin's world has not."""

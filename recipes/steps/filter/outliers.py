@@ -1,0 +1,169 @@
+"""Filters against noise: outliers, and medians."""
+
+from dataclasses import replace
+from typing import Annotated, Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from recipes.model.registry import Context, SidedParameters, step
+from recipes.operations.masks import narrowed
+from recipes.operations.scans import is_full_turn
+from recipes.working import AnyMasked, Masked, Operator
+from vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    LidarPointsReading,
+    LidarScanReading,
+    RangefinderReading,
+    Reading,
+)
+
+
+class RemoveOutliersParameters(SidedParameters):
+    """An element stays when enough neighbours lie near it.
+
+    window: neighbours looked at to each side, beams or pixels (depth: 1 or 2). within_m: how near a
+    neighbour must be; of points, the side of the cube it must share or touch. neighbours: how many.
+    """
+
+    window: Annotated[int, Field(ge=1, le=50)] = 2
+    within_m: Annotated[float, Field(gt=0, le=1000)] = 0.3
+    neighbours: Annotated[int, Field(ge=1, le=100)] = 1
+
+
+@step(
+    "remove_outliers",
+    stage="filter",
+    sensors=("depth", "lidar", "lidar_points"),
+    parameters=RemoveOutliersParameters,
+)
+def remove_outliers(parameters: RemoveOutliersParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Drop lone returns of a lidar or depth camera: those with too few neighbours at hand.
+
+    Distances in metres. Beams that met nothing stay: that is no return. Points are counted in
+    cubes of `within_m` and their 26 neighbours, each point itself left out.
+    """
+    p = parameters
+
+    def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG001 - the interface
+        reading = work.reading
+        if isinstance(reading, LidarPointsReading):
+            near = _near_points(reading.points_frd_m, p.within_m)
+        elif isinstance(reading, DepthReading):
+            near = _near(reading.depth_m, p.window, p.within_m, wraps=False)
+            near += _near(reading.depth_m.T, p.window, p.within_m, wraps=False).T
+            return narrowed(work, (near >= p.neighbours) | np.isinf(reading.depth_m))
+        else:
+            wraps = is_full_turn(reading)
+            near = _near(reading.ranges_m, p.window, p.within_m, wraps=wraps)
+            return narrowed(work, (near >= p.neighbours) | np.isinf(reading.ranges_m))
+        return narrowed(work, near >= p.neighbours)
+
+    return operator
+
+
+def _near(
+    values: NDArray[np.float32], window: int, within_m: float, *, wraps: bool
+) -> NDArray[np.int64]:
+    """Return how many neighbours along the last axis are near; wraps: its ends meet."""
+    near = np.zeros(values.shape, np.int64)
+    with np.errstate(invalid="ignore"):
+        for shift in range(1, window + 1):
+            for signed in (shift, -shift):
+                alike = np.abs(np.roll(values, signed, axis=-1) - values) <= within_m
+                if not wraps:
+                    ends = slice(None, signed) if signed > 0 else slice(signed, None)
+                    alike[..., ends] = False
+                near += alike
+    return near
+
+
+def _near_points(points: NDArray[np.float32], within_m: float) -> NDArray[np.int64]:
+    if not len(points):
+        return np.zeros(0, np.int64)
+    cells = np.floor(points.astype(np.float64) / within_m).astype(np.int64)
+    cells -= cells.min(axis=0) - 1
+    across, along = cells[:, 1].max() + 2, cells[:, 2].max() + 2
+    keys = (cells[:, 0] * across + cells[:, 1]) * along + cells[:, 2]
+    known, counts = np.unique(keys, return_counts=True)
+    near = np.full(len(points), -1, np.int64)
+    for x in (-1, 0, 1):
+        for y in (-1, 0, 1):
+            for z in (-1, 0, 1):
+                wanted = keys + (x * across + y) * along + z
+                place = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+                near += np.where(known[place] == wanted, counts[place], 0)
+    return near
+
+
+class MedianParameters(SidedParameters):
+    """window: how many elements the median is taken of, odd; of a rangefinder, readings."""
+
+    shorthand = "window"
+
+    window: Annotated[int, Field(ge=3, le=99)] = 3
+
+    @field_validator("window")
+    @classmethod
+    def _odd(cls, window: int) -> int:
+        if window % 2 == 0:
+            raise ValueError("must be odd")
+        return window
+
+    def refuses(self, kind: str) -> str:
+        """Return why a window is too large for a sensor."""
+        if kind == "depth" and self.window > 5:
+            return "the median of a depth picture takes a window of 3 or 5"
+        return ""
+
+
+@step(
+    "median",
+    stage="filter",
+    sensors=("camera", "depth", "lidar", "rangefinder"),
+    parameters=MedianParameters,
+)
+def median(parameters: MedianParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Replace each value by the median of those around it; of a rangefinder, of the last ones.
+
+    Pictures: window x window pixels; scans: beams, around the turn where it is a full one, with
+    infinity as the largest value; rangefinder: metres over time. Shapes stay.
+    """
+    return _Median(parameters.window)
+
+
+class _Median:
+    def __init__(self, window: int) -> None:
+        self._window = window
+        self._past: list[tuple[float, float]] = []
+
+    def __call__(self, work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG002 - the interface
+        return Masked(self._of(work.reading), work.mask)
+
+    def _of(self, reading: Any) -> Reading:
+        match reading:
+            case CameraReading():
+                return replace(reading, image_bgr=cv2.medianBlur(reading.image_bgr, self._window))
+            case DepthReading():
+                return replace(reading, depth_m=cv2.medianBlur(reading.depth_m, self._window))
+            case LidarScanReading():
+                return replace(reading, ranges_m=self._scan(reading))
+            case _:
+                return self._over_time(reading)
+
+    def _scan(self, scan: LidarScanReading) -> NDArray[np.float32]:
+        half = self._window // 2
+        mode: Literal["wrap", "edge"] = "wrap" if is_full_turn(scan) else "edge"
+        framed = np.pad(scan.ranges_m, half, mode=mode)
+        windows = np.lib.stride_tricks.sliding_window_view(framed, self._window)
+        return np.partition(windows, half, axis=1)[:, half]
+
+    def _over_time(self, reading: RangefinderReading) -> RangefinderReading:
+        if not self._past or reading.t_s > self._past[-1][0]:
+            self._past.append((reading.t_s, reading.range_m))
+            del self._past[: -self._window]
+        values = sorted(value for _, value in self._past)
+        return replace(reading, range_m=values[len(values) // 2])

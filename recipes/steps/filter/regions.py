@@ -1,0 +1,221 @@
+"""Filters by place: a region of a picture, a sector of a lidar, a box of points."""
+
+import math
+from typing import Annotated
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from recipes.model.registry import Context, SidedParameters, step
+from recipes.operations.masks import both, narrowed
+from recipes.operations.optics import Picture, size_of
+from recipes.operations.step_parameters import PAIR, PICTURES, Fraction
+from recipes.working import AnyMasked, CannotMixError, Masked, Operator
+from vehicles.perception.hsv import Mask
+from vehicles.readings import LidarPointsReading, LidarScanReading
+from worlds.files.documents import Part
+
+Point = Annotated[list[Fraction], PAIR]
+
+
+class BoxPart(Part):
+    """A box in a picture, as fractions of its width and height from the top left."""
+
+    left: Fraction = 0.0
+    top: Fraction = 0.0
+    right: Fraction = 1.0
+    bottom: Fraction = 1.0
+
+    @model_validator(mode="after")
+    def _of_some_size(self) -> "BoxPart":
+        if self.left >= self.right or self.top >= self.bottom:
+            raise ValueError("a box has its left before its right, and its top above its bottom")
+        return self
+
+    def corners(self) -> list[list[float]]:
+        """Return the box as a polygon."""
+        return [
+            [self.left, self.top],
+            [self.right, self.top],
+            [self.right, self.bottom],
+            [self.left, self.bottom],
+        ]
+
+
+class IsolateRegionParameters(SidedParameters):
+    """box or polygon: as fractions of the picture's width and height; outside: keep the rest."""
+
+    box: BoxPart | None = None
+    polygon: Annotated[list[Point], Field(min_length=3)] | None = None
+    outside: bool = False
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> "IsolateRegionParameters":
+        if (self.box is None) == (self.polygon is None):
+            raise ValueError("needs a box or a polygon")
+        return self
+
+    def corners(self) -> list[list[float]]:
+        """Return the region's corners (across, down), as fractions."""
+        if self.box is not None:
+            return self.box.corners()
+        return self.polygon or []
+
+
+@step("isolate_region", stage="filter", sensors=PICTURES, parameters=IsolateRegionParameters)
+def isolate_region(parameters: IsolateRegionParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Keep a part of a picture: a box or a polygon, or what lies outside of it.
+
+    Corners are fractions of width and height, so that the step is good for any size. A pixel is
+    kept when its centre lies within.
+    """
+    corners, outside = parameters.corners(), parameters.outside
+    masks: dict[tuple[int, int], Mask] = {}
+
+    def operator(work: Masked[Picture], other: AnyMasked | None) -> Masked[Picture]:  # noqa: ARG001 - the interface
+        size = size_of(work.reading)
+        if size not in masks:
+            masks.clear()
+            masks[size] = region_mask(corners, size, outside=outside)
+        return Masked(work.reading, both(masks[size].copy(), work.mask))
+
+    return operator
+
+
+def region_mask(corners: list[list[float]], size: tuple[int, int], *, outside: bool) -> Mask:
+    """Return the (height, width) mask of a polygon, by its even-odd rule on pixel centres."""
+    width_px, height_px = size
+    down, across = np.mgrid[0:height_px, 0:width_px]
+    x, y = (across + 0.5) / width_px, (down + 0.5) / height_px
+    inside = np.zeros((height_px, width_px), np.bool_)
+    for (x0, y0), (x1, y1) in zip(corners, [*corners[1:], corners[0]], strict=True):
+        if y0 == y1:
+            continue
+        crosses = (y0 > y) != (y1 > y)
+        inside ^= crosses & (x < (x1 - x0) * (y - y0) / (y1 - y0) + x0)
+    mask: Mask = np.where(inside != outside, 255, 0).astype(np.uint8)
+    return mask
+
+
+class IsolateDepthParameters(SidedParameters):
+    """min_m, max_m: metres along the optical axis, both ends kept."""
+
+    needs = frozenset({"depth"})
+
+    min_m: Annotated[float, Field(ge=0, le=1e9)] = 0.0
+    max_m: Annotated[float, Field(gt=0, le=1e9)] = 1e9
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "IsolateDepthParameters":
+        if self.min_m > self.max_m:
+            raise ValueError("min_m is above max_m")
+        return self
+
+
+@step("isolate_depth", stage="filter", sensors=PICTURES, parameters=IsolateDepthParameters)
+def isolate_depth(parameters: IsolateDepthParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Keep the pixels whose depth lies in a range of metres along the optical axis.
+
+    depth_m (height, width) float32. Drops the overlay ("no_depth") when a picture tells none.
+    """
+    low, high = parameters.min_m, parameters.max_m
+
+    def operator(work: Masked[Picture], other: AnyMasked | None) -> Masked[Picture]:  # noqa: ARG001 - the interface
+        depth_m = work.reading.depth_m
+        if depth_m is None:
+            raise CannotMixError("no_depth", "isolate_depth: the picture tells no depth")
+        return Masked(work.reading, both(cv2.inRange(depth_m, low, high), work.mask))
+
+    return operator
+
+
+class IsolateSectorParameters(SidedParameters):
+    """from_deg, to_deg: from the first clockwise (seen from above) to the second; 0 is forward."""
+
+    from_deg: Annotated[float, Field(ge=-360, le=360)]
+    to_deg: Annotated[float, Field(ge=-360, le=720)]
+    outside: bool = False
+
+
+@step(
+    "isolate_sector",
+    stage="filter",
+    sensors=("lidar", "lidar_points"),
+    parameters=IsolateSectorParameters,
+)
+def isolate_sector(parameters: IsolateSectorParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Keep the beams or points of a sector around the sensor, or those outside of it.
+
+    Angles in degrees from forward to the right; from 350 to 10 goes through forward.
+    """
+    p = parameters
+
+    def operator(
+        work: Masked[LidarScanReading] | Masked[LidarPointsReading],
+        other: AnyMasked | None,  # noqa: ARG001 - the interface
+    ) -> AnyMasked:
+        inside = in_sector(angles_of(work.reading), p.from_deg, p.to_deg)
+        return narrowed(work, inside != p.outside)
+
+    return operator
+
+
+def angles_of(reading: LidarScanReading | LidarPointsReading) -> NDArray[np.float64]:
+    """Return the direction of each beam or point, radians from forward to the right."""
+    if isinstance(reading, LidarScanReading):
+        return reading.angles_rad
+    points = reading.points_frd_m
+    return np.arctan2(points[:, 1], points[:, 0]).astype(np.float64)
+
+
+def in_sector(angles_rad: NDArray[np.float64], from_deg: float, to_deg: float) -> NDArray[np.bool_]:
+    """Return which angles lie in a sector; one of 360 degrees or more is all around."""
+    if to_deg - from_deg >= 360.0:
+        return np.ones(len(angles_rad), np.bool_)
+    width = math.radians((to_deg - from_deg) % 360.0)
+    past = np.mod(angles_rad - math.radians(from_deg), math.tau)
+    # A beam on the very first ray may come out just below a full turn.
+    inside = (past <= width + _RAY_RAD) | (past >= math.tau - _RAY_RAD)
+    return np.asarray(inside, np.bool_)
+
+
+_RAY_RAD = 1e-6
+
+
+Reach = Annotated[float, Field(ge=-1e9, le=1e9)]
+
+
+class IsolateBoxParameters(SidedParameters):
+    """forward_m, right_m, down_m: [from, to] in the sensor's frame; outside: keep the rest."""
+
+    forward_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
+    right_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
+    down_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
+    outside: bool = False
+
+    @field_validator("forward_m", "right_m", "down_m")
+    @classmethod
+    def _in_order(cls, pair: list[float]) -> list[float]:
+        if pair[0] > pair[1]:
+            raise ValueError(f"[{pair[0]}, {pair[1]}] has its ends the wrong way round")
+        return pair
+
+
+@step("isolate_box", stage="filter", sensors=("lidar_points",), parameters=IsolateBoxParameters)
+def isolate_box(parameters: IsolateBoxParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Keep the points within a box of the sensor's frame (metres FRD), or those outside of it."""
+    low, high = np.array(
+        [parameters.forward_m, parameters.right_m, parameters.down_m], np.float32
+    ).T
+
+    def operator(
+        work: Masked[LidarPointsReading],
+        other: AnyMasked | None,  # noqa: ARG001 - the interface
+    ) -> Masked[LidarPointsReading]:
+        points = work.reading.points_frd_m
+        inside = ((points >= low) & (points <= high)).all(axis=1)
+        return narrowed(work, inside != parameters.outside)
+
+    return operator

@@ -1,0 +1,165 @@
+"""The merge by priority: kept elements of one reading over those of the other."""
+
+from dataclasses import replace
+from typing import Annotated, Any, Literal
+
+import cv2
+import numpy as np
+from pydantic import Field, field_validator
+
+from recipes.model.registry import Context, StepParameters, step
+from recipes.operations.masks import is_kept, with_mask
+from recipes.operations.optics import disagreement_px
+from recipes.operations.scans import refuse_other_beams
+from recipes.operations.soft_edges import SoftEdge
+from recipes.working import AnyMasked, CannotMixError, Masked, Merge, Need, Side, Sides
+from vehicles.perception.hsv import Mask
+from vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    LidarScanReading,
+    Reading,
+)
+
+MAX_DISAGREEMENT_PX = 1.0
+"""How far apart two cameras may see the same point and still be laid over each other."""
+
+OVERLAID = ("camera", "depth", "lidar", "rangefinder", "gps", "pose", "imu")
+
+
+TWIN_FIRST: tuple[Side, Side] = ("twin", "real")
+
+
+class OverlayParameters(StepParameters):
+    """priority: the sides from the top down; the last is the ground and fills what is left.
+
+    soft_edge_px: width of the band within the kept part in which it fades into the ground, for
+    cameras. occlusion: `by_depth` draws a pixel of a picture only where it is not farther than
+    what the ground shows, and drops the overlay when a depth is missing; `where_known` does so
+    when both depths happen to be there; `none` never.
+    """
+
+    shorthand = "priority"
+
+    priority: Annotated[list[Side], Field(min_length=2)] = Field(
+        default_factory=lambda: [*TWIN_FIRST]
+    )
+    soft_edge_px: Annotated[float, Field(ge=0, le=50)] = 0.0
+    occlusion: Literal["by_depth", "where_known", "none"] = "where_known"
+
+    @field_validator("priority")
+    @classmethod
+    def _once_each(cls, priority: list[Side]) -> list[Side]:
+        if len(set(priority)) != len(priority):
+            raise ValueError("names a side twice")
+        return priority
+
+    def needed(self) -> frozenset[Need]:
+        """Return depth where it decides what hides what."""
+        return frozenset({"depth"}) if self.occlusion == "by_depth" else frozenset()
+
+    def refuses(self, kind: str) -> str:
+        """Return why what is asked for makes no sense for a sensor."""
+        if self.soft_edge_px and kind != "camera":
+            return f"a soft edge is for pictures of a camera, not for {kind}"
+        if self.occlusion == "by_depth" and kind not in ("camera", "depth"):
+            return f"occlusion by depth is for pictures, not for {kind}"
+        return ""
+
+
+@step("overlay", stage="merge", sensors=OVERLAID, parameters=OverlayParameters)
+def overlay(parameters: OverlayParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
+    """Lay the kept elements of one reading over the other, by priority.
+
+    Pictures of one size and camera (within 1 px); scans of the same beams; of a reading of one
+    value the first that is kept. Depth in metres along the optical axis decides what hides what.
+    """
+    soften = SoftEdge(parameters.soft_edge_px) if parameters.soft_edge_px else None
+    occlusion = parameters.occlusion
+
+    def merge(sides: Sides) -> Reading:
+        layers = [sides[side] for side in parameters.priority if side in sides]
+        ground = layers.pop()
+        if not layers:
+            return _lay_reading(ground)
+        if isinstance(ground.reading, CameraReading):
+            return _lay_images(layers, ground, occlusion, soften)
+        return _plain(layers, ground, occlusion)
+
+    return merge
+
+
+def _lay_reading(work: AnyMasked) -> Reading:
+    found: Reading = work.reading
+    return found
+
+
+def _lay_images(
+    layers: list[AnyMasked],
+    ground: Masked[CameraReading],
+    occlusion: str,
+    soften: SoftEdge | None,
+) -> CameraReading:
+    for layer in layers:
+        refuse_mismatch(layer, ground)
+    image_bgr = ground.reading.image_bgr.copy()
+    for layer in reversed(layers):
+        mask = _visible_mask(layer, ground, occlusion)
+        if soften is not None:
+            soften(layer.reading.image_bgr, mask, image_bgr)
+        else:
+            cv2.copyTo(layer.reading.image_bgr, mask, image_bgr)
+    return replace(ground.reading, image_bgr=image_bgr)
+
+
+def _visible_mask(layer: AnyMasked, ground: AnyMasked, occlusion: str) -> Mask | None:
+    """Return the layer's mask without what lies behind the ground's surfaces."""
+    if occlusion == "none":
+        return layer.mask
+    upper, lower = layer.reading.depth_m, ground.reading.depth_m
+    if upper is None or lower is None:
+        if occlusion == "by_depth":
+            without = layer.reading.source if upper is None else ground.reading.source
+            raise CannotMixError("no_depth", f"overlay by depth: {without} tells no depth")
+        return layer.mask
+    nearer: Mask = cv2.compare(upper, lower, cv2.CMP_LE)
+    return nearer if layer.mask is None else cv2.bitwise_and(nearer, layer.mask, dst=nearer)
+
+
+def _plain(layers: list[AnyMasked], ground: AnyMasked, occlusion: str) -> Reading:
+    """Return depth pictures, scans or readings of one value laid over each other."""
+    reading: Any = ground.reading
+    for layer in reversed(layers):
+        upper = layer.reading
+        if isinstance(reading, DepthReading):
+            refuse_mismatch(layer, ground)
+            mask = layer.mask if occlusion == "none" else _visible_mask(layer, ground, occlusion)
+            depth_m = reading.depth_m.copy()
+            cv2.copyTo(upper.depth_m, mask, depth_m)
+            reading = replace(reading, depth_m=depth_m)
+        elif isinstance(reading, LidarScanReading):
+            refuse_other_beams("overlay", upper, reading)
+            ranges_m = np.where(with_mask(layer), upper.ranges_m, reading.ranges_m)
+            reading = replace(reading, ranges_m=ranges_m)
+        elif is_kept(layer):
+            reading = upper
+    return _lay_reading(Masked(reading))
+
+
+def refuse_mismatch(layer: AnyMasked, ground: AnyMasked) -> None:
+    """Raise CannotMixError for pictures of another size, or of cameras that see otherwise."""
+    upper, lower = layer.reading, ground.reading
+    a, b = upper.intrinsics, lower.intrinsics
+    if (a.width_px, a.height_px) != (b.width_px, b.height_px):
+        sizes = " over ".join(
+            f"{one.width_px} x {one.height_px} ({reading.source})"
+            for one, reading in ((a, upper), (b, lower))
+        )
+        raise CannotMixError("mismatch", f"overlay of {sizes}: add a resize step")
+    apart_px = disagreement_px(a, b)
+    if not apart_px <= MAX_DISAGREEMENT_PX:
+        raise CannotMixError(
+            "mismatch",
+            f"overlay: the cameras see one point up to {apart_px:.1f} px apart;"
+            " give both the same field of view, or add a camera_model step",
+        )

@@ -1,0 +1,48 @@
+"""Merge of points: those of both sides in one cloud."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from recipes.model.registry import Context, StepParameters, step
+from recipes.operations.masks import with_mask
+from recipes.steps.transform.frames import remounted
+from recipes.working import AnyMasked, Merge, Sides
+from vehicles.readings import LidarPointsReading
+from worlds.frames import Pose
+
+
+class ConcatenateParameters(StepParameters):
+    """No parameters."""
+
+
+@step("concatenate", stage="merge", sensors=("lidar_points",), parameters=ConcatenateParameters)
+def concatenate(parameters: ConcatenateParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
+    """Put the kept points of both sides into one cloud, in the frame of the real sensor.
+
+    points_frd_m (n, 3) and (m, 3) float32 metres to (n + m, 3), the real ones first. The twin's
+    are moved when its sensor is mounted elsewhere.
+    """
+
+    def merge(sides: Sides) -> LidarPointsReading:
+        real: LidarPointsReading = sides["real"].reading
+        parts = [chosen(sides[side], real.mount) for side in ("real", "twin") if side in sides]
+        return joined(real, parts)
+
+    return merge
+
+
+def chosen(work: AnyMasked, mount: Pose) -> LidarPointsReading:
+    """Return the kept points of a side, in the frame of a sensor mounted at `mount`."""
+    reading: LidarPointsReading = remounted(work.reading, mount)
+    if work.mask is None:
+        return reading
+    keep = with_mask(work)
+    ids = None if reading.object_ids is None else reading.object_ids[keep]
+    return replace(reading, points_frd_m=reading.points_frd_m[keep], object_ids=ids)
+
+
+def joined(real: LidarPointsReading, parts: list[LidarPointsReading]) -> LidarPointsReading:
+    """Return one cloud of several in the same frame."""
+    points = np.concatenate([part.points_frd_m for part in parts])
+    return replace(real, points_frd_m=points, object_ids=None, mount=parts[0].mount)

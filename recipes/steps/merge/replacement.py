@@ -1,0 +1,198 @@
+"""The merge by rule: one side's reading, or parts of it, in place of the other's."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from recipes.model.registry import Context, StepParameters, step
+from recipes.operations.masks import with_mask
+from recipes.operations.optics import size_of
+from recipes.operations.quantities import QUANTITIES
+from recipes.operations.scans import refuse_other_beams
+from recipes.operations.step_parameters import PICTURES
+from recipes.steps.filter.regions import BoxPart, angles_of, in_sector, region_mask
+from recipes.steps.merge.overlays import refuse_mismatch
+from recipes.steps.merge.points import chosen, joined
+from recipes.working import AnyMasked, CannotMixError, Merge, Need, Side, Sides
+from vehicles.readings import (
+    SENSOR_TYPES,
+    CameraReading,
+    DepthReading,
+    LidarPointsReading,
+    LidarScanReading,
+    Reading,
+    sensor_type_of,
+)
+from worlds.files.documents import KeyFaultError, Part, closest
+
+Bools = NDArray[np.bool_]
+
+
+class SectorPart(Part):
+    """From the first clockwise (seen from above) to the second; 0 is forward."""
+
+    from_deg: float
+    to_deg: float
+
+
+class ConditionPart(Part):
+    """True where a quantity of a side's reading lies above and below what is given."""
+
+    of: Side
+    what: str
+    above: float | None = None
+    below: float | None = None
+
+    @model_validator(mode="after")
+    def _some_limit(self) -> "ConditionPart":
+        known = [name for kind in QUANTITIES.values() for name in kind]
+        if self.what not in known:
+            said = f"nothing is called '{self.what}'"
+            raise KeyFaultError("what", said, closest(self.what, known))
+        if self.above is None and self.below is None:
+            raise ValueError("a condition needs 'above' or 'below'")
+        return self
+
+
+class ReplaceParameters(StepParameters):
+    """source: whose reading replaces the other's, where all that is given holds.
+
+    sector: of a lidar, region: of a picture (fractions of its size); when: a condition. Of a
+    filtered source only what is kept replaces.
+    """
+
+    shorthand = "source"
+
+    source: Side = "twin"
+    sector: SectorPart | None = None
+    region: BoxPart | None = None
+    when: ConditionPart | None = None
+
+    def refuses(self, kind: str) -> str:
+        """Return why a rule makes no sense for a sensor."""
+        if self.sector is not None and kind not in ("lidar", "lidar_points"):
+            return f"a sector is for lidars, not for {kind}"
+        if self.region is not None and kind not in PICTURES:
+            return f"a region is for pictures, not for {kind}"
+        if self.when is not None and self.when.what not in QUANTITIES[kind]:
+            known = ", ".join(QUANTITIES[kind])
+            return f"a {kind} has no '{self.when.what}' (it has {known})"
+        return ""
+
+    def needed(self) -> frozenset[Need]:
+        """Return depth, where a condition asks for it."""
+        asks = self.when is not None and self.when.what == "depth_m"
+        return frozenset({"depth"}) if asks else frozenset()
+
+
+@step("replace", stage="merge", sensors=tuple(SENSOR_TYPES), parameters=ReplaceParameters)
+def replacement(parameters: ReplaceParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
+    """Replace one side's reading by the other's: all of it, in a sector or region, or by a rule.
+
+    Per pixel, beam or point where the rule tells them apart, else as a whole. Pictures of one
+    size and camera, scans of the same beams; angles in degrees from forward to the right.
+    """
+    source: Side = parameters.source
+    ground: Side = "real" if source == "twin" else "twin"
+
+    def merge(sides: Sides) -> Reading:
+        if source not in sides or ground not in sides:
+            whole: Reading = next(iter(sides.values())).reading
+            return whole
+        rule = _rule(parameters, sides)
+        return _replace_reading(sides[source], sides[ground], rule)
+
+    return merge
+
+
+@dataclass(frozen=True, slots=True)
+class _Rule:
+    """whole: whether it holds at all; elements: where, None for everywhere. sector: see params."""
+
+    holds: bool
+    elements: Bools | None
+    sector: SectorPart | None
+
+
+def _rule(parameters: ReplaceParameters, sides: Sides) -> _Rule:
+    reading = sides[parameters.source].reading
+    parts: list[Bools] = []
+    if parameters.sector is not None and isinstance(reading, LidarScanReading):
+        sector = parameters.sector
+        parts.append(in_sector(angles_of(reading), sector.from_deg, sector.to_deg))
+    if parameters.region is not None and isinstance(reading, CameraReading | DepthReading):
+        corners = parameters.region.corners()
+        parts.append(region_mask(corners, size_of(reading), outside=False) != 0)
+    holds = True
+    if parameters.when is not None:
+        found = _condition(parameters.when, sides)
+        if isinstance(found, np.ndarray):
+            parts.append(found)
+        else:
+            holds = found
+    elements = None
+    for part in parts:
+        if elements is not None and elements.shape != part.shape:
+            raise CannotMixError("mismatch", f"replace: {part.shape} beside {elements.shape}")
+        elements = part if elements is None else elements & part
+    return _Rule(holds, elements, parameters.sector)
+
+
+def _condition(part: ConditionPart, sides: Sides) -> bool | Bools:
+    reading = sides[part.of].reading
+    values = QUANTITIES[sensor_type_of(reading)][part.what](reading)
+    if values is None:
+        raise CannotMixError("no_depth", f"replace: {part.of} does not tell its {part.what}")
+    found: Any = np.ones(np.shape(values), np.bool_)
+    if part.above is not None:
+        found = found & (np.asarray(values) > part.above)
+    if part.below is not None:
+        found = found & (np.asarray(values) < part.below)
+    return np.asarray(found, np.bool_) if np.ndim(values) else bool(found)
+
+
+def _replace_reading(source: AnyMasked, ground: AnyMasked, rule: _Rule) -> Reading:
+    below: Reading = ground.reading
+    if not rule.holds:
+        return below
+    if isinstance(below, LidarPointsReading):
+        return _replace_points(source, ground, rule)
+    where = rule.elements
+    if isinstance(below, CameraReading | DepthReading):
+        return _replace_in_image(source, ground, where)
+    if isinstance(below, LidarScanReading):
+        refuse_other_beams("replace", source.reading, below)
+        chosen_beams = with_mask(source) if where is None else where & with_mask(source)
+        ranges_m = np.where(chosen_beams, source.reading.ranges_m, below.ranges_m)
+        return replace(below, ranges_m=ranges_m)
+    whole: Reading = source.reading
+    return whole if source.mask is None or source.mask.any() else below
+
+
+def _replace_in_image(source: AnyMasked, ground: AnyMasked, where: Bools | None) -> Reading:
+    refuse_mismatch(source, ground)
+    below, above = ground.reading, source.reading
+    chosen_px = with_mask(source) if where is None else where & with_mask(source)
+    if isinstance(below, DepthReading):
+        return replace(below, depth_m=np.where(chosen_px, above.depth_m, below.depth_m))
+    image = below.image_bgr.copy()
+    image[chosen_px] = above.image_bgr[chosen_px]
+    made: CameraReading = replace(below, image_bgr=image)
+    return made
+
+
+def _replace_points(source: AnyMasked, ground: AnyMasked, rule: _Rule) -> LidarPointsReading:
+    mount = ground.reading.mount
+    new, old = chosen(source, mount), chosen(ground, mount)
+    if rule.sector is None:
+        return joined(ground.reading, [new])
+    ends = rule.sector.from_deg, rule.sector.to_deg
+    inside, outside = in_sector(angles_of(new), *ends), ~in_sector(angles_of(old), *ends)
+    parts = [
+        replace(part, points_frd_m=part.points_frd_m[keep], object_ids=None)
+        for part, keep in ((old, outside), (new, inside))
+    ]
+    return joined(ground.reading, parts)

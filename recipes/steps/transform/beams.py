@@ -1,0 +1,64 @@
+"""Transform of a scan's shape: which beams it has."""
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from recipes.model.registry import Context, SidedParameters, step
+from recipes.operations.scans import with_beams
+from recipes.operations.step_parameters import Degrees
+from recipes.steps.transform.geometry import refuse_own
+from recipes.working import CannotMixError, Masked, Operator
+from vehicles.readings import LidarScanReading
+from worlds.files.documents import Part
+
+Work = Masked[LidarScanReading]
+
+
+class BeamsPart(Part):
+    """count beams, the first at start_deg from forward to the right, each step_deg further."""
+
+    count: Annotated[int, Field(ge=1, le=100_000)]
+    start_deg: Degrees
+    step_deg: Annotated[float, Field(gt=0, le=360)]
+
+
+class ResampleBeamsParameters(SidedParameters):
+    """to: the other side, whose beams to take, or beams."""
+
+    shorthand = "to"
+
+    to: Literal["real", "twin"] | BeamsPart
+
+    @model_validator(mode="after")
+    def _not_to_itself(self) -> "ResampleBeamsParameters":
+        refuse_own(self, self.to, "beams")
+        return self
+
+
+@step("resample_beams", stage="transform", sensors=("lidar",), parameters=ResampleBeamsParameters)
+def resample_beams(parameters: ResampleBeamsParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Give a scan other beams, each with the range of the old beam nearest in angle.
+
+    ranges_m (beams,) float32 metres to (beams',). Where the old scan did not look: infinity, and
+    not kept.
+    """
+    to = parameters.to
+
+    def operator(work: Work, other: Work | None) -> Work:
+        if isinstance(to, BeamsPart):
+            start, step_rad = math.radians(to.start_deg), math.radians(to.step_deg)
+            return with_beams(work, count=to.count, start_angle_rad=start, step_rad=step_rad)
+        if other is None:
+            missing: Literal["no_real", "no_twin"] = "no_real" if to == "real" else "no_twin"
+            raise CannotMixError(missing, f"resample_beams to {to}: there is no scan of {to}")
+        like = other.reading
+        return with_beams(
+            work,
+            count=len(like.ranges_m),
+            start_angle_rad=like.start_angle_rad,
+            step_rad=like.step_rad,
+        )
+
+    return operator

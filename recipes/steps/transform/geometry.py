@@ -1,0 +1,130 @@
+"""Transforms of a picture's geometry."""
+
+from typing import Literal
+
+from pydantic import model_validator
+
+from recipes.model.registry import Context, SidedParameters, step
+from recipes.operations.optics import Picture, cropped, remapped, resized, size_of
+from recipes.operations.step_parameters import PICTURES, IntrinsicsPart, RotationPart, SizePx
+from recipes.working import CannotMixError, DropReason, Masked, Operator, Side
+from worlds.files.documents import KeyFaultError, Part
+from worlds.frames import IDENTITY
+
+Work = Masked[Picture]
+
+
+class Size(Part):
+    """A size in pixels."""
+
+    width_px: SizePx
+    height_px: SizePx
+
+
+def refuse_own(parameters: SidedParameters, to: object, what: str) -> None:
+    """Raise KeyFaultError when a step takes something of the side that it works on."""
+    if to in parameters.sides():
+        raise KeyFaultError("to", f"{to} would take its own {what}; 'on' says {parameters.on}")
+
+
+def the_other(name: str, to: Side, other: Work | None) -> Work:
+    """Return the other side. Raises CannotMixError when it is missing."""
+    if other is None:
+        missing: DropReason = "no_real" if to == "real" else "no_twin"
+        raise CannotMixError(missing, f"{name} to {to}: there is no reading of {to}")
+    return other
+
+
+class ResizeParameters(SidedParameters):
+    """to: the other side, whose size to take, or a size."""
+
+    shorthand = "to"
+
+    to: Literal["real", "twin"] | Size
+
+    @model_validator(mode="after")
+    def _not_to_itself(self) -> "ResizeParameters":
+        refuse_own(self, self.to, "size")
+        return self
+
+
+@step("resize", stage="transform", sensors=PICTURES, parameters=ResizeParameters)
+def resize(parameters: ResizeParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Scale a picture to a size, or to the other side's, with its intrinsics, depth and ids.
+
+    image_bgr (h, w, 3) uint8 to (h', w', 3); depth_m in metres and object_ids take the nearest.
+    """
+    to = parameters.to
+
+    def operator(work: Work, other: Work | None) -> Work:
+        if isinstance(to, Size):
+            return resized(work, to.width_px, to.height_px)
+        return resized(work, *size_of(the_other("resize", to, other).reading))
+
+    return operator
+
+
+class CropParameters(SidedParameters):
+    """left_px, top_px: of the part's first pixel; None puts the part into the middle."""
+
+    width_px: SizePx
+    height_px: SizePx
+    left_px: int | None = None
+    top_px: int | None = None
+
+
+@step("crop", stage="transform", sensors=PICTURES, parameters=CropParameters)
+def crop(parameters: CropParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Cut a part out of a picture; its intrinsics say where it was.
+
+    image_bgr (h, w, 3) to (height_px, width_px, 3), likewise depth_m and object_ids. A part that
+    does not lie within the picture is a mismatch.
+    """
+    p = parameters
+
+    def operator(work: Work, other: Work | None) -> Work:  # noqa: ARG001 - the interface
+        across, down = size_of(work.reading)
+        left_px = (across - p.width_px) // 2 if p.left_px is None else p.left_px
+        top_px = (down - p.height_px) // 2 if p.top_px is None else p.top_px
+        try:
+            return cropped(work, left_px, top_px, p.width_px, p.height_px)
+        except ValueError as error:
+            raise CannotMixError("mismatch", f"crop: {error}") from None
+
+    return operator
+
+
+class CameraModelParameters(SidedParameters):
+    """to: the other side, whose camera to imitate, or a camera; turn: how that one is turned.
+
+    turn: attitude of the camera to imitate in the FRD frame of the one that took the picture.
+    """
+
+    shorthand = "to"
+
+    to: Literal["real", "twin"] | IntrinsicsPart
+    turn: RotationPart = RotationPart()
+
+    @model_validator(mode="after")
+    def _not_to_itself(self) -> "CameraModelParameters":
+        refuse_own(self, self.to, "camera")
+        return self
+
+
+@step("camera_model", stage="transform", sensors=PICTURES, parameters=CameraModelParameters)
+def camera_model(parameters: CameraModelParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Show a picture as another camera would: its size, intrinsics and lens distortion.
+
+    Each pixel (u, v) of the new picture is traced through both models (OpenCV's pinhole with
+    Brown distortion). What the old camera did not see is not kept. depth_m: metres along the new
+    optical axis. `turn` rotates the view; no warp can move it.
+    """
+    to, angles = parameters.to, parameters.turn.quaternion()
+    turn = IDENTITY if parameters.turn == RotationPart() else angles
+
+    def operator(work: Work, other: Work | None) -> Work:
+        if isinstance(to, IntrinsicsPart):
+            return remapped(work, to.intrinsics(), turn)
+        return remapped(work, the_other("camera_model", to, other).reading.intrinsics, turn)
+
+    return operator

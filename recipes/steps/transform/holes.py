@@ -1,0 +1,64 @@
+"""Transform that mends what depth cameras miss: small holes in their distances."""
+
+from dataclasses import replace
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from recipes.model.registry import Context, SidedParameters, step
+from recipes.operations.optics import Picture
+from recipes.operations.step_parameters import PICTURES
+from recipes.working import AnyMasked, CannotMixError, Masked, Operator
+
+Depth = NDArray[np.float32]
+
+
+class FillDepthParameters(SidedParameters):
+    """holes_px: how wide a hole may be to be filled."""
+
+    shorthand = "holes_px"
+    needs = frozenset({"depth"})
+
+    holes_px: Annotated[int, Field(ge=1, le=200)] = 7
+
+
+@step("fill_depth", stage="transform", sensors=PICTURES, parameters=FillDepthParameters)
+def fill_depth(parameters: FillDepthParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Fill small holes in a depth picture, so that nothing virtual shines through them.
+
+    depth_m (height, width) float32 metres; a hole is where it is infinite and what is seen lies
+    around it. It takes the nearest distance that closes it; wide openings stay as they are. Drops
+    the overlay ("no_depth") when a picture tells no depth.
+    """
+    width = parameters.holes_px + 1 + parameters.holes_px % 2
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
+
+    def operator(work: Masked[Picture], other: AnyMasked | None) -> Masked[Picture]:  # noqa: ARG001 - the interface
+        depth_m = work.reading.depth_m
+        if depth_m is None:
+            raise CannotMixError("no_depth", "fill_depth: the picture tells no depth")
+        return Masked(replace(work.reading, depth_m=_fill_holes(depth_m, disc)), work.mask)
+
+    return operator
+
+
+def _fill_holes(depth_m: Depth, disc: NDArray[Any]) -> Depth:
+    """Return the depth with its holes closed, as a morphological closing of nearness closes them.
+
+    What is known stays to the bit.
+    """
+    holes = np.isinf(depth_m)
+    if not holes.any():
+        return depth_m
+    with np.errstate(divide="ignore"):
+        nearness = np.float32(1.0) / np.maximum(depth_m, _NEAREST_M)
+        closed = cv2.morphologyEx(nearness, cv2.MORPH_CLOSE, disc, borderType=cv2.BORDER_REPLICATE)
+        filled = np.float32(1.0) / closed
+    return np.where(holes, filled, depth_m).astype(np.float32)
+
+
+_NEAREST_M = np.float32(1e-3)
+"""What a depth of 0 counts as: nearness is finite."""

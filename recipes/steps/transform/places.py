@@ -1,0 +1,192 @@
+"""Transforms between ways to say where: geodetic and local; scans and depth as points."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from recipes.model.registry import Context, SidedParameters, step
+from recipes.operations.masks import with_mask
+from recipes.working import AnyMasked, Masked, Operator
+from vehicles.readings import (
+    DepthReading,
+    GpsReading,
+    LidarPointsReading,
+    LidarScanReading,
+    PoseReading,
+)
+from worlds.camera import Intrinsics
+from worlds.frames import IDENTITY, Pose, quat_from_euler
+from worlds.geodesy import LocalFrame
+
+
+class OriginParameters(SidedParameters):
+    """Where the local frame's origin lies on WGS-84."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+    altitude_m: float = 0.0
+
+    def frame(self) -> LocalFrame:
+        """Return the local frame."""
+        return LocalFrame(self.latitude_deg, self.longitude_deg, self.altitude_m)
+
+
+class GeodeticParameters(OriginParameters):
+    """accuracy_m: what the fix says of itself, one standard deviation."""
+
+    accuracy_m: Annotated[float, Field(ge=0)] = 0.0
+
+
+@step(
+    "geodetic",
+    stage="transform",
+    sensors=("pose",),
+    parameters=GeodeticParameters,
+    gives={"pose": "gps"},
+)
+def geodetic(parameters: GeodeticParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Turn a local position into a fix: NED metres into latitude, longitude (deg), altitude (m).
+
+    The attitude is left out, for a fix has none; a pose without velocity gives 0 m/s.
+    """
+    frame = parameters.frame()
+
+    def operator(work: Masked[PoseReading], other: AnyMasked | None) -> Masked[GpsReading]:  # noqa: ARG001 - the interface
+        reading = work.reading
+        place = frame.to_geodetic(reading.pose.position_ned_m)
+        fix = GpsReading(
+            t_s=reading.t_s,
+            arrived_s=reading.arrived_s,
+            seq=reading.seq,
+            source=reading.source,
+            latitude_deg=place.latitude_deg,
+            longitude_deg=place.longitude_deg,
+            altitude_m=place.altitude_m,
+            velocity_ned_m_s=reading.velocity_ned_m_s or (0.0, 0.0, 0.0),
+            horizontal_accuracy_m=parameters.accuracy_m,
+            vertical_accuracy_m=parameters.accuracy_m,
+        )
+        return Masked(fix, work.mask)
+
+    return operator
+
+
+@step(
+    "local",
+    stage="transform",
+    sensors=("gps",),
+    parameters=OriginParameters,
+    gives={"gps": "pose"},
+)
+def local(parameters: OriginParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Turn a fix into a local position: latitude, longitude (deg), altitude (m) into NED metres.
+
+    A fix has no attitude: the pose is level, and points along the velocity over ground, or north
+    when that is below 0.5 m/s.
+    """
+    frame = parameters.frame()
+
+    def operator(work: Masked[GpsReading], other: AnyMasked | None) -> Masked[PoseReading]:  # noqa: ARG001 - the interface
+        fix = work.reading
+        position = frame.to_ned(fix.latitude_deg, fix.longitude_deg, fix.altitude_m)
+        north, east, _ = fix.velocity_ned_m_s
+        moving = math.hypot(north, east) > _MOVING_M_S
+        course = quat_from_euler(0.0, 0.0, math.atan2(east, north)) if moving else IDENTITY
+        pose = PoseReading(
+            t_s=fix.t_s,
+            arrived_s=fix.arrived_s,
+            source=fix.source,
+            pose=Pose(position, course),
+            velocity_ned_m_s=fix.velocity_ned_m_s,
+            seq=fix.seq,
+        )
+        return Masked(pose, work.mask)
+
+    return operator
+
+
+_MOVING_M_S = 0.5
+
+
+class ToPointsParameters(SidedParameters):
+    """every: takes each n-th beam, or each n-th pixel of each n-th row."""
+
+    every: Annotated[int, Field(ge=1, le=1000)] = 1
+
+
+@step(
+    "to_points",
+    stage="transform",
+    sensors=("lidar", "depth"),
+    parameters=ToPointsParameters,
+    gives={"lidar": "lidar_points", "depth": "lidar_points"},
+)
+def to_points(parameters: ToPointsParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
+    """Turn a scan or a depth picture into points: metres forward, right, down of the sensor.
+
+    ranges_m (beams,) or depth_m (height, width) to points_frd_m (points, 3) float32; what is not
+    kept, or met nothing, has no point.
+    """
+    every = parameters.every
+
+    def operator(
+        work: Masked[LidarScanReading] | Masked[DepthReading],
+        other: AnyMasked | None,  # noqa: ARG001 - the interface
+    ) -> Masked[LidarPointsReading]:
+        reading, keep = work.reading, with_mask(work)
+        if isinstance(reading, LidarScanReading):
+            found = _of_scan(reading, keep, every)
+            mount = reading.mount
+        else:
+            found, mount = _of_depth(reading, keep, every), Pose((0.0, 0.0, 0.0))
+        return Masked(
+            LidarPointsReading(
+                t_s=reading.t_s,
+                arrived_s=reading.arrived_s,
+                seq=reading.seq,
+                source=reading.source,
+                points_frd_m=found.points,
+                object_ids=found.ids,
+                mount=mount,
+            )
+        )
+
+    return operator
+
+
+@dataclass(frozen=True, slots=True)
+class _PointSlopes:
+    points: NDArray[np.float32]
+    ids: NDArray[np.uint8] | None
+
+
+def _of_scan(scan: LidarScanReading, keep: NDArray[np.bool_], every: int) -> _PointSlopes:
+    chosen = (keep & np.isfinite(scan.ranges_m))[::every]
+    angles, ranges = scan.angles_rad[::every][chosen], scan.ranges_m[::every][chosen]
+    points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))], 1)
+    ids = None if scan.object_ids is None else scan.object_ids[::every][chosen]
+    return _PointSlopes(points.astype(np.float32), ids)
+
+
+def _of_depth(reading: DepthReading, keep: NDArray[np.bool_], every: int) -> _PointSlopes:
+    """Return points in the camera's FRD frame; distortion counts as none."""
+    steps = (slice(None, None, every), slice(None, None, every))
+    depth = reading.depth_m[steps]
+    chosen = keep[steps] & np.isfinite(depth)
+    right, down = _slopes(reading.intrinsics)
+    forward = depth[chosen]
+    across = np.broadcast_to(right[::every], depth.shape)[chosen]
+    below = np.broadcast_to(down[::every, None], depth.shape)[chosen]
+    points = np.stack([forward, forward * across, forward * below], 1).astype(np.float32)
+    ids = None if reading.object_ids is None else reading.object_ids[steps][chosen]
+    return _PointSlopes(points, ids)
+
+
+def _slopes(camera: Intrinsics) -> tuple[NDArray[Any], NDArray[Any]]:
+    u = np.arange(camera.width_px, dtype=np.float64)
+    v = np.arange(camera.height_px, dtype=np.float64)
+    return (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px

@@ -1,0 +1,261 @@
+"""The judge of a run: feeds every oracle what it watches, collects flags and results."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from safety.evidence.evidence import Evidence
+from safety.model.oracle_results import EvidenceResult, Flag, OracleResult
+from safety.model.samples import (
+    DoubtSample,
+    FenceSample,
+    LinkSample,
+    PoseSample,
+    ReferenceSample,
+    ReportSample,
+    StageSample,
+    StateSample,
+)
+from safety.model.verdict import GOAL_TIMEOUT, DecisiveEvent, source_of
+from safety.oracles import registry
+from safety.oracles.contact import ContactParameters
+from safety.oracles.goal import TimeLimit
+from safety.oracles.oracle import Oracle, OracleContext, OracleError, Parameters, Terms
+from safety.oracles.oracle_terms import FLIGHT
+from safety.oracles.vehicle_health import LandedOracle
+
+S = TypeVar("S")
+Handler = Callable[[S], tuple[Flag, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class OracleUse:
+    """An oracle as a campaign uses it: its name in results, its kind in the registry."""
+
+    name: str
+    kind: str
+    parameters: Parameters
+
+
+COLLISION_ALWAYS = OracleUse("collision_always", "collision", ContactParameters())
+"""A contact fails a run, whatever its campaign says of the oracle `collision`."""
+_LANDED_ALWAYS = "landed_always"
+ALWAYS_JUDGED = (COLLISION_ALWAYS.name, _LANDED_ALWAYS)
+"""Oracles that a campaign has without asking for them."""
+
+
+def build_oracles(
+    uses: Sequence[OracleUse],
+    contexts: Mapping[str, OracleContext],
+    *,
+    collision_always: bool = True,
+) -> tuple[Oracle, ...]:
+    """Return the oracles of one run; `contexts` has one entry per vehicle that flies in it.
+
+    An oracle that names no vehicle judges the subject, and in mode wil the twin beside it, not
+    required. One that names a vehicle which does not fly in this mode is left out. That a real
+    vehicle is on the ground and disarmed at the end is judged always, and, with collision_always,
+    that the subject touches nothing: a use of `collision` that judges less, or is only reported,
+    stands beside that. What it names as `ground` is ground there too. Raises OracleError.
+    """
+    oracles = [oracle for use in uses for oracle in _of_use(use, contexts)]
+    if "real" in contexts and not any(_is_final(oracle) for oracle in oracles):
+        oracles.append(LandedOracle(Terms(name=_LANDED_ALWAYS, vehicle="real", required=True)))
+    for vehicle, context in contexts.items():
+        judged = any(_judges_every_contact(use, vehicle) for use in uses)
+        subject = vehicle == context.subject and context.probe is not None
+        if collision_always and subject and not judged:
+            always = replace(COLLISION_ALWAYS, parameters=ContactParameters(ground=_ground(uses)))
+            oracles += _of_use(always, {vehicle: context})
+    _require_unique(oracles)
+    return tuple(oracles)
+
+
+def _of_use(use: OracleUse, contexts: Mapping[str, OracleContext]) -> Iterable[Oracle]:
+    spec = registry.get(use.kind)
+    if spec is None:
+        known = ", ".join(sorted(registry))
+        raise OracleError(f"there is no oracle {use.kind!r}; there are {known}")
+    needs_pair = spec.needs_pair(use.parameters)
+    if needs_pair and len(contexts) < 2:
+        return
+    named, required = use.parameters.vehicle, use.parameters.required
+    for vehicle, context in contexts.items():
+        if vehicle == (named or context.subject):
+            yield spec.build(use.name, use.parameters, context, required=required)
+        elif named is None and not needs_pair:
+            yield spec.build(use.name, use.parameters, context, required=False)
+
+
+def _is_final(oracle: Oracle) -> bool:
+    return isinstance(oracle, LandedOracle) and oracle.vehicle == "real" and oracle.required
+
+
+def _judges_every_contact(use: OracleUse, subject: str) -> bool:
+    """Return whether a use says all that `collision_always` would."""
+    given = use.parameters
+    if use.kind != "collision" or not isinstance(given, ContactParameters):
+        return False
+    whole = given.from_ in {None, FLIGHT.first} and given.to in {None, FLIGHT.last, "end"}
+    return given.required and given.vehicle in {None, subject} and whole and not given.exclude
+
+
+def _ground(uses: Iterable[OracleUse]) -> tuple[str, ...]:
+    """Return what any use names as an object that one takes off from or lands on."""
+    given = (use.parameters for use in uses)
+    names = (name for one in given if isinstance(one, ContactParameters) for name in one.ground)
+    return tuple(dict.fromkeys(names))
+
+
+def _require_unique(oracles: Iterable[Oracle]) -> None:
+    seen: set[str] = set()
+    for oracle in oracles:
+        source = source_of(oracle.name, oracle.vehicle)
+        if source in seen:
+            raise OracleError(f"two oracles are named {oracle.name!r} for {oracle.vehicle!r}")
+        seen.add(source)
+
+
+class Judge:
+    """Feeds samples, in the order of their times, to all oracles that watch their vehicle.
+
+    All of them are evidence too: a signal that does not show what happened is decisive, and
+    INVALID. A pose that is not finite reaches no oracle. A vehicle without any oracle may be fed:
+    its samples are let go.
+    """
+
+    def __init__(self, oracles: Iterable[Oracle], evidence: Evidence | None = None) -> None:
+        self.oracles = tuple(oracles)
+        self._evidence = evidence or Evidence()
+        self._taken = 0
+        self._required = {source_of(o.name, o.vehicle) for o in self.oracles if o.required}
+        self._fail_fast = {source_of(o.name, o.vehicle) for o in self.oracles if o.terms.fail_fast}
+        self._poses = self._table("on_pose")
+        self._states = self._table("on_state")
+        self._heards = self._table("on_heard")
+        self._fences = self._table("on_fence")
+        self._stages = self.oracles
+        self._ticks = [o.on_tick for o in self.oracles if _overrides(o, "on_tick")]
+        self._flags: list[Flag] = []
+        self._events: list[DecisiveEvent] = []
+
+    @property
+    def flags(self) -> tuple[Flag, ...]:
+        """Return all flags so far, in the order in which they were seen."""
+        return tuple(self._flags)
+
+    @property
+    def decisive(self) -> tuple[DecisiveEvent, ...]:
+        """Return what already settles the run: decisive flags of required oracles, no evidence."""
+        return tuple(self._events)
+
+    @property
+    def evidence(self) -> tuple[EvidenceResult, ...]:
+        """Return what the signals have shown so far."""
+        return self._evidence.results()
+
+    @property
+    def timeouts(self) -> frozenset[str]:
+        """Return the sources of events that say only that time is up."""
+        limits = (one for one in self.oracles if isinstance(one, TimeLimit))
+        return frozenset({GOAL_TIMEOUT, *(source_of(one.name, one.vehicle) for one in limits)})
+
+    def pose(self, sample: PoseSample) -> tuple[Flag, ...]:
+        """Take a pose; returns new flags."""
+        is_finite = self._evidence.pose(sample)
+        self._take_evidence()
+        if not is_finite:
+            return ()
+        return self._feed_oracles(self._poses.get(sample.vehicle, ()), sample)
+
+    def state(self, sample: StateSample) -> tuple[Flag, ...]:
+        """Take a vehicle's state; returns new flags."""
+        self._evidence.state(sample)
+        return self._feed_oracles(self._states.get(sample.vehicle, ()), sample)
+
+    def heard(self, sample: LinkSample) -> tuple[Flag, ...]:
+        """Take that a vehicle was heard; returns new flags."""
+        self._evidence.heard(sample)
+        return self._feed_oracles(self._heards.get(sample.vehicle, ()), sample)
+
+    def reference(self, sample: ReferenceSample) -> None:
+        """Take where another source has a vehicle."""
+        self._evidence.reference(sample)
+        self._take_evidence()
+
+    def report(self, sample: ReportSample) -> None:
+        """Take that a sample of a signal has arrived."""
+        self._evidence.report(sample)
+        self._take_evidence()
+
+    def doubt(self, sample: DoubtSample) -> None:
+        """Take that a signal cannot be believed: decisive, and INVALID."""
+        self._evidence.doubt(sample)
+        self._take_evidence()
+
+    def fence(self, sample: FenceSample) -> tuple[Flag, ...]:
+        """Take that a vehicle has another fence from now on; returns new flags."""
+        return self._feed_oracles(self._fences.get(sample.vehicle, ()), sample)
+
+    def stage(self, sample: StageSample) -> tuple[Flag, ...]:
+        """Take a stage, of one vehicle or of all; returns new flags."""
+        handlers = [
+            o.on_stage
+            for o in self._stages
+            if sample.vehicle is None or sample.vehicle == o.vehicle
+        ]
+        flags = self._feed_oracles(handlers, sample)
+        self._evidence.stage(sample)
+        self._take_evidence()
+        return flags
+
+    def tick(self, t_s: float) -> tuple[Flag, ...]:
+        """Take that time has passed (10 Hz is plenty); returns new flags."""
+        flags = self._feed_oracles(self._ticks, t_s)
+        self._evidence.tick(t_s)
+        self._take_evidence()
+        return flags
+
+    def ends_flight(self, event: DecisiveEvent) -> bool:
+        """Return whether the vehicles are to come down for a decisive event, now."""
+        return event.kind != "FAIL" or event.source in self._fail_fast
+
+    def results(self, t_s: float) -> tuple[OracleResult, ...]:
+        """Return every oracle's result as it stands at `t_s`, in the campaign's order."""
+        return tuple(oracle.result(t_s) for oracle in self.oracles)
+
+    def _table(self, method: str) -> dict[str, list[Handler[object]]]:
+        table: dict[str, list[Handler[object]]] = {}
+        for oracle in self.oracles:
+            if _overrides(oracle, method):
+                for vehicle in oracle.watches:
+                    table.setdefault(vehicle, []).append(getattr(oracle, method))
+        return table
+
+    def _feed_oracles(self, handlers: Iterable[Handler[S]], sample: S) -> tuple[Flag, ...]:
+        new: list[Flag] = []
+        for handler in handlers:
+            if flags := handler(sample):
+                new += flags
+        if not new:
+            return ()
+        self._flags += new
+        for flag in new:
+            source = source_of(flag.oracle, flag.vehicle)
+            if flag.decisive and source in self._required:
+                self._event_once(DecisiveEvent(flag.t_s, "FAIL", flag.text, source))
+        return tuple(new)
+
+    def _take_evidence(self) -> None:
+        events = self._evidence.events
+        while self._taken < len(events):
+            self._event_once(events[self._taken])
+            self._taken += 1
+
+    def _event_once(self, event: DecisiveEvent) -> None:
+        if all(known.source != event.source for known in self._events):
+            self._events.append(event)
+
+
+def _overrides(oracle: Oracle, method: str) -> bool:
+    return getattr(type(oracle), method) is not getattr(Oracle, method)

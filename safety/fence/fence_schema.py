@@ -1,0 +1,203 @@
+"""How files say where a vehicle may be: `geofence` of a campaign, `area` of an oracle."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Annotated, ClassVar, Self, TypeVar
+
+from pydantic import Field, model_validator
+
+from safety.fence.areas import Area, Circle, FenceError, Polygon
+from safety.fence.geofence import Fence
+from safety.fence.geographic import DrawnFence, GeoArea, GeoCircle, GeoPolygon, require_place
+from worlds.files.documents import KeyFaultError, Part, Path
+from worlds.geodesy import LocalFrame
+
+T = TypeVar("T")
+Range = tuple[float, float]
+Corner = tuple[float, float]
+Radius = Annotated[float, Field(gt=0)]
+
+
+class BoxPart(Part):
+    """A box by [low, high]: north_m, east_m or latitude_deg, longitude_deg; and up_m."""
+
+    north_m: Range | None = None
+    east_m: Range | None = None
+    latitude_deg: Range | None = None
+    longitude_deg: Range | None = None
+    up_m: Range
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        for key in ("north_m", "east_m", "latitude_deg", "longitude_deg", "up_m"):
+            limits = getattr(self, key)
+            if limits is not None:
+                _require_ordered((key,), limits)
+        local = (self.north_m, self.east_m)
+        earth = (self.latitude_deg, self.longitude_deg)
+        if not (_are_all_given(local, earth) or _are_all_given(earth, local)):
+            raise ValueError("give north_m and east_m, or latitude_deg and longitude_deg")
+        self.shape()
+        return self
+
+    def shape(self) -> Polygon | GeoPolygon:
+        """Return the rectangle. Raises KeyFaultError for what is no place on Earth."""
+        if self.north_m is not None and self.east_m is not None:
+            return Polygon.rectangle(self.north_m, self.east_m)
+        (lat_0, lat_1), (lon_0, lon_1) = self.latitude_deg or (0, 0), self.longitude_deg or (0, 0)
+        corners = ((lat_0, lon_0), (lat_1, lon_0), (lat_1, lon_1), (lat_0, lon_1))
+        return _at(("latitude_deg",), lambda: GeoPolygon(corners))
+
+
+class CirclePart(Part):
+    """A disc by its centre (north_m, east_m, or latitude_deg, longitude_deg) and radius."""
+
+    north_m: float | None = None
+    east_m: float | None = None
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    radius_m: Radius
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        local = (self.north_m, self.east_m)
+        earth = (self.latitude_deg, self.longitude_deg)
+        if not (_are_all_given(local, earth) or _are_all_given(earth, local)):
+            raise ValueError("give north_m and east_m, or latitude_deg and longitude_deg")
+        self.shape()
+        return self
+
+    def shape(self) -> Circle | GeoCircle:
+        """Return the disc. Raises KeyFaultError for what is no place on Earth."""
+        if self.north_m is not None and self.east_m is not None:
+            return Circle((self.north_m, self.east_m), self.radius_m)
+        centre = (self.latitude_deg or 0.0, self.longitude_deg or 0.0)
+        return _at(("latitude_deg",), lambda: GeoCircle(centre, self.radius_m))
+
+
+class AreaPart(Part):
+    """A flat area: a polygon by corners [north_m, east_m] or [latitude, longitude], or a circle."""
+
+    polygon: list[Corner] | None = None
+    polygon_deg: list[Corner] | None = None
+    circle: CirclePart | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        given = [each for each in (self.polygon, self.polygon_deg, self.circle) if each is not None]
+        if len(given) != 1:
+            raise ValueError("give one of polygon, polygon_deg and circle")
+        for index, corner in enumerate(self.polygon_deg or ()):
+            _at(("polygon_deg", index), partial(require_place, *corner))
+        self.shape()
+        return self
+
+    def shape(self) -> Area | GeoArea:
+        """Return the area. Raises KeyFaultError for a polygon that encloses nothing."""
+        if self.circle is not None:
+            return self.circle.shape()
+        if self.polygon_deg is not None:
+            corners = tuple(self.polygon_deg)
+            return _at(("polygon_deg",), lambda: GeoPolygon(corners))
+        return _at(("polygon",), lambda: Polygon(tuple(self.polygon or ())))
+
+
+class FencePart(Part):
+    """A `box`; or the areas of `include` and `file`, without those of `exclude`, within `up_m`.
+
+    file: a QGroundControl plan or GeoJSON beside the file that names it.
+    """
+
+    may_be_empty: ClassVar[bool] = False
+
+    box: BoxPart | None = None
+    include: list[AreaPart] = Field(default_factory=list)
+    exclude: list[AreaPart] = Field(default_factory=list)
+    file: str | None = None
+    up_m: Range | None = None
+
+    @property
+    def is_drawn(self) -> bool:
+        """Return whether it says anything."""
+        given = (self.box, self.include, self.exclude, self.file, self.up_m)
+        return any(each not in (None, []) for each in given)
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Self:
+        if self.is_drawn or not self.may_be_empty:
+            self._require_bounds()
+        return self
+
+    def _require_bounds(self) -> None:
+        for key in ("include", "file"):
+            if self.box is not None and getattr(self, key):
+                raise KeyFaultError(key, "the box is the inclusion; give one of the two")
+        if self.box is not None and self.up_m is not None:
+            raise KeyFaultError("up_m", "the box has its own up_m")
+        areas = self.include or self.exclude or self.file
+        if self.box is None and (not areas or self.up_m is None):
+            raise ValueError("give a box; or include, exclude or file, and up_m")
+        if self.up_m is not None:
+            _require_ordered(("up_m",), self.up_m)
+        if self.file is None and not self._on_earth:
+            try:
+                self.fence()
+            except FenceError as error:
+                raise ValueError(str(error)) from error
+
+    @property
+    def _on_earth(self) -> bool:
+        shapes = [part.shape() for part in (*self.include, *self.exclude)]
+        if self.box is not None:
+            shapes.append(self.box.shape())
+        return any(isinstance(shape, GeoPolygon | GeoCircle) for shape in shapes)
+
+    def fence(self, frame: LocalFrame | None = None, drawn: DrawnFence | None = None) -> Fence:
+        """Return the fence in the world's frame; drawn: what is in `file`.
+
+        Raises FenceError when it leaves no place, is far from the world, or has no frame to be
+        drawn in.
+        """
+        inside, outside = ((), ()) if drawn is None else drawn.local(_require_given(frame))
+        if self.box is not None:
+            inclusions: tuple[Area, ...] = (_local(self.box.shape(), frame),)
+            floor_up_m, ceiling_up_m = self.box.up_m
+        else:
+            inclusions = (*(_local(part.shape(), frame) for part in self.include), *inside)
+            floor_up_m, ceiling_up_m = self.up_m or (0.0, 0.0)
+        return Fence(
+            inclusions=inclusions,
+            exclusions=(*(_local(part.shape(), frame) for part in self.exclude), *outside),
+            floor_up_m=floor_up_m,
+            ceiling_up_m=ceiling_up_m,
+        )
+
+
+def _local(shape: Area | GeoArea, frame: LocalFrame | None) -> Area:
+    if isinstance(shape, GeoPolygon | GeoCircle):
+        return shape.local(_require_given(frame))
+    return shape
+
+
+def _require_given(frame: LocalFrame | None) -> LocalFrame:
+    if frame is None:
+        raise FenceError("far", "areas on Earth need a world with an origin")
+    return frame
+
+
+def _at(path: Path, make: Callable[[], T]) -> T:
+    """Return what is made; a FenceError becomes a fault of the key."""
+    try:
+        return make()
+    except FenceError as error:
+        raise KeyFaultError(path, str(error)) from error
+
+
+def _are_all_given(wanted: tuple[object, ...], others: tuple[object, ...]) -> bool:
+    return None not in wanted and all(other is None for other in others)
+
+
+def _require_ordered(path: Path, limits: Range) -> None:
+    low, high = limits
+    if low >= high:
+        raise KeyFaultError(path, f"must be [low, high], is [{low:g}, {high:g}]")

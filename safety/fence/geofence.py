@@ -1,0 +1,222 @@
+"""The host-side geofence: where a vehicle may be, and whether it will still be there.
+
+All in the world's local frame, NED metres. Independent of the autopilot's own fence.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
+
+import shapely
+
+from safety.fence.areas import Area, Circle, FenceError, Point2, Polygon, Region, require_finite
+from worlds.frames import Vec3, norm
+
+__all__ = ["Area", "Breach", "Circle", "Fence", "FenceError", "Polygon", "predict"]
+
+_SHORTEST_STEP_M = 0.01
+"""How finely the way ahead is looked at close to a boundary."""
+
+
+@dataclass(frozen=True, slots=True)
+class Breach:
+    """A fence that is or will be left.
+
+    margin_m: signed distance to the boundary now (positive inside). predicted: the vehicle is
+    inside still, but cannot stop before `point_ned_m`. boundary: floor, ceiling, side.
+    """
+
+    margin_m: float
+    predicted: bool
+    point_ned_m: Vec3
+    boundary: str
+
+    def __str__(self) -> str:
+        if self.predicted:
+            return f"cannot stop before the fence's {self.boundary}, {self.margin_m:.2f} m away"
+        return f"{max(0.0, -self.margin_m):.2f} m outside of the fence's {self.boundary}"
+
+
+def predict(
+    position_ned_m: Vec3, velocity_ned_m_s: Vec3, *, latency_s: float, braking_m_s2: float
+) -> Vec3:
+    """Return the farthest point a vehicle reaches that is told to stop now.
+
+    It flies on for `latency_s`, then brakes evenly along its way: v t + v^2 / (2 a).
+    """
+    speed_m_s = norm(velocity_ned_m_s)
+    if speed_m_s == 0.0:
+        return position_ned_m
+    seconds = latency_s + speed_m_s / (2.0 * braking_m_s2)
+    return (
+        position_ned_m[0] + velocity_ned_m_s[0] * seconds,
+        position_ned_m[1] + velocity_ned_m_s[1] * seconds,
+        position_ned_m[2] + velocity_ned_m_s[2] * seconds,
+    )
+
+
+class Fence:
+    """Where a vehicle may be: in any inclusion, in no exclusion, between floor and ceiling.
+
+    floor_up_m, ceiling_up_m: heights over the world's origin, positive up; None is open.
+    Without inclusions the plane is open. Raises FenceError: altitude_swapped, not_finite, or
+    empty when nothing bounds it or no place is left.
+    """
+
+    def __init__(
+        self,
+        *,
+        inclusions: Iterable[Area] = (),
+        exclusions: Iterable[Area] = (),
+        floor_up_m: float | None = None,
+        ceiling_up_m: float | None = None,
+    ) -> None:
+        self.inclusions = tuple(inclusions)
+        self.exclusions = tuple(exclusions)
+        self.floor_up_m = floor_up_m
+        self.ceiling_up_m = ceiling_up_m
+        require_finite("altitude", floor_up_m or 0.0, ceiling_up_m or 0.0)
+        if floor_up_m is not None and ceiling_up_m is not None and floor_up_m >= ceiling_up_m:
+            message = f"floor {floor_up_m} m is not below ceiling {ceiling_up_m} m"
+            raise FenceError("altitude_swapped", message)
+        self._inside = _compile(self.inclusions)
+        self._outside = _compile(self.exclusions)
+        self._low_m = math.inf if floor_up_m is None else -floor_up_m
+        self._high_m = -math.inf if ceiling_up_m is None else -ceiling_up_m
+        self._require_some_place()
+
+    @classmethod
+    def box(cls, *, north_m: Point2, east_m: Point2, up_m: Point2) -> Self:
+        """Return the box between (low, high) of each axis."""
+        return cls(
+            inclusions=(Polygon.rectangle(north_m, east_m),),
+            floor_up_m=up_m[0],
+            ceiling_up_m=up_m[1],
+        )
+
+    def without_floor(self) -> "Fence | None":
+        """Return what holds of it for who lands, stands or is to take off; None for nothing.
+
+        The ground is where it goes then, and its own estimate may take that for some decimetres
+        deeper than it is.
+        """
+        if self.floor_up_m is None:
+            return self
+        if not self.inclusions and not self.exclusions and self.ceiling_up_m is None:
+            return None
+        return Fence(
+            inclusions=self.inclusions,
+            exclusions=self.exclusions,
+            ceiling_up_m=self.ceiling_up_m,
+        )
+
+    def margin_m(self, position_ned_m: Vec3) -> float:
+        """Return the signed distance to the nearest boundary, positive inside, always finite.
+
+        The sign is exact. So is the value for one inclusion without exclusions; where areas
+        overlap it never says more room than there is. Raises ValueError for NaN or infinity.
+        """
+        north_m, east_m, down_m = position_ned_m
+        if not math.isfinite(north_m + east_m + down_m):
+            raise ValueError(f"position {position_ned_m} is not finite")
+        flat_m = self._flat_margin_m(north_m, east_m)
+        high_m = min(self._low_m - down_m, down_m - self._high_m)
+        if flat_m < 0.0 and high_m < 0.0:
+            return -math.hypot(flat_m, high_m)
+        return min(flat_m, high_m)
+
+    def breached(
+        self,
+        position_ned_m: Vec3,
+        velocity_ned_m_s: Vec3,
+        *,
+        latency_s: float,
+        braking_m_s2: float,
+        keep_m: float = 0.0,
+    ) -> Breach | None:
+        """Return the breach, when the vehicle is less than `keep_m` inside or cannot stop there.
+
+        The whole way to the predicted point counts, so that nothing thin is jumped over: a step
+        as long as the margin cannot leave the fence.
+        """
+        margin_m = self.margin_m(position_ned_m)
+        if margin_m < keep_m:
+            return Breach(margin_m, False, position_ned_m, self.boundary(position_ned_m))
+        speed_m_s = norm(velocity_ned_m_s)
+        way_m = speed_m_s * (latency_s + speed_m_s / (2.0 * braking_m_s2))
+        if way_m <= margin_m - keep_m:
+            return None
+        end = predict(
+            position_ned_m, velocity_ned_m_s, latency_s=latency_s, braking_m_s2=braking_m_s2
+        )
+        point = self._first_point_outside(position_ned_m, end, way_m, keep_m)
+        return None if point is None else Breach(margin_m, True, point, self.boundary(point))
+
+    def boundary(self, position_ned_m: Vec3) -> str:
+        """Return which boundary is the nearest to leave, or the one most left: for people."""
+        north_m, east_m, down_m = position_ned_m
+        distances = {
+            "side": self._flat_margin_m(north_m, east_m),
+            "floor": self._low_m - down_m,
+            "ceiling": down_m - self._high_m,
+        }
+        return min(distances, key=lambda name: distances[name])
+
+    def require_inside(self, position_ned_m: Vec3, what: str) -> None:
+        """Raise FenceError when a place ("start of real") is not inside."""
+        if (margin_m := self.margin_m(position_ned_m)) < 0.0:
+            side = self.boundary(position_ned_m)
+            message = f"{what} is {-margin_m:.2f} m outside of the fence's {side}"
+            raise FenceError("excludes_point", message)
+
+    def _flat_margin_m(self, north_m: float, east_m: float) -> float:
+        inside_m = -math.inf if self._inside else math.inf
+        for part in self._inside:
+            inside_m = max(inside_m, part.distance_m(north_m, east_m))
+        for part in self._outside:
+            inside_m = min(inside_m, -part.distance_m(north_m, east_m))
+        return inside_m
+
+    def _first_point_outside(
+        self, start: Vec3, end: Vec3, way_m: float, keep_m: float
+    ) -> Vec3 | None:
+        gone_m = 0.0
+        while True:
+            part = min(1.0, gone_m / way_m)
+            point = (
+                start[0] + (end[0] - start[0]) * part,
+                start[1] + (end[1] - start[1]) * part,
+                start[2] + (end[2] - start[2]) * part,
+            )
+            margin_m = self.margin_m(point) - keep_m
+            if margin_m < 0.0:
+                return point
+            if part == 1.0:
+                return None
+            gone_m += max(margin_m, _SHORTEST_STEP_M)
+
+    def _require_some_place(self) -> None:
+        bounded = self.inclusions or self.exclusions
+        if not bounded and self.floor_up_m is None and self.ceiling_up_m is None:
+            raise FenceError("empty", "the fence bounds nothing: give an area, floor or ceiling")
+        if self.inclusions and _nothing_left(self.inclusions, self.exclusions):
+            raise FenceError("empty", "the exclusions leave nothing of the inclusions")
+
+
+def _compile(areas: tuple[Area, ...]) -> tuple[Region | Circle, ...]:
+    polygons = [area for area in areas if isinstance(area, Polygon)]
+    circles = [area for area in areas if isinstance(area, Circle)]
+    return (*((Region(polygons),) if polygons else ()), *circles)
+
+
+def _nothing_left(inclusions: tuple[Area, ...], exclusions: tuple[Area, ...]) -> bool:
+    def shape(area: Area) -> object:
+        if isinstance(area, Circle):
+            return shapely.Point(area.centre_m).buffer(area.radius_m)
+        return shapely.Polygon(area.corners_m)
+
+    left = shapely.union_all([shape(a) for a in inclusions]).difference(
+        shapely.union_all([shape(a) for a in exclusions])
+    )
+    return bool(left.area < 1e-6)

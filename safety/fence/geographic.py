@@ -1,0 +1,106 @@
+"""Areas drawn on the Earth, by latitude and longitude, and what they are in the world's frame."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from safety.fence.areas import Area, Circle, FenceError, Point2, Polygon, require_finite
+from worlds.geodesy import SEMI_MAJOR_M, LocalFrame
+
+FARTHEST_M = 100_000.0
+"""How far from the world's origin an area may reach: the tangent plane bends away 800 m there."""
+
+
+@dataclass(frozen=True, slots=True)
+class GeoPolygon:
+    """A polygon by its corners (latitude_deg, longitude_deg), not closed by a repeat.
+
+    Raises FenceError: as `Polygon`, and latitude for what is no place on Earth.
+    """
+
+    corners_deg: tuple[Point2, ...]
+
+    def __post_init__(self) -> None:
+        for corner in self.corners_deg:
+            require_place(*corner)
+        Polygon(_flatten(self.corners_deg))
+
+    def local(self, frame: LocalFrame) -> Polygon:
+        """Return it in a world's frame. Raises FenceError when it is far from there."""
+        return Polygon(tuple(_to_local(frame, *corner) for corner in self.corners_deg))
+
+
+@dataclass(frozen=True, slots=True)
+class GeoCircle:
+    """A disc by its centre (latitude_deg, longitude_deg) and radius. Raises FenceError."""
+
+    centre_deg: Point2
+    radius_m: float
+
+    def __post_init__(self) -> None:
+        require_place(*self.centre_deg)
+        Circle(self.centre_deg, self.radius_m)
+
+    def local(self, frame: LocalFrame) -> Circle:
+        """Return it in a world's frame. Raises FenceError when it is far from there."""
+        return Circle(_to_local(frame, *self.centre_deg), self.radius_m)
+
+
+GeoArea = GeoPolygon | GeoCircle
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnFence:
+    """The areas of a fence that was drawn on a map."""
+
+    inclusions: tuple[GeoArea, ...] = ()
+    exclusions: tuple[GeoArea, ...] = ()
+
+    def local(self, frame: LocalFrame) -> tuple[tuple[Area, ...], tuple[Area, ...]]:
+        """Return inclusions and exclusions in a world's frame. Raises FenceError."""
+        return _all_to_local(frame, self.inclusions), _all_to_local(frame, self.exclusions)
+
+
+def require_place(latitude_deg: float, longitude_deg: float) -> None:
+    """Raise FenceError for what is no place on Earth."""
+    require_finite("latitude and longitude", latitude_deg, longitude_deg)
+    if abs(latitude_deg) > 90.0:
+        swapped = ""
+        if abs(longitude_deg) <= 90.0:
+            swapped = "; are latitude and longitude swapped?"
+        raise FenceError("latitude", f"latitude {latitude_deg:g} is beyond 90 degrees{swapped}")
+    if abs(longitude_deg) > 180.0:
+        raise FenceError("latitude", f"longitude {longitude_deg:g} is beyond 180 degrees")
+
+
+def _flatten(corners_deg: Iterable[Point2]) -> tuple[Point2, ...]:
+    """Return corners in metres beside the first one, well enough to see what they enclose."""
+    places = tuple(corners_deg)
+    if not places:
+        return ()
+    latitude_deg, longitude_deg = places[0]
+    per_degree_m = math.radians(1.0) * SEMI_MAJOR_M
+    narrowed_m = per_degree_m * max(0.01, math.cos(math.radians(latitude_deg)))
+    return tuple(
+        ((lat - latitude_deg) * per_degree_m, (lon - longitude_deg) * narrowed_m)
+        for lat, lon in places
+    )
+
+
+def _all_to_local(frame: LocalFrame, areas: Iterable[GeoArea]) -> tuple[Area, ...]:
+    return tuple(area.local(frame) for area in areas)
+
+
+def _to_local(frame: LocalFrame, latitude_deg: float, longitude_deg: float) -> Point2:
+    north_m, east_m, _ = frame.to_ned(latitude_deg, longitude_deg, frame.altitude_m)
+    away_m = math.hypot(north_m, east_m)
+    if away_m <= FARTHEST_M:
+        return north_m, east_m
+    said = (
+        f"({latitude_deg:g}, {longitude_deg:g}) is {away_m / 1000:.0f} km from the world's origin"
+    )
+    if abs(longitude_deg) <= 90.0:
+        north_m, east_m, _ = frame.to_ned(longitude_deg, latitude_deg, frame.altitude_m)
+        if math.hypot(north_m, east_m) <= FARTHEST_M:
+            said += "; are latitude and longitude swapped?"
+    raise FenceError("far", said)

@@ -1,0 +1,356 @@
+"""How one vehicle is brought down: a table of phases, and a check that each worked.
+
+Pure: facts and a time in, actions out. Nothing here knows of bytes, nor of the other vehicle.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from vehicles.autopilots.autopilot import Mode
+
+
+class Phase(Enum):
+    """Where a contingency stands; the value is what people read."""
+
+    IDLE = "not needed"
+    PAUSE = "held for the operator"
+    HOLD = "holding"
+    LAND = "told to land"
+    DESCEND = "descending"
+    SUPERVISE = "flown by its own failsafe"
+    DISARM = "on the ground"
+    TERMINATE = "motors cut"
+    PILOT = "flown by the pilot"
+    DOWN = "down"
+
+
+class Action(Enum):
+    """What the guard is to send."""
+
+    ZERO = "zero velocity"
+    HOLD = "hold"
+    LAND = "land"
+    RTL = "return to launch"
+    DISARM = "disarm"
+    TERMINATE = "terminate"
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What is known of a vehicle now; None is unknown.
+
+    armed, mode, landed: its own last words (armed includes a command to arm that just passed).
+    failsafe: its autopilot changed the mode by itself. pilot: a pilot flies it. up_m: height from
+    one source (any zero). speed_m_s: of all axes. seen_s: when that position was measured.
+    """
+
+    armed: bool | None
+    mode: Mode | None
+    landed: bool | None
+    failsafe: bool = False
+    pilot: bool = False
+    up_m: float | None = None
+    speed_m_s: float | None = None
+    seen_s: float | None = None
+
+
+def require_landing(mode: Mode) -> None:
+    """Raise ValueError for a mode that is no way to land."""
+    if mode not in {Mode.LAND, Mode.RTL}:
+        raise ValueError(f"{mode.value!r} is no way to land")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContingencyPlan:
+    """How to bring a vehicle down; times in seconds.
+
+    landing: LAND or RTL. terminate: motors may be cut, after `stalls_to_terminate` stalls: each a
+    time `stall_s` over which fresh positions show that it came down less than `descent_m`.
+    hold_timeout_s exceeds the second between two heartbeats. settle_s, still_m_s: how long, or
+    until how slow, a vehicle in hold brakes before it lands. supervise_s: how long its own failsafe
+    may fly it without descending before it is told to land; a return to launch across any fence of
+    ours is shorter.
+    """
+
+    landing: Mode = Mode.LAND
+    terminate: bool = False
+    hold_timeout_s: float = 2.0
+    settle_s: float = 1.0
+    still_m_s: float = 0.3
+    retry_s: float = 0.5
+    stall_s: float = 5.0
+    descent_m: float = 0.1
+    stalls_to_terminate: int = 3
+    fresh_s: float = 1.0
+    supervise_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        require_landing(self.landing)
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """Facts together with what the machine remembers, for the conditions of the table."""
+
+    facts: Facts
+    plan: ContingencyPlan
+    elapsed_s: float
+    stalls: int
+    """Stalls since the vehicle was first told to land."""
+    stalled: bool
+    """A stall was found just now."""
+    landing: Mode
+    level_s: float
+    """How long it has not come lower in this phase."""
+    overruled: bool
+    """Its own failsafe had its chance."""
+
+
+Condition = Callable[[_View], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    condition: Condition
+    to: Phase
+    why: str
+
+
+def _holds(v: _View) -> bool:
+    slow = v.facts.speed_m_s is not None and v.facts.speed_m_s < v.plan.still_m_s
+    return v.facts.mode is Mode.HOLD and (slow or v.elapsed_s >= v.plan.settle_s)
+
+
+def _own_failsafe(v: _View) -> bool:
+    flies_it = v.facts.mode not in {Mode.HOLD, Mode.GUIDED, Mode.LAND}
+    return v.facts.failsafe and flies_it and not v.overruled
+
+
+def _lands_already(v: _View) -> bool:
+    return v.facts.mode is Mode.LAND
+
+
+def _has_landed(v: _View) -> bool:
+    return v.facts.landed is True
+
+
+def _has_left_landing(v: _View) -> bool:
+    return v.facts.mode not in {v.landing, Mode.LAND}
+
+
+def _has_not_helped(v: _View) -> bool:
+    return v.stalled or v.level_s >= v.plan.supervise_s
+
+
+def _hopeless(v: _View) -> bool:
+    return v.plan.terminate and v.stalled and v.stalls >= v.plan.stalls_to_terminate
+
+
+_LAND_SEEN = _Step(lambda v: v.facts.mode is v.landing, Phase.DESCEND, "its landing mode is seen")
+_ON_GROUND = _Step(_has_landed, Phase.DISARM, "it is on the ground")
+_FAILSAFE = _Step(_own_failsafe, Phase.SUPERVISE, "its own failsafe flies it")
+_HOPELESS = _Step(_hopeless, Phase.TERMINATE, "it does not come down")
+
+_ALWAYS: tuple[_Step, ...] = (
+    _Step(lambda v: v.facts.armed is False, Phase.DOWN, "it is disarmed"),
+    _Step(lambda v: v.facts.pilot, Phase.PILOT, "a pilot flies it"),
+)
+"""Looked at first in every phase that is under way."""
+
+_TABLE: dict[Phase, tuple[_Step, ...]] = {
+    Phase.HOLD: (
+        _ON_GROUND,
+        _Step(_lands_already, Phase.DESCEND, "it is landing already"),
+        _FAILSAFE,
+        _Step(_holds, Phase.LAND, "it holds"),
+        _Step(
+            lambda v: v.facts.mode is not Mode.HOLD and v.elapsed_s >= v.plan.hold_timeout_s,
+            Phase.LAND,
+            "its hold mode was not seen",
+        ),
+    ),
+    Phase.LAND: (
+        _ON_GROUND,
+        _LAND_SEEN,
+        _Step(_lands_already, Phase.DESCEND, "it is landing already"),
+        _FAILSAFE,
+        _HOPELESS,
+    ),
+    Phase.DESCEND: (
+        _ON_GROUND,
+        _FAILSAFE,
+        _Step(_has_left_landing, Phase.LAND, "it left its landing mode"),
+        _HOPELESS,
+        _Step(lambda v: v.stalled, Phase.LAND, "it does not descend"),
+    ),
+    Phase.SUPERVISE: (
+        _ON_GROUND,
+        _Step(_lands_already, Phase.DESCEND, "its failsafe lands it"),
+        _Step(_has_not_helped, Phase.LAND, "its own failsafe does not bring it down"),
+        _Step(
+            lambda v: not _own_failsafe(v) and v.facts.mode is not Mode.RTL,
+            Phase.HOLD,
+            "its own failsafe is over",
+        ),
+    ),
+    Phase.DISARM: (_Step(lambda v: v.facts.landed is False, Phase.HOLD, "it is in the air again"),),
+    Phase.TERMINATE: (),
+    Phase.DOWN: (_Step(lambda v: v.facts.armed is True, Phase.HOLD, "it is armed again"),),
+    Phase.PILOT: (),
+}
+
+_REPEATED: dict[Phase, tuple[Action, ...]] = {
+    Phase.PAUSE: (Action.HOLD,),
+    Phase.HOLD: (Action.HOLD,),
+    Phase.LAND: (Action.LAND,),
+    Phase.DISARM: (Action.LAND, Action.DISARM),
+    Phase.TERMINATE: (Action.TERMINATE,),
+}
+"""Sent on entering a phase, and again every `retry_s` while it lasts."""
+
+_STREAMING = frozenset({Phase.PAUSE, Phase.HOLD, Phase.LAND})
+_NO_STREAM_IN = frozenset({Mode.HOLD, Mode.LAND, Mode.RTL})
+
+
+class Contingency:
+    """Brings one vehicle down once started; starting twice changes nothing.
+
+    `pause` and `resume` are the operator's hold, which a start overrides for good.
+    """
+
+    def __init__(self, plan: ContingencyPlan) -> None:
+        self.plan = plan
+        self.phase = Phase.IDLE
+        self.notes: list[str] = []
+        """What happened since they were last read, for people."""
+        self._entered_s = 0.0
+        self._sent_s: float | None = None
+        self._landing: Mode = plan.landing
+        self._overruled = False
+        self._stalls = 0
+        self._lowest_m: float | None = None
+        self._progress_s: float | None = None
+        self._lower_s = 0.0
+
+    @property
+    def started(self) -> bool:
+        """Return whether it was told to bring the vehicle down."""
+        return self.phase not in {Phase.IDLE, Phase.PAUSE}
+
+    @property
+    def down(self) -> bool:
+        """Return whether the vehicle is disarmed."""
+        return self.phase is Phase.DOWN
+
+    def start(self, facts: Facts, t_s: float) -> list[Action]:
+        """Begin, if it has not begun; returns what to send at once."""
+        if self.started:
+            return []
+        self._enter(Phase.HOLD, t_s, "it is brought down")
+        return self.step(facts, t_s)
+
+    def pause(self, facts: Facts, t_s: float) -> list[Action]:
+        """Hold until `resume`; nothing once it was started."""
+        if self.phase is not Phase.IDLE:
+            return []
+        self._enter(Phase.PAUSE, t_s, "the operator holds it")
+        return self.step(facts, t_s)
+
+    def resume(self, t_s: float) -> None:
+        """End a pause; nothing once it was started."""
+        if self.phase is Phase.PAUSE:
+            self._enter(Phase.IDLE, t_s, "the operator lets it go on")
+
+    def step(self, facts: Facts, t_s: float) -> list[Action]:
+        """Take the facts as they are now; returns what to send now."""
+        if self.phase is Phase.IDLE:
+            return []
+        if self.phase is not Phase.PAUSE:
+            self._advance(facts, t_s)
+        return self._actions(facts, t_s)
+
+    def _advance(self, facts: Facts, t_s: float) -> None:
+        # One phase a step: what a phase has to say is sent before it is left.
+        stalled = self._find_stall(facts, t_s)
+        view = _View(
+            facts=facts,
+            plan=self.plan,
+            elapsed_s=t_s - self._entered_s,
+            stalls=self._stalls,
+            stalled=stalled,
+            landing=self._landing,
+            level_s=t_s - self._lower_s,
+            overruled=self._overruled,
+        )
+        for step in (*_ALWAYS, *_TABLE[self.phase]):
+            if step.to is not self.phase and step.condition(view):
+                self._enter(step.to, t_s, step.why)
+                return
+
+    def _enter(self, phase: Phase, t_s: float, why: str) -> None:
+        if phase is Phase.LAND and self.phase in {Phase.DESCEND, Phase.SUPERVISE}:
+            # What did not bring it down once is not waited for again.
+            self._landing = Mode.LAND
+            self._overruled = self._overruled or self.phase is Phase.SUPERVISE
+        self.notes.append(f"{phase.value}: {why}")
+        self.phase, self._entered_s, self._sent_s = phase, t_s, None
+        self._progress_s = None
+        self._lower_s = t_s
+
+    def _find_stall(self, facts: Facts, t_s: float) -> bool:
+        """Return whether fresh positions show no progress for `stall_s`; counts it."""
+        if self.phase not in {Phase.LAND, Phase.DESCEND, Phase.SUPERVISE}:
+            return False
+        if not self._fresh(facts, t_s):
+            # Without evidence time proves nothing: the clock of a stall starts anew.
+            self._progress_s = None
+            return False
+        sinks = self._progress_s is not None and self._sinks(facts)
+        moves = sinks or (self._progress_s is not None and self._is_on_its_way(facts))
+        if sinks:
+            self._lower_s = t_s
+        if self._progress_s is None or moves:
+            self._stalls = 0 if moves else self._stalls
+            self._lowest_m, self._progress_s = facts.up_m, t_s
+            return False
+        if t_s - self._progress_s < self.plan.stall_s:
+            return False
+        self._lowest_m, self._progress_s = facts.up_m, t_s
+        self._stalls += 1
+        return True
+
+    def _fresh(self, facts: Facts, t_s: float) -> bool:
+        known = facts.up_m is not None and facts.seen_s is not None
+        return known and t_s - (facts.seen_s or 0.0) <= self.plan.fresh_s
+
+    def _sinks(self, facts: Facts) -> bool:
+        return (self._lowest_m or 0.0) - (facts.up_m or 0.0) >= self.plan.descent_m
+
+    def _is_on_its_way(self, facts: Facts) -> bool:
+        # A return to launch climbs and flies level for long: any motion is progress there.
+        returns = self.phase is Phase.SUPERVISE or facts.mode is Mode.RTL
+        return returns and (facts.speed_m_s or 0.0) > self.plan.still_m_s
+
+    def _actions(self, facts: Facts, t_s: float) -> list[Action]:
+        if self.phase is Phase.PAUSE and facts.armed is False:
+            return []
+        streaming = self.phase in _STREAMING and facts.mode not in _NO_STREAM_IN
+        actions = [Action.ZERO] if streaming else []
+        if self._sent_s is None or t_s - self._sent_s >= self.plan.retry_s - 1e-9:
+            self._sent_s = t_s
+            actions += self._repeat_message(facts, t_s - self._entered_s)
+        return actions
+
+    def _repeat_message(self, facts: Facts, elapsed_s: float) -> list[Action]:
+        if self.phase in {Phase.PAUSE, Phase.HOLD} and facts.mode is Mode.HOLD:
+            return []
+        actions = list(_REPEATED.get(self.phase, ()))
+        if self.phase is Phase.LAND:
+            patient = elapsed_s < 2.0 * self.plan.hold_timeout_s
+            if self._landing is Mode.RTL and patient:
+                actions = [Action.RTL]
+            if self._stalls:
+                # An autopilot in the air refuses it; one that missed its touchdown takes it.
+                actions.append(Action.DISARM)
+        return actions

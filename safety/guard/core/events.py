@@ -1,0 +1,160 @@
+"""What goes into the guard's core besides bytes, and what comes out of it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from safety.fence.geofence import Fence
+from safety.guard.core.contingency import require_landing
+from safety.guard.core.setpoint_limits import SetpointLimits
+from safety.model.verdict import DecisiveEvent, DecisiveKind
+from vehicles.autopilots.autopilot import Autopilot, Mode, Target
+
+Cause = Literal["fence", "silence", "lost", "failsafe", "takeover", "abort", "bring_down", "clock"]
+"""Why the guard took over. bring_down: the orchestrator asked, which has its own reason. clock: the
+times of two simulated vehicles came apart."""
+
+EventKind = Literal[
+    "fence",
+    "silence",
+    "lost",
+    "failsafe",
+    "takeover",
+    "abort",
+    "bring_down",
+    "clock",
+    "hold",
+    "resume",
+    "proposed",
+    "geofence",
+    "refused",
+    "action",
+    "dropped",
+    "limited",
+    "heard",
+    "link",
+    "pose",
+    "record",
+    "guard",
+]
+"""A cause; hold, resume: the operator's; proposed: fences could be changed, and are to be uploaded
+first; geofence: they were changed in flight; refused: a command that cannot be followed now;
+action: a step of a contingency; dropped: frames of the orchestrator that were not passed; limited:
+setpoints were more than the campaign's limits, told at the first and after the last of them; heard:
+a lost vehicle or orchestrator is back; link: a vehicle is flown by another of its links now; pose:
+a position that is not finite was let go; record: the log of frames cannot be written any more;
+guard: the guard's own process ended, or erred."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToVehicle:
+    """Whole MAVLink frames for the vehicle `name`."""
+
+    name: str
+    frames: tuple[bytes, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ToOrchestrator:
+    """Whole MAVLink frames of the vehicle `name` for the orchestrator."""
+
+    name: str
+    frames: tuple[bytes, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ToGcs:
+    """Whole MAVLink frames of the vehicle `name` for its ground station port."""
+
+    name: str
+    frames: tuple[bytes, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GuardEvent:
+    """Something for the record; vehicle is empty when it concerns all."""
+
+    t_s: float
+    kind: EventKind
+    vehicle: str
+    text: str
+
+
+Output = ToVehicle | ToOrchestrator | ToGcs | GuardEvent
+Outputs = tuple[Output, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardedVehicle:
+    """A vehicle in the guard's care.
+
+    attached: it came from outside, so that it may be hardware. landing: LAND, or RTL where the
+    campaign asks for it and preflight allowed it. terminate: the campaign opted in to cutting the
+    motors of this vehicle as the last resort. gcs: a ground station port is open for it. limits:
+    of the setpoints that it is given; None passes all.
+    """
+
+    autopilot: Autopilot
+    target: Target
+    fence: Fence | None = None
+    attached: bool = False
+    landing: Mode = Mode.LAND
+    terminate: bool = False
+    gcs: bool = False
+    limits: SetpointLimits | None = None
+
+    def __post_init__(self) -> None:
+        require_landing(self.landing)
+
+    @property
+    def may_terminate(self) -> bool:
+        """Return whether its motors may be cut: always where nothing can break."""
+        return self.terminate or not self.attached
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardSettings:
+    """Times in seconds, distances in metres.
+
+    latency_s, braking_m_s2: how late and how hard a vehicle brakes when told to. Late is all until
+    it brakes at this rate: estimator, link and tilting over. The defaults are a bound, not a fit:
+    the longest stop measured with the embedded vehicles was 3.7 m from 3.5 m/s, for which they
+    give 4.2 m; hardware may need more. keep_m: distance to be
+    kept to the fence. orchestrator_silent_s counts from its first sign of life on.
+    asked_s: how long a mode change counts as asked for after a command passed (heartbeats come
+    once a second). system_id, component_id: as whom the guard speaks; ArduPilot obeys its GCS
+    failsafe to SYSID_MYGCS (255).
+    """
+
+    latency_s: float = 0.5
+    braking_m_s2: float = 2.5
+    keep_m: float = 0.0
+    vehicle_lost_s: float = 3.0
+    orchestrator_silent_s: float = 0.4
+    asked_s: float = 3.0
+    heartbeat_s: float = 1.0
+    system_id: int = 255
+    component_id: int = 191
+
+
+_DECISIVE: dict[EventKind, DecisiveKind] = {
+    "fence": "FAIL",
+    "failsafe": "FAIL",
+    "silence": "ERROR",
+    "lost": "ERROR",
+    "guard": "ERROR",
+    "clock": "ERROR",
+    "abort": "ABORTED",
+    "takeover": "ABORTED",
+}
+
+
+def decisive(event: GuardEvent) -> DecisiveEvent | None:
+    """Return what an event of the guard means for the verdict; None for what settles nothing.
+
+    A `bring_down` has the orchestrator's own reason; a `hold` is INVALID only after t0, which the
+    guard does not know.
+    """
+    kind = _DECISIVE.get(event.kind)
+    if kind is None:
+        return None
+    return DecisiveEvent(event.t_s, kind, event.text, f"guard.{event.kind}/{event.vehicle}")

@@ -1,0 +1,112 @@
+"""Which frames the guard lets through, and what they tell it."""
+
+from safety.guard.core.mavlink_fields import (
+    COMMAND_INT,
+    COMMAND_LONG,
+    DO_PAUSE_CONTINUE,
+    DO_REPOSITION,
+    DO_SET_MODE,
+    MISSION_START,
+    NAV_LAND,
+    NAV_RETURN_TO_LAUNCH,
+    NAV_TAKEOFF,
+    SET_MODE,
+    Command,
+    read_command,
+    read_target,
+)
+from vehicles.mavlink.framing import Frame
+from vehicles.mavlink.names import command_name, message_name
+
+PARAM_SET = 23
+_PLANS = frozenset(
+    {
+        44,  # MISSION_COUNT
+        45,  # MISSION_CLEAR_ALL
+        73,  # MISSION_ITEM_INT
+    }
+)
+"""Messages that put a fence or mission back as it was before the flight."""
+_HARMLESS = frozenset(
+    {
+        0,  # HEARTBEAT
+        2,  # SYSTEM_TIME
+        4,  # PING
+        20,  # PARAM_REQUEST_READ
+        21,  # PARAM_REQUEST_LIST
+        40,  # MISSION_REQUEST
+        43,  # MISSION_REQUEST_LIST
+        47,  # MISSION_ACK
+        51,  # MISSION_REQUEST_INT
+        66,  # REQUEST_DATA_STREAM
+        111,  # TIMESYNC
+        117,  # LOG_REQUEST_LIST
+        119,  # LOG_REQUEST_DATA
+        122,  # LOG_REQUEST_END
+    }
+)
+"""Messages that read or keep a link alive, and move nothing."""
+ESTIMATES = frozenset(
+    {
+        102,  # VISION_POSITION_ESTIMATE
+        132,  # DISTANCE_SENSOR
+        138,  # ATT_POS_MOCAP
+        331,  # ODOMETRY
+    }
+)
+"""What an estimator may fly by: a vehicle that loses it while it is brought down is lost itself."""
+_HARMLESS_COMMANDS = frozenset({510, 511, 512, 519, 520})
+"""Message intervals, requests of a message, of the version and of the capabilities."""
+_STEERING_COMMANDS = frozenset(
+    {
+        NAV_RETURN_TO_LAUNCH,
+        NAV_LAND,
+        NAV_TAKEOFF,
+        DO_SET_MODE,
+        DO_REPOSITION,
+        DO_PAUSE_CONTINUE,
+        MISSION_START,
+    }
+)
+
+
+_TARGET_AT = {SET_MODE: 4, 82: 36, 84: 50, 86: 50}
+"""Where in their payloads SET_MODE and the setpoints say whom they are for."""
+
+
+def command_of(frame: Frame) -> Command | None:
+    """Return a frame's command; None when it is none."""
+    return read_command(frame) if frame.message_id in {COMMAND_LONG, COMMAND_INT} else None
+
+
+def is_harmless(frame: Frame, *, parameters: bool, plans: bool) -> bool:
+    """Return whether a frame may pass while the orchestrator is not in command.
+
+    parameters, plans: whether parameters, and fence and mission, may be set too: they are restored
+    after a flight.
+    """
+    if frame.message_id == PARAM_SET:
+        return parameters
+    if frame.message_id in _PLANS:
+        return plans
+    command = command_of(frame)
+    if command is not None:
+        return command.number in _HARMLESS_COMMANDS
+    return frame.message_id in _HARMLESS or frame.message_id in ESTIMATES
+
+
+def is_control(frame: Frame, system: int) -> bool:
+    """Return whether a ground station's frame takes the vehicle `system` out of our hands."""
+    at = _TARGET_AT.get(frame.message_id)
+    if at is not None:
+        return read_target(frame, at) in {0, system}
+    command = command_of(frame)
+    if command is None or command.system not in {0, system}:
+        return False
+    return command.number in _STEERING_COMMANDS or command.disarms or command.cuts_motors
+
+
+def frame_name(frame: Frame) -> str:
+    """Return what people call a frame: its message, for a command the command."""
+    command = command_of(frame)
+    return message_name(frame.message_id) if command is None else command_name(command.number)

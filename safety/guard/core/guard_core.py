@@ -1,0 +1,424 @@
+"""The guard's core: bytes, positions, commands and ticks in; bytes and events out.
+
+Pure. What it decides depends on what it was handed and when, never on a clock or a socket, so
+that the same core runs in process under virtual time and in a process of its own.
+
+A runtime-assurance filter in the pattern of ASTM F3269: as long as all is well the orchestrator's
+frames pass; once it latches, they do not, and its own contingency brings every vehicle down.
+"""
+
+import math
+from collections.abc import Mapping
+
+from safety.fence.geofence import Fence
+from safety.guard.core.contingency import Action, ContingencyPlan, Phase
+from safety.guard.core.events import (
+    Cause,
+    EventKind,
+    GuardedVehicle,
+    GuardEvent,
+    GuardSettings,
+    Output,
+    Outputs,
+    ToGcs,
+    ToOrchestrator,
+    ToVehicle,
+)
+from safety.guard.core.fence_exchange import refusal_of_changes
+from safety.guard.core.frame_filter import command_of, frame_name, is_control, is_harmless
+from safety.guard.core.mavlink_fields import (
+    COMMAND_INT,
+    COMMAND_LONG,
+    EXTENDED_SYS_STATE,
+    HEARTBEAT,
+    LOCAL_POSITION_NED,
+    SET_MODE,
+)
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.core.setpoint_frames import SETPOINTS
+from safety.guard.core.vehicle_supervisor import SupervisedVehicle
+from safety.model.samples import PoseSample
+from vehicles.autopilots.autopilot import own_heartbeat
+from vehicles.mavlink.framing import Frame
+from vehicles.poses.anchor import Anchor
+from worlds.frames import Vec3
+
+_READ = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, LOCAL_POSITION_NED})
+_COMMANDS = frozenset({COMMAND_LONG, COMMAND_INT, SET_MODE})
+
+
+class GuardCore:
+    """Watches and, when it must, brings down all vehicles it was given.
+
+    Latched once, it stays latched: `latched` names the first cause. Every method returns what is
+    to be sent and recorded, in that order. Bytes may come cut anywhere; whole frames go out.
+    """
+
+    def __init__(
+        self,
+        *,
+        vehicles: Mapping[str, GuardedVehicle],
+        settings: GuardSettings | None = None,
+        plan: ContingencyPlan | None = None,
+    ) -> None:
+        self.settings = settings or GuardSettings()
+        base = plan or ContingencyPlan()
+        self._supervised_vehicles = {
+            name: SupervisedVehicle(name, vehicle, self.settings, base)
+            for name, vehicle in vehicles.items()
+        }
+        self.latched: Cause | None = None
+        self.paused = False
+        self.dropped: dict[tuple[str, str], int] = {}
+        """How many frames of the orchestrator were not passed, by vehicle and message."""
+        self._alive_s: float | None = None
+        self._told_of_all: set[str] = set()
+
+    @property
+    def phases(self) -> dict[str, Phase]:
+        """Return where each vehicle's contingency stands."""
+        return {
+            name: supervised.contingency.phase
+            for name, supervised in self._supervised_vehicles.items()
+        }
+
+    @property
+    def all_down(self) -> bool:
+        """Return whether it latched and every vehicle that ever spoke is disarmed or ended."""
+        return self.latched is not None and all(
+            supervised.contingency.down or supervised.gone or supervised.seen.heard_s is None
+            for supervised in self._supervised_vehicles.values()
+        )
+
+    def may_be_armed(self, t_s: float) -> tuple[str, ...]:
+        """Return the vehicles that are armed or were just told to arm, as far as is known."""
+        return tuple(
+            name
+            for name, supervised in self._supervised_vehicles.items()
+            if not supervised.gone and supervised.seen.may_be_armed(t_s)
+        )
+
+    def heard_s(self, name: str) -> float | None:
+        """Return when a vehicle was last heard; None for never."""
+        return self._supervised_vehicles[name].seen.heard_s
+
+    def anchor(self, name: str, anchor: Anchor) -> None:
+        """Say where a vehicle's local frame is in the world: makes its estimate a position."""
+        self._supervised_vehicles[name].seen.anchor = anchor
+
+    def from_vehicle(self, name: str, data: bytes, t_s: float) -> Outputs:
+        """Take bytes of a vehicle: they always pass."""
+        supervised = self._supervised_vehicles[name]
+        frames = supervised.from_vehicle.feed(data)
+        if not frames:
+            return ()
+        raw = tuple([frame.raw for frame in frames])
+        out: list[Output] = [ToOrchestrator(name, raw)]
+        if supervised.vehicle.gcs:
+            out.append(ToGcs(name, raw))
+        target = supervised.vehicle.target
+        own = [f for f in frames if f.system == target.system and f.component == target.component]
+        if own:
+            out += self._on_heartbeat(supervised, t_s)
+        for frame in own:
+            if frame.message_id in _READ:
+                out += self._read_frame(supervised, frame, t_s)
+        return tuple(out)
+
+    def from_orchestrator(self, name: str, data: bytes, t_s: float) -> Outputs:
+        """Take bytes of the orchestrator: they pass while it is in command."""
+        supervised = self._supervised_vehicles[name]
+        passed: list[bytes] = []
+        events: list[Output] = []
+        for frame in supervised.from_orchestrator.feed(data):
+            if self._passes(supervised, frame, t_s):
+                raw = (
+                    frame.raw
+                    if supervised.meter is None
+                    else self._meter_setpoint(supervised, frame, t_s)
+                )
+                if raw:
+                    passed.append(raw)
+            else:
+                events += self._drop(supervised, frame, t_s)
+        events += self._limitings(supervised, t_s)
+        if not passed:
+            return tuple(events)
+        return (ToVehicle(name, tuple(passed)), *events)
+
+    def from_gcs(self, name: str, data: bytes, t_s: float) -> Outputs:
+        """Take bytes of a ground station: they always pass; steering in flight is a takeover.
+
+        What is meant for another vehicle is no takeover of this one: ground stations say all that
+        they say on all of their links.
+        """
+        supervised = self._supervised_vehicles[name]
+        frames = supervised.from_gcs.feed(data)
+        if not frames:
+            return ()
+        out: list[Output] = [ToVehicle(name, tuple(frame.raw for frame in frames))]
+        system = supervised.vehicle.target.system
+        steering = [frame for frame in frames if is_control(frame, system)]
+        if steering and supervised.seen.may_be_armed(t_s) and not supervised.seen.taken_over:
+            supervised.seen.taken_over = True
+            text = f"the ground station took {name} over by {frame_name(steering[0])}"
+            out += self._latch("takeover", name, text, t_s)
+        return tuple(out)
+
+    def position(self, sample: PoseSample) -> Outputs:
+        """Take where a vehicle is, from the fastest source there is."""
+        supervised = self._supervised_vehicles[sample.vehicle]
+        place, velocity = sample.pose.position_ned_m, sample.velocity_ned_m_s
+        return self._place(supervised, place, velocity, sample.t_s, told=True)
+
+    def command(self, command: OperatorCommand, t_s: float) -> Outputs:
+        """Take an operator's command. Abort always wins, and nothing undoes it.
+
+        Raises ValueError for a geofence: its document is read first, see `change_fences`.
+        """
+        who = command.who
+        if command.kind == "geofence":
+            raise ValueError("a guard is given fences, not a document")
+        if command.kind == "abort":
+            return tuple(self._latch("abort", "", f"aborted by {who}", t_s))
+        if self.latched is not None:
+            return (self._event(t_s, "refused", "", f"{who}: {command.kind}: all are landing"),)
+        if command.kind == "hold":
+            if self.paused:
+                return (self._event(t_s, "refused", "", f"{who}: hold: all hold already"),)
+            self.paused = True
+            out: list[Output] = []
+            for supervised in self._supervised_vehicles.values():
+                actions = supervised.contingency.pause(supervised.seen.facts(t_s), t_s)
+                out += self._send(supervised, actions, t_s)
+            return (*out, self._event(t_s, "hold", "", f"held by {who}"))
+        if not self.paused:
+            return (self._event(t_s, "refused", "", f"{who}: resume: nothing is held"),)
+        self.paused = False
+        for supervised in self._supervised_vehicles.values():
+            supervised.contingency.resume(t_s)
+        return (self._event(t_s, "resume", "", f"resumed by {who}"), *self._notes(t_s))
+
+    def propose_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
+        """Say in an event whether vehicles could be given these fences now, or why not.
+
+        To be asked before the fences are uploaded to the autopilots: those that hold go on
+        holding until `change_fences`.
+        """
+        names = " and ".join(fences)
+        why = self._refusal_of(fences, t_s)
+        if why:
+            return (self._event(t_s, "refused", "", f"{who}: geofence: {why}"),)
+        text = f"{who} wants another fence for {names}; the old one holds until it is aboard"
+        return (self._event(t_s, "proposed", "", text),)
+
+    def change_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
+        """Give vehicles new fences, all of them or none; an event says which it was, and why."""
+        if why := self._refusal_of(fences, t_s):
+            return (self._event(t_s, "refused", "", f"{who}: geofence: {why}"),)
+        for name, fence in fences.items():
+            self._supervised_vehicles[name].change_fence(fence)
+        names = " and ".join(fences)
+        return (self._event(t_s, "geofence", "", f"{who} changed the fence of {names}"),)
+
+    def _refusal_of(self, fences: Mapping[str, Fence], t_s: float) -> str:
+        if self.latched is not None:
+            return "all are landing"
+        motions = {name: self._supervised_vehicles[name].seen.motion(t_s) for name in fences}
+        return refusal_of_changes(fences, motions, self.settings)
+
+    def bring_down(self, reason: str, t_s: float) -> Outputs:
+        """Bring all down because the orchestrator asks: it has its own reason for the verdict."""
+        return tuple(self._latch("bring_down", "", reason, t_s))
+
+    def orchestrator_alive(self, t_s: float) -> Outputs:
+        """Take a sign of life of the orchestrator; from the first one on its silence counts."""
+        out: Outputs = ()
+        last_s, self._alive_s = self._alive_s, t_s
+        if last_s is not None and t_s - last_s > self.settings.orchestrator_silent_s:
+            out = (self._event(t_s, "heard", "", "the orchestrator is back"),)
+        return out
+
+    def orchestrator_ended(self, t_s: float) -> Outputs:
+        """Take that the orchestrator is gone for good; what may be armed is brought down."""
+        if not self.may_be_armed(t_s):
+            return ()
+        return tuple(self._latch("silence", "", "the orchestrator ended", t_s))
+
+    def vehicle_gone(self, name: str, text: str, t_s: float) -> Outputs:
+        """Take that the process that was a vehicle is none any more: nothing to bring down."""
+        supervised = self._supervised_vehicles[name]
+        supervised.gone = supervised.lost = True
+        return tuple(self._latch("lost", name, text, t_s))
+
+    def clocks_apart(self, name: str, text: str, t_s: float) -> Outputs:
+        """Take that a simulated vehicle's time has left the run clock."""
+        return tuple(self._latch("clock", name, text, t_s))
+
+    def tick(self, t_s: float) -> Outputs:
+        """Take that time has passed; 20 Hz is expected, the rate at which setpoints stream."""
+        out: list[Output] = []
+        silent_s = 0.0 if self._alive_s is None else t_s - self._alive_s
+        if silent_s > self.settings.orchestrator_silent_s:
+            out += self._latch("silence", "", "the orchestrator fell silent", t_s)
+        for supervised in self._supervised_vehicles.values():
+            out += self._check_lost(supervised, t_s)
+            if supervised.meter is not None:
+                supervised.meter.lapse(t_s)
+                out += self._limitings(supervised, t_s)
+        for supervised in self._supervised_vehicles.values():
+            if supervised.contingency.phase is not Phase.IDLE and not supervised.gone:
+                actions = supervised.contingency.step(supervised.seen.facts(t_s), t_s)
+                out += self._send(supervised, actions, t_s)
+        return tuple(out)
+
+    def _on_heartbeat(self, supervised: SupervisedVehicle, t_s: float) -> Outputs:
+        supervised.seen.heard_s = t_s
+        if not supervised.lost:
+            return ()
+        supervised.lost = False
+        return (self._event(t_s, "heard", supervised.name, f"{supervised.name} is heard again"),)
+
+    def _check_lost(self, supervised: SupervisedVehicle, t_s: float) -> Outputs:
+        heard_s = supervised.seen.heard_s
+        if heard_s is None or supervised.lost or not supervised.seen.may_be_armed(t_s):
+            return ()
+        if t_s - heard_s <= self.settings.vehicle_lost_s:
+            return ()
+        supervised.lost = True
+        text = f"{supervised.name} was not heard for {self.settings.vehicle_lost_s:g} s"
+        return tuple(self._latch("lost", supervised.name, text, t_s))
+
+    def _read_frame(self, supervised: SupervisedVehicle, frame: Frame, t_s: float) -> Outputs:
+        if frame.message_id == LOCAL_POSITION_NED:
+            if supervised.seen.anchor is None and self.latched is None:
+                return ()
+            placed = supervised.seen.read_position(frame, t_s)
+            return () if placed is None else self._place(supervised, *placed, t_s)
+        change = supervised.seen.read_state(frame, t_s, supervised.commanded)
+        if change is None:
+            return ()
+        return tuple(
+            self._latch(change.kind, supervised.name, f"{supervised.name}: {change.text}", t_s)
+        )
+
+    def _place(
+        self,
+        supervised: SupervisedVehicle,
+        position_ned_m: Vec3,
+        velocity_ned_m_s: Vec3,
+        t_s: float,
+        *,
+        told: bool = False,
+    ) -> Outputs:
+        if not math.isfinite(sum(position_ned_m) + sum(velocity_ned_m_s)):
+            return tuple(self._report_once(supervised, "pose", "a position is not finite", t_s))
+        supervised.seen.place(position_ned_m, velocity_ned_m_s, t_s, told=told)
+        fence = supervised.fence
+        if fence is None or "fence" in supervised.told or not supervised.seen.may_be_armed(t_s):
+            return ()
+        breach = fence.breached(
+            position_ned_m,
+            velocity_ned_m_s,
+            latency_s=self.settings.latency_s,
+            braking_m_s2=self.settings.braking_m_s2,
+            keep_m=self.settings.keep_m,
+        )
+        if breach is None:
+            return ()
+        return tuple(self._latch("fence", supervised.name, f"{supervised.name} {breach}", t_s))
+
+    def _passes(self, supervised: SupervisedVehicle, frame: Frame, t_s: float) -> bool:
+        if self.latched is not None or self.paused:
+            seen = supervised.seen
+            parameters = not seen.taken_over
+            # Held vehicles may be given another fence; it moves none of them.
+            plans = parameters and (self.latched is None or not seen.may_be_armed(t_s))
+            return is_harmless(frame, parameters=parameters, plans=plans)
+        if frame.message_id not in _COMMANDS:
+            return True
+        command = command_of(frame)
+        if command is None:
+            supervised.seen.note_mode_asked(t_s)
+            return True
+        if command.cuts_motors and not supervised.vehicle.may_terminate:
+            return False
+        supervised.seen.note_command(command, t_s)
+        return True
+
+    def _meter_setpoint(
+        self, supervised: SupervisedVehicle, frame: Frame, t_s: float
+    ) -> bytes | None:
+        """Return what may pass of a frame; setpoints are held to the campaign's limits."""
+        if supervised.meter is None or frame.message_id not in SETPOINTS:
+            return frame.raw
+        return supervised.meter.through(
+            frame, supervised.seen.anchor, supervised.seen.motion(t_s), t_s
+        )
+
+    def _limitings(self, supervised: SupervisedVehicle, t_s: float) -> list[Output]:
+        if supervised.meter is None or not supervised.meter.notes:
+            return []
+        notes, supervised.meter.notes = supervised.meter.notes, []
+        return [
+            self._event(t_s, "limited", supervised.name, f"{supervised.name}: {n}") for n in notes
+        ]
+
+    def _drop(self, supervised: SupervisedVehicle, frame: Frame, t_s: float) -> Outputs:
+        key = (supervised.name, frame_name(frame))
+        self.dropped[key] = self.dropped.get(key, 0) + 1
+        if self.dropped[key] > 1:
+            return ()
+        return (self._event(t_s, "dropped", supervised.name, f"{key[1]} was not passed"),)
+
+    def _latch(self, cause: Cause, name: str, text: str, t_s: float) -> list[Output]:
+        """Take over, and say why; a later cause only says so, once for each vehicle."""
+        if self.latched is not None:
+            return self._report_once(self._supervised_vehicles.get(name), cause, text, t_s)
+        self.latched, self.paused = cause, False
+        out: list[Output] = []
+        for supervised in self._supervised_vehicles.values():
+            actions = supervised.contingency.start(supervised.seen.facts(t_s), t_s)
+            out += self._send(supervised, actions, t_s)
+        # What brakes goes out first; the words follow.
+        return [*out, *self._report_once(self._supervised_vehicles.get(name), cause, text, t_s)]
+
+    def _report_once(
+        self, supervised: SupervisedVehicle | None, kind: EventKind, text: str, t_s: float
+    ) -> list[Output]:
+        if supervised is None:
+            told, name = self._told_of_all, ""
+        else:
+            told, name = supervised.told, supervised.name
+        if kind in told:
+            return []
+        told.add(kind)
+        return [self._event(t_s, kind, name, text)]
+
+    def _send(
+        self, supervised: SupervisedVehicle, actions: list[Action], t_s: float
+    ) -> list[Output]:
+        frames = [supervised.frame(action, t_s) for action in actions]
+        beat_s = supervised.heartbeat_s
+        if beat_s is None or t_s - beat_s >= self.settings.heartbeat_s - 1e-9:
+            supervised.heartbeat_s = t_s
+            frames.append(supervised.codec.pack(own_heartbeat()))
+        out: list[Output] = [ToVehicle(supervised.name, tuple(frames))] if frames else []
+        return [*out, *self._notes_of(supervised, t_s)]
+
+    def _notes(self, t_s: float) -> list[Output]:
+        return [
+            event
+            for supervised in self._supervised_vehicles.values()
+            for event in self._notes_of(supervised, t_s)
+        ]
+
+    def _notes_of(self, supervised: SupervisedVehicle, t_s: float) -> list[Output]:
+        notes, supervised.contingency.notes = supervised.contingency.notes, []
+        return [
+            self._event(t_s, "action", supervised.name, f"{supervised.name}: {n}") for n in notes
+        ]
+
+    @staticmethod
+    def _event(t_s: float, kind: EventKind, name: str, text: str) -> GuardEvent:
+        return GuardEvent(t_s, kind, name, text)

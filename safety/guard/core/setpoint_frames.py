@@ -1,0 +1,81 @@
+"""Setpoints in MAVLink frames: read, and written anew where they were limited; pure.
+
+SET_POSITION_TARGET_LOCAL_NED (84) in MAV_FRAME_LOCAL_NED with a whole position or a whole velocity
+can be limited. Layout: message definitions of MAVLink common, fields in the order of the wire.
+"""
+
+import math
+import struct
+
+from vehicles.autopilots.autopilot import (
+    IGNORE_ACCELERATION,
+    IGNORE_POSITION,
+    IGNORE_VELOCITY,
+    IGNORE_YAW,
+    IGNORE_YAW_RATE,
+)
+from vehicles.mavlink.framing import Frame, with_payload
+from vehicles.poses.anchor import Anchor
+from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from worlds.frames import Vec3
+
+LOCAL_NED = 84
+SETPOINTS = frozenset({82, LOCAL_NED, 86})
+"""SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT."""
+_MAV_FRAME_LOCAL_NED = 1
+_layout = struct.Struct("<I11fHBBB")
+
+
+def read_setpoint(frame: Frame, anchor: Anchor | None) -> Setpoint | None:
+    """Return in the world frame what a frame asks for; None for what cannot be limited.
+
+    anchor: where the autopilot's local frame lies in the world; None takes it for the world's.
+    """
+    if frame.message_id != LOCAL_NED or len(frame.payload) > _layout.size:
+        return None
+    _, *numbers, mask, _, _, kind = _layout.unpack(_pad_payload(frame))
+    x, y, z, vx, vy, vz, _, _, _, yaw, yaw_rate = numbers
+    needed = (
+        *_used_axes(mask, IGNORE_POSITION, (x, y, z)),
+        *_used_axes(mask, IGNORE_VELOCITY, (vx, vy, vz)),
+    )
+    if kind != _MAV_FRAME_LOCAL_NED or mask & IGNORE_ACCELERATION != IGNORE_ACCELERATION:
+        return None
+    if not all(map(math.isfinite, needed)):
+        return None
+    heading = None if mask & IGNORE_YAW else yaw
+    if mask & IGNORE_VELOCITY == IGNORE_VELOCITY and not mask & IGNORE_POSITION:
+        return _in_world(PositionSetpoint((x, y, z), heading), anchor)
+    if mask & IGNORE_POSITION == IGNORE_POSITION and not mask & IGNORE_VELOCITY:
+        turning = None if mask & IGNORE_YAW_RATE or heading is not None else yaw_rate
+        return _in_world(VelocitySetpoint((vx, vy, vz), heading, turning), anchor)
+    return None
+
+
+def rewritten(frame: Frame, given: Setpoint, anchor: Anchor | None) -> bytes:
+    """Return the frame with another position or velocity, and all else as it was."""
+    local = given if anchor is None else anchor.to_local(given)
+    fields = list(_layout.unpack(_pad_payload(frame)))
+    if isinstance(local, PositionSetpoint):
+        fields[1:4] = local.position_ned_m
+    else:
+        fields[4:7] = local.velocity_ned_m_s
+    return with_payload(frame, _layout.pack(*fields))
+
+
+def _pad_payload(frame: Frame) -> bytes:
+    return frame.payload.ljust(_layout.size, b"\0")
+
+
+def _used_axes(mask: int, bits: int, values: Vec3) -> Vec3:
+    return (0.0, 0.0, 0.0) if mask & bits == bits else values
+
+
+def _in_world(local: Setpoint, anchor: Anchor | None) -> Setpoint:
+    # Only the part that is limited is turned: heading and heading rate go on as they came.
+    if anchor is None:
+        return local
+    if isinstance(local, PositionSetpoint):
+        return PositionSetpoint(anchor.position(local.position_ned_m), local.yaw_rad)
+    velocity = anchor.velocity(local.velocity_ned_m_s)
+    return VelocitySetpoint(velocity, local.yaw_rad, local.yaw_rate_rad_s)

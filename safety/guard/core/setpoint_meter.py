@@ -1,0 +1,87 @@
+"""Setpoint frames of one vehicle on their way through the guard: limited, and told of."""
+
+import math
+from dataclasses import dataclass
+
+from safety.fence.geofence import Fence
+from safety.guard.core.setpoint_frames import read_setpoint, rewritten
+from safety.guard.core.setpoint_limiter import LimitReport, Motion, SetpointLimiter
+from vehicles.mavlink.framing import Frame
+from vehicles.mavlink.names import message_name
+from vehicles.poses.anchor import Anchor
+
+_LAPSE_S = 1.0
+"""A limit that took no effect for so long is told to be over."""
+
+
+@dataclass(slots=True)
+class _LimitingSpell:
+    """A time over which one limit took effect again and again."""
+
+    count: int
+    worst: LimitReport
+    last_s: float
+
+
+class SetpointMeter:
+    """Passes setpoint frames of one vehicle within its limits; `notes` are for the record.
+
+    Each limit is told when it begins to take effect, and, once it has not for a second, how often
+    it did and what the most was that was asked.
+    """
+
+    def __init__(self, limiter: SetpointLimiter) -> None:
+        self._limiter = limiter
+        self._spells: dict[str, _LimitingSpell] = {}
+        self.notes: list[str] = []
+
+    def change_fence(self, fence: Fence) -> None:
+        """Hold setpoints to another fence from now on."""
+        self._limiter.change_fence(fence)
+
+    def through(
+        self, frame: Frame, anchor: Anchor | None, motion: Motion | None, t_s: float
+    ) -> bytes | None:
+        """Return the frame that may be passed; None when nothing may."""
+        asked = read_setpoint(frame, anchor)
+        if asked is None:
+            name = message_name(frame.message_id)
+            self._note(LimitReport(f"{name} cannot be limited and", 1.0, 0.0, ""), t_s)
+            return None
+        given, found = self._limiter.limit(asked, motion, t_s)
+        for one in found:
+            self._note(one, t_s)
+        if given is None or not found:
+            return None if given is None else frame.raw
+        return rewritten(frame, given, anchor)
+
+    def lapse(self, t_s: float) -> None:
+        """Take that time has passed: what took no effect for a while is over."""
+        for what, spell in tuple(self._spells.items()):
+            if t_s - spell.last_s > _LAPSE_S:
+                del self._spells[what]
+                if spell.count > 1:
+                    said = f"{_report_text(spell.worst)}: {spell.count} times, this the worst"
+                    self.notes.append(said)
+
+    def _note(self, limiting: LimitReport, t_s: float) -> None:
+        spell = self._spells.get(limiting.what)
+        if spell is None:
+            self._spells[limiting.what] = _LimitingSpell(1, limiting, t_s)
+            self.notes.append(_report_text(limiting))
+            return
+        spell.count += 1
+        spell.last_s = t_s
+        if _excess_of(limiting) > _excess_of(spell.worst):
+            spell.worst = limiting
+
+
+def _excess_of(limiting: LimitReport) -> float:
+    return abs(limiting.asked - limiting.given)
+
+
+def _report_text(limiting: LimitReport) -> str:
+    if not limiting.unit:
+        return f"{limiting.what} is not passed"
+    asked = "any" if math.isinf(limiting.asked) else f"{limiting.asked:.2f}"
+    return f"{limiting.what} limited from {asked} to {limiting.given:.2f} {limiting.unit}"

@@ -1,0 +1,198 @@
+"""What the guard knows of one vehicle, from the vehicle's own frames and from positions."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from safety.guard.core.contingency import Facts
+from safety.guard.core.events import GuardedVehicle, GuardSettings
+from safety.guard.core.mavlink_fields import (
+    EXTENDED_SYS_STATE,
+    HEARTBEAT,
+    LOCAL_POSITION_NED,
+    Command,
+    Heartbeat,
+    read_heartbeat,
+    read_landed,
+    read_local_position,
+)
+from safety.guard.core.setpoint_limiter import Motion
+from vehicles.autopilots.autopilot import Mode
+from vehicles.mavlink.framing import Frame
+from vehicles.poses.anchor import Anchor
+from worlds.frames import Vec3, norm
+
+_ASKED_AFTERWARDS = frozenset({Mode.LAND, Mode.RTL, Mode.MISSION})
+"""Modes from which an autopilot goes on to landing by itself."""
+_FRESH_S = 1.0
+_ARMED_LATELY_S = 1.5
+"""Heartbeats come once a second: who is armed says so within this time. A single word that it is
+disarmed may be old (a replay, a second vehicle of its number), and ends no flight."""
+_TOLD_S = 0.3
+"""After how long without a position of the orchestrator's the vehicle's own estimate counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModeChange:
+    """A mode that was not asked for: a pilot's, or the autopilot's own failsafe."""
+
+    kind: Literal["takeover", "failsafe"]
+    text: str
+
+
+class ObservedVehicle:
+    """The state of one vehicle, as far as it was heard; every None is unknown."""
+
+    def __init__(self, vehicle: GuardedVehicle, settings: GuardSettings) -> None:
+        self._vehicle = vehicle
+        self._settings = settings
+        self.heard_s: float | None = None
+        self.armed: bool | None = None
+        self.mode: Mode | None = None
+        self.landed: bool | None = None
+        self.failsafe = False
+        self.taken_over = False
+        """A pilot or a ground station has it; for good."""
+        self.anchor: Anchor | None = None
+        """Its local frame in the world; with it, its LOCAL_POSITION_NED is a position source."""
+        self._mode_name = ""
+        self._asked_s: float | None = None
+        self._arm_asked_s: float | None = None
+        self._armed_s: float | None = None
+        self._up_m: float | None = None
+        self._speed_m_s: float | None = None
+        self._seen_s: float | None = None
+        self._world_s: float | None = None
+        self._motion: Motion | None = None
+        self._told_s: float | None = None
+
+    def may_be_armed(self, t_s: float) -> bool:
+        """Return whether it is armed, or was just told to arm and has not said otherwise since.
+
+        Who said both within a heartbeat and a half counts as armed.
+        """
+        if self.armed or (self._armed_s is not None and t_s - self._armed_s <= _ARMED_LATELY_S):
+            return True
+        asked_s = self._arm_asked_s
+        return asked_s is not None and t_s - asked_s <= self._settings.asked_s
+
+    def facts(self, t_s: float) -> Facts:
+        """Return what a contingency is to know."""
+        armed = True if self.may_be_armed(t_s) else self.armed
+        return Facts(
+            armed=armed,
+            mode=self.mode,
+            landed=self.landed,
+            failsafe=self.failsafe,
+            pilot=self.taken_over and armed is not False,
+            up_m=self._up_m,
+            speed_m_s=self._speed_m_s,
+            seen_s=self._seen_s,
+        )
+
+    def note_command(self, command: Command, t_s: float) -> None:
+        """Take that a command of the orchestrator passed: what follows was asked for."""
+        self._asked_s = t_s
+        if command.arms:
+            self._arm_asked_s = t_s
+
+    def note_mode_asked(self, t_s: float) -> None:
+        """Take that the orchestrator asked for a mode by SET_MODE."""
+        self._asked_s = t_s
+
+    def place(
+        self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float, *, told: bool = False
+    ) -> None:
+        """Take a position in the world; from then on heights are the world's only.
+
+        told: by the orchestrator, from the source of positions that judging uses.
+        """
+        self._world_s = t_s
+        self._told_s = t_s if told else self._told_s
+        self._motion = Motion(position_ned_m, velocity_ned_m_s)
+        self._store_sample(position_ned_m, velocity_ned_m_s, t_s)
+
+    def motion(self, t_s: float) -> Motion | None:
+        """Return where it is in the world, when that was heard within the last second."""
+        known = self._world_s is not None and t_s - self._world_s <= _FRESH_S
+        return self._motion if known else None
+
+    def knows_world(self, t_s: float) -> bool:
+        """Return whether a better source than its own estimate tells where it is."""
+        return self._told_s is not None and t_s - self._told_s <= _TOLD_S
+
+    def read_position(self, frame: Frame, t_s: float) -> tuple[Vec3, Vec3] | None:
+        """Take a LOCAL_POSITION_NED; returns position and velocity in the world, when known."""
+        if frame.message_id != LOCAL_POSITION_NED or self.knows_world(t_s):
+            return None
+        local = read_local_position(frame)
+        if local is None:
+            return None
+        position_m, velocity_m_s = local
+        if self.anchor is None:
+            if self._world_s is None:
+                self._store_sample(position_m, velocity_m_s, t_s)
+            return None
+        return self.anchor.position(position_m), self.anchor.velocity(velocity_m_s)
+
+    def read_state(
+        self, frame: Frame, t_s: float, commanded: frozenset[Mode] | None
+    ) -> ModeChange | None:
+        """Take a HEARTBEAT or EXTENDED_SYS_STATE.
+
+        commanded: the modes that the guard itself asks for; None while it leaves the vehicle to
+        the orchestrator.
+        """
+        if frame.message_id == EXTENDED_SYS_STATE:
+            landed = read_landed(frame)
+            self.landed = self.landed if landed is None else landed
+        elif frame.message_id == HEARTBEAT:
+            return self._read_heartbeat(read_heartbeat(frame), t_s, commanded)
+        return None
+
+    def _read_heartbeat(
+        self, heartbeat: Heartbeat, t_s: float, commanded: frozenset[Mode] | None
+    ) -> ModeChange | None:
+        old, was_armed, old_name = self.mode, self.armed, self._mode_name
+        new = self._vehicle.autopilot.mode_of(heartbeat.custom_mode)
+        self.mode, self.armed = new, heartbeat.armed
+        self._mode_name = self._vehicle.autopilot.mode_name(heartbeat.custom_mode)
+        if heartbeat.armed:
+            self._arm_asked_s, self._armed_s = None, t_s
+        if not heartbeat.armed:
+            self.failsafe = False
+            return None
+        if new is Mode.PILOT and not (heartbeat.critical and self._lost_guidance(old)):
+            if self.taken_over:
+                return None
+            self.taken_over = True
+            return ModeChange("takeover", f"a pilot flies it in {self._mode_name}")
+        if old is None or new is old:
+            return None
+        self.failsafe = was_armed is True and self._is_unrequested(old, new, t_s, commanded)
+        if not self.failsafe:
+            return None
+        text = f"its autopilot went from {old_name} to {self._mode_name} by itself"
+        return ModeChange("failsafe", text)
+
+    def _lost_guidance(self, old: Mode | None) -> bool:
+        # PX4 without setpoints falls from OFFBOARD to POSCTL by itself (COM_OBL_RC_ACT 0).
+        return old is Mode.GUIDED or (old is Mode.PILOT and self.failsafe)
+
+    def _is_unrequested(
+        self, old: Mode, new: Mode, t_s: float, commanded: frozenset[Mode] | None
+    ) -> bool:
+        asked = self._asked_s is not None and t_s - self._asked_s <= self._settings.asked_s
+        if commanded is not None:
+            # What was asked just before the guard took over may be seen only now.
+            late = asked and new not in {Mode.LAND, Mode.RTL}
+            return new not in commanded and new is not Mode.GUIDED and not late
+        if asked:
+            return False
+        if new in {Mode.LAND, Mode.RTL}:
+            return old not in _ASKED_AFTERWARDS
+        return old is Mode.GUIDED
+
+    def _store_sample(self, position_m: Vec3, velocity_m_s: Vec3, t_s: float) -> None:
+        self._up_m = -position_m[2]
+        self._speed_m_s = norm(velocity_m_s)
+        self._seen_s = t_s

@@ -1,0 +1,104 @@
+"""One vehicle in the guard's care, with all that the guard holds for it."""
+
+from dataclasses import replace
+
+from safety.fence.geofence import Fence
+from safety.guard.core.contingency import Action, Contingency, ContingencyPlan, Phase
+from safety.guard.core.events import GuardedVehicle, GuardSettings
+from safety.guard.core.setpoint_limiter import SetpointLimiter
+from safety.guard.core.setpoint_meter import SetpointMeter
+from safety.guard.core.vehicle_observer import ObservedVehicle
+from vehicles.autopilots.autopilot import Mode
+from vehicles.mavlink.codec import Codec
+from vehicles.mavlink.framing import FrameSplitter
+
+_LATER, _GENTLER = 2.0, 0.4
+"""A vehicle follows its setpoints by about the latency late: held to the same braking, it would be
+faster than the fence's own prediction allows, and the guard would take over."""
+_STANDING = (0.0, 0.0, 0.0)
+_COMING_DOWN = frozenset({Mode.LAND, Mode.RTL})
+
+
+class SupervisedVehicle:
+    """A vehicle: what is known of it, its contingency, its frames in both directions."""
+
+    def __init__(
+        self, name: str, vehicle: GuardedVehicle, settings: GuardSettings, plan: ContingencyPlan
+    ) -> None:
+        self.name = name
+        self.vehicle = vehicle
+        self._low_fence = _without_floor(vehicle.fence)
+        self.seen = ObservedVehicle(vehicle, settings)
+        self.contingency = Contingency(
+            replace(plan, landing=vehicle.landing, terminate=vehicle.may_terminate)
+        )
+        self.codec = Codec(system_id=settings.system_id, component_id=settings.component_id)
+        self.meter = _meter(vehicle, settings)
+        self.from_vehicle = FrameSplitter()
+        self.from_orchestrator = FrameSplitter()
+        self.from_gcs = FrameSplitter()
+        self.lost = False
+        self.gone = False
+        """The process that was this vehicle has ended."""
+        self.told: set[str] = set()
+        self.heartbeat_s: float | None = None
+
+    @property
+    def commanded(self) -> frozenset[Mode] | None:
+        """Return the modes the guard asks for; None while the orchestrator is in command."""
+        if self.contingency.phase is Phase.IDLE:
+            return None
+        return frozenset({Mode.HOLD, Mode.LAND, self.vehicle.landing})
+
+    @property
+    def fence(self) -> Fence | None:
+        """Return the fence that holds now: who stands or comes down is not held to its floor."""
+        low = self.seen.landed is True or self.seen.mode in _COMING_DOWN
+        return self._low_fence if low else self.vehicle.fence
+
+    def change_fence(self, fence: Fence) -> None:
+        """Watch another fence from now on."""
+        self.vehicle = replace(self.vehicle, fence=fence)
+        self._low_fence = _without_floor(fence)
+        if self.meter is not None:
+            self.meter.change_fence(fence)
+
+    def frame(self, action: Action, t_s: float) -> bytes:
+        """Return the frame of an action."""
+        autopilot, target = self.vehicle.autopilot, self.vehicle.target
+        match action:
+            case Action.ZERO:
+                t_boot_ms = int(t_s * 1000.0)
+                message = autopilot.velocity_setpoint(
+                    target, t_boot_ms=t_boot_ms, velocity_ned_m_s=_STANDING
+                )
+            case Action.HOLD:
+                message = autopilot.set_mode(target, Mode.HOLD)
+            case Action.LAND:
+                message = autopilot.set_mode(target, Mode.LAND)
+            case Action.RTL:
+                message = autopilot.set_mode(target, Mode.RTL)
+            case Action.DISARM:
+                message = autopilot.disarm(target)
+            case Action.TERMINATE:
+                if not self.vehicle.may_terminate:
+                    raise RuntimeError(f"{self.name} must not be terminated")
+                message = autopilot.terminate(target)
+        return self.codec.pack(message)
+
+
+def _without_floor(fence: Fence | None) -> Fence | None:
+    return None if fence is None else fence.without_floor()
+
+
+def _meter(vehicle: GuardedVehicle, settings: GuardSettings) -> SetpointMeter | None:
+    if vehicle.limits is None:
+        return None
+    return SetpointMeter(
+        SetpointLimiter(
+            limits=vehicle.limits,
+            fence=vehicle.fence,
+            latency_s=_LATER * settings.latency_s,
+            braking_m_s2=_GENTLER * settings.braking_m_s2,
+        )
+    )

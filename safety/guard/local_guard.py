@@ -1,0 +1,248 @@
+"""The guard in process: wires links, ticks and records round the pure core.
+
+It works on any event loop, so that virtual and wall time fly through the same guard.
+"""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+from safety.fence.geofence import Fence
+from safety.guard.core.contingency import ContingencyPlan, Phase
+from safety.guard.core.events import (
+    GuardedVehicle,
+    GuardEvent,
+    GuardSettings,
+    Outputs,
+    ToGcs,
+    ToOrchestrator,
+    ToVehicle,
+)
+from safety.guard.core.guard_core import GuardCore
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.waits import happens
+from safety.model.samples import PoseSample
+from vehicles.links.impaired import ImpairedLink
+from vehicles.links.link import Link, Receiver
+from vehicles.poses.anchor import Anchor
+from vehicles.tasks import Contained
+
+TICK_HZ = 20.0
+_LOGGED = (ToOrchestrator, ToVehicle)
+
+Record = Callable[[str, float, bytes], None]
+"""Takes a vehicle's name, the run clock's time and one whole frame, of either direction."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuardLinks:
+    """The guard's ends of one vehicle's links. impaired: what can black out the vehicle's."""
+
+    vehicle: Link
+    orchestrator: Link
+    gcs: Link | None = None
+    impaired: ImpairedLink | None = None
+
+
+class LocalGuard:
+    """Holds the vehicle links; an async context manager that opens and closes its ends.
+
+    Frames of one decision leave before anything is recorded or told. `record` gets every frame
+    that came from a vehicle or went to one; when it raises OSError the flight goes on unrecorded,
+    and an event says so.
+    """
+
+    def __init__(
+        self,
+        *,
+        vehicles: Mapping[str, GuardedVehicle],
+        links: Mapping[str, GuardLinks],
+        settings: GuardSettings | None = None,
+        plan: ContingencyPlan | None = None,
+        record: Record | None = None,
+    ) -> None:
+        if vehicles.keys() != links.keys():
+            raise ValueError(f"vehicles {sorted(vehicles)} and links {sorted(links)} differ")
+        self.core = GuardCore(vehicles=vehicles, settings=settings, plan=plan)
+        self.events: list[GuardEvent] = []
+        self._links = dict(links)
+        self._record = record
+        self._listeners: list[Callable[[GuardEvent], None]] = []
+        self._stack = AsyncExitStack()
+        self._timer: asyncio.TimerHandle | None = None
+        self._down = asyncio.Event()
+        self._rest = asyncio.Event()
+        self._start_s = 0.0
+
+    @property
+    def started_s(self) -> float:
+        """Return the loop's time at which the ticks began."""
+        return self._start_s
+
+    @property
+    def phases(self) -> dict[str, Phase]:
+        """Return where each vehicle's contingency stands."""
+        return self.core.phases
+
+    async def __aenter__(self) -> Self:
+        """Open all links and start to tick. Raises LinkError when one cannot be had."""
+        async with AsyncExitStack() as stack:
+            for name, ends in self._links.items():
+                ends.vehicle.receive(self._receiver(self.core.from_vehicle, name))
+                ends.orchestrator.receive(self._receiver(self.core.from_orchestrator, name))
+                if ends.gcs is not None:
+                    ends.gcs.receive(self._receiver(self.core.from_gcs, name))
+                for link in (ends.orchestrator, ends.gcs, ends.vehicle):
+                    if link is not None:
+                        await stack.enter_async_context(link)
+            self._stack = stack.pop_all()
+        self._start_s = asyncio.get_running_loop().time()
+        self._schedule(1)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop ticking and close all links; land before that."""
+        if self._timer is not None:
+            self._timer.cancel()
+        await self._stack.aclose()
+
+    def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
+        """Have every event told to `listener`, at once, from the event loop."""
+        self._listeners.append(listener)
+
+    def position(self, sample: PoseSample) -> None:
+        """Take where a vehicle is, from the fastest source there is."""
+        self._apply(self.core.position(sample), sample.t_s)
+
+    def anchor(self, name: str, anchor: Anchor) -> None:
+        """Say where a vehicle's local frame is in the world."""
+        self.core.anchor(name, anchor)
+
+    def start_outage(self, name: str, duration_s: float) -> None:
+        """Let nothing through between us and a vehicle for a while, as the campaign wants it."""
+        impaired = self._links[name].impaired
+        if impaired is None:
+            raise ValueError(f"the link of {name} is not one that can go dark")
+        impaired.start_outage(duration_s)
+
+    def alive(self) -> None:
+        """Take a sign of life of the orchestrator; the first one starts the watch on it."""
+        now_s = self._now_s()
+        self._apply(self.core.orchestrator_alive(now_s), now_s)
+
+    def command(self, command: OperatorCommand) -> None:
+        """Follow an operator's abort, hold or resume; an event says what comes of it."""
+        now_s = self._now_s()
+        self._apply(self.core.command(command, now_s), now_s)
+
+    def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
+        """Ask whether vehicles could be given new fences; an event says so, or why not."""
+        now_s = self._now_s()
+        self._apply(self.core.propose_fences(fences, who, now_s), now_s)
+
+    def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
+        """Give vehicles new fences, all or none; an event says which."""
+        now_s = self._now_s()
+        self._apply(self.core.change_fences(fences, who, now_s), now_s)
+
+    def bring_down(self, reason: str) -> None:
+        """Bring all down for a reason of the orchestrator's own."""
+        now_s = self._now_s()
+        self._apply(self.core.bring_down(reason, now_s), now_s)
+
+    def orchestrator_ended(self) -> None:
+        """Take that the orchestrator is gone for good."""
+        now_s = self._now_s()
+        self._apply(self.core.orchestrator_ended(now_s), now_s)
+
+    def vehicle_gone(self, name: str, text: str) -> None:
+        """Take that the process that was a vehicle ended or hangs, in words."""
+        now_s = self._now_s()
+        self._apply(self.core.vehicle_gone(name, text, now_s), now_s)
+
+    def clocks_apart(self, name: str, text: str) -> None:
+        """Take that a simulated vehicle's time has left the run clock, in words."""
+        now_s = self._now_s()
+        self._apply(self.core.clocks_apart(name, text, now_s), now_s)
+
+    async def all_down(self, timeout_s: float) -> bool:
+        """Wait until the guard has brought all down; False when they are not after `timeout_s`."""
+        return await happens(self._down, timeout_s)
+
+    async def at_rest(self, timeout_s: float) -> bool:
+        """Wait until nothing may be armed; False when something may be after `timeout_s`."""
+        return await happens(self._rest, timeout_s)
+
+    def _receiver(self, take: Callable[[str, bytes, float], Outputs], name: str) -> Receiver:
+        def receive(data: bytes, t_s: float) -> None:
+            self._apply(take(name, data, t_s), t_s)
+
+        return receive
+
+    def _schedule(self, count: int) -> None:
+        loop = asyncio.get_running_loop()
+        # After a stall of the loop the ticks that were missed are not caught up with.
+        count = max(count, int((loop.time() - self._start_s) * TICK_HZ + 1e-6) + 1)
+        self._timer = loop.call_at(self._start_s + count / TICK_HZ, self._tick, count)
+
+    def _tick(self, count: int) -> None:
+        self._schedule(count + 1)
+        now_s = self._now_s()
+        self._apply(self.core.tick(now_s), now_s)
+        (self._rest.clear if self.core.may_be_armed(now_s) else self._rest.set)()
+        if self.core.latched is not None:
+            (self._down.set if self.core.all_down else self._down.clear)()
+
+    def _apply(self, outputs: Outputs, t_s: float) -> None:
+        if not outputs:
+            return
+        events: list[GuardEvent] = []
+        for output in outputs:
+            if isinstance(output, GuardEvent):
+                events.append(output)
+            else:
+                self._write(output)
+        if self._record is not None:
+            with Contained("the record of frames"):
+                events += self._write_down(self._record, outputs, t_s)
+        for event in events:
+            self.events.append(event)
+            for listener in self._listeners:
+                with Contained(f"a listener to the guard ({event.kind})"):
+                    listener(event)
+
+    def _write(self, output: ToOrchestrator | ToVehicle | ToGcs) -> None:
+        ends, data = self._links[output.name], _join_links(output.frames)
+        if isinstance(output, ToOrchestrator):
+            ends.orchestrator.write(data)
+        elif isinstance(output, ToVehicle):
+            ends.vehicle.write(data)
+        elif ends.gcs is not None:
+            ends.gcs.write(data)
+
+    def _write_down(self, record: Record, outputs: Outputs, t_s: float) -> list[GuardEvent]:
+        try:
+            for output in outputs:
+                if isinstance(output, _LOGGED):
+                    for frame in output.frames:
+                        record(output.name, t_s, frame)
+        except OSError as error:
+            self._record = None
+            return [GuardEvent(t_s, "record", "", f"the log of frames ends here: {error}")]
+        return []
+
+    @staticmethod
+    def _now_s() -> float:
+        return asyncio.get_running_loop().time()
+
+
+def _join_links(frames: tuple[bytes, ...]) -> bytes:
+    return frames[0] if len(frames) == 1 else b"".join(frames)

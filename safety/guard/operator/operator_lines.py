@@ -1,0 +1,82 @@
+"""What an operator's socket hears and answers: one JSON object a line; pure.
+
+Asked: {"command": "abort" | "hold" | "resume" | "status" | "watch", "who": "anna", "token": "..."}
+or {"command": "geofence", "geofence": "the text of a file", "id": "a1", "who": "anna"}
+Answered: {"ok": true, "command": "abort", "text": "...", ...}
+"""
+
+import hmac
+import json
+from collections.abc import Mapping
+from typing import Any, Literal, cast, get_args
+
+from safety.guard.core.operator_command import OperatorCommand, OperatorKind
+
+LONGEST_LINE_BYTES = 1 << 16
+_LONGEST_WHO = 64
+Query = Literal["status", "watch"]
+_QUERIES: frozenset[str] = frozenset(get_args(Query))
+_WORDS = (*get_args(OperatorKind), *get_args(Query))
+_KEYS = frozenset({"command", "who", "token", "geofence", "id"})
+
+
+class RefusedLineError(ValueError):
+    """A line that is not obeyed; says why."""
+
+
+def parse_line(line: bytes, *, token: str = "") -> OperatorCommand | Query:
+    """Return the command of a line, or what it asks to see. Raises RefusedLineError.
+
+    token: what it has to bring; with an empty one none is asked for.
+    """
+    if len(line) > LONGEST_LINE_BYTES:
+        raise RefusedLineError(f"longer than {LONGEST_LINE_BYTES} bytes")
+    try:
+        asked: Any = json.loads(line.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise RefusedLineError("not UTF-8") from error
+    except (ValueError, RecursionError) as error:
+        raise RefusedLineError("not JSON") from error
+    if not isinstance(asked, dict):
+        raise RefusedLineError("not a JSON object")
+    # ascii(): half a surrogate pair is a text to JSON, and no record can hold it.
+    if extra := sorted(ascii(key)[1:-1] for key in set(asked) - _KEYS):
+        raise RefusedLineError(f"unknown keys: {', '.join(extra)[:_LONGEST_WHO]}")
+    if token and not same_token(asked.get("token"), token):
+        raise RefusedLineError("wrong token" if "token" in asked else "a token is needed")
+    command = asked.get("command")
+    if not isinstance(command, str) or command not in _WORDS:
+        raise RefusedLineError(f"command is one of {', '.join(_WORDS)}")
+    who = checked_who(asked.get("who", "operator"))
+    if command in _QUERIES:
+        return cast("Query", command)
+    return _command(cast("OperatorKind", command), who, asked)
+
+
+def _command(kind: OperatorKind, who: str, asked: Mapping[str, Any]) -> OperatorCommand:
+    if kind != "geofence":
+        return OperatorCommand(kind, who)
+    document, command_id = asked.get("geofence"), asked.get("id")
+    if not isinstance(document, str) or not isinstance(command_id, str):
+        raise RefusedLineError("geofence is the text of a file, and id anything not used before")
+    return OperatorCommand("geofence", who, document=document, command_id=command_id)
+
+
+def checked_who(who: Any) -> str:
+    """Return a name that is fit for a record. Raises RefusedLineError."""
+    if not isinstance(who, str) or not 1 <= len(who) <= _LONGEST_WHO or not who.isprintable():
+        raise RefusedLineError(f"who is a name of 1 to {_LONGEST_WHO} printable characters")
+    return who
+
+
+def same_token(given: Any, token: str) -> bool:
+    """Return whether a token is right, in a time that tells nothing of it."""
+    return isinstance(given, str) and hmac.compare_digest(
+        given.encode("utf-8", "replace"), token.encode()
+    )
+
+
+def answer(*, ok: bool, text: str, command: str = "", **details: Any) -> bytes:
+    """Return the line of an answer."""
+    said = {"ok": ok, "command": command, "text": text, **details}
+    return json.dumps(said, ensure_ascii=False).encode() + b"\n"

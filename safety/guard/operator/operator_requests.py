@@ -1,0 +1,69 @@
+"""What the operator's socket may ask of a guard, and how it answers."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.local_guard import LocalGuard
+from safety.guard.operator.operator_lines import RefusedLineError
+
+
+class OperatorOrders:
+    """Obeys lines of the operator's socket. run: what people call the run.
+
+    refused: told what was not done and why. lost: whether the orchestrator is gone.
+    """
+
+    def __init__(
+        self,
+        *,
+        shell: LocalGuard,
+        run: str,
+        refused: Callable[[str], None],
+        lost: Callable[[], bool],
+    ) -> None:
+        self._shell = shell
+        self._run = run
+        self._refused = refused
+        self._lost = lost
+
+    def obey(self, command: OperatorCommand) -> str:
+        """Follow a command. Raises RefusedLineError."""
+        try:
+            return self._do(command)
+        except RefusedLineError as error:
+            self._refused(f"{command.who}: {error}")
+            raise
+
+    def _do(self, command: OperatorCommand) -> str:
+        core = self._shell.core
+        if command.kind == "abort":
+            self._shell.command(command)
+            return "all are brought down"
+        if command.kind == "geofence":
+            raise RefusedLineError("geofence: send it to the campaign, not to the guard")
+        if core.latched is not None:
+            raise RefusedLineError(f"{command.kind}: all are landing already ({core.latched})")
+        if command.kind == "hold":
+            if core.paused:
+                raise RefusedLineError("hold: all hold already")
+            self._shell.command(command)
+            return "all hold"
+        if not core.paused:
+            raise RefusedLineError("resume: nothing is held")
+        self._shell.command(command)
+        return "all go on"
+
+    def status(self) -> dict[str, Any]:
+        """Return where all stand, for the operator."""
+        core = self._shell.core
+        return {
+            "run": self._run,
+            "t_s": round(asyncio.get_running_loop().time(), 3),
+            "latched": core.latched,
+            "held": core.paused,
+            "all_down": core.all_down,
+            "orchestrator": "lost" if self._lost() else "there",
+            "vehicles": {name: phase.value for name, phase in core.phases.items()},
+        }

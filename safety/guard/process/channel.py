@@ -1,0 +1,166 @@
+"""One end of the packet socket between the orchestrator and the guard's process."""
+
+import asyncio
+import socket
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from safety.guard.process.messages import Bytes, FrameSent, Position
+from vehicles.clocks.paced_loop import call_wall_later
+from vehicles.processes.codec import Codec, Message, MessageError
+
+_PACKETS_A_TURN = 64
+_BUFFER_BYTES = 1 << 20
+LONGEST_PACKET_BYTES = 1 << 17
+_LONGEST_QUEUE = 10_000
+_MOST_WAITING = 64
+_DROPPABLE = (Bytes, Position, FrameSent)
+"""What is worth nothing when it comes late; all else is kept until the other end reads."""
+
+
+def channel_pair() -> tuple[socket.socket, socket.socket]:
+    """Return the two ends of a packet socket; the kernel keeps packets whole and in order."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    for end in (ours, theirs):
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
+    return ours, theirs
+
+
+Received = TypeVar("Received", bound=Message)
+
+
+class Channel(Generic[Received]):
+    """Sends and receives messages from an event loop, without ever waiting.
+
+    receives: the messages of the other end. take: called with each of them; packets that cannot
+    be read are counted in `garbage`. closed: called once when the other end is gone. To an end
+    that does not read, frames and positions are lost and counted in `dropped`; other messages are
+    kept.
+    """
+
+    def __init__(
+        self,
+        end: socket.socket,
+        *,
+        receives: Codec[list[Received]],
+        take: Callable[[Received], None],
+        closed: Callable[[], None],
+    ) -> None:
+        self._socket = end
+        self._codec = receives
+        self._take = take
+        self._closed = closed
+        self._kept: deque[bytes] = deque()
+        self._waiting: list[Message] = []
+        self._flush_timer: asyncio.Handle | None = None
+        self._open = False
+        self.dropped = 0
+        self.garbage = 0
+
+    def open(self) -> None:
+        """Begin to receive in the running loop."""
+        self._socket.setblocking(False)
+        self._open = True
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(self._socket, self._read_packets)
+
+    def close(self) -> None:
+        """Stop; `closed` is not called for it."""
+        if self._flush_timer is not None:
+            self._flush_timer.cancel()
+        if self._open:
+            self._open = False
+            self._loop.remove_reader(self._socket)
+            self._loop.remove_writer(self._socket)
+        self._socket.close()
+
+    def send(self, message: Message) -> None:
+        """Send a message, behind those that wait; to an end that is gone nothing is sent."""
+        self._waiting.append(message)
+        self.flush()
+
+    def send_soon(self, message: Message, *, within_s: float) -> None:
+        """Send a message with the next one, or after so much of the wall's time."""
+        if not self._open:
+            return
+        self._waiting.append(message)
+        if len(self._waiting) >= _MOST_WAITING:
+            self.flush()
+        elif self._flush_timer is None:
+            self._flush_timer = call_wall_later(within_s, self.flush)
+
+    def flush(self) -> None:
+        """Send what waits, in one packet."""
+        if self._flush_timer is not None:
+            self._flush_timer.cancel()
+            self._flush_timer = None
+        messages, self._waiting = self._waiting, []
+        if not self._open or not messages:
+            return
+        packet = self._codec.encode(messages)
+        if len(packet) > LONGEST_PACKET_BYTES:
+            raise MessageError(f"a packet of {len(packet)} bytes is too long")
+        if self._kept:
+            self._keep(messages, packet)
+            return
+        try:
+            self._socket.send(packet)
+        except (BlockingIOError, InterruptedError):
+            self._keep(messages, packet)
+        except OSError:
+            return  # What it sent last is read first; then `_read` finds the end.
+
+    def _keep(self, messages: list[Message], packet: bytes) -> None:
+        kept = [one for one in messages if not isinstance(one, _DROPPABLE)]
+        self.dropped += len(messages) - len(kept)
+        if not kept:
+            return
+        if len(self._kept) >= _LONGEST_QUEUE:
+            self.dropped += len(kept)
+            return
+        if not self._kept:
+            self._loop.add_writer(self._socket, self._send_kept)
+        self._kept.append(packet if len(kept) == len(messages) else self._codec.encode(kept))
+
+    def _send_kept(self) -> None:
+        try:
+            while self._kept:
+                self._socket.send(self._kept[0])
+                self._kept.popleft()
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError:
+            self._kept.clear()
+        self._loop.remove_writer(self._socket)
+
+    def _read_packets(self) -> None:
+        for _ in range(_PACKETS_A_TURN):
+            if not self._open:
+                return
+            try:
+                packet = self._socket.recv(LONGEST_PACKET_BYTES)
+            except (BlockingIOError, InterruptedError):
+                return
+            except ConnectionResetError:
+                continue  # It went without reading all; what it sent before comes now.
+            except OSError:
+                packet = b""
+            if not packet:
+                self._lose()
+                return
+            try:
+                messages = self._codec.decode(packet)
+            except MessageError:
+                self.garbage += 1
+                continue
+            for message in messages:
+                self._take(message)
+
+    def _lose(self) -> None:
+        if self._open:
+            # Later, so that nobody is called in the middle of its own sending.
+            self._loop.call_soon(self._closed)
+            self._open = False
+            self._loop.remove_reader(self._socket)
+            self._loop.remove_writer(self._socket)

@@ -1,0 +1,92 @@
+"""What a guard's process is given at its start, as values and as what travels; pure."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import cast
+
+from safety.fence.fence_values import fence_of_plain, plain_fence
+from safety.fence.geofence import Fence
+from safety.guard.core.contingency import ContingencyPlan
+from safety.guard.core.events import GuardedVehicle, GuardSettings
+from safety.guard.process.clock_follower import PaceSetup
+from vehicles.autopilots.autopilot import Autopilot, AutopilotName
+from vehicles.autopilots.registry import autopilot_named
+from vehicles.links.link_conditions import LinkConditions
+from vehicles.processes.codec import Codec, MessageError
+
+
+class GuardConfigError(ValueError):
+    """A charter that cannot be read; says why."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Guarded:
+    """A vehicle for a guard's process.
+
+    link: its link string; empty for a free UDP port of loopback, at which a vehicle is going to
+    be started. patient: a vehicle is going to be started at the link, too. gcs: link string of a
+    ground station port ("udpout://127.0.0.1:14550"); empty for none. conditions: how frames fare
+    between the guard and the vehicle, and where their signing key is. spares: link strings of more
+    links to the vehicle, flown by when those before them fall silent.
+    """
+
+    vehicle: GuardedVehicle
+    link: str = ""
+    patient: bool = False
+    gcs: str = ""
+    spares: tuple[str, ...] = ()
+    conditions: LinkConditions = field(default_factory=LinkConditions)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardConfig:
+    """All that a guard's process has to know.
+
+    folder: of the run, where it writes its journal and each vehicle's .tlog; run: what people
+    call the run. epoch_s: UTC at which the run clock was zero. token: what an operator's socket
+    command has to bring; empty for none (the socket is its owner's alone). patience_s: how long
+    after the orchestrator's end vehicles that can break nothing are given to come down. pace: of
+    the scaled clock; None for the wall's.
+    """
+
+    run: str
+    folder: str
+    epoch_s: float
+    vehicles: Mapping[str, Guarded]
+    settings: GuardSettings = field(default_factory=GuardSettings)
+    plan: ContingencyPlan = field(default_factory=ContingencyPlan)
+    token: str = ""
+    patience_s: float = 120.0
+    pace: PaceSetup | None = None
+
+    def packed(self) -> bytes:
+        """Return the charter for `unpacked`; without signing keys, which stay where they are."""
+        return _codec.encode(self)
+
+    @classmethod
+    def unpacked(cls, packed: bytes) -> "GuardConfig":
+        """Return the charter of `packed`. Raises CharterError."""
+        try:
+            guard_config = _codec.decode(packed)
+        except MessageError as error:
+            raise GuardConfigError(f"the charter cannot be read: {error}") from error
+        if not guard_config.vehicles or not math.isfinite(guard_config.epoch_s):
+            raise GuardConfigError("a charter names vehicles, and when the run clock was zero")
+        return guard_config
+
+
+def _autopilot(name: str) -> Autopilot:
+    try:
+        return autopilot_named(cast("AutopilotName", name))
+    except StopIteration as error:
+        raise ValueError(f"autopilot {name!r} is not known") from error
+
+
+_codec: Codec[GuardConfig] = Codec(
+    GuardConfig,
+    plain={
+        Fence: (plain_fence, fence_of_plain),
+        Autopilot: (lambda autopilot: autopilot.name, _autopilot),
+    },
+)

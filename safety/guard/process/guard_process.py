@@ -1,0 +1,413 @@
+"""The guard in a process and session of its own, under the wall clock: started first, ended last.
+
+`python -m safety.guard.process CHANNEL LIFELINE HOLD` with three inherited file descriptors: its
+end of the packet socket, the end of a pipe that becomes its children's stdin, and the pipe's other
+end, which it only keeps open: the children's stdin ends when guard and orchestrator are both gone.
+A fourth argument, `scaled`, lets its clock follow that of a simulated vehicle.
+"""
+
+import asyncio
+import contextlib
+import gc
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import AsyncExitStack, ExitStack
+from functools import partial
+from pathlib import Path
+from traceback import format_exception
+from typing import Any
+
+from safety.guard.core.events import GuardEvent
+from safety.guard.local_guard import GuardLinks, LocalGuard
+from safety.guard.operator.operator_requests import OperatorOrders
+from safety.guard.operator.operator_socket import POINTER, OperatorSocket
+from safety.guard.process.channel import Channel
+from safety.guard.process.channel_link import ChannelLink
+from safety.guard.process.clock_follower import ClockFollower, Trouble
+from safety.guard.process.guard_config import GuardConfig, GuardConfigError
+from safety.guard.process.guard_launch import SCALED
+from safety.guard.process.guard_log import GuardLog
+from safety.guard.process.messages import (
+    Alive,
+    AnchorAt,
+    BringDown,
+    Bytes,
+    ConfigMessage,
+    End,
+    Ended,
+    EventMessage,
+    Failed,
+    Follow,
+    FrameSent,
+    NewFences,
+    Opened,
+    Operate,
+    Pace,
+    Position,
+    Start,
+    Started,
+    StartOutage,
+    Status,
+    ToGuard,
+    to_guard,
+)
+from safety.guard.process.orphaned_processes import (
+    GuardRecord,
+    reap_orphans,
+    remove_record,
+    runtime_folder,
+    write_record,
+)
+from safety.guard.process.process_links import close_quietly, open_ports, spare_links, vehicle_link
+from safety.model.samples import PoseSample
+from vehicles.clocks.paced_loop import PacedLoop, call_wall_later
+from vehicles.errors import VehicleError
+from vehicles.links.link import Link
+from vehicles.links.link_conditions import under_conditions
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import parse_link
+from vehicles.mavlink.tlog import TlogWriter
+from vehicles.poses.anchor import Anchor
+from vehicles.processes.child import ChildProcess, how_it_ended
+from vehicles.processes.identity import ProcessId
+from vehicles.tasks import TaskAccount, start
+from worlds.frames import Pose
+
+STATUS_S = 0.1
+_CHARTER_S = 20.0
+_LAST_POLL_S = 0.05
+JOURNAL = "guard.jsonl"
+
+
+class GuardProcess:
+    """Runs one guard from its charter to the end of its last child."""
+
+    def __init__(self, *, end: socket.socket, lifeline: int) -> None:
+        self._channel = Channel(
+            end, receives=to_guard, take=self._take, closed=self._on_parent_death
+        )
+        self._lifeline = lifeline
+        self._chartered: asyncio.Future[ConfigMessage | None]
+        self._over = asyncio.Event()
+        self._ending = False
+        self._faults = 0
+        self._guarding = False
+        self._lost = False
+        self._children: dict[str, ChildProcess] = {}
+        self._starts: set[asyncio.Task[None]] = set()
+        self._names: tuple[str, ...] = ()
+        self._links: list[ChannelLink] = []
+        self._tlogs: dict[str, TlogWriter] = {}
+        self._following: ClockFollower | None = None
+
+    async def run(self) -> int:
+        """Guard until the orchestrator says the end, or is gone and all are down."""
+        loop = asyncio.get_running_loop()
+        self._chartered = loop.create_future()
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            loop.add_signal_handler(number, self._on_end_request, number)
+        self._channel.open()
+        async with asyncio.timeout(_CHARTER_S):
+            message = await self._chartered
+        if message is None:
+            return 1
+        account = TaskAccount(fault=self._fault, expected=(VehicleError, OSError))
+        try:
+            with account.of(loop):
+                await self._guard(GuardConfig.unpacked(message.packed))
+        except (GuardConfigError, VehicleError, OSError) as error:
+            self._channel.send(Failed(f"the guard cannot begin: {error}"))
+            return 1
+        finally:
+            self._channel.close()
+        # Who waits for our end takes this for an error when nothing of it reached him.
+        return 1 if self._faults else 0
+
+    async def _guard(self, guard_config: GuardConfig) -> None:
+        self._guard_config = guard_config
+        self._names = tuple(guard_config.vehicles)
+        folder = Path(guard_config.folder)
+        self._journal = GuardLog(path=folder / JOURNAL)
+        try:
+            with ExitStack() as logs:
+                for name in self._names:
+                    log = TlogWriter(path=folder / f"{name}.tlog", epoch_s=guard_config.epoch_s)
+                    self._tlogs[name] = log.__enter__()
+                    logs.callback(close_quietly, log)
+                async with AsyncExitStack() as stack:
+                    await self._open(stack, guard_config)
+                    await self._over.wait()
+                    await self._last()
+                    self._guarding = False
+        finally:
+            pace = None if self._following is None else self._following.pace
+            if pace is not None:
+                self._note("paced", times_real_time=round(pace, 2))
+            self._note("end", dropped=self._channel.dropped, garbage=self._channel.garbage)
+            self._journal.close()
+
+    async def _open(self, stack: AsyncExitStack, guard_config: GuardConfig) -> None:
+        runtime = runtime_folder()
+        for text in await asyncio.to_thread(reap_orphans, runtime):
+            self._note("leftover", text=text)
+        raw = {name: vehicle_link(one) for name, one in guard_config.vehicles.items()}
+        self._following = self._remote_clock(guard_config)
+        links: dict[str, GuardLinks] = {}
+        for index, (name, one) in enumerate(guard_config.vehicles.items()):
+            inner = ChannelLink(name=f"{name} orchestrator", index=index, channel=self._channel)
+            self._links.append(inner)
+            gcs = open_link(parse_link(one.gcs)) if one.gcs else None
+            near = raw[name] if self._following is None else self._following.tap(name, raw[name])
+            outer = under_conditions(
+                near,
+                one.conditions,
+                utc_s=time.time(),
+                spares=spare_links(one),
+                told=partial(self._link_changed, name),
+            )
+            links[name] = GuardLinks(
+                vehicle=outer.link, orchestrator=inner, gcs=gcs, impaired=outer.impaired
+            )
+        self._shell = LocalGuard(
+            vehicles={name: one.vehicle for name, one in guard_config.vehicles.items()},
+            links=links,
+            settings=guard_config.settings,
+            plan=guard_config.plan,
+            record=self._record_frame,
+        )
+        self._shell.on_event(self._event)
+        asyncio.get_running_loop().set_exception_handler(self._on_task_error)
+        await stack.enter_async_context(self._shell)
+        self._guarding = True
+        stack.push_async_callback(self._reap)
+        await self._write_record(stack, runtime)
+        self._report_opened(raw)
+
+    def _remote_clock(self, guard_config: GuardConfig) -> ClockFollower | None:
+        """Return what has our clock follow a vehicle's; None where it is the wall's."""
+        loop = asyncio.get_running_loop()
+        if guard_config.pace is None or not isinstance(loop, PacedLoop):
+            return None
+        return ClockFollower(
+            setup=guard_config.pace,
+            systems={
+                name: one.vehicle.target.system for name, one in guard_config.vehicles.items()
+            },
+            loop=loop,
+            tell=lambda one: self._channel.send(Pace(one.wall_s, one.run_s, one.rate)),
+            trouble=self._clock_trouble,
+        )
+
+    def _clock_trouble(self, name: str, trouble: Trouble, text: str) -> None:
+        (self._shell.vehicle_gone if trouble == "stalled" else self._shell.clocks_apart)(name, text)
+
+    async def _write_record(self, stack: AsyncExitStack, runtime: Path) -> None:
+        """Open the operator's socket and say on this machine that we fly."""
+        me = ProcessId.own()
+        path = runtime / f"guard-{me.pid}.sock"
+        path.unlink(missing_ok=True)
+        orders = OperatorOrders(
+            shell=self._shell,
+            run=self._guard_config.run,
+            refused=lambda text: self._note("refused", text=text),
+            lost=lambda: self._lost,
+        )
+        await stack.enter_async_context(
+            OperatorSocket(
+                path=path,
+                obey=orders.obey,
+                status=orders.status,
+                refused=lambda text: self._note("refused", text=text),
+                token=self._guard_config.token,
+                pointer=Path(self._guard_config.folder) / POINTER,
+            )
+        )
+        self._runtime = runtime
+        self._record = GuardRecord(
+            run=self._guard_config.run,
+            folder=self._guard_config.folder,
+            socket=str(path),
+            guard=me,
+            owner=ProcessId.of(os.getppid()),
+            since_s=time.clock_gettime(time.CLOCK_BOOTTIME),
+        )
+        write_record(runtime, self._record)
+        stack.callback(remove_record, runtime, me)
+
+    def _report_opened(self, raw: Mapping[str, Link]) -> None:
+        self._note("opened", pid=os.getpid())
+        self._channel.send(Opened(os.getpid(), open_ports(raw, told=self._link_changed)))
+        self._send_status()
+        # What is loaded by now lives as long as the process: the collector need not look.
+        gc.freeze()
+
+    def _send_status(self) -> None:
+        core, loop = self._shell.core, asyncio.get_running_loop()
+        rest = not core.may_be_armed(loop.time())
+        if core.latched is None and rest:
+            # Who is busy with other things on the ground endangers nobody by its silence.
+            self._shell.alive()
+        self._channel.send(Status(core.latched, core.all_down, rest, tuple(core.phases.values())))
+        # With a tick of the shell's, so that the process wakes once for both.
+        since_s = time.monotonic() - self._shell.started_s
+        call_wall_later(STATUS_S - since_s % STATUS_S, self._send_status)
+
+    def _take(self, message: ToGuard) -> None:
+        match message:
+            case Bytes(index, _, data) if index < len(self._links):
+                self._links[index].arrive(data, asyncio.get_running_loop().time())
+            case Position(index, t_s, place, q_wxyz, velocity) if index < len(self._links):
+                pose = Pose(place, q_wxyz)
+                self._shell.position(PoseSample(t_s, self._names[index], pose, velocity))
+            case Alive() if self._links:
+                self._shell.alive()
+            case _:
+                self._take_rare(message)
+
+    def _take_rare(self, message: ToGuard) -> None:
+        match message:
+            case ConfigMessage() if not self._chartered.done():
+                self._chartered.set_result(message)
+            case Operate(command) if self._links and command.kind != "geofence":
+                self._shell.command(command)
+            case BringDown(reason) if self._links:
+                self._shell.bring_down(reason)
+            case NewFences(who, fences, proposed) if self._links and set(fences) <= {*self._names}:
+                (self._shell.propose_fences if proposed else self._shell.change_fences)(fences, who)
+            case AnchorAt(name, origin, turn) if name in self._names:
+                self._shell.anchor(name, Anchor(origin, turn))
+            case StartOutage(name, duration_s) if name in self._names and self._links:
+                self._shell.start_outage(name, duration_s)
+            case Start() if message.vehicle in self._names:
+                task = start(self._start(message), name=f"start {message.vehicle}")
+                self._starts.add(task)
+                task.add_done_callback(self._starts.discard)
+            case Follow() if self._following is not None:
+                self._following.begin()
+            case End():
+                self._over.set()
+            case _:
+                self._note("refused", text=f"{type(message).__name__} makes no sense now")
+
+    async def _start(self, start: Start) -> None:
+        """Start a vehicle's process; its death is told as soon as it is seen."""
+        child = ChildProcess(
+            argv=start.argv,
+            stdin=self._lifeline,
+            environment={**os.environ, **start.environment},
+        )
+        try:
+            child.start(lambda one: self._child_ended(start.vehicle, one))
+        except OSError as error:
+            self._channel.send(Ended(start.vehicle, None, str(error)))
+            return
+        self._children[start.vehicle] = child
+        pid = child.pid or 0
+        if child.identity is not None:
+            self._record = self._record.with_child(child.identity)
+            with contextlib.suppress(OSError):
+                write_record(self._runtime, self._record)
+        self._note("started", vehicle=start.vehicle, pid=pid)
+        self._channel.send(Started(start.vehicle, pid))
+
+    def _child_ended(self, name: str, child: ChildProcess) -> None:
+        code = child.exit_code
+        how = f"its process {how_it_ended(code)}"
+        self._note("ended", vehicle=name, text=how)
+        if not self._ending:
+            self._shell.vehicle_gone(name, f"{name} ended: {how}")
+        self._channel.send(Ended(name, code, child.stderr_tail))
+
+    async def _reap(self) -> None:
+        """End all children, at the same time."""
+        self._ending = True
+        for task in tuple(self._starts):
+            await asyncio.wait([task])
+        await asyncio.gather(*(child.end() for child in self._children.values()))
+
+    async def _last(self) -> None:
+        """With no orchestrator any more: have all down before the children end."""
+        loop = asyncio.get_running_loop()
+        since_s = loop.time()
+        self._shell.orchestrator_ended()
+        while busy := self._shell.core.may_be_armed(loop.time()):
+            if loop.time() - since_s > self._guard_config.patience_s and not self._await_vehicles(
+                busy
+            ):
+                self._note("given up", text=f"{', '.join(busy)} did not come down")
+                return
+            await asyncio.sleep(_LAST_POLL_S)
+
+    def _await_vehicles(self, busy: tuple[str, ...]) -> bool:
+        """Return whether an armed vehicle that may break something was heard lately."""
+        now_s, core = asyncio.get_running_loop().time(), self._shell.core
+        return any(
+            self._guard_config.vehicles[name].vehicle.attached
+            and now_s - (core.heard_s(name) or 0.0) < self._guard_config.patience_s
+            for name in busy
+        )
+
+    def _on_parent_death(self) -> None:
+        if not self._chartered.done():
+            self._chartered.set_result(None)
+        elif self._names:
+            self._lost = True
+            self._note("orphaned", text="the orchestrator's end of the pipe is closed")
+        self._over.set()
+
+    def _on_end_request(self, number: signal.Signals) -> None:
+        """Take SIGTERM of a machine that shuts down; SIGHUP and SIGINT are not for us."""
+        self._note("signal", text=number.name)
+        if number == signal.SIGTERM:
+            self._over.set()
+
+    def _on_task_error(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Take an error of our own: whoever guards wrongly must not go on as if all were well."""
+        error, where = context.get("exception"), str(context.get("message", ""))
+        self._fault(error if isinstance(error, BaseException) else RuntimeError(where), where)
+
+    def _fault(self, error: BaseException, where: str) -> None:
+        self._faults += 1
+        said, trace = f"{type(error).__name__}: {error}", "".join(format_exception(error))
+        print(trace, file=sys.stderr, flush=True)  # noqa: T201 - the file of its last words
+        self._note("error", where=where, type=type(error).__name__, message=str(error), trace=trace)
+        if self._guarding:
+            now_s = asyncio.get_running_loop().time()
+            event = GuardEvent(now_s, "guard", "", f"in the guard: {said}")
+            self._event(event)
+            self._shell.bring_down(event.text)
+
+    def _record_frame(self, name: str, t_s: float, frame: bytes) -> None:
+        self._tlogs[name].write(t_s, frame)
+        # COMMAND_INT, COMMAND_LONG of MAVLink 2: when they went out is the measure of a skew.
+        if frame[7] in {75, 76} and frame[8] == 0 and frame[0] == 0xFD:
+            self._channel.send(FrameSent(self._names.index(name), t_s, frame))
+
+    def _event(self, event: GuardEvent) -> None:
+        self._channel.send(EventMessage(event))
+        details = {"kind": event.kind, "vehicle": event.vehicle, "text": event.text}
+        self._journal.write(event.t_s, "guard", **details)
+
+    def _link_changed(self, name: str, text: str) -> None:
+        self._event(GuardEvent(asyncio.get_running_loop().time(), "link", name, text))
+
+    def _note(self, event: str, **details: str | float | bool | None) -> None:
+        self._journal.write(asyncio.get_running_loop().time(), event, **details)
+
+
+def main(arguments: list[str]) -> int:
+    """Guard until the end; returns the exit status."""
+    channel, lifeline, hold = (int(argument) for argument in arguments[:3])
+    os.set_inheritable(hold, False)
+    end = socket.socket(fileno=channel)
+    end.set_inheritable(False)
+    with asyncio.Runner(loop_factory=PacedLoop if SCALED in arguments[3:] else None) as runner:
+        return runner.run(GuardProcess(end=end, lifeline=lifeline).run())
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

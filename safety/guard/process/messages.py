@@ -1,0 +1,186 @@
+"""The messages between the orchestrator and the guard's process.
+
+They go through a SOCK_SEQPACKET Unix socket, in packets of one or more. Vehicles go by their place
+in the charter. Times are CLOCK_MONOTONIC, which all processes share; under the scaled clock the run
+clock, as Pace lays it down.
+"""
+
+from typing import Annotated
+
+import msgspec
+
+from safety.fence.fence_values import fence_of_plain, plain_fence
+from safety.fence.geofence import Fence
+from safety.guard.core.contingency import Phase
+from safety.guard.core.events import Cause, GuardEvent
+from safety.guard.core.operator_command import OperatorCommand
+from vehicles.processes.codec import Codec, Finite, Message, Plain
+
+FiniteVec3 = tuple[Finite, Finite, Finite]
+
+
+class ConfigMessage(Message, frozen=True):
+    """What the guard is to guard; packed: see `charter`."""
+
+    packed: bytes
+
+
+class Start(Message, frozen=True):
+    """Start a vehicle's process as a child of the guard."""
+
+    vehicle: str
+    argv: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+    environment: dict[str, str]
+
+
+class Bytes(Message, frozen=True):
+    """MAVLink frames of the vehicle at `index`, or for it; t_s: when the guard had them."""
+
+    index: int
+    t_s: Finite
+    data: bytes
+
+
+class Position(Message, frozen=True):
+    """Where the vehicle at `index` is, world frame."""
+
+    index: int
+    t_s: Finite
+    position_ned_m: tuple[float, float, float]
+    q_wxyz: tuple[float, float, float, float]
+    velocity_ned_m_s: tuple[float, float, float]
+
+
+class Alive(Message, frozen=True):
+    """A sign of life of the orchestrator's event loop."""
+
+
+class Operate(Message, frozen=True):
+    """An operator's abort, hold or resume."""
+
+    command: OperatorCommand
+
+
+class BringDown(Message, frozen=True):
+    """Bring all down for a reason of the orchestrator's own."""
+
+    reason: str
+
+
+class NewFences(Message, frozen=True):
+    """Give vehicles new fences, all or none; who: gave the command.
+
+    proposed: only say whether they could be given.
+    """
+
+    who: str
+    fences: dict[str, Fence]
+    proposed: bool = False
+
+
+class AnchorAt(Message, frozen=True):
+    """Where a vehicle's local frame is in the world."""
+
+    vehicle: str
+    origin_ned_m: FiniteVec3
+    turn_rad: Finite
+
+
+class StartOutage(Message, frozen=True):
+    """Let nothing through between the guard and a vehicle for a while."""
+
+    vehicle: str
+    duration_s: Finite
+
+
+class Follow(Message, frozen=True):
+    """Let the clock follow the vehicle that leads it: all that had to be started runs."""
+
+
+class End(Message, frozen=True):
+    """Nothing more is to be flown: reap and end."""
+
+
+class Opened(Message, frozen=True):
+    """The links are open; ports: the local UDP port of each, 0 for a link without one."""
+
+    pid: int
+    ports: tuple[int, ...]
+
+
+class Started(Message, frozen=True):
+    """A vehicle's process runs."""
+
+    vehicle: str
+    pid: int
+
+
+class Ended(Message, frozen=True):
+    """A vehicle's process ended, or could not be started (exit_code None)."""
+
+    vehicle: str
+    exit_code: int | None
+    last_output: str
+
+
+class FrameSent(Message, frozen=True):
+    """A command that just went to a vehicle."""
+
+    index: int
+    t_s: Finite
+    frame: bytes
+
+
+class EventMessage(Message, frozen=True):
+    """An event of the guard."""
+
+    event: GuardEvent
+
+
+class Status(Message, frozen=True):
+    """Where the guard stands; sent several times a second, as its sign of life.
+
+    at_rest: nothing may be armed, latched or not.
+    """
+
+    latched: Cause | None
+    all_down: bool
+    at_rest: bool
+    phases: tuple[Phase, ...]
+
+
+class Pace(Message, frozen=True):
+    """The run clock from now on: `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope."""
+
+    wall_s: Finite
+    run_s: Finite
+    rate: Annotated[float, msgspec.Meta(ge=0.0, le=1e300)]
+
+
+class Failed(Message, frozen=True):
+    """The guard could not begin; says why."""
+
+    text: str
+
+
+ToGuard = (
+    ConfigMessage
+    | Start
+    | Bytes
+    | Position
+    | Alive
+    | Operate
+    | BringDown
+    | NewFences
+    | AnchorAt
+    | StartOutage
+    | Follow
+    | End
+)
+ToOrchestrator = (
+    Bytes | FrameSent | Opened | Started | Ended | EventMessage | Status | Pace | Failed
+)
+
+_PLAIN: Plain = {Fence: (plain_fence, fence_of_plain)}
+to_guard: Codec[list[ToGuard]] = Codec(list[ToGuard], plain=_PLAIN)
+to_orchestrator: Codec[list[ToOrchestrator]] = Codec(list[ToOrchestrator], plain=_PLAIN)

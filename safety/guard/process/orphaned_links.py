@@ -1,0 +1,91 @@
+"""Whose link is nobody's: hears vehicles after the guard died, and never says a word.
+
+The autopilots' own failsafes must act then, and they act on silence.
+"""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import AsyncExitStack
+from types import TracebackType
+from typing import Self
+
+from safety.guard.core.mavlink_fields import HEARTBEAT, read_heartbeat
+from safety.guard.process.guard_config import Guarded
+from vehicles.autopilots.autopilot import Target
+from vehicles.links.link import Link, LinkError
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import LinkAddress, parse_link
+from vehicles.links.udp import UdpLink
+from vehicles.mavlink.framing import FrameSplitter
+
+Hear = Callable[[str, bytes, float], None]
+_RETRY_S = 0.2
+_RETRIES = 10
+
+
+class OrphanedLinks:
+    """Listens on the links that a dead guard held; an async context manager.
+
+    hear: is handed what arrives, by vehicle. A link that cannot be had is named in `unheard`.
+    """
+
+    def __init__(
+        self,
+        *,
+        links: Mapping[str, Callable[[], Link]],
+        targets: Mapping[str, Target],
+        hear: Hear,
+    ) -> None:
+        self._links = dict(links)
+        self._targets = dict(targets)
+        self._hear = hear
+        self._splitters = {name: FrameSplitter() for name in links}
+        self._stack = AsyncExitStack()
+        self.armed: dict[str, bool] = {}
+        """What each vehicle last said of itself; who said nothing is not in it."""
+        self.unheard: dict[str, str] = {}
+
+    async def __aenter__(self) -> Self:
+        """Open all links that can be had."""
+        for name, make in self._links.items():
+            await self._open(name, make)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close them."""
+        await self._stack.aclose()
+
+    async def _open(self, name: str, make: Callable[[], Link]) -> None:
+        for _ in range(_RETRIES):
+            link = make()
+            link.receive(lambda data, t_s: self._take(name, data, t_s))
+            try:
+                await self._stack.enter_async_context(link)
+            except LinkError as error:
+                # The kernel may not have taken the dead process's socket back yet.
+                self.unheard[name] = str(error)
+                await asyncio.sleep(_RETRY_S)
+            else:
+                self.unheard.pop(name, None)
+                return
+
+    def _take(self, name: str, data: bytes, t_s: float) -> None:
+        target = self._targets[name]
+        for frame in self._splitters[name].feed(data):
+            ours = frame.system == target.system and frame.component == target.component
+            if ours and frame.message_id == HEARTBEAT:
+                self.armed[name] = read_heartbeat(frame).armed
+        self._hear(name, data, t_s)
+
+
+def link_maker(guarded: Guarded, port: int) -> Callable[[], Link]:
+    """Return what opens a vehicle's link anew. port: of a vehicle whose link is no string."""
+    if guarded.link:
+        return lambda: open_link(parse_link(guarded.link))
+    address = LinkAddress(kind="udpin", host="127.0.0.1", port=port)
+    return lambda: UdpLink(address=address)

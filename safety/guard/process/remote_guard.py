@@ -1,0 +1,421 @@
+"""The orchestrator's side of a guard in another process: what `GuardShell` is in this one."""
+
+import asyncio
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import Self
+
+from safety.fence.geofence import Fence
+from safety.guard.core.contingency import Phase
+from safety.guard.core.events import GuardEvent
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.local_guard import Record
+from safety.guard.process.channel import Channel
+from safety.guard.process.channel_link import ChannelLink
+from safety.guard.process.guard_config import GuardConfig
+from safety.guard.process.guard_launch import spawn_guard
+from safety.guard.process.guard_stderr import guard_stderr_tail, remove_if_empty
+from safety.guard.process.messages import (
+    Alive,
+    AnchorAt,
+    BringDown,
+    Bytes,
+    ConfigMessage,
+    End,
+    Ended,
+    EventMessage,
+    Failed,
+    Follow,
+    FrameSent,
+    NewFences,
+    Opened,
+    Operate,
+    Pace,
+    Position,
+    Start,
+    Started,
+    StartOutage,
+    Status,
+    ToOrchestrator,
+    to_orchestrator,
+)
+from safety.guard.process.orphaned_links import OrphanedLinks, link_maker
+from safety.guard.process.remote_clock import RemoteClock
+from safety.guard.waits import happens
+from safety.model.samples import PoseSample
+from vehicles.clocks.paced_loop import call_wall_later
+from vehicles.clocks.sim_clock_controller import Segment
+from vehicles.links.link import Link, LinkError
+from vehicles.poses.anchor import Anchor
+from vehicles.processes.identity import ProcessId
+from vehicles.tasks import Contained, report, start, stop
+
+ALIVE_S = 0.1
+_OPEN_S = 20.0
+_START_S = 10.0
+_END_S = 15.0
+_CHECK_S = 0.2
+_CHECKS_WITHOUT_A_WORD = 10
+"""Of our own turns, not of time: a machine that was asleep must not make us kill our guard."""
+_POLL_S = 0.1
+_LATEST_S = 0.06
+"""How long positions well inside the fence, and signs of life, wait for a packet to ride with."""
+
+
+class GuardFailedError(Exception):
+    """An exception came up in the guard's process; says what it wrote to stderr."""
+
+
+class RemoteGuard:
+    """Starts the guard's process and speaks to it; an async context manager, no virtual clock.
+
+    record: gets the commands that went to a vehicle, with the time of the wire; all frames are in
+    the .tlog files, which the guard itself writes. Leaving ends vehicles and guard: land before
+    that. A guard that dies is told as an event of kind `guard`; `all_down` then waits for the
+    autopilots' own failsafes.
+    """
+
+    def __init__(self, *, guard_config: GuardConfig, record: Record | None = None) -> None:
+        self._guard_config = guard_config
+        self._record = record
+        self._names = tuple(guard_config.vehicles)
+        self._links = {
+            name: ChannelLink(
+                name=f"{name} {guard_config.vehicles[name].link or 'guard'}", index=index
+            )
+            for index, name in enumerate(self._names)
+        }
+        self._fences = {
+            name: [] if one.vehicle.fence is None else [one.vehicle.fence]
+            for name, one in guard_config.vehicles.items()
+        }
+        """That hold, held, or were to hold: a position that breaches one does not wait."""
+        self.events: list[GuardEvent] = []
+        self._listeners: list[Callable[[GuardEvent], None]] = []
+        self._phases = dict.fromkeys(self._names, Phase.IDLE)
+        self._down = asyncio.Event()
+        self._rest = asyncio.Event()
+        self._gone = False
+        self._ending = False
+        self._silent_checks = 0
+        self._ports: dict[str, int] = {}
+        self._heard: set[str] = set()
+        self._children: dict[str, ProcessId] = {}
+        self._ended: dict[str, Ended] = {}
+        self._endings: dict[str, asyncio.Event] = {}
+        self._waiting: dict[str, asyncio.Future[ToOrchestrator]] = {}
+        self._beating: asyncio.Handle | None = None
+        self._checking: asyncio.Handle | None = None
+        self._clock = RemoteClock()
+        self._aftermath: asyncio.Task[None] | None = None
+
+    @property
+    def phases(self) -> dict[str, Phase]:
+        """Return where each vehicle's contingency stands, a tenth of a second old at most."""
+        return dict(self._phases)
+
+    @property
+    def pid(self) -> int:
+        """Return the guard's process id."""
+        return self._process.pid or 0
+
+    def link(self, name: str) -> Link:
+        """Return the link to a vehicle through the guard."""
+        return self._links[name]
+
+    def port(self, name: str) -> int:
+        """Return the guard's UDP port for a vehicle; 0 for a link that has none."""
+        return self._ports[name]
+
+    async def __aenter__(self) -> Self:
+        """Start the guard's process and wait until its links are open. Raises LinkError."""
+        opened: asyncio.Future[ToOrchestrator] = asyncio.get_running_loop().create_future()
+        self._waiting[""] = opened
+        spawned = spawn_guard(self._guard_config.folder, scaled=self._guard_config.pace is not None)
+        self._process, self._hold, self._stderr = spawned.process, spawned.hold, spawned.stderr
+        self._channel = Channel(
+            spawned.end, receives=to_orchestrator, take=self._take, closed=self._on_guard_lost
+        )
+        for link in self._links.values():
+            link.channel = self._channel
+        self._channel.open()
+        try:
+            self._channel.send(ConfigMessage(self._guard_config.packed()))
+            async with asyncio.timeout(_OPEN_S):
+                answer = await opened
+        except TimeoutError as error:
+            self._ending = True
+            self._process.kill()
+            await self._end_process()
+            raise LinkError(f"the guard did not open its links in {_OPEN_S:g} s") from error
+        if not isinstance(answer, Opened):
+            self._ending = True
+            await self._end_process()
+            said = answer.text if isinstance(answer, Failed) else ""
+            raise LinkError(said or guard_stderr_tail(self._guard_config.folder))
+        self._ports = dict(zip(self._names, answer.ports, strict=True))
+        self._beat()
+        self._check()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the vehicles, then the guard."""
+        self._ending = True
+        for timer in (self._beating, self._checking):
+            if timer is not None:
+                timer.cancel()
+        try:
+            if self._aftermath is not None:
+                await stop(self._aftermath)
+        finally:
+            self._channel.send(End())
+            try:
+                await self._end_process()
+            finally:
+                await self._reap()
+        if (self._process.exit_code or 0) > 0:
+            report(GuardFailedError(guard_stderr_tail(self._guard_config.folder)), "the guard")
+
+    def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
+        """Have every event told to `listener`, at once, from the event loop."""
+        self._listeners.append(listener)
+
+    def on_pace(self, listener: Callable[[Segment], None]) -> None:
+        """Have every piece of the scaled clock told to `listener`, for who has to follow it."""
+        self._clock.on_pace(listener)
+
+    def follow(self) -> None:
+        """Have the scaled clock follow the vehicle that leads it; nothing under the wall's."""
+        if self._guard_config.pace is not None:
+            self._channel.send(Follow())
+
+    def position(self, sample: PoseSample) -> None:
+        """Take where a vehicle is, from the fastest source there is."""
+        index = self._names.index(sample.vehicle)
+        pose = sample.pose
+        message = Position(
+            index, sample.t_s, pose.position_ned_m, pose.q_wxyz, sample.velocity_ned_m_s
+        )
+        if self._is_urgent(sample):
+            self._channel.send(message)
+        else:
+            self._channel.send_soon(message, within_s=_LATEST_S)
+
+    def anchor(self, name: str, anchor: Anchor) -> None:
+        """Say where a vehicle's local frame is in the world."""
+        self._channel.send(AnchorAt(name, anchor.origin_ned_m, anchor.turn_rad))
+
+    def start_outage(self, name: str, duration_s: float) -> None:
+        """Let nothing through between the guard and a vehicle for a while."""
+        self._channel.send(StartOutage(name, duration_s))
+
+    def alive(self) -> None:
+        """Give a sign of life; from the start on this is done by itself, from the event loop."""
+        self._channel.send_soon(Alive(), within_s=_LATEST_S)
+
+    def command(self, command: OperatorCommand) -> None:
+        """Follow an operator's abort, hold or resume; an event says what comes of it."""
+        self._channel.send(Operate(command))
+
+    def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
+        """Ask whether vehicles could be given new fences; an event says so, or why not."""
+        self._channel.send(NewFences(who, dict(fences), proposed=True))
+
+    def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
+        """Give vehicles new fences, all or none; an event says which."""
+        for name, fence in fences.items():
+            self._fences[name].append(fence)
+        self._channel.send(NewFences(who, dict(fences)))
+
+    def bring_down(self, reason: str) -> None:
+        """Bring all down for a reason of the orchestrator's own."""
+        self._channel.send(BringDown(reason))
+
+    async def all_down(self, timeout_s: float) -> bool:
+        """Wait until all were brought down; False when they are not after `timeout_s`."""
+        return await happens(self._down, timeout_s)
+
+    async def at_rest(self, timeout_s: float) -> bool:
+        """Wait until nothing may be armed; False when something may be after `timeout_s`."""
+        return await happens(self._rest, timeout_s)
+
+    async def start(
+        self, name: str, argv: Sequence[str], environment: Mapping[str, str] | None = None
+    ) -> int:
+        """Have the guard start a vehicle's process as its child; returns its process id.
+
+        Raises LinkError when it cannot be started.
+        """
+        started: asyncio.Future[ToOrchestrator] = asyncio.get_running_loop().create_future()
+        self._waiting[name] = started
+        self._channel.send(Start(name, tuple(argv), dict(environment or {})))
+        try:
+            async with asyncio.timeout(_START_S):
+                answer = await started
+        except TimeoutError as error:
+            raise LinkError(f"{name}: the guard did not start it in {_START_S:g} s") from error
+        if not isinstance(answer, Started):
+            said = answer.last_output if isinstance(answer, Ended) else "the guard ended"
+            raise LinkError(f"{name} could not be started: {said}")
+        return answer.pid
+
+    async def ended_or(self, name: str, sign: "asyncio.Task[object]", timeout_s: float) -> None:
+        """Wait for a vehicle's sign of life. Raises LinkError when it ends or is too late."""
+        end = self._endings.setdefault(name, asyncio.Event())
+        ended = start(end.wait(), name=f"end of {name}")
+        try:
+            await asyncio.wait(
+                {sign, ended}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
+            )
+        finally:
+            await stop(ended)
+        if sign.done():
+            return
+        how = self._ended.get(name)
+        said = f"it said nothing for {timeout_s:g} s" if how is None else how.last_output
+        code = "" if how is None else f" (exit status {how.exit_code})"
+        raise LinkError(f"{name} did not start{code}: {said or 'it said nothing'}")
+
+    async def end_of(self, name: str) -> int | None:
+        """Wait for the end of a vehicle's process; returns its exit code."""
+        await self._endings.setdefault(name, asyncio.Event()).wait()
+        return self._ended[name].exit_code
+
+    def ended(self, name: str) -> Ended | None:
+        """Return how a vehicle's process ended; None while it lives."""
+        return self._ended.get(name)
+
+    def _is_urgent(self, sample: PoseSample) -> bool:
+        """Return whether a position may be a breach of a fence that holds, or will."""
+        settings, place = self._guard_config.settings, sample.pose.position_ned_m
+        velocity = sample.velocity_ned_m_s
+        if not math.isfinite(sum(place) + sum(velocity)):
+            return True
+        return any(
+            fence.breached(
+                place,
+                velocity,
+                latency_s=settings.latency_s,
+                braking_m_s2=settings.braking_m_s2,
+                keep_m=settings.keep_m,
+            )
+            for fence in self._fences[sample.vehicle]
+        )
+
+    def _beat(self) -> None:
+        self.alive()
+        self._beating = call_wall_later(ALIVE_S, self._beat)
+
+    def _check(self) -> None:
+        """Take a guard that says nothing for one that is dead, and make it so."""
+        self._silent_checks += 1
+        if self._silent_checks > _CHECKS_WITHOUT_A_WORD and not self._gone:
+            self._process.kill()
+            return
+        self._checking = call_wall_later(_CHECK_S, self._check)
+
+    def _take(self, message: ToOrchestrator) -> None:
+        """Take a message of the guard; the frequent ones first."""
+        self._silent_checks = 0
+        match message:
+            case Bytes(index, t_s, data):
+                name = self._names[index]
+                self._heard.add(name)
+                self._links[name].arrive(data, t_s)
+            case FrameSent(index, t_s, frame):
+                if self._record is not None:
+                    self._record(self._names[index], t_s, frame)
+            case Status(_, all_down, at_rest, phases):
+                (self._rest.set if at_rest else self._rest.clear)()
+                self._phases = dict(zip(self._names, phases, strict=True))
+                (self._down.set if all_down else self._down.clear)()
+            case EventMessage(event):
+                self._dispatch_event(event)
+            case Pace():
+                self._clock.take(message)
+            case Started(name, pid):
+                if (known := ProcessId.of(pid)) is not None:
+                    self._children[name] = known
+                self._answer(name, message)
+            case Ended(name):
+                self._ended[name] = message
+                self._endings.setdefault(name, asyncio.Event()).set()
+                self._answer(name, message)
+            case _:
+                self._answer("", message)
+
+    def _answer(self, name: str, message: ToOrchestrator) -> None:
+        future = self._waiting.pop(name, None)
+        if future is not None and not future.done():
+            future.set_result(message)
+
+    def _dispatch_event(self, event: GuardEvent) -> None:
+        self.events.append(event)
+        for listener in self._listeners:
+            with Contained(f"a listener to the guard ({event.kind})"):
+                listener(event)
+
+    def _on_guard_lost(self) -> None:
+        """Take that the guard's process ended, which it should not have."""
+        self._gone = True
+        self._clock.go_on_alone()
+        for name in tuple(self._waiting):
+            self._answer(name, Failed(""))
+        if self._ending:
+            return
+        now_s = asyncio.get_running_loop().time()
+        self._down.clear()
+        self._rest.set()
+        self._aftermath = start(self._watch_failsafes(), name="after the guard")
+        text = "the guard's process ended; the autopilots' own failsafes have to act"
+        self._dispatch_event(GuardEvent(now_s, "guard", "", text))
+
+    async def _watch_failsafes(self) -> None:
+        """Hear the vehicles without a word of ours until all say that they are disarmed."""
+        vehicles = self._guard_config.vehicles
+        watched = {
+            name: link_maker(one, self._ports[name])
+            for name, one in vehicles.items()
+            if name in self._heard and name not in self._ended
+        }
+        targets = {name: vehicles[name].vehicle.target for name in watched}
+        async with OrphanedLinks(links=watched, targets=targets, hear=self._receive) as links:
+            # Driver and judge go on hearing until the run is over.
+            while True:
+                if all(self._stands(name, links) for name in watched):
+                    self._down.set()
+                await asyncio.sleep(_POLL_S)
+
+    def _stands(self, name: str, links: OrphanedLinks) -> bool:
+        child = self._children.get(name)
+        return links.armed.get(name) is False or (child is not None and not child.lives)
+
+    def _receive(self, name: str, data: bytes, t_s: float) -> None:
+        self._links[name].arrive(data, t_s)
+
+    async def _end_process(self) -> None:
+        """Wait for the guard; one that still has a vehicle in the air is left to it."""
+        if await self._process.wait(_END_S) is None:
+            now_s = asyncio.get_running_loop().time()
+            text = "the guard goes on by itself: something is in the air still"
+            self._dispatch_event(GuardEvent(now_s, "guard", "", text))
+        self._process.release()
+        self._channel.close()
+        os.close(self._hold)
+        self._stderr.close()
+        remove_if_empty(self._guard_config.folder)
+
+    async def _reap(self) -> None:
+        """End what a dead guard left over."""
+        if self._process.running:
+            return
+        left = [child for child in self._children.values() if child.lives]
+        for child in left:
+            await asyncio.to_thread(child.end)

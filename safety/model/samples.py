@@ -1,0 +1,109 @@
+"""What judging and guarding are fed: frozen samples, each with its run-clock time.
+
+Positions are NED metres in the world's local frame, whatever source they came from.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from safety.fence.geofence import Fence
+from vehicles.autopilots.autopilot import Mode
+from worlds.frames import Pose, Vec3
+
+Stage = Literal["takeoff", "at_height", "goal", "done", "land", "landed", "end"]
+"""Of a run: takeoff commanded, both at height, goal given (t0), autonomy done, landing commanded,
+on the ground and disarmed, nothing more will come."""
+
+
+class PoseSample(NamedTuple):
+    """Where a vehicle is in the world, from the pose source that its campaign chose.
+
+    A named tuple: there are a hundred a second, and a frozen dataclass takes twice as long to make.
+    """
+
+    t_s: float
+    vehicle: str
+    pose: Pose
+    velocity_ned_m_s: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class StateSample:
+    """What a vehicle says of itself.
+
+    mode_name: the autopilot's own word. landed: None while unknown. fault: what is wrong with it
+    in words, None while nothing is; estimator_fault: the same of its estimator alone.
+    battery_fraction: 0 to 1, battery_v: volts; None when unknown.
+    """
+
+    t_s: float
+    vehicle: str
+    armed: bool
+    mode: Mode
+    mode_name: str = ""
+    landed: bool | None = None
+    fault: str | None = None
+    battery_fraction: float | None = None
+    battery_v: float | None = None
+    estimator_fault: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSample:
+    """Something valid arrived from the vehicle over its link."""
+
+    t_s: float
+    vehicle: str
+
+
+class ReferenceSample(NamedTuple):
+    """Where another source than the judged one has a vehicle; a few of them in a second."""
+
+    t_s: float
+    vehicle: str
+    source: str
+    position_ned_m: Vec3
+    velocity_ned_m_s: Vec3
+
+
+class ReportSample(NamedTuple):
+    """A sample of a signal arrived whose value travels elsewhere: a status, a mixed frame.
+
+    t_s: the moment that it is for.
+    """
+
+    t_s: float
+    vehicle: str
+    signal: str
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtSample:
+    """Something shows that a signal cannot be believed from t_s on; reason: what, for people.
+
+    source: where the signal comes from ("mocap", "recipe").
+    """
+
+    t_s: float
+    vehicle: str
+    signal: str
+    source: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class StageSample:
+    """A stage of the run was reached, by one vehicle or, with None, by all of them."""
+
+    t_s: float
+    stage: Stage
+    vehicle: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FenceSample:
+    """From now on this is the vehicle's fence."""
+
+    t_s: float
+    vehicle: str
+    fence: Fence

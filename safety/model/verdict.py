@@ -1,0 +1,114 @@
+"""The verdict of a run, from what happened to it and from what its oracles say."""
+
+import math
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from safety.model.oracle_results import OracleResult, Verdict
+
+GOAL_TIMEOUT = "goal"
+"""The source of the event that the autonomy was not done within the time of its goal."""
+
+DecisiveKind = Literal["ERROR", "INVALID", "FAIL", "ABORTED"]
+
+_ORDER: dict[DecisiveKind, int] = {"ERROR": 0, "INVALID": 1, "FAIL": 2, "ABORTED": 3}
+"""Which of several decisive events of one instant names the verdict."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecisiveEvent:
+    """Something that alone settles the run's verdict, if nothing did before.
+
+    source: who says so: "collision/real" for an oracle's flag (its result is then not told again).
+    note: the last of the judged vehicle's autonomy then. trace: a traceback, where there is one.
+    """
+
+    t_s: float
+    kind: DecisiveKind
+    text: str
+    source: str = ""
+    note: str = ""
+    trace: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The verdict, its reason in a sentence (empty for PASS), and what came later.
+
+    source, note, trace: of the event that made the verdict; empty for PASS, and where it has none.
+    """
+
+    verdict: Verdict
+    reason: str
+    also: tuple[DecisiveEvent, ...] = ()
+    source: str = ""
+    note: str = ""
+    trace: str = ""
+
+
+def source_of(oracle: str, vehicle: str) -> str:
+    """Return the source of an oracle's events."""
+    return f"{oracle}/{vehicle}"
+
+
+def decide(
+    events: Iterable[DecisiveEvent],
+    results: Iterable[OracleResult],
+    *,
+    end_s: float,
+    completed: bool = True,
+    timeouts: Collection[str] = (),
+) -> Decision:
+    """Return the verdict: the first decisive event wins, PASS only when there is none.
+
+    A required oracle's FAIL or INVALID is an event at its `at_s`, at `end_s` when it has none, and
+    no event when its flag already is one. `completed`: the flight went from takeoff to the end of
+    its landing; one that did not is an ERROR, if nothing else says why. timeouts: the sources that
+    say only that time is up. What was not reached by then is the cause, and comes before them: an
+    oracle that failed, and that only the end could fail.
+    """
+    known = list(events)
+    told = {event.source for event in known if event.source}
+    failed = [r for r in results if r.required and r.verdict != "PASS"]
+    known += [_event_of(r, end_s) for r in failed if source_of(r.name, r.vehicle) not in told]
+    if not known and not completed:
+        known.append(DecisiveEvent(end_s, "ERROR", "the flight was not completed"))
+    if not known:
+        return Decision("PASS", "")
+    ordered = sorted(known, key=_rank)
+    if ordered[0].source in timeouts and (cause := _first_unreached(failed, timeouts)):
+        ordered.sort(key=lambda event: event.source != cause)
+    first, *later = ordered
+    return Decision(first.kind, first.text, tuple(later), first.source, first.note, first.trace)
+
+
+def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) -> str | None:
+    """Return the source of the first oracle that waited in vain; None without one."""
+    waited = (one for one in failed if one.verdict == "FAIL" and one.at_s is None)
+    sources = (source_of(one.name, one.vehicle) for one in waited)
+    return next((source for source in sources if source not in timeouts), None)
+
+
+def _rank(event: DecisiveEvent) -> tuple[float, int]:
+    # A time that is not a number must not make the order depend on where it stood.
+    return (math.inf if math.isnan(event.t_s) else event.t_s, _ORDER[event.kind])
+
+
+def _event_of(result: OracleResult, end_s: float) -> DecisiveEvent:
+    at_s = end_s if result.at_s is None else min(result.at_s, end_s)
+    kind: DecisiveKind = "INVALID" if result.verdict == "INVALID" else "FAIL"
+    said = "cannot be judged" if kind == "INVALID" else "failed"
+    text = f"{result.name} of {result.vehicle} {said}"
+    if result.detail:
+        text += f": {result.detail}"
+    elif result.actual is not None:
+        text += f": {result.actual:.3f} {result.unit} against {_limit(result)} {result.unit}"
+    return DecisiveEvent(at_s, kind, text, source_of(result.name, result.vehicle))
+
+
+def _limit(result: OracleResult) -> str:
+    if not isinstance(result.limit, tuple):
+        return "no limit" if result.limit is None else f"{result.limit:g}"
+    low, high = ("open" if x is None else f"{x:g}" for x in result.limit)
+    return f"[{low}, {high}]"

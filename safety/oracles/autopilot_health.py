@@ -1,0 +1,227 @@
+"""What the vehicle says of its health: its estimator, its battery, the modes it flies in."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from safety.model.oracle_results import OracleResult
+from safety.model.samples import StageSample, StateSample
+from safety.oracles.limit_oracle import LimitOracle
+from safety.oracles.oracle import NO_FLAGS, Flags, Oracle, OracleContext, Terms, Windowed, oracle
+from safety.oracles.oracle_terms import ON_GOAL
+from worlds.files.documents import KeyFaultError
+
+ModeName = Literal["hold", "takeoff", "guided", "land", "rtl", "mission", "pilot", "other"]
+"""The values of `vehicles.autopilots.autopilot.Mode`."""
+
+
+class EstimatorParameters(Windowed):
+    """max_unsound_s: for how long the estimator may report a fault, in seconds."""
+
+    max_unsound_s: float = Field(
+        default=0.0, ge=0, description="how long its estimator may lack something; 0 for never"
+    )
+
+
+class BatteryParameters(Windowed):
+    """min_percent: of its capacity; min_v: volts. At least one."""
+
+    min_percent: Annotated[
+        float | None, Field(ge=0, le=100, description="least remaining charge")
+    ] = None
+    min_v: Annotated[float | None, Field(gt=0, description="least voltage")] = None
+
+    @model_validator(mode="after")
+    def _require_one_limit(self) -> Self:
+        if (self.min_percent is None) == (self.min_v is None):
+            raise ValueError("give min_percent or min_v; for both, two oracles")
+        return self
+
+
+class ModesParameters(Windowed):
+    """allowed: the modes that it may be in; max_changes: how often the mode may change."""
+
+    allowed: Annotated[tuple[ModeName, ...], Field(description="the modes that it may be in")] = (
+        "guided",
+    )
+    max_changes: Annotated[
+        int | None, Field(ge=0, description="how often its mode may change within its window")
+    ] = None
+
+    @model_validator(mode="after")
+    def _require_some_limit(self) -> Self:
+        if not self.allowed:
+            raise KeyFaultError("allowed", "names no mode")
+        return self
+
+
+class Estimator(Oracle):
+    """Its estimator is sound, or unsound for no longer than the limit at a time."""
+
+    reports = frozenset({"estimator"})
+
+    def __init__(self, terms: Terms, *, max_unsound_s: float) -> None:
+        super().__init__(terms)
+        self._max_s = max_unsound_s
+        self._seen = False
+        self._since: tuple[float, str] | None = None
+        self._worst: tuple[float, float, str] = (0.0, 0.0, "")
+        self._flagged = False
+
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Take a stage: a fault at the end of the window counts up to there."""
+        was_open = self.stages.open
+        self.stages.reach(sample)
+        if was_open and not self.stages.open:
+            return self._unsound_until(sample.t_s)
+        return NO_FLAGS
+
+    def on_state(self, sample: StateSample) -> Flags:
+        """Take a state; a fault that lasts too long is flagged once."""
+        if not self.stages.open:
+            return NO_FLAGS
+        self._seen = True
+        if sample.estimator_fault is not None and self._since is None:
+            self._since = (sample.t_s, sample.estimator_fault)
+        flags = self._unsound_until(sample.t_s)
+        if sample.estimator_fault is None:
+            self._since, self._flagged = None, False
+        return flags
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the longest time for which it was unsound."""
+        del t_s
+        limit = self._max_s
+        if not self._seen:
+            return self.invalid("no state seen")
+        lasted_s, at_s, fault = self._worst
+        return self.verdict(
+            passed=not self._too_long(lasted_s, fault),
+            actual=lasted_s,
+            limit=limit,
+            unit="s",
+            margin=limit - lasted_s if limit > 0.0 else None,
+            at_s=at_s if fault else None,
+            detail=fault,
+        )
+
+    def _unsound_until(self, t_s: float) -> Flags:
+        if self._since is None:
+            return NO_FLAGS
+        since_s, fault = self._since
+        lasted_s = t_s - since_s
+        if lasted_s >= self._worst[0]:
+            self._worst = (lasted_s, since_s, fault)
+        if self._flagged or not self._too_long(lasted_s, fault):
+            return NO_FLAGS
+        self._flagged = True
+        return self.flag(t_s, f"{self.vehicle}: {fault}")
+
+    def _too_long(self, lasted_s: float, fault: str) -> bool:
+        # Without a limit the fault itself is too much, however short.
+        return bool(fault) and (lasted_s > self._max_s or self._max_s == 0.0)
+
+
+class Battery(LimitOracle):
+    """Keeps a least charge or voltage."""
+
+    reports = frozenset({"battery"})
+
+    def __init__(self, terms: Terms, *, min_percent: float | None, min_v: float | None) -> None:
+        self._in_percent = min_percent is not None
+        self._least = min_v or 0.0 if min_percent is None else min_percent
+        super().__init__(
+            terms,
+            unit="%" if self._in_percent else "V",
+            limit=self._least,
+            nothing="it never told the state of its battery",
+        )
+
+    def on_state(self, sample: StateSample) -> Flags:
+        """Take a state; falling below the limit is a flag."""
+        value = sample.battery_v
+        if self._in_percent:
+            fraction = sample.battery_fraction
+            value = None if fraction is None else fraction * 100.0
+        if not self.stages.open or value is None:
+            return NO_FLAGS
+        unit = "%" if self._in_percent else "V"
+        return self.take(
+            sample.t_s,
+            value,
+            value - self._least,
+            lambda: f"{self.vehicle}: battery at {value:.3g} {unit}",
+        )
+
+
+class Modes(Oracle):
+    """Flies in the allowed modes only, and changes between them no more often than allowed."""
+
+    reports = frozenset({"heartbeat"})
+
+    def __init__(
+        self, terms: Terms, *, allowed: tuple[ModeName, ...], max_changes: int | None
+    ) -> None:
+        super().__init__(terms)
+        self._allowed = frozenset(allowed)
+        self._max_changes = max_changes
+        self._last: str | None = None
+        self._changes = 0
+        self._first_bad: tuple[float, str] | None = None
+
+    def on_state(self, sample: StateSample) -> Flags:
+        """Take a state; each change into what is not allowed is a flag, and one too many."""
+        if not self.stages.open:
+            return NO_FLAGS
+        mode = sample.mode.value
+        last, self._last = self._last, mode
+        if mode == last:
+            return NO_FLAGS
+        self._changes += 0 if last is None else 1
+        many = self._max_changes is not None and self._changes > self._max_changes
+        if mode in self._allowed and not many:
+            return NO_FLAGS
+        name = sample.mode_name or mode
+        text = f"{self.vehicle} was in {name} ({mode})"
+        if mode in self._allowed:
+            text = f"{self.vehicle} changed its mode {self._changes} times, last into {name}"
+        self._first_bad = self._first_bad or (sample.t_s, text)
+        return self.flag(sample.t_s, text)
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the number of changes, and the first that was not allowed."""
+        del t_s
+        limit = self._max_changes
+        if self._last is None:
+            return self.invalid("no state seen")
+        at_s, text = self._first_bad or (None, "")
+        return self.verdict(
+            passed=self._first_bad is None,
+            actual=float(self._changes),
+            limit=limit,
+            unit="changes",
+            margin=None if limit is None else float(limit - self._changes),
+            at_s=at_s,
+            detail=text,
+        )
+
+
+@oracle("estimator", "has a sound estimator in flight", EstimatorParameters)
+def estimator(terms: Terms, parameters: EstimatorParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of the estimator's health."""
+    del context
+    return Estimator(terms, max_unsound_s=parameters.max_unsound_s)
+
+
+@oracle("battery", "keeps a least charge or voltage", BatteryParameters)
+def battery(terms: Terms, parameters: BatteryParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of the battery."""
+    del context
+    return Battery(terms, min_percent=parameters.min_percent, min_v=parameters.min_v)
+
+
+@oracle("modes", "flies in the allowed modes only", ModesParameters, window=ON_GOAL)
+def modes(terms: Terms, parameters: ModesParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of mode changes."""
+    del context
+    return Modes(terms, allowed=parameters.allowed, max_changes=parameters.max_changes)

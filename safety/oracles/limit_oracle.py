@@ -1,0 +1,97 @@
+"""Oracles that keep a value between limits: the worst of it, and each time the limits are left."""
+
+from collections.abc import Callable
+from typing import Self
+
+from pydantic import model_validator
+
+from safety.model.oracle_results import Limit, OracleResult
+from safety.oracles.oracle import NO_FLAGS, Flags, Oracle, Terms, Windowed
+from worlds.files.documents import KeyFaultError
+
+
+class LimitOracle(Oracle):
+    """Remembers the value with the smallest margin; each time it turns negative is a flag."""
+
+    def __init__(
+        self, terms: Terms, *, unit: str, limit: Limit, nothing: str = "no pose seen"
+    ) -> None:
+        super().__init__(terms)
+        self._unit = unit
+        self._limit = limit
+        self._nothing = nothing
+        self._worst: tuple[float, float, float] | None = None
+        self._outside = False
+
+    def take(self, t_s: float, actual: float, margin: float, text: Callable[[], str]) -> Flags:
+        """Take a value with its margin; `text` says what happened when the limits are left."""
+        if self._worst is None or margin < self._worst[0]:
+            self._worst = (margin, actual, t_s)
+        left, self._outside = margin < 0.0 and not self._outside, margin < 0.0
+        return self.flag(t_s, text()) if left else NO_FLAGS
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the value with the smallest margin."""
+        del t_s
+        if self._worst is None:
+            return self.invalid(self._nothing)
+        margin, actual, at_s = self._worst
+        return self.verdict(
+            passed=margin >= 0.0,
+            actual=actual,
+            limit=self._limit,
+            unit=self._unit,
+            margin=margin,
+            at_s=at_s,
+        )
+
+
+def margin_of(value: float, low: float | None, high: float | None) -> float:
+    """Return the signed distance to the nearest of the limits that there are; one there is."""
+    if high is None:
+        return value - (low or 0.0)
+    return high - value if low is None else min(value - low, high - value)
+
+
+def limit_of(low: float | None, high: float | None) -> Limit:
+    """Return the limits as results show them: the one there is, or both."""
+    if low is None:
+        return high
+    return (low, high)
+
+
+class Band(Windowed):
+    """Parameters with a lower and an upper limit, at least one of them given.
+
+    A subclass has fields min_<unit> and max_<unit>, which begin with these words.
+    """
+
+    @property
+    def low(self) -> float | None:
+        """Return the lower limit."""
+        return self._limit("min_")
+
+    @property
+    def high(self) -> float | None:
+        """Return the upper limit."""
+        return self._limit("max_")
+
+    @model_validator(mode="after")
+    def _require_order(self) -> Self:
+        low_key, high_key = _keys(type(self))
+        if self.low is None and self.high is None:
+            raise ValueError(f"give {low_key}, {high_key} or both")
+        if self.low is not None and self.high is not None and self.low >= self.high:
+            raise KeyFaultError(low_key, f"{self.low:g} is not below {high_key} {self.high:g}")
+        return self
+
+    def _limit(self, prefix: str) -> float | None:
+        key = next(name for name in type(self).model_fields if name.startswith(prefix))
+        value: float | None = getattr(self, key)
+        return value
+
+
+def _keys(model: type[Windowed]) -> tuple[str, str]:
+    names = list(model.model_fields)
+    low = next(name for name in names if name.startswith("min_"))
+    return low, next(name for name in names if name.startswith("max_"))

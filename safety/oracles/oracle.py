@@ -1,0 +1,232 @@
+"""The oracle interface and the registry.
+
+Oracles are pure and online: samples in the order of their times in, flags out, and at the end one
+result. They read no clock, so that judging a recording gives what judging the flight gave.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from safety.model.oracle_results import Flag, Limit, OracleResult
+from safety.model.samples import FenceSample, LinkSample, PoseSample, StageSample, StateSample
+from safety.oracles.oracle_context import Gate, OracleContext, Probe, RunMode, Separation
+from safety.oracles.oracle_terms import FLIGHT, Parameters, Stages, Terms, Window, Windowed
+from vehicles.driver.vehicle_state import ReportName
+
+__all__ = [
+    "NO_FLAGS",
+    "Flags",
+    "Gate",
+    "Oracle",
+    "OracleContext",
+    "OracleError",
+    "OracleSpec",
+    "Parameters",
+    "Probe",
+    "RunMode",
+    "Separation",
+    "Stages",
+    "Terms",
+    "Window",
+    "Windowed",
+    "oracle",
+    "registry",
+]
+
+Flags = tuple[Flag, ...]
+NO_FLAGS: Flags = ()
+
+
+class OracleError(Exception):
+    """An oracle that cannot be built for this run; says which and why.
+
+    key: which of its parameters is at fault; empty for none of them. offset: where in that
+    parameter's text. suggestion: what was probably meant.
+    """
+
+    def __init__(
+        self, message: str, *, key: str = "", offset: int | None = None, suggestion: str = ""
+    ) -> None:
+        super().__init__(message)
+        self.key = key
+        self.offset = offset
+        self.suggestion = suggestion
+
+
+class Oracle(ABC):
+    """One judge of one vehicle (`watches`: whose samples it wants; most watch that one alone).
+
+    reports: what it takes of a vehicle's state; its silence is the oracle's blindness.
+    """
+
+    reports: frozenset[ReportName] = frozenset()
+
+    def __init__(self, terms: Terms) -> None:
+        self.terms = terms
+        self.name = terms.name
+        self.vehicle = terms.vehicle
+        self.required = terms.required
+        self.stages = Stages(terms.window)
+
+    @property
+    def watches(self) -> tuple[str, ...]:
+        """Return the vehicles whose samples are to be fed."""
+        return (self.vehicle,)
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        """Take a pose."""
+        del sample
+        return NO_FLAGS
+
+    def on_state(self, sample: StateSample) -> Flags:
+        """Take a vehicle's state."""
+        del sample
+        return NO_FLAGS
+
+    def on_heard(self, sample: LinkSample) -> Flags:
+        """Take that a vehicle was heard."""
+        del sample
+        return NO_FLAGS
+
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Take that the run reached a stage."""
+        self.stages.reach(sample)
+        return NO_FLAGS
+
+    def on_fence(self, sample: FenceSample) -> Flags:
+        """Take that a vehicle has another fence from now on."""
+        del sample
+        return NO_FLAGS
+
+    def on_tick(self, t_s: float) -> Flags:
+        """Take that time has passed, for oracles that judge silence."""
+        del t_s
+        return NO_FLAGS
+
+    @abstractmethod
+    def result(self, t_s: float) -> OracleResult:
+        """Return the judgement as it stands at run time `t_s`."""
+
+    def flag(self, t_s: float, text: str, *, decisive: bool = True) -> Flags:
+        """Return one flag of this oracle."""
+        return (Flag(t_s, self.name, self.vehicle, text, decisive),)
+
+    def verdict(
+        self,
+        *,
+        passed: bool,
+        actual: float | None = None,
+        limit: Limit = None,
+        unit: str = "",
+        margin: float | None = None,
+        at_s: float | None = None,
+        detail: str = "",
+    ) -> OracleResult:
+        """Return this oracle's result; a number that is not finite turns it into INVALID."""
+        numbers = [x for x in (actual, margin, at_s) if x is not None]
+        if not all(map(math.isfinite, numbers)):
+            bad = f"saw a value that is not finite ({actual})"
+            return self.invalid(bad)
+        return OracleResult(
+            name=self.name,
+            vehicle=self.vehicle,
+            required=self.required,
+            verdict="PASS" if passed else "FAIL",
+            actual=actual,
+            limit=limit,
+            unit=unit,
+            margin=margin,
+            at_s=at_s,
+            detail=detail,
+        )
+
+    def invalid(self, detail: str, *, at_s: float | None = None) -> OracleResult:
+        """Return that there is nothing to judge by. detail: which signal is missing, and when."""
+        return replace(self.verdict(passed=False, at_s=at_s, detail=detail), verdict="INVALID")
+
+
+Factory = Callable[[Terms, Any, OracleContext], Oracle]
+"""Builds an oracle from its terms, its parameters, and the context."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OracleSpec:
+    """A kind of oracle that campaigns may name.
+
+    pair_only: it compares two vehicles and is left out where only one flies; a function of its
+    parameters where these decide. at_the_end: only the
+    end shows whether it fails. window, fail_fast: what it does where the campaign does not say.
+    """
+
+    name: str
+    summary: str
+    parameters: type[Parameters]
+    factory: Factory
+    pair_only: bool | Callable[[Any], bool] = False
+    at_the_end: bool = False
+    window: Window = FLIGHT
+    fail_fast: bool = False
+
+    def needs_pair(self, parameters: Parameters) -> bool:
+        """Return whether it judges nothing where one vehicle flies alone."""
+        return self.pair_only(parameters) if callable(self.pair_only) else self.pair_only
+
+    def build(
+        self, name: str, parameters: Parameters, context: OracleContext, *, required: bool
+    ) -> Oracle:
+        """Return the oracle for one vehicle of one run. Raises OracleError."""
+        window, fail_fast = self.window, self.fail_fast
+        if isinstance(parameters, Windowed):
+            try:
+                window = parameters.window(self.window)
+            except ValueError as error:
+                key = "from" if parameters.to is None else "to"
+                raise OracleError(f"oracle {name!r}: {error}", key=key) from error
+            if parameters.fail_fast and self.at_the_end:
+                said = f"oracle {name!r}: only the end of its window shows whether it fails"
+                raise OracleError(said, key="fail_fast")
+            fail_fast = self.fail_fast if parameters.fail_fast is None else parameters.fail_fast
+        terms = Terms(
+            name=name,
+            vehicle=context.vehicle,
+            required=required,
+            window=window,
+            fail_fast=fail_fast and required,
+        )
+        return self.factory(terms, parameters, context)
+
+
+registry: dict[str, OracleSpec] = {}
+
+
+def oracle(
+    name: str,
+    summary: str,
+    parameters: type[Parameters],
+    *,
+    pair_only: bool | Callable[[Any], bool] = False,
+    at_the_end: bool = False,
+    window: Window = FLIGHT,
+    fail_fast: bool = False,
+) -> Callable[[Factory], Factory]:
+    """Register a factory under a name. Raises ValueError when the name is taken."""
+
+    def register(factory: Factory) -> Factory:
+        if name in registry:
+            raise ValueError(f"oracle {name!r} is registered twice")
+        registry[name] = OracleSpec(
+            name=name,
+            summary=summary,
+            parameters=parameters,
+            factory=factory,
+            pair_only=pair_only,
+            at_the_end=at_the_end,
+            window=window,
+            fail_fast=fail_fast,
+        )
+        return factory
+
+    return register

@@ -1,0 +1,104 @@
+"""What an oracle is told of its run: the world it judges in, the goal, the fence."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+from safety.fence.geofence import Fence
+from worlds.frames import Pose, Vec3
+from worlds.geodesy import LocalFrame
+from worlds.scene.parts import Crossing
+
+RunMode = Literal["sim", "wil", "real"]
+
+
+class Separation(Protocol):
+    """The least clearance to one object on a stretch; `worlds.clearance.clearance.Clearance`.
+
+    The floor of a room is told apart from the rest of it.
+    """
+
+    @property
+    def object_name(self) -> str:
+        """Return the object's name in the world file."""
+
+    @property
+    def part_name(self) -> str:
+        """Return which part of it was the nearest ("left"); empty when it has but one."""
+
+    @property
+    def clearance_m(self) -> float:
+        """Return the smallest distance between the vehicle's body and it; <= 0 is contact."""
+
+    @property
+    def at_s(self) -> float:
+        """Return when it was that small, on the run clock."""
+
+    @property
+    def is_floor(self) -> bool:
+        """Return whether it is a floor that vehicles stand on."""
+
+
+class Probe(Protocol):
+    """Measures a body's clearance to the judged world; `worlds.clearance`'s ClearanceProbe."""
+
+    def sweep(
+        self,
+        pose_0: Pose,
+        t_0_s: float,
+        pose_1: Pose,
+        t_1_s: float,
+        events: Mapping[str, float],
+        /,
+        *,
+        below_m: Mapping[tuple[str, bool], float] | None = None,
+    ) -> tuple[Separation, ...]:
+        """Return the least clearance to each near object on the way between two poses.
+
+        below_m: by name and whether it is a floor; only what is less is reported.
+        """
+
+
+class Gate(Protocol):
+    """An opening that the vehicle may have to fly through; `safety.oracles.gates.SceneGate`."""
+
+    @property
+    def limit_m(self) -> float:
+        """Return half of the inner size: the offset at which the centre meets the frame."""
+
+    def depth_m(self, point_ned_m: Vec3, t_s: float, events: Mapping[str, float]) -> float:
+        """Return how far behind the opening's plane a point is, along its forward axis."""
+
+    def crossing(
+        self, p_0: Vec3, t_0: float, p_1: Vec3, t_1: float, events: Mapping[str, float]
+    ) -> Crossing | None:
+        """Return where the way from one point to the next meets the opening's plane."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OracleContext:
+    """What an oracle is told of the run and of the one vehicle it judges.
+
+    vehicle: whom this oracle judges. body_half_m: of the box round it, forward, right and down
+    from its centre; zeros for a point. probe: clearance to the world in which that vehicle is
+    judged (Wv in sim and wil, W in real). things: the names of what stands there; probe_of: a
+    probe of one of them alone, that reports it however far it is. gates: all openings of that
+    world by name; route: those of the goal, in order. target_ned_m: a position goal. fence: that
+    vehicle's own. frame: where on Earth the world is. events: times of the world's events, a
+    mapping that the run fills in as they happen.
+    """
+
+    mode: RunMode
+    subject: str
+    vehicle: str
+    body_half_m: Vec3 = (0.0, 0.0, 0.0)
+    start: Pose = field(default_factory=lambda: Pose((0.0, 0.0, 0.0)))
+    probe: Probe | None = None
+    things: tuple[str, ...] = ()
+    probe_of: Callable[[str], Probe] | None = None
+    gates: Mapping[str, Gate] = field(default_factory=dict)
+    route: tuple[str, ...] = ()
+    target_ned_m: Vec3 | None = None
+    fence: Fence | None = None
+    frame: LocalFrame | None = None
+    events: Mapping[str, float] = field(default_factory=dict)

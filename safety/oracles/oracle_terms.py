@@ -1,0 +1,127 @@
+"""On which terms an oracle judges: whom, whether it counts, from which stage to which, how soon."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from safety.model.samples import Stage, StageSample
+from worlds.files.documents import KeyFaultError
+
+STAGES: tuple[Stage, ...] = get_args(Stage)
+"""In the order in which a run reaches them."""
+
+FirstStage = Literal["takeoff", "at_height", "goal", "done", "land"]
+LastStage = Literal["at_height", "goal", "done", "land", "landed", "end"]
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """From which stage to which an oracle judges: from reaching `first` to reaching `last`.
+
+    A run that skips `last` (it was cut short) closes the window with any later stage.
+    """
+
+    first: FirstStage
+    last: LastStage
+
+
+FLIGHT = Window("takeoff", "landed")
+IN_THE_AIR = Window("at_height", "land")
+ON_GOAL = Window("goal", "land")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Terms:
+    """The terms of one oracle in one run.
+
+    fail_fast: its decisive flag ends the flight, which lands at once; else the flight goes on.
+    """
+
+    name: str
+    vehicle: str
+    required: bool
+    window: Window = FLIGHT
+    fail_fast: bool = False
+
+
+class Parameters(BaseModel):
+    """What a campaign may say of every oracle.
+
+    vehicle: whom it judges; None means the subject of the run (real in wil and real, twin in sim).
+    required: whether its FAIL fails the run, or is only reported.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    vehicle: Annotated[
+        Literal["real", "twin"] | None,
+        Field(description="whom it judges; by default real, in mode sim the twin"),
+    ] = None
+    required: Annotated[
+        bool, Field(description="whether its FAIL fails the run, or is only reported")
+    ] = True
+
+
+class Windowed(Parameters):
+    """What a campaign may say of an oracle that judges a part of the flight.
+
+    from, to: the stages that open and close its window; None: those of its kind. fail_fast: land
+    at once when it fails; None: as its kind does.
+    """
+
+    from_: Annotated[
+        FirstStage | None, Field(alias="from", description="the stage that opens its window")
+    ] = None
+    to: Annotated[LastStage | None, Field(description="the stage that closes its window")] = None
+    fail_fast: Annotated[bool | None, Field(description="land at once when it fails")] = None
+
+    @model_validator(mode="after")
+    def _fails_something(self) -> Self:
+        if self.fail_fast and not self.required:
+            raise KeyFaultError("fail_fast", "an oracle that is only reported ends no flight")
+        return self
+
+    def window(self, usual: Window) -> Window:
+        """Return its window, where `usual` is that of its kind. Raises ValueError when empty."""
+        first, last = self.from_ or usual.first, self.to or usual.last
+        if STAGES.index(first) >= STAGES.index(last):
+            raise ValueError(f"its window is empty: '{first}' does not come before '{last}'")
+        return Window(first, last)
+
+
+class Stages:
+    """When each stage was reached, and whether a window is open.
+
+    `open` is a plain attribute: it is asked for each pose.
+    """
+
+    def __init__(self, window: Window = FLIGHT) -> None:
+        self._window = window
+        self._closing = frozenset(STAGES[STAGES.index(window.last) :])
+        self._at_s: dict[Stage, float] = {}
+        self.open = False
+        """Whether the window is open now."""
+        self.near_ground = True
+        """Whether the vehicle is meant to be on or near the ground now."""
+
+    def reach(self, sample: StageSample) -> None:
+        """Note a stage; only its first time counts."""
+        self._at_s.setdefault(sample.stage, sample.t_s)
+        closed = not self._closing.isdisjoint(self._at_s)
+        self.open = self._window.first in self._at_s and not closed
+        self.near_ground = "at_height" not in self._at_s or "land" in self._at_s
+
+    def at(self, stage: Stage) -> float | None:
+        """Return when a stage was reached, or None."""
+        return self._at_s.get(stage)
+
+    @property
+    def begin_s(self) -> float | None:
+        """Return when the window opened, or None."""
+        return self._at_s.get(self._window.first)
+
+    @property
+    def end_s(self) -> float | None:
+        """Return when the window closed, or None."""
+        return min((self._at_s[s] for s in self._closing if s in self._at_s), default=None)

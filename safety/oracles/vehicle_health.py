@@ -1,0 +1,169 @@
+"""What the vehicle says of itself: faults, silence, and how it ended."""
+
+from pydantic import Field
+
+from safety.model.oracle_results import OracleResult
+from safety.model.samples import LinkSample, StageSample, StateSample
+from safety.oracles.oracle import (
+    NO_FLAGS,
+    Flags,
+    Oracle,
+    OracleContext,
+    Parameters,
+    Terms,
+    Windowed,
+    oracle,
+)
+
+
+class LinkParameters(Windowed):
+    """max_gap_s: the longest silence of the vehicle that is borne, in seconds."""
+
+    max_gap_s: float = Field(gt=0, description="the longest silence that is borne")
+
+
+class VehicleFault(Oracle):
+    """Reports no fault, and does not disarm in flight, by default from takeoff to the landing."""
+
+    reports = frozenset({"heartbeat", "landed_state", "estimator"})
+
+    def __init__(self, terms: Terms) -> None:
+        super().__init__(terms)
+        self._seen = False
+        self._was_flying = False
+        self._faults: list[tuple[str, float]] = []
+
+    def on_state(self, sample: StateSample) -> Flags:
+        """Take a state; each new fault is a flag."""
+        if not self.stages.open:
+            return NO_FLAGS
+        self._seen = True
+        fault = sample.fault
+        if self._was_flying and not sample.armed and sample.landed is False:
+            fault = fault or "disarmed in flight"
+        self._was_flying = sample.armed and sample.landed is False
+        if fault is None or any(text == fault for text, _ in self._faults):
+            return NO_FLAGS
+        self._faults.append((fault, sample.t_s))
+        return self.flag(sample.t_s, f"{self.vehicle}: {fault}")
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return FAIL with the faults in words, the first one's time."""
+        del t_s
+        if not self._seen:
+            return self.invalid("no state seen")
+        if not self._faults:
+            return self.verdict(passed=True)
+        texts = "; ".join(text for text, _ in self._faults)
+        return self.verdict(passed=False, at_s=self._faults[0][1], detail=texts)
+
+
+class LinkOracle(Oracle):
+    """Is heard without a gap longer than the limit, by default from takeoff to the landing.
+
+    A gap is flagged when it ends: one that does not is the loss of the vehicle, an ERROR that the
+    guard tells.
+    """
+
+    def __init__(self, terms: Terms, *, max_gap_s: float) -> None:
+        super().__init__(terms)
+        self._max_gap_s = max_gap_s
+        self._since_s: float | None = None
+        self._heard = False
+        self._worst: tuple[float, float] = (0.0, 0.0)
+
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Take a stage: the window opens with the takeoff command and closes with the landing."""
+        self._worst = self._worst_at(sample.t_s)
+        self.stages.reach(sample)
+        if self.stages.open and self._since_s is None:
+            self._since_s = sample.t_s
+            self._worst = (0.0, sample.t_s)
+        return NO_FLAGS
+
+    def on_heard(self, sample: LinkSample) -> Flags:
+        """Take a sign of life; one that ends a gap that was too long is flagged."""
+        if not self.stages.open or self._since_s is None:
+            return NO_FLAGS
+        since_s, self._since_s, self._heard = self._since_s, sample.t_s, True
+        gap_s = sample.t_s - since_s
+        if gap_s > self._worst[0]:
+            self._worst = (gap_s, sample.t_s)
+        if gap_s <= self._max_gap_s:
+            return NO_FLAGS
+        text = f"{self.vehicle} was silent for {gap_s:.1f} s, more than {self._max_gap_s:g} s"
+        return self.flag(sample.t_s, text)
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the longest gap."""
+        if not self._heard:
+            return self.invalid("never heard in flight")
+        gap_s, at_s = self._worst_at(t_s)
+        margin_s = self._max_gap_s - gap_s
+        return self.verdict(
+            passed=margin_s >= 0.0,
+            actual=gap_s,
+            limit=self._max_gap_s,
+            unit="s",
+            margin=margin_s,
+            at_s=at_s,
+        )
+
+    def _worst_at(self, t_s: float) -> tuple[float, float]:
+        """Return the longest gap up to now, with that which goes on."""
+        if not self.stages.open or self._since_s is None:
+            return self._worst
+        now = (t_s - self._since_s, t_s)
+        return now if now[0] > self._worst[0] else self._worst
+
+
+class LandedOracle(Oracle):
+    """Is on the ground and disarmed at the end, by its own last word."""
+
+    reports = frozenset({"heartbeat", "landed_state"})
+
+    def __init__(self, terms: Terms) -> None:
+        super().__init__(terms)
+        self._last: StateSample | None = None
+
+    def on_state(self, sample: StateSample) -> Flags:
+        """Take a state."""
+        self._last = sample
+        return NO_FLAGS
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return PASS only for a vehicle that said that it is landed and disarmed."""
+        del t_s
+        last = self._last
+        if last is None:
+            return self.invalid("no state seen")
+        faults = []
+        if last.armed:
+            faults.append("still armed")
+        if last.landed is None:
+            faults.append("never said whether it is on the ground")
+        elif not last.landed:
+            faults.append("not on the ground")
+        detail = " and ".join(faults)
+        return self.verdict(passed=not faults, at_s=last.t_s, detail=detail)
+
+
+@oracle("vehicle_fault", "reports no fault in flight", Windowed, fail_fast=True)
+def vehicle_fault(terms: Terms, parameters: Windowed, context: OracleContext) -> Oracle:
+    """Return the oracle of the vehicle's own faults."""
+    del parameters, context
+    return VehicleFault(terms)
+
+
+@oracle("link", "is never silent for longer than max_gap_s", LinkParameters)
+def link(terms: Terms, parameters: LinkParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of silence."""
+    del context
+    return LinkOracle(terms, max_gap_s=parameters.max_gap_s)
+
+
+@oracle("landed", "is landed and disarmed at the end", Parameters, at_the_end=True)
+def landed(terms: Terms, parameters: Parameters, context: OracleContext) -> Oracle:
+    """Return the oracle of how the flight ended."""
+    del parameters, context
+    return LandedOracle(terms)

@@ -1,0 +1,311 @@
+"""Cases x modes x repetitions: which runs, with which seeds, files and requirements."""
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import campaigns
+from campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
+from campaigns.values.acceptance import Requirement, Share, parse_share, standings
+from campaigns.values.seeds import run_seed
+from worlds.files.documents import BadInput
+
+SHIPPED = sorted(Path(campaigns.__file__).parent.glob("*.yaml"))
+
+
+def names(campaign: Campaign) -> list[str]:
+    return [run.name for run in campaign.runs]
+
+
+def inner_size_m(run: RunPlan) -> float:
+    (opening,) = run.setup().world.scene("sim", "Wv")["gate"].shape.openings
+    return 2.0 * opening.limit_m
+
+
+def test_runs_are_ordered_by_case_mode_and_repetition(files: Any) -> None:
+    campaign = files.load()
+    assert names(campaign) == [
+        f"{case}/{mode}/{rep}"
+        for case in ("large", "small")
+        for mode in ("sim", "wil")
+        for rep in (1, 2, 3)
+    ]
+    assert campaign.name == "small"
+    assert [path.name for path in campaign.paths] == ["campaign.yaml", "world.yaml", "recipe.yaml"]
+
+
+def test_a_case_overrides_the_world_and_no_other_case(files: Any) -> None:
+    runs = {run.case: run for run in files.load().runs}
+    assert inner_size_m(runs["large"]) == pytest.approx(1.0)
+    assert inner_size_m(runs["small"]) == pytest.approx(0.5)
+
+
+def test_a_case_overrides_campaign_recipe_and_file(files: Any) -> None:
+    (files.folder / "other.yaml").write_text((files.folder / "world.yaml").read_text())
+    files.change("inner_size_m: 1.0", "inner_size_m: 0.7", "other.yaml")
+    files.change(
+        "  large: {}",
+        "  large: {goal.altitude_m: 1.5, recipe.combine.0.max_skew_ms: 20, world: other.yaml}",
+    )
+    run = files.load().runs[0]
+    setup = run.setup()
+    assert setup.goal.altitude_m == 1.5
+    assert setup.recipe.combinations[0].max_skew_s == pytest.approx(0.02)
+    assert inner_size_m(run) == pytest.approx(0.7)
+
+
+XML = """\
+<recipe_file>
+  <AS_sensors><Camera id="camera" rate_hz="15"/></AS_sensors>
+  <combine id="camera" max_skew_ms="60">
+    <transform> register.py </transform>
+    <filter> color_isolation.py </filter>
+    <merge> prioritize_overlay.py </merge>
+  </combine>
+</recipe_file>
+"""
+
+
+def test_the_recipe_may_be_the_papers_xml_and_overridden_like_any_other(files: Any) -> None:
+    (files.folder / "recipe.xml").write_text(XML)
+    files.change("recipe: recipe.yaml", "recipe: recipe.xml")
+    files.change("  large: {}", "  large: {recipe.combine.0.max_skew_ms: 20}")
+    runs = {run.case: run.setup().recipe.combinations[0] for run in files.load().runs}
+    assert [step.kind.name for step in runs["small"].steps] == ["register", "isolate_color"]
+    assert runs["large"].max_skew_s == pytest.approx(0.02)
+    assert runs["small"].max_skew_s == pytest.approx(0.06)
+    files.change("color_isolation", "colour_isolation", "recipe.xml")
+    with pytest.raises(BadInput, match=r"recipe\.xml:5:14: there is no file") as caught:
+        files.load()
+    assert "did you mean 'color_isolation.py'?" in str(caught.value)
+
+
+def test_set_is_stronger_than_a_case(files: Any) -> None:
+    key = "world.objects.gate.shape.gate.inner_size_m"
+    campaign = files.load(sets=(f"{key}=0.8", "goal.altitude_m=1.1"))
+    assert all(inner_size_m(run) == pytest.approx(0.8) for run in campaign.runs)
+    assert {run.setup().goal.altitude_m for run in campaign.runs} == {1.1}
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"sets": ("altitude",)}, "--set altitude: must be KEY=VALUE"),
+        ({"sets": ("=5",)}, "--set =5: must be KEY=VALUE"),
+        ({"sets": ("goal..x=5",)}, "--set goal..x=5: must be KEY=VALUE"),
+        ({"sets": ("goal.altitude_m=[",)}, "--set goal.altitude_m=[: not YAML"),
+        (
+            {"sets": ("gaol.altitude_m=1",)},
+            "--set gaol.altitude_m=1: override 'gaol.altitude_m': there is no 'gaol'; did you",
+        ),
+        ({"sets": ("goal.altitud_m=1",)}, "--set goal.altitud_m=1: unknown key 'altitud_m'; did"),
+        ({"sets": ("goal.altitude_m=high",)}, "--set goal.altitude_m=high: must be a number"),
+        ({"sets": ("world.orign=1",)}, "--set world.orign=1: unknown key 'orign'; did you mean"),
+        ({"seed": -1}, "--seed -1: must be at least 0, is -1"),
+        ({"repetitions": 0}, "--repetitions 0: must be at least 1, is 0"),
+        ({"cases": ("lagre",)}, "--case lagre: matches none of large, small; did you mean 'large'"),
+        ({"modes": ("real",)}, "--mode real: matches none of sim, wil"),
+    ],
+)
+def test_options_that_cannot_be_are_told(files: Any, options: Any, said: str) -> None:
+    found = files.faults(**options)
+    assert len(found) == 1, found
+    assert found[0].startswith(said)
+
+
+def test_options_select(files: Any) -> None:
+    campaign = files.load(cases=("sm*",), modes=("wil",))
+    assert names(campaign) == ["small/wil/1", "small/wil/2", "small/wil/3"]
+    assert campaign.requirements == ()
+    assert not any(run.required for run in campaign.runs)
+    assert names(files.load(cases=("small", "large"), modes=("wil", "sim"), repetitions=1)) == [
+        "large/sim/1",
+        "large/wil/1",
+        "small/sim/1",
+        "small/wil/1",
+    ]
+
+
+def test_what_is_required_and_left_out_is_told(files: Any) -> None:
+    assert files.load().left_out == ()
+    assert files.load(cases=("large",), repetitions=6).left_out == ()
+    assert files.load(modes=("sim",)).left_out == ("large/wil",)
+    assert files.load(sets=("description=x",)).left_out == ()
+    narrower = ("modes=[sim]", "accept={large: {sim: 3/3}}")
+    assert files.load(sets=narrower).left_out == ("large/wil",)
+    softer = ("accept={large: {sim: 2/3, wil: 3/3}}",)
+    assert files.load(sets=softer).left_out == ("large/sim 3/3 (only 2/3)",)
+    judged = ("oracles={landed: {}, reached: {}}",)
+    assert "the oracle collision" in files.load(sets=judged).left_out
+    assert files.load(cases=("small",), repetitions=1).left_out == (
+        "large/sim",
+        "large/wil",
+        "2 of 3 repetitions",
+    )
+
+
+def test_a_selection_does_not_change_the_seeds(files: Any) -> None:
+    seeds = {run.name: run.seed for run in files.load().runs}
+    for run in files.load(cases=("small",), repetitions=2).runs:
+        assert run.seed == seeds[run.name]
+
+
+def test_modes_are_paired_and_all_else_differs(files: Any) -> None:
+    runs = files.load().runs
+    seeds: dict[tuple[str, int], set[int]] = {}
+    for run in runs:
+        seeds.setdefault((run.case, run.repetition), set()).add(run.seed)
+    assert all(len(of_modes) == 1 for of_modes in seeds.values())
+    assert len({seed for of_modes in seeds.values() for seed in of_modes}) == 6
+    assert {run.seed for run in files.load(seed=8).runs}.isdisjoint({run.seed for run in runs})
+
+
+def test_seeds_are_those_of_other_machines_and_releases() -> None:
+    assert run_seed(1, "large", 1) == 3820083363037036
+    assert run_seed(1, "large", 2) == 2935054153592750
+
+
+@given(st.integers(0, 2**63 - 1), st.text(max_size=20), st.integers(1, 100_000))
+def test_a_seed_is_one_that_every_json_reader_keeps(seed: int, case: str, rep: int) -> None:
+    assert 0 <= run_seed(seed, case, rep) < 2**53
+
+
+def test_without_accept_everything_is_required(files: Any) -> None:
+    files.change("accept: {large: {sim: 3/3, wil: 2/3}}\n", "")
+    campaign = files.load()
+    assert all(run.required for run in campaign.runs)
+    assert {requirement.share for requirement in campaign.requirements} == {Share(3, 3)}
+
+
+def test_accept_says_which_runs_are_required(files: Any) -> None:
+    campaign = files.load()
+    assert {run.case for run in campaign.runs if run.required} == {"large"}
+    assert campaign.requirements == (
+        Requirement("large", "sim", Share(3, 3)),
+        Requirement("large", "wil", Share(2, 3)),
+    )
+
+
+def test_a_share_is_scaled_to_other_repetitions(files: Any) -> None:
+    shares = {n: files.load(repetitions=n).requirements[1].share for n in (1, 3, 6, 10)}
+    assert shares == {1: Share(1, 1), 3: Share(2, 3), 6: Share(4, 6), 10: Share(7, 10)}
+    assert files.load(sets=("repetitions=6",)).requirements[1].share == Share(4, 6)
+
+
+def test_without_cases_there_is_one(files: Any) -> None:
+    text = files.path.read_text()
+    start, end = text.index("cases:"), text.index("modes:")
+    text = text[:start] + text[end:]
+    files.path.write_text(text.replace("accept: {large:", "accept: {default:"))
+    assert {run.case for run in files.load().runs} == {"default"}
+
+
+def test_runs_go_to_worker_processes(files: Any) -> None:
+    run = files.load().runs[-1]
+    (files.folder / "world.yaml").write_text("spoilt after the start: [")
+    again = pickle.loads(pickle.dumps(run))  # noqa: S301 - our own bytes
+    assert again == run
+    assert inner_size_m(again) == pytest.approx(0.5)
+
+
+def test_the_setup_is_what_the_file_says(files: Any) -> None:
+    setup = files.load().runs[0].setup()
+    real, twin = setup.vehicles["real"], setup.vehicles["twin"]
+    assert (real.autopilot, real.profile, real.pose_source) == ("px4", "cage", "mocap")
+    assert (twin.autopilot, twin.profile, twin.pose_source) == ("ardupilot", "nominal", "mavlink")
+    (camera,) = real.cameras
+    assert (camera.intrinsics.width_px, camera.rate_hz) == (320, 15.0)
+    assert [use.name for use in setup.oracles] == ["collision", "reached", "time_limit", "geofence"]
+    assert setup.fences["twin"].margin_m((0.0, 0.0, 0.0)) == pytest.approx(0.5)
+
+
+def test_the_autonomy_is_told_of_the_goal_but_not_where_the_gates_are(files: Any) -> None:
+    under_test = files.load().runs[0].setup().under_test
+    assert under_test.build(seed=1).goal == {"altitude_m": 1.2, "gate_count": 1}
+    assert under_test.parameters == {"speed_m_s": 0.8}
+
+
+def test_an_autonomy_of_ours_goes_by_its_name(files: Any) -> None:
+    files.change("use: pilot.py:Pilot", "use: gate")
+    assert type(files.load().runs[0].setup().under_test.build(seed=1)).__name__ == "GateAutonomy"
+
+
+def test_an_oracle_may_be_used_twice_by_different_names(files: Any) -> None:
+    files.change("  collision: {}", "  near: {use: clearance, min_m: 0.1}\n  collision: {}")
+    uses = files.load().runs[0].setup().oracles
+    assert [(use.name, use.kind) for use in uses[:2]] == [
+        ("near", "clearance"),
+        ("collision", "collision"),
+    ]
+
+
+def test_a_pose_source_is_as_exact_as_its_kind_or_as_it_is_said_to_be(files: Any) -> None:
+    def accuracies() -> list[float]:
+        setup = files.load().runs[0].setup()
+        return [one.pose_accuracy.position_m for one in setup.vehicles.values()]
+
+    kinds = [one.pose_source for one in files.load().runs[0].setup().vehicles.values()]
+    usual = {"mocap": 0.002, "mavlink": 1.0}
+    assert accuracies() == [usual[kind] for kind in kinds]
+    said = "profile: cage\n    pose_accuracy: {position_m: 0.03, attitude_deg: 1}"
+    files.change("profile: cage", said)
+    assert accuracies() == [0.03, 1.0]
+
+
+def test_a_camera_may_be_given_by_its_focal_length(files: Any) -> None:
+    text = files.path.read_text()
+    mount = "mount: {forward_m: 0.1, down_m: -0.02, pitch_deg: -10}, stabilized: true"
+    files.path.write_text(text.replace("fov_deg: 69", f"fx_px: 300, cy_px: 100, {mount}", 1))
+    (camera,) = files.load().runs[0].setup().vehicles["real"].cameras
+    intrinsics = camera.intrinsics
+    assert (intrinsics.fx_px, intrinsics.fy_px) == (300, 300)
+    assert (intrinsics.cx_px, intrinsics.cy_px) == (159.5, 100)
+    assert camera.mount.stabilized
+    assert camera.mount.pose.position_ned_m == (0.1, 0.0, -0.02)
+    forward = camera.mount.pose.to_parent((1.0, 0.0, 0.0))
+    assert forward[2] > -0.02  # it looks down
+
+
+def test_fences_of_areas(files: Any) -> None:
+    box = "box: {north_m: [-1, 4], east_m: [-2, 2], up_m: [-0.5, 2.3]}"
+    circle = "include: [{circle: {north_m: 2, east_m: 0, radius_m: 2.5}}]"
+    hole = "exclude: [{polygon: [[1, 1], [1, 2], [2, 2]]}]"
+    files.change(box, f"{circle}\n  {hole}\n  up_m: [-0.5, 2.3]")
+    fence = files.load().runs[0].setup().fences["real"]
+    assert fence.margin_m((0.0, 0.0, -1.0)) == pytest.approx(0.5)
+    assert fence.margin_m((1.2, 1.6, -1.0)) < 0
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_shipped_campaigns_are_good(path: Path) -> None:
+    campaign = load_campaign(path)
+    assert campaign.runs
+    assert campaign.description
+
+
+@pytest.mark.parametrize("text", ["", "5", "5/", "0/5", "6/5", "-1/5", "a/b", "5/5/5"])
+def test_shares_that_cannot_be(text: str) -> None:
+    with pytest.raises(ValueError, match="must"):
+        parse_share(text)
+
+
+@given(st.integers(1, 50), st.integers(1, 50), st.integers(1, 200))
+def test_a_scaled_share_is_never_laxer(passes: int, more: int, runs: int) -> None:
+    share = Share(passes, passes + more)
+    scaled = share.scaled(runs)
+    assert scaled.runs == runs
+    assert 1 <= scaled.passes <= runs
+    assert scaled.passes / runs >= share.passes / share.runs - 1e-12
+
+
+def test_standings_count_passes_of_their_own_case_and_mode() -> None:
+    wanted = Requirement("a", "sim", Share(2, 3))
+    runs = [("a", "sim", True), ("a", "wil", True), ("a", "sim", False), ("b", "sim", True)]
+    (standing,) = standings([wanted], runs)
+    assert (standing.passed, standing.flown, standing.met) == (1, 2, False)
+    assert str(standing) == "a/sim: 1 passed, 2/3 required, 1 not flown"
+    assert standings([wanted], [*runs, ("a", "sim", True)])[0].met

@@ -1,0 +1,297 @@
+"""What a campaign may say of sources, motion capture, deliveries, injections and programs."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from campaigns.setup.case_setup import Setup
+from tests.campaigns.conftest import Files
+
+CAMERA = "camera: {type: camera, rate_hz: 15, width_px: 320, height_px: 240, fov_deg: 69}"
+REAL = f"    pose_source: mocap\n    sensors:\n      {CAMERA}\n"
+TWIN = f"    autopilot: ardupilot\n    sensors:\n      {CAMERA}\n"
+CALIBRATION = """\
+schema: wil/calibration/1
+camera: {width_px: 320, height_px: 240, fx_px: 250, fy_px: 251, cx_px: 160, cy_px: 119,
+         distortion: [-0.1, 0.01, 0, 0, 0]}
+mount: {forward_m: 0.1, pitch_deg: -10}
+latency_ms: 83
+"""
+
+
+def setup(files: Files) -> Setup:
+    return files.load().setups["large"]
+
+
+def with_source(files: Files, source: str, *, of: str = "real", more: str = "") -> None:
+    old = REAL if of == "real" else TWIN
+    files.change(old, old.replace("fov_deg: 69", f"fov_deg: 69, source: {source}{more}"))
+
+
+def needs(files: Files) -> list[str]:
+    return [name for _, name in setup(files).needing_wall_clock()]
+
+
+@pytest.mark.parametrize(
+    ("source", "kind"),
+    [
+        ("rtsp://camera.local/main", "rtsp"),
+        ("rtp://127.0.0.1:5600", "rtp"),
+        ("/dev/video0", "v4l2"),
+        ("tcp://127.0.0.1:5555", "simulator"),
+    ],
+)
+def test_live_sources_need_the_wall_clock(files: Files, source: str, kind: str) -> None:
+    with_source(files, f'"{source}"')
+    (camera,) = setup(files).vehicles["real"].cameras
+    assert camera.source is not None
+    assert (camera.source.kind, camera.source.address) == (kind, source)
+    assert needs(files) == [f"the camera at {source}"]
+    assert camera.source.shown_as == ("rendered" if kind == "simulator" else "live")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("flight.mp4", "video"), ("images", "images"), ("run.mcap", "mcap")]
+)
+def test_recordings_are_found_beside_the_campaign_and_fly_on_any_clock(
+    files: Files, name: str, kind: str
+) -> None:
+    path = files.folder / name
+    path.mkdir() if kind == "images" else path.touch()
+    with_source(files, name)
+    (camera,) = setup(files).vehicles["real"].cameras
+    assert camera.source is not None
+    assert (camera.source.kind, camera.source.address) == (kind, str(path.resolve()))
+    assert needs(files) == []
+    assert camera.source.shown_as == "file"
+
+
+def test_a_source_has_its_times(files: Files) -> None:
+    with_source(files, "{address: 'rtsp://c/x', latency_ms: 80, stall_s: 3, transport: udp}")
+    (camera,) = setup(files).vehicles["real"].cameras
+    assert camera.source is not None
+    assert (camera.source.latency_s, camera.source.stall_s) == (0.08, 3.0)
+    assert camera.source.transport == "udp"
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("none.mp4", "there is no file or folder 'none.mp4' beside the campaign"),
+        ("http://camera/x", "known are rtsp://"),
+        ("{address: 'rtp://h:5600', topic: /camera}", "says nothing about a source of rtp"),
+        ("{address: 'rtsp://h', transport: quic}", "must be tcp or udp"),
+        ("{address: 'rtsp://h', latency: 3}", "unknown key 'latency'"),
+        ("{latency_ms: 3}", "missing key 'address'"),
+    ],
+)
+def test_sources_that_cannot_be_are_refused(files: Files, source: str, said: str) -> None:
+    with_source(files, source)
+    faults = files.faults()
+    assert any(said in fault for fault in faults)
+    assert all(fault.startswith("campaign.yaml:11:") for fault in faults)
+
+
+def test_what_is_registered_must_be_asked_for_a_pose(files: Files) -> None:
+    files.change(
+        "    filter:", "    transform: [{register: {pose: real}}]\n    filter:", "recipe.yaml"
+    )
+    with_source(files, "'rtp://127.0.0.1:5600'", of="twin")
+    (fault,) = files.faults()
+    assert "cannot be asked for a picture from another pose" in fault
+    files.change("rtp://127.0.0.1:5600", "tcp://127.0.0.1:5600")
+    assert setup(files).vehicles["twin"].cameras[0].source is not None
+
+
+def test_a_calibration_gives_optics_mounting_and_latency(files: Files) -> None:
+    (files.folder / "cam.yaml").write_text(CALIBRATION)
+    text = REAL.replace("fov_deg: 69", "calibration: cam.yaml, source: 'rtp://127.0.0.1:5600'")
+    files.change(REAL, text)
+    (camera,) = setup(files).vehicles["real"].cameras
+    assert (camera.intrinsics.fx_px, camera.intrinsics.cy_px) == (250.0, 119.0)
+    assert camera.intrinsics.distortion == (-0.1, 0.01, 0.0, 0.0, 0.0)
+    assert camera.mount.pose.position_ned_m == (0.1, 0.0, 0.0)
+    ahead = camera.mount.pose.to_parent((1.0, 0.0, 0.0))
+    assert ahead[2] == pytest.approx(math.sin(math.radians(10.0)))
+    assert camera.source is not None
+    assert camera.source.latency_s == pytest.approx(0.083)
+
+
+def test_what_a_campaign_says_itself_wins_over_the_calibration(files: Files) -> None:
+    (files.folder / "cam.yaml").write_text(CALIBRATION)
+    more = "{address: 'rtp://h:5600', latency_ms: 5}"
+    text = f"calibration: cam.yaml, mount: {{down_m: 0.2}}, source: {more}"
+    files.change(REAL, REAL.replace("fov_deg: 69", text))
+    (camera,) = setup(files).vehicles["real"].cameras
+    assert camera.mount.pose.position_ned_m == (0.0, 0.0, 0.2)
+    assert camera.source is not None
+    assert camera.source.latency_s == 0.005
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "said"),
+    [
+        ("calibration: none.yaml", CALIBRATION, "there is no file 'none.yaml'"),
+        ("calibration: cam.yaml, fov_deg: 69", CALIBRATION, "the calibration says this already"),
+        (
+            "calibration: cam.yaml",
+            CALIBRATION.replace("320", "640"),
+            "is for 640x240, and this camera has 320x240",
+        ),
+        ("calibration: cam.yaml", CALIBRATION.replace("fx_px: 250, ", ""), "missing key 'fx_px'"),
+    ],
+)
+def test_calibrations_that_do_not_fit_are_refused(
+    files: Files, key: str, text: str, said: str
+) -> None:
+    (files.folder / "cam.yaml").write_text(text)
+    files.change(REAL, REAL.replace("fov_deg: 69", key))
+    assert any(said in fault for fault in files.faults())
+
+
+def test_motion_capture_comes_from_an_address(files: Files) -> None:
+    files.change(
+        "    pose_source: mocap\n", "    pose_source: mocap\n    mocap: udp://127.0.0.1:5570\n"
+    )
+    mocap = setup(files).vehicles["real"].mocap
+    assert mocap is not None
+    assert (mocap.kind, mocap.host, mocap.port, mocap.body) == ("udp", "127.0.0.1", 5570, "real")
+    assert needs(files) == ["motion capture at udp://127.0.0.1:5570"]
+
+
+@pytest.mark.parametrize(
+    ("mocap", "said"),
+    [
+        ("serial://x", "must be udp://HOST:PORT"),
+        ("udp://0.0.0.0", "must be udp://HOST:PORT"),
+        ("{address: 'udp://127.0.0.1:5570', topic: x}", "is for tcp:// alone"),
+    ],
+)
+def test_motion_capture_that_cannot_be_is_refused(files: Files, mocap: str, said: str) -> None:
+    files.change("    pose_source: mocap\n", f"    pose_source: mocap\n    mocap: {mocap}\n")
+    assert any(said in fault for fault in files.faults())
+
+
+def test_motion_capture_that_nobody_uses_is_refused(files: Files) -> None:
+    files.change("    pose_source: mocap\n", "    mocap: udp://127.0.0.1:5570\n")
+    assert any("is not used with pose_source: mavlink" in fault for fault in files.faults())
+
+
+def test_deliveries_are_read_with_the_one_camera_there_is(files: Files) -> None:
+    files.append("deliver: [{rtp: '127.0.0.1:5600'}, {zmq: 'tcp://*:5601', of: twin}]\n")
+    files.change("tcp://*:5601", "tcp://127.0.0.1:5601")
+    first, second = setup(files).outside.pictures
+    assert (first.kind, first.address, first.sensor, first.of) == (
+        "rtp",
+        "127.0.0.1:5600",
+        "camera",
+        "perceived",
+    )
+    assert (second.of, second.encoding) == ("twin", "bgr8")
+    assert needs(files) == ["rtp 127.0.0.1:5600", "zmq tcp://127.0.0.1:5601"]
+
+
+@pytest.mark.parametrize(
+    ("deliver", "said"),
+    [
+        ("{sensor: camera}", "give one of rtp, zmq, v4l2"),
+        ("{rtp: '127.0.0.1:5600', zmq: 'tcp://127.0.0.1:5601'}", "give one of"),
+        ("{rtp: '127.0.0.1:5601'}", "RTP wants an even port"),
+        ("{rtp: here}", "must be HOST:PORT"),
+        ("{v4l2: video10}", "must be a loopback device"),
+        ("{zmq: '127.0.0.1:5601'}", "must be an address to bind"),
+        ("{rtp: '127.0.0.1:5600', encoding: png}", "is for zmq, not for rtp"),
+        ("{rtp: '127.0.0.1:5600', sensor: camara}", "has no camera 'camara'"),
+        ("{rtp: '127.0.0.1:5600', of: real, vehicle: twin}", "says whose picture it is"),
+        ("{rtp: '127.0.0.1:5600'}, {rtp: '127.0.0.1:5600'}", "is taken by delivery 1"),
+    ],
+)
+def test_deliveries_that_cannot_be_are_refused(files: Files, deliver: str, said: str) -> None:
+    files.append(f"deliver: [{deliver}]\n")
+    assert any(said in fault for fault in files.faults())
+
+
+def test_where_there_are_several_cameras_a_delivery_names_one(files: Files) -> None:
+    files.change(REAL, f"{REAL}      second: {CAMERA.partition(': ')[2]}\n")
+    files.append("deliver: [{rtp: '127.0.0.1:5600'}]\n")
+    assert any("say of which camera" in fault for fault in files.faults())
+
+
+def test_a_ground_station_is_a_link_that_leads_out(files: Files) -> None:
+    files.append("ground_station: udpout://127.0.0.1:14550\n")
+    assert needs(files) == ["a ground station at udpout://127.0.0.1:14550"]
+    files.change("udpout://127.0.0.1:14550", "udpin://0.0.0.0:14550")
+    assert any("must lead out" in fault for fault in files.faults())
+
+
+def test_obstacles_for_px4_are_refused_before_anything_is_there(files: Files) -> None:
+    lidar = "      lidar: {type: lidar}\n"
+    files.change(REAL, REAL + lidar)
+    files.change(TWIN, TWIN + lidar)
+    files.append("inject: {obstacle_distance: {sensor: lidar}}\n")
+    (fault,) = files.faults()
+    assert "'real' (px4) would ignore it: in mode OFFBOARD" in fault
+    assert "fly in POSCTL" in fault
+    files.change("sensor: lidar}", "sensor: lidar, to: [twin]}")
+    (injection,) = setup(files).outside.injections
+    assert (injection.thing, injection.to, injection.sensor) == (
+        "obstacle_distance",
+        ("twin",),
+        "lidar",
+    )
+    assert needs(files) == []  # it goes by the vehicles' own links
+
+
+@pytest.mark.parametrize(
+    ("inject", "said"),
+    [
+        ("{obstacle_distance: {sensor: lidar, to: [twin]}}", "'twin' has no lidar 'lidar'"),
+        ("{adsb_vehicle: {objects: [gat]}}", "no object 'gat' in the world"),
+        ("{odometry: {}}", "'twin' has no motion capture"),
+        ("{landing_target: {object: gate, to: [real]}}", "in mode LAND: no landing is guided"),
+        ("{vision_position_estimate: {}, odometry: {}}", "gives the pose already"),
+        ("{collision: {}}", "unknown key 'collision'"),
+        ("{obstacle_distance: {sensor: lidar, to: [real, real]}}", "names a vehicle twice"),
+    ],
+)
+def test_injections_that_cannot_be_are_refused(files: Files, inject: str, said: str) -> None:
+    files.append(f"inject: {inject}\n")
+    assert any(said in fault for fault in files.faults())
+
+
+def program(files: Files, text: str) -> None:
+    files.change("autonomy: {use: pilot.py:Pilot, with: {speed_m_s: 0.8}}", f"autonomy: {text}")
+
+
+def test_an_autonomy_may_be_a_program(files: Files) -> None:
+    program(files, "{program: [python3, fly.py], with: {speed_m_s: 0.8}}")
+    under_test = setup(files).under_test
+    assert under_test.program == ("python3", "fly.py")
+    assert under_test.folder == files.folder.resolve()
+    assert under_test.goal == {"altitude_m": 1.2, "gate_count": 1}
+    assert needs(files) == ["the program python3"]
+
+
+def test_a_program_beside_the_campaign_is_found(files: Files) -> None:
+    program(files, "{program: [./fly]}")
+    assert any("there is no file './fly' beside" in fault for fault in files.faults())
+    path = Path(files.folder / "fly")
+    path.touch()
+    assert any("may not be executed" in fault for fault in files.faults())
+    path.chmod(0o755)
+    assert setup(files).under_test.program == ("./fly",)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{program: [no-such-program]}", "there is no program 'no-such-program' in PATH"),
+        ("{program: []}", "at least 1"),
+        ("{with: {}}", "give use: (a class) or program: (a command)"),
+        ("{use: pilot.py:Pilot, program: [python3]}", "says nothing beside a program"),
+    ],
+)
+def test_programs_that_cannot_be_are_refused(files: Files, text: str, said: str) -> None:
+    program(files, text)
+    assert any(said in fault for fault in files.faults())

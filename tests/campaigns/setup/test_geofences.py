@@ -1,0 +1,376 @@
+"""The campaign's geofence: its forms, its files, one for each vehicle, and its faults."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from campaigns.setup.vehicle_fences import changed_fences
+from safety.fence.areas import FenceError, Polygon
+from safety.fence.fence_files import read_fence_file
+from safety.fence.fence_schema import FencePart
+from safety.fence.geofence import Fence
+from safety.fence.geographic import DrawnFence, GeoCircle, GeoPolygon
+from worlds.files.documents import BadInput, Problem, parse
+from worlds.geodesy import LocalFrame
+
+FRAME = LocalFrame(47.4, 8.5, 488.0)
+BOX = "  box: {north_m: [-1, 4], east_m: [-2, 2], up_m: [-0.5, 2.3]}\n"
+
+
+def earth(north_m: float, east_m: float) -> tuple[float, float]:
+    place = FRAME.to_geodetic((north_m, east_m, 0.0))
+    return place.latitude_deg, place.longitude_deg
+
+
+CORNERS = [earth(-1, -2), earth(4, -2), earth(4, 2), earth(-1, 2)]
+HOLE = [earth(2, 1), earth(3, 1), earth(3, 1.5), earth(2, 1.5)]
+
+
+def plan(**fence: Any) -> str:
+    home = {"plannedHomePosition": [47.4, 8.5, 488.0], "items": []}
+    drawn = {"circles": [], "polygons": [], "version": 2, **fence}
+    document = {"fileType": "Plan", "geoFence": drawn, "mission": home, "version": 1}
+    # QGroundControl's own files are indented by spaces; others come with tabs.
+    return json.dumps(document, indent="\t")
+
+
+def geojson(*features: dict[str, Any]) -> str:
+    return json.dumps({"type": "FeatureCollection", "features": list(features)})
+
+
+def feature(kind: str, coordinates: Any, **properties: Any) -> dict[str, Any]:
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def lon_lat(corners: list[tuple[float, float]]) -> list[list[float]]:
+    """Return a ring as GeoJSON has it: longitude first, closed."""
+    ring = [[lon, lat] for lat, lon in corners]
+    return [*ring, ring[0]]
+
+
+PLAN = plan(
+    polygons=[
+        {"inclusion": True, "polygon": [list(c) for c in CORNERS], "version": 1},
+        {"inclusion": False, "polygon": [list(c) for c in HOLE], "version": 1},
+    ]
+)
+PLAN_CIRCLES = plan(
+    circles=[
+        {"circle": {"center": list(earth(1.5, 0)), "radius": 2.5}, "inclusion": True},
+        {"circle": {"center": list(earth(2.5, 1.25)), "radius": 0.2}, "inclusion": False},
+    ]
+)
+GEOJSON = geojson(feature("Polygon", [lon_lat(CORNERS), lon_lat(HOLE)]))
+GEOJSON_PARTS = geojson(
+    feature("MultiPolygon", [[lon_lat(CORNERS)]]),
+    feature("Polygon", [lon_lat(HOLE)], inclusion=False),
+    feature("Point", list(reversed(earth(0, 0))), inclusion=False, radius_m=0.05),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("cage.plan", PLAN),
+        ("cage.geojson", GEOJSON),
+        ("cage.json", json.dumps(feature("Polygon", [lon_lat(CORNERS), lon_lat(HOLE)]))),
+        ("bare.json", json.dumps({"type": "Polygon", "coordinates": [lon_lat(CORNERS)]})),
+    ],
+)
+def test_a_fence_from_a_file(files: Any, name: str, text: str) -> None:
+    (files.folder / name).write_text(text)
+    files.change(BOX, f"  file: {name}\n  up_m: [-0.5, 2.3]\n")
+    campaign = files.load()
+    fence = campaign.runs[0].setup().fences["real"]
+    assert fence.margin_m((0.0, 0.0, 0.0)) == pytest.approx(0.5)
+    assert fence.margin_m((0.0, 1.8, -1.0)) == pytest.approx(0.2, abs=1e-6)
+    if name != "bare.json":
+        assert fence.margin_m((2.5, 1.25, -1.0)) == pytest.approx(-0.25, abs=1e-6)
+    assert files.folder / name in campaign.paths
+
+
+@pytest.mark.parametrize(("text", "hole_m"), [(PLAN_CIRCLES, 0.2), (GEOJSON_PARTS, 0.25)])
+def test_circles_and_exclusions_from_a_file(files: Any, text: str, hole_m: float) -> None:
+    (files.folder / "drawn.json").write_text(text)
+    files.change("start: {north_m: 0, east_m: 0}", "start: {north_m: 0.5, east_m: 0}")
+    files.change(
+        "    autopilot: ardupilot\n", "    autopilot: ardupilot\n    start: {north_m: 0.5}\n"
+    )
+    files.change(BOX, "  file: drawn.json\n  up_m: [-0.5, 2.3]\n")
+    fence = files.load().runs[0].setup().fences["twin"]
+    assert fence.margin_m((2.5, 1.25, -1.0)) == pytest.approx(-hole_m, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "drawn",
+    [
+        (
+            f"box: {{latitude_deg: [{earth(-1, 0)[0]:.9f}, {earth(4, 0)[0]:.9f}], longitude_deg: "
+            f"[{earth(0, -2)[1]:.9f}, {earth(0, 2)[1]:.9f}], up_m: [-0.5, 2.3]}}"
+        ),
+        f"include: [{{polygon_deg: {[list(c) for c in CORNERS]}}}]\n  up_m: [-0.5, 2.3]",
+        "include: [{polygon: [[-1, -2], [4, -2], [4, 2], [-1, 2]]}]\n  up_m: [-0.5, 2.3]",
+    ],
+)
+def test_a_fence_in_metres_or_degrees(files: Any, drawn: str) -> None:
+    files.change(BOX, f"  {drawn}\n")
+    fence = files.load().runs[0].setup().fences["real"]
+    assert fence.margin_m((0.0, 0.0, 0.0)) == pytest.approx(0.5)
+    assert fence.margin_m((0.0, 1.7, -1.0)) == pytest.approx(0.3, abs=1e-3)
+
+
+def test_a_fence_for_each_vehicle(files: Any) -> None:
+    own = "  twin: {box: {north_m: [-9, 9], east_m: [-9, 9], up_m: [-1, 9]}}\n"
+    files.change(BOX, BOX + own + "  keep_m: 0.3\n  latency_s: 0.2\n  braking_m_s2: 4\n")
+    setup = files.load().runs[0].setup()
+    assert setup.fences["real"].margin_m((0.0, 0.0, -1.0)) == 1.0
+    assert setup.fences["twin"].margin_m((0.0, 0.0, -1.0)) == 2.0
+    keeping = setup.guarding
+    assert (keeping.keep_m, keeping.latency_s, keeping.braking_m_s2) == (0.3, 0.2, 4.0)
+
+
+def test_a_fence_for_one_vehicle_alone(files: Any) -> None:
+    files.change(BOX, "  real: {" + BOX.strip() + "}\n")
+    files.change("  geofence:\n", "  geofence: {vehicle: real}\n")
+    assert set(files.load().runs[0].setup().fences) == {"real"}
+
+
+WRONG = [
+    # what is drawn ("@" marks the place of the fault), what is said
+    ("box: {north_m: @[4, -1], east_m: [-2, 2], up_m: [0, 2]}", "must be [low, high], is [4, -1]"),
+    ("box: {north_m: [-1, 4], east_m: [-2, 2], up_m: @[2.3, -0.5]}", "must be [low, high]"),
+    ("box: @{north_m: [-1, 4], up_m: [0, 2]}", "give north_m and east_m, or latitude_deg and"),
+    ("box: {north_m: [-1, @.nan], east_m: [-2, 2], up_m: [0, 2]}", "(it must be finite)"),
+    ("{include: [{polygon: @[[0, 0], [1, 1], [0, 1], [1, 0]]}], up_m: [0, 2]}", "crosses itself"),
+    ("{include: [{polygon: @[]}], up_m: [0, 2]}", "a polygon needs 3 different corners, has 0"),
+    ("{include: [{polygon: @[[0, 0], [1, 1], [2, 2]]}], up_m: [0, 2]}", "has no area"),
+    ("{include: [@{}], up_m: [0, 2]}", "give one of polygon, polygon_deg and circle"),
+    ("{include: [{circle: {north_m: 0, east_m: 0, radius_m: @0}}], up_m: [0, 2]}", "greater than"),
+    (
+        "{include: [{polygon_deg: [[47.4, 8.5], @[98.5, 8.6], [47.5, 8.6]]}], up_m: [0, 2]}",
+        "latitude 98.5 is beyond 90 degrees; are latitude and longitude swapped?",
+    ),
+    (
+        "{include: [{circle: {latitude_deg: @91, longitude_deg: 8, radius_m: 9}}], up_m: [0, 2]}",
+        "latitude 91 is beyond 90 degrees; are",
+    ),
+    ("{@include: [{circle: {north_m: 0, east_m: 0, radius_m: 9}}]}", "and up_m"),
+    ("{box: {north_m: [-1, 4], east_m: [-2, 2], up_m: [0, 2]}, up_m: @[0, 2]}", "has its own up_m"),
+    ("{@keep_m: 0.1}", "give a box; or include, exclude or file, and up_m; or real and twin"),
+    ("{file: @cage.plan, up_m: [0, 2]}", "there is no file 'cage.plan' beside the campaign"),
+]
+
+
+@pytest.mark.parametrize(("marked", "said"), WRONG)
+def test_a_fault_of_the_fence_is_shown_where_it_is(files: Any, marked: str, said: str) -> None:
+    drawn = marked.replace("@", "")
+    before = "geofence:\n" + BOX
+    if drawn.startswith("{"):
+        files.change(before, f"geofence: {drawn}\n")
+        column = 11 + marked.index("@")
+    else:
+        files.change(before, f"geofence:\n  {drawn}\n")
+        column = 3 + marked.index("@")
+    fault = files.faults()[0]
+    assert said in fault
+    if "give a box" not in said and "and up_m" not in said:
+        line = next(
+            n for n, t in enumerate(files.path.read_text().splitlines(), 1) if t.endswith(drawn)
+        )
+        assert fault.startswith(f"campaign.yaml:{line}:{column}: ")
+
+
+def test_a_fence_far_from_the_world_is_said_with_what_was_probably_meant(files: Any) -> None:
+    corners = [[lon, lat] for lat, lon in CORNERS]
+    files.change(BOX, f"  include: [{{polygon_deg: {corners}}}]\n  up_m: [-0.5, 2.3]\n")
+    (fault,) = files.faults()
+    assert "km from the world's origin; are latitude and longitude swapped?" in fault
+
+
+def test_a_fence_that_excludes_home_or_is_too_near_to_it(files: Any) -> None:
+    files.change("up_m: [-0.5, 2.3]", "up_m: [0.1, 2.3]")
+    said = "starts 0.10 m outside of the geofence's floor"
+    assert [fault.partition("' ")[2] for fault in files.faults()] == [said, said]
+    files.change("up_m: [0.1, 2.3]", "up_m: [-0.5, 2.3]")
+    files.change(BOX, BOX + "  keep_m: 0.6\n")
+    said = "starts 0.50 m from the geofence's floor, nearer than keep_m 0.6"
+    assert [fault.partition("' ")[2] for fault in files.faults()] == [said, said]
+
+
+BAD_FILES = [
+    # text ("@" before the place of the fault), what is said
+    ("@{}", "is neither a QGroundControl plan"),
+    ('{"type": @"Topology"}', "a fence is polygons, or features or a FeatureCollection"),
+    ('@{"fileType": "Plan", "geoFence": {"polygons": [], "circles": []}}', "no fence is drawn"),
+    ('{"fileType": @"Rally", "geoFence": {}}', "must be Plan, is 'Rally'"),
+    ('{"fileType": "Plan", "geoFence": {"polygons": @{}}}', "must be a list"),
+    (
+        (
+            '{"fileType": "Plan", "geoFence": {"polygons": [{"polygon": @[[47, 8], [47.1, 8.1], '
+            "[47, 8.1], [47.1, 8]]}]}}"
+        ),
+        "crosses itself",
+    ),
+    (
+        (
+            '{"fileType": "Plan", "geoFence": {"polygons": [{"polygon": [[47, 8], @[147, 8.1], '
+            "[47, 8.1]]}]}}"
+        ),
+        "latitude 147 is beyond 90 degrees",
+    ),
+    (
+        (
+            '{"fileType": "Plan", "geoFence": {"circles": [{"circle": {"center": [47, 8], '
+            '"radius": @-3}}]}}'
+        ),
+        "must be greater than 0",
+    ),
+    (
+        (
+            '{"fileType": "Plan", "geoFence": {"polygons": [{"polygon": [[47, 8], [@NaN, 8], '
+            "[47, 9]]}]}}"
+        ),
+        "must be a number",
+    ),
+    (
+        (
+            '{"type": "Feature", "properties": {}, "geometry": {"type": "Point", "coordinates": '
+            "@[8, 47]}}"
+        ),
+        "a point is a circle only with the property radius_m",
+    ),
+    (
+        '{"type": "Feature", "geometry": {"type": "LineString", "coordinates": [[8, 47]]}}',
+        "must be Polygon, MultiPolygon or Point",
+    ),
+    ('{"type": "Polygon", "coordinates": @[]}', "a polygon without corners"),
+    (
+        '{"type": "Polygon", "coordinates": [@[[8, 47], [9, 47], [8, 47]]]}',
+        "a polygon needs 3 different corners, has 2",
+    ),
+]
+
+
+@pytest.mark.parametrize(("marked", "said"), BAD_FILES)
+def test_a_fault_of_a_fence_file_is_shown_where_it_is(files: Any, marked: str, said: str) -> None:
+    (files.folder / "drawn.json").write_text(marked.replace("@", ""))
+    files.change(BOX, "  file: drawn.json\n  up_m: [-0.5, 2.3]\n")
+    fault = files.faults()[0]
+    assert said in fault
+    if "@" in marked:
+        assert fault.startswith(f"drawn.json:1:{marked.index('@') + 1}: ")
+
+
+numbers = st.floats(-200, 200) | st.integers(-200, 200) | st.none() | st.just(math.nan)
+values = st.recursive(
+    numbers | st.text(max_size=3) | st.booleans(), lambda inner: st.lists(inner, max_size=4)
+)
+
+
+@settings(max_examples=300)
+@given(
+    st.fixed_dictionaries(
+        {"fileType": st.just("Plan")},
+        optional={
+            "geoFence": st.fixed_dictionaries(
+                {},
+                optional={
+                    "polygons": st.lists(st.fixed_dictionaries({"polygon": values}), max_size=2)
+                },
+            )
+        },
+    )
+    | st.fixed_dictionaries(
+        {"type": st.sampled_from(["Polygon", "MultiPolygon", "Feature"]), "coordinates": values}
+    )
+)
+def test_any_file_is_a_fence_or_refused_with_its_faults(document: dict[str, Any]) -> None:
+    problems: tuple[Problem, ...] = ()
+    drawn = DrawnFence()
+    try:
+        drawn = read_fence_file(parse(json.dumps(document).encode(), name="x.json"))
+    except BadInput as error:
+        problems = error.problems
+    assert bool(problems) is not bool(drawn.inclusions or drawn.exclusions)
+
+
+# To the millimetre: what is thinner than an atom may cross itself after a turn round the Earth.
+places = st.integers(-500_000, 500_000).map(lambda millimetres: millimetres / 1000.0)
+
+
+@given(st.lists(st.tuples(places, places), min_size=3, max_size=6))
+def test_a_polygon_on_earth_is_the_one_in_metres(corners: list[tuple[float, float]]) -> None:
+    try:
+        local = FencePart.model_validate({"include": [{"polygon": corners}], "up_m": (0, 1)})
+        on_earth = GeoPolygon(tuple(earth(*corner) for corner in corners))
+    except ValueError:
+        return
+    there = DrawnFence((on_earth,), (GeoCircle(earth(0, 0), 1.0),)).local(FRAME)[0][0]
+    here = local.fence().inclusions[0]
+    assert isinstance(here, Polygon)
+    assert isinstance(there, Polygon)
+    for corner, other in zip(here.corners_m, there.corners_m, strict=True):
+        assert other == pytest.approx(corner, abs=1e-5)
+
+
+def test_what_is_on_earth_needs_a_world() -> None:
+    part = FencePart.model_validate({"include": [{"polygon_deg": CORNERS}], "up_m": (0, 1)})
+    with pytest.raises(FenceError, match="need a world with an origin"):
+        part.fence()
+
+
+def test_a_fence_file_that_cannot_be_read_is_told(files: Any) -> None:
+    Path(files.folder / "drawn.plan").write_bytes(b"\x00\x01")
+    files.change(BOX, "  file: drawn.plan\n  up_m: [-0.5, 2.3]\n")
+    assert "drawn.plan: is not text (it has NUL bytes)" in files.faults()[0]
+
+
+def changed(text: str, **present: Fence) -> dict[str, Fence]:
+    found = changed_fences(parse(text.encode(), name="new"), FRAME, present)
+    return {str(name): fence for name, fence in found.items()}
+
+
+PRESENT = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-1, 5))
+
+
+def test_a_change_in_flight_says_fences_as_a_campaign_does() -> None:
+    box = "{box: {north_m: [-1, 1], east_m: [-1, 1], up_m: [0, 3]}}"
+    assert set(changed(box)) == {"real", "twin"}
+    assert set(changed(f"twin: {box}")) == {"twin"}
+    as_json = json.dumps({"box": {"north_m": [-1, 1], "east_m": [-1, 1], "up_m": [0, 3]}})
+    assert changed(as_json)["real"].margin_m((0.0, 0.0, -1.0)) == 1.0
+
+
+@pytest.mark.parametrize("text", [GEOJSON, PLAN.replace("\t", " ")])
+def test_a_drawn_fence_keeps_floor_and_ceiling(text: str) -> None:
+    fences = changed(text, real=PRESENT)
+    assert set(fences) == {"real"}
+    assert fences["real"].ceiling_up_m == 5
+    assert fences["real"].margin_m((0.0, 0.0, -1.0)) == pytest.approx(1.0, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (GEOJSON, "no vehicle has a fence, whose floor and ceiling it could keep"),
+        ("{file: x.plan, up_m: [0, 2]}", "send the file itself, or its areas"),
+        ("{real: {file: x.plan, up_m: [0, 2]}}", "send the file itself, or its areas"),
+        (
+            "{box: {north_m: [-1, 1], east_m: [-1, 1], up_m: [0, 3]}, keep_m: 1}",
+            "'keep_m' cannot be changed in flight",
+        ),
+        ("{box: {north_m: [1, -1], east_m: [-1, 1], up_m: [0, 3]}}", "must be [low, high]"),
+        ("{}", "give a box; or"),
+        ("{type: Polygon, coordinates: []}", "a polygon without corners"),
+    ],
+)
+def test_a_change_that_is_no_fence_is_refused(text: str, said: str) -> None:
+    with pytest.raises(BadInput) as caught:
+        changed(text)
+    assert said in str(caught.value)

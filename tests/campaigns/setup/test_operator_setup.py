@@ -1,0 +1,91 @@
+"""What a campaign may say of its operators' broker."""
+
+import pytest
+
+from campaigns.setup.operator_setup import MqttSetup
+from campaigns.values.broker_address import BrokerAddress, BrokerAddressError, parse_broker
+from tests.campaigns.conftest import Files
+
+
+def operator(files: Files, text: str) -> MqttSetup | None:
+    files.change("seed: 7", f"seed: 7\noperator: {text}")
+    return files.load().mqtt
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("embedded", BrokerAddress("127.0.0.1", 1883, embedded=True)),
+        ("embedded:1884", BrokerAddress("127.0.0.1", 1884, embedded=True)),
+        ("mqtt://broker", BrokerAddress("broker", 1883)),
+        ("mqtts://anna@[::1]:9000/", BrokerAddress("::1", 9000, tls=True, user="anna")),
+    ],
+)
+def test_brokers_are_read(text: str, address: BrokerAddress) -> None:
+    assert parse_broker(text) == address
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "broker", "http://broker", "mqtt://", "mqtt://broker:99999", "mqtt://broker/x"),
+        *("mqtt://broker?x=1", "embedded:-1", "embedded:0", "embedded:x", "mqtt://[::1"),
+    ],
+)
+def test_what_is_no_broker_is_refused(text: str) -> None:
+    with pytest.raises(BrokerAddressError):
+        parse_broker(text)
+
+
+def test_a_password_in_an_address_is_refused_and_not_repeated() -> None:
+    with pytest.raises(BrokerAddressError, match="password_env") as refused:
+        parse_broker("mqtt://anna:hidden@broker")
+    assert "hidden" not in str(refused.value)
+
+
+def test_without_a_broker_there_is_no_setup(files: Files) -> None:
+    assert files.load().mqtt is None
+
+
+def test_all_that_can_be_said_is_read(files: Files) -> None:
+    for name in ("ca.pem", "me.pem", "me.key"):
+        (files.folder / name).write_text("")
+    found = operator(
+        files,
+        "{mqtt: {broker: mqtts://anna@broker, password_env: PASS, token_env: TOKEN, root: lab/1, "
+        "ca_file: ca.pem, cert_file: me.pem, key_file: me.key}, on_operator_loss: hold, "
+        "lost_after_s: 3}",
+    )
+    assert found == MqttSetup(
+        broker=BrokerAddress("broker", 8883, tls=True, user="anna"),
+        user="anna",
+        password_env="PASS",  # noqa: S106 - names of variables
+        token_env="TOKEN",  # noqa: S106
+        ca_file=files.folder / "ca.pem",
+        cert_file=files.folder / "me.pem",
+        key_file=files.folder / "me.key",
+        root="lab/1",
+        on_loss="hold",
+        lost_after_s=3.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{mqtt: {broker: http://x}}", "broker 'http://x' cannot be read"),
+        ("{mqtt: {broker: mqtt://x, ca_file: ca.pem}}", ": is for TLS"),
+        ("{mqtt: {broker: mqtts://x, key_file: me.key}}", "belongs to a cert_file"),
+        ("{mqtt: {broker: mqtts://x, ca_file: ca.pem}}", "there is no file 'ca.pem'"),
+        ("{mqtt: {broker: mqtt://x, root: a/+}}", "'a/+' is no topic"),
+        ("{mqtt: {broker: mqtt://x, token_env: a b}}", "'a b' is no name of an env"),
+        ("{mqtt: {broker: mqtt://x, tokn_env: a}}", "did you mean 'token_env'"),
+        ("{on_operator_loss: panic}", "continue"),
+        ("{lost_after_s: 0}", "greater than 0"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place(files: Files, text: str, said: str) -> None:
+    files.change("seed: 7", f"seed: 7\noperator: {text}")
+    (problem,) = files.faults()
+    assert said in problem
+    assert problem.startswith("campaign.yaml:27:")

@@ -1,0 +1,152 @@
+"""Vehicles that are attached and launched, flown by the program: the wall clock runs."""
+
+import asyncio
+import json
+import os
+import socket
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.orchestrator.sitl_programs import make_arducopter, make_px4_build, make_tree
+from tests.orchestrator.wall_runs import ROOT, Program, lines, stages
+from vehicles.driver import Driver
+from vehicles.embedded.process.process_settings import ProcessSettings
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import parse_link
+from vehicles.processes.identity import ProcessId
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@asynccontextmanager
+async def outside(link: str, autopilot: str) -> AsyncIterator[None]:
+    """A vehicle that is there before the program is, and after it."""
+    settings = ProcessSettings(autopilot=autopilot, link=link, seed=1)  # type: ignore[arg-type]  # one of the two
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        await process.wait()
+
+
+def words(**sets: str) -> list[str]:
+    return [
+        word
+        for key, value in sets.items()
+        for word in ("--set", f"{key.replace('__', '.')}={value}")
+    ]
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+async def test_an_attached_px4_and_a_launched_arducopter_fly_the_gate(tmp_path: Path) -> None:
+    port = free_port()
+    binary = make_arducopter(tmp_path)
+    sets = words(
+        vehicles__real__link=f"udpin://127.0.0.1:{port}",
+        vehicles__real__pose_source="mavlink",
+        vehicles__real__params="{COM_OF_LOSS_T: 2.5}",
+        vehicles__twin__autopilot="ardupilot",
+        vehicles__twin__link=f"{{launch: ardupilot, binary: {binary}}}",
+        vehicles__twin__params="{GUID_TIMEOUT: 4.0}",
+        record__vehicle_logs="true",
+        sync__takeoff_tolerance_m="0.3",
+        preflight__failsafe="set",
+    )
+    # What is tested are the links and the onboard configuration, not how fast this machine mixes.
+    recipe = (ROOT / "recipes" / "gate.yaml").read_text()
+    assert recipe.count("max_skew_ms: 60") == 1
+    (tmp_path / "gate.yaml").write_text(recipe.replace("max_skew_ms: 60", "max_skew_ms: 800"))
+    recipe_set = words(recipe=str(tmp_path / "gate.yaml"))
+    arguments = ("--mode", "wil", "--json", "--arm-real", *sets, *recipe_set)
+    async with outside(f"udpout://127.0.0.1:{port}", "px4"):
+        async with Program(tmp_path / "out", *arguments) as program:
+            landed = await program.end(150.0)
+        summary = json.loads(landed.out)
+        folder = program.run_folder()
+        (run,) = summary["runs"]
+        assert (run["verdict"], run["reason"], landed.code) == ("PASS", "", 0)
+        await _is_as_before(port)
+    assert (summary["real_kind"], summary["surrogate"]) == ("sitl", False)
+    assert summary["runs"][0]["mixing"]["registration_error_px"] is None
+    assert landed.err.startswith(
+        "real: px4 1.18.0-beta quadrotor, system 1, a simulation, on udpin"
+    )
+    assert {"real-0.ulg", "twin-1.bin"} <= {file.name for file in folder.iterdir()}
+    assert stages(folder)[-2:] == ["landed", "end"]
+    fences = [line for line in lines(folder / "log.jsonl") if line["event"] == "fence"]
+    assert {line["vehicle"] for line in fences} == {"real", "twin"}
+    started = [line for line in lines(folder / "guard.jsonl") if line["event"] == "started"]
+    assert [line["vehicle"] for line in started] == ["twin"]
+    assert ProcessId.of(started[0]["pid"]) is None
+    assert "SERIAL0 on TCP port" in (folder / "twin-sitl" / "output.txt").read_text()
+
+
+async def _is_as_before(port: int) -> None:
+    """The attached vehicle has its own parameters and its own (no) fence again."""
+    link = open_link(parse_link(f"udpin://127.0.0.1:{port}"))
+    async with Driver(name="real", link=link) as driver:
+        await driver.identify(10.0)
+        assert await driver.parameters.get("COM_OF_LOSS_T") == 1.0
+        assert await driver.parameters.get("GF_ACTION") == 2
+        assert await driver.parameters.get("NAV_DLL_ACT") == 0
+        assert await driver.parameters.get("RTL_RETURN_ALT") == 60.0
+        assert await driver.onboard.fences.read() == ()
+
+
+async def test_no_arm_tries_everything_and_arms_nothing(tmp_path: Path) -> None:
+    build = make_px4_build(tmp_path)
+    port = free_port(socket.SOCK_STREAM)
+    sets = words(
+        vehicles__real__link=f"tcpout://127.0.0.1:{port}",
+        vehicles__real__pose_source="mavlink",
+        vehicles__twin__link=f"{{launch: px4, build: {build}}}",
+        preflight__failsafe="set",
+    )
+    async with outside(f"tcpin://127.0.0.1:{port}", "px4"):
+        await asyncio.sleep(3.0)
+        async with Program(tmp_path / "out", "--mode", "wil", "--json", "--no-arm", *sets) as one:
+            tried = await one.end(120.0)
+    summary = json.loads(tried.out)
+    assert tried.code == 5
+    (run,) = summary["runs"]
+    assert run["reason"] == "not armed, as --no-arm asks; everything up to that works"
+    assert (run["required"], summary["accepted"]) == (False, None)
+    events = lines(one.run_folder() / "log.jsonl")
+    assert not [line for line in events if line.get("kind") == "armed"]
+    assert {line["vehicle"] for line in events if line["event"] == "fence"} == {"real", "twin"}
+
+
+async def test_a_simulator_that_dies_at_its_start_is_an_error_with_its_words(
+    tmp_path: Path,
+) -> None:
+    make_tree(tmp_path)
+    binary = tmp_path / "arducopter"
+    binary.write_text("#!/bin/sh\necho 'PANIC: no such frame'\nexit 3\n")
+    binary.chmod(0o755)
+    sets = words(
+        vehicles__twin__autopilot="ardupilot",
+        vehicles__twin__link=f"{{launch: ardupilot, binary: {binary}}}",
+    )
+    async with Program(tmp_path / "out", "--mode", "sim", "--json", *sets) as program:
+        landed = await program.end(60.0)
+        assert list((program.runtime / "wil-campaign").iterdir()) == []
+    assert landed.code == 3
+    (run,) = json.loads(landed.out)["runs"]
+    assert run["verdict"] == "ERROR"
+    assert "PANIC: no such frame" in run["reason"]

@@ -1,0 +1,116 @@
+"""Recorded runs judged again: the same by the same oracles, and by others what these say."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from campaigns.expansion.expansion import Options, RunPlan, load_campaign
+from orchestrator.campaign.reevaluation import judge_run_again
+from orchestrator.cli import main
+from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.results import RunResult
+from orchestrator.recording.errors import RecordingError
+from tests.orchestrator.conftest import ROOT
+
+Fly = Callable[..., tuple[RunResult, Path]]
+GATE = ROOT / "campaigns" / "gate.yaml"
+EVERYTHING = (
+    "oracles.clearance={min_m: 0.05}",
+    "oracles.speed={max_m_s: 3}",
+    "oracles.attitude={max_tilt_deg: 30, required: false}",
+    "oracles.modes={allowed: [guided]}",
+    "oracles.battery={min_percent: 10}",
+    "oracles.estimator={max_unsound_s: 0.1}",
+    "oracles.twin_divergence={max_m: 2}",
+    "oracles.near={use: distance, object: gate, max_m: 6}",
+    "oracles.clear={stl: 'always[0,30] (clearance_m >= 0.05 and silence_s < 1)'}",
+    "oracles.calm={stl: 'always (tilt_deg < 30) and eventually (twin_distance_m < 1)'}",
+)
+
+
+def plan_of(sets: tuple[str, ...]) -> RunPlan:
+    options = Options(cases=("large",), modes=("wil",), sets=sets)
+    return load_campaign(GATE, options).runs[0]
+
+
+@pytest.mark.parametrize(
+    ("sets", "verdict"),
+    [
+        (EVERYTHING, "PASS"),
+        (("oracles.altitude={max_m: 0.6, fail_fast: true}",), "FAIL"),
+        (("geofence.box.north_m=[-0.8, 3.2]",), "FAIL"),
+    ],
+)
+def test_a_recorded_run_is_judged_as_it_was_flown(
+    fly_run: Fly, sets: tuple[str, ...], verdict: str
+) -> None:
+    result, folder = fly_run(sets=sets)
+    assert result.verdict == verdict
+    write_whole(folder / "result.json", to_json(result))
+    rejudged = judge_run_again(plan_of(sets), folder)
+    for one, other in zip(rejudged.now.oracles, result.oracles, strict=True):
+        assert one == other
+    # Whether it is required goes by the campaign, which the fixture has narrowed alike.
+    assert rejudged.now == result
+    assert rejudged.before == result
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the results folder of one good run in mode sim, flown as users fly."""
+    out = tmp_path_factory.mktemp("out")
+    given = ("--case", "large", "--mode", "sim", "--repetitions", "1", "--out", str(out))
+    assert main(["run", str(GATE), *given, "--json"]) == 0
+    (folder,) = (out / "gate").iterdir()
+    return folder
+
+
+def judge(folder: Path, *sets: str) -> int:
+    options = [option for value in sets for option in ("--set", value)]
+    given = ("--case", "large", "--mode", "sim", "--repetitions", "1", *options)
+    return main(["judge", str(GATE), str(folder), *given])
+
+
+def test_another_limit_is_tried_without_a_flight(recorded: Path, capsys: Any) -> None:
+    before = sorted((path, path.read_bytes()) for path in recorded.rglob("*") if path.is_file())
+    assert judge(recorded) == 0
+    assert "large/sim/1  PASS   PASS" in capsys.readouterr().out
+    assert judge(recorded, "oracles.altitude.max_m=1.0") == 1
+    said = capsys.readouterr().out
+    assert "large/sim/1  PASS   FAIL  twin is 1.0" in said
+    assert "altitude of twin in large/sim/1: FAIL (was PASS)" in said
+    assert judge(recorded, "oracles.slow={use: speed, max_m_s: 0.1}") == 1
+    assert "slow of twin in large/sim/1: FAIL (was not judged)" in capsys.readouterr().out
+    after = sorted((path, path.read_bytes()) for path in recorded.rglob("*") if path.is_file())
+    assert after == before
+
+
+def test_what_is_no_recording_is_told(recorded: Path, tmp_path: Path, capsys: Any) -> None:
+    assert judge(tmp_path) == 3
+    assert "has no run of this campaign, such as large/sim/1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("result.json", lambda data: data[:-20], "is cut, damaged or of another version"),
+        ("result.json", lambda data: data.replace(b'"PASS"', b'"FINE"'), "verdict"),
+        ("result.json", lambda data: data.replace(b"\n", b" \n"), "was changed"),
+        ("judged.msgpack", lambda data: data[:-30], "was cut before the end of the run"),
+        ("judged.msgpack", lambda _: b"", "does not begin with wil/judged/2"),
+        ("log.jsonl", lambda data: data[:-3], "log.jsonl cannot be read"),
+    ],
+)
+def test_a_damaged_recording_is_refused(
+    recorded: Path, tmp_path: Path, name: str, change: Callable[[bytes], bytes], said: str
+) -> None:
+    plan = replace(plan_of(()), case="large", mode="sim")
+    for path in (recorded / "large" / "sim" / "1").iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    judge_run_again(plan, tmp_path)
+    (tmp_path / name).write_bytes(change((tmp_path / name).read_bytes()))
+    with pytest.raises(RecordingError, match=said):
+        judge_run_again(plan, tmp_path)

@@ -1,0 +1,75 @@
+"""Between runs on hardware: held until a person says that it was put back."""
+
+import asyncio
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from orchestrator.campaign.repositioning import Repositioning
+from orchestrator.model.clock import run_virtual
+from safety.guard.core.operator_command import OperatorCommand
+from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+
+
+def test_nothing_is_begun_until_somebody_resumes(tmp_path: Path) -> None:
+    fleet, said = FakeFleet(flying=0), list[str]()
+    controller = make_desk(tmp_path, fleet)
+
+    async def scenario() -> None:
+        between = Repositioning(
+            vehicles="real", controller=controller, say=said.append, wait_s=100.0
+        )
+        between.ask()
+        assert (controller.held, fleet.going) == (True, False)
+        await asyncio.sleep(60.0)
+        controller.obey(OperatorCommand("resume", "anna"))
+        between.gone_on()
+        await asyncio.sleep(60.0)
+
+    run_virtual(scenario())
+    assert (controller.held, fleet.going, controller.stopped) == (False, True, None)
+    (asked,) = said
+    assert asked.startswith("put real back to its start")
+    assert asked.endswith("then say: wil-campaign resume")
+
+
+def test_when_nobody_comes_the_campaign_ends(tmp_path: Path) -> None:
+    fleet, said = FakeFleet(flying=0), list[str]()
+    controller = make_desk(tmp_path, fleet)
+
+    async def scenario() -> None:
+        Repositioning(vehicles="real", controller=controller, say=said.append, wait_s=100.0).ask()
+        await asyncio.sleep(101.0)
+
+    run_virtual(scenario())
+    assert controller.stopped == "command"
+    assert said[-1] == "nobody said that real is back within 100 s"
+
+
+def test_a_campaign_that_ends_asks_for_nothing(tmp_path: Path) -> None:
+    said = list[str]()
+    controller = make_desk(tmp_path, FakeFleet())
+    controller.obey(OperatorCommand("abort", "anna"))
+    Repositioning(vehicles="real", controller=controller, say=said.append).ask()
+    assert (said, controller.held) == ([], False)
+
+
+async def test_enter_on_the_terminal_is_enough(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leader, follower = os.openpty()
+    fleet, said = FakeFleet(flying=0), list[str]()
+    controller = make_desk(tmp_path, fleet)
+    with os.fdopen(follower, encoding="utf-8") as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        Repositioning(vehicles="real", controller=controller, say=said.append).ask()
+        assert "press Enter" in said[0]
+        os.write(leader, b"\n")
+        for _ in range(1000):
+            if not controller.held:
+                break
+            await asyncio.sleep(0.01)
+    os.close(leader)
+    assert fleet.going

@@ -1,0 +1,137 @@
+"""The pool: real processes, real deaths."""
+
+import asyncio
+import multiprocessing
+import os
+import signal
+import time
+
+import pytest
+
+from orchestrator.campaign.worker_pool import PipeInbox, Pool, WorkerLost
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import News, Progress, Report
+from safety.guard.core.operator_command import OperatorCommand
+
+Outcomes = dict[str, "str | WorkerLost"]
+
+
+def fly(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for a run; lives in the worker process."""
+    report(Progress(order, "sim", 1, "takeoff", 0.0))
+    match order:
+        case "die":
+            os.kill(os.getpid(), signal.SIGKILL)
+        case "stop":
+            os.kill(os.getpid(), signal.SIGSTOP)
+        case "exit":
+            os._exit(7)
+        case "raise":
+            raise ValueError("bad luck")
+        case "noise":
+            os.write(1, b"a library prints to stdout")
+        case "wait":
+            while (command := inbox.poll()) is None:
+                time.sleep(0.01)
+            return f"aborted by {command.who}"
+    return f"flown {order}"
+
+
+def fly_all(orders: list[str], jobs: int = 2) -> tuple[Outcomes, list[News]]:
+    outcomes: Outcomes = {}
+    seen: list[News] = []
+    pool = Pool[str, str](jobs=jobs, fly=fly, report=seen.append, done=outcomes.__setitem__)
+    asyncio.run(pool.fly(orders))
+    return outcomes, seen
+
+
+def test_every_order_has_an_outcome_whatever_happens_to_the_others() -> None:
+    outcomes, seen = fly_all(["a", "die", "b", "raise", "exit", "c"])
+    assert {name: out for name, out in outcomes.items() if isinstance(out, str)} == {
+        "a": "flown a",
+        "b": "flown b",
+        "c": "flown c",
+    }
+    lost = {name: out.reason for name, out in outcomes.items() if isinstance(out, WorkerLost)}
+    assert "SIGKILL" in lost["die"]
+    assert "exit status 7" in lost["exit"]
+    assert lost["raise"] == "ValueError: bad luck"
+    assert {news.run.partition("/")[0] for news in seen} >= {"a", "b", "c", "raise"}
+
+
+def test_what_a_worker_prints_stays_off_stdout(capfd: pytest.CaptureFixture[str]) -> None:
+    fly_all(["noise"], jobs=1)
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "a library prints" in err
+
+
+def test_abort_reaches_the_run_in_flight_and_stops_those_that_wait() -> None:
+    outcomes: Outcomes = {}
+
+    async def main() -> None:
+        flying = asyncio.Event()
+        pool = Pool[str, str](
+            jobs=1, fly=fly, report=lambda _: flying.set(), done=outcomes.__setitem__
+        )
+        async with asyncio.TaskGroup() as group:
+            group.create_task(pool.fly(["wait", "never"]))
+            await flying.wait()
+            pool.abort(OperatorCommand("abort", "tester"))
+
+    asyncio.run(main())
+    assert outcomes == {"wait": "aborted by tester"}
+
+
+def test_while_paused_no_order_is_begun() -> None:
+    outcomes: Outcomes = {}
+    begun: list[str] = []
+
+    async def main() -> None:
+        flying, ended = asyncio.Event(), asyncio.Event()
+
+        def report(news: News) -> None:
+            begun.append(news.run)
+            flying.set()
+
+        def done(order: str, outcome: str | WorkerLost) -> None:
+            outcomes[order] = outcome
+            ended.set()
+
+        pool = Pool[str, str](jobs=1, fly=fly, report=report, done=done)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(pool.fly(["wait", "next"]))
+            await flying.wait()
+            pool.pause()
+            assert pool.pass_on(OperatorCommand("hold", "tester")) == 1
+            await ended.wait()
+            await asyncio.sleep(0.2)
+            assert begun == ["wait/sim/1"]
+            pool.go_on()
+
+    asyncio.run(main())
+    assert outcomes == {"wait": "aborted by tester", "next": "flown next"}
+
+
+def test_a_worker_that_says_nothing_any_more_is_killed() -> None:
+    outcomes: Outcomes = {}
+    pool = Pool[str, str](
+        jobs=1, fly=fly, report=lambda _: None, done=outcomes.__setitem__, stall_s=0.5
+    )
+    asyncio.run(pool.fly(["stop", "next"]))
+    lost = outcomes["stop"]
+    assert isinstance(lost, WorkerLost)
+    assert lost.reason == "its process said nothing for 0.5 s; it was killed"
+    assert outcomes["next"] == "flown next"
+
+
+def test_the_death_of_the_parent_is_an_abort_that_says_so() -> None:
+    parent, child = multiprocessing.Pipe()
+    inbox = PipeInbox(child)
+    assert inbox.poll() is None
+    parent.close()
+    command = inbox.poll()
+    assert command is not None
+    assert command.kind == "abort"
+    assert "the program that ordered it died" in command.who
+    assert inbox.poll() is None

@@ -1,0 +1,357 @@
+"""The command line: what goes to standard output, to standard error, and the exit code."""
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import orchestrator.cli
+from orchestrator.cli import main
+from orchestrator.cli.text_table import table
+
+ROOT = Path(orchestrator.cli.__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    code: int
+    out: str
+    err: str
+
+
+class Cli:
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+
+    def __call__(self, *arguments: str) -> Outcome:
+        code = main(arguments)
+        said = self._capsys.readouterr()
+        return Outcome(code, said.out, said.err)
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Cli:
+    monkeypatch.chdir(ROOT)
+    monkeypatch.delenv("WIL_DEBUG", raising=False)
+    return Cli(capsys)
+
+
+@pytest.fixture
+def gate(tmp_path: Path) -> Path:
+    """A copy of the shipped gate campaign, to be spoilt."""
+    for folder in ("campaigns", "worlds", "recipes"):
+        (tmp_path / folder).mkdir()
+        shutil.copy(ROOT / folder / "gate.yaml", tmp_path / folder / "gate.yaml")
+    path = tmp_path / "campaigns" / "gate.yaml"
+    path.write_text(path.read_text().replace("autonomies/gate.py:GateAutonomy", "gate"))
+    return path
+
+
+def test_validate_tells_what_a_good_file_holds(cli: Cli, tmp_path: Path) -> None:
+    xml = tmp_path / "paper.xml"
+    xml.write_text(
+        '<recipe_file><AS_sensors><Camera id="c"/></AS_sensors>'
+        '<combine id="c"><merge> prioritize_overlay.py </merge></combine></recipe_file>'
+    )
+    files = ("campaigns/gate.yaml", "worlds/gate.yaml", "recipes/gate.yaml", str(xml))
+    outcome = cli("validate", *files)
+    assert outcome.code == 0
+    assert outcome.err == ""
+    campaign, world, recipe, papers = outcome.out.splitlines()
+    assert campaign.startswith("campaigns/gate.yaml: campaign 'gate', 20 runs (2 cases x 2 modes")
+    assert world == "worlds/gate.yaml: a world of 2 objects"
+    assert recipe == "recipes/gate.yaml: a recipe of 1 combination"
+    assert papers == f"{xml}: a recipe of 1 combination"
+
+
+def test_validate_shows_every_problem_with_its_line(cli: Cli, gate: Path) -> None:
+    gate.write_text(gate.read_text().replace("vehicles:", "vehicels:"))
+    world = gate.parents[1] / "worlds" / "gate.yaml"
+    world.write_text(world.read_text().replace("room:", "rom:"))
+    before = sorted(gate.parents[1].rglob("*"))
+    outcome = cli("validate", str(gate))
+    assert outcome.code == 2
+    assert outcome.out == ""
+    lines = outcome.err.splitlines()
+    assert lines[0].endswith("unknown key 'vehicels'; did you mean 'vehicles'?")
+    assert lines[1] == "    vehicels:"
+    assert lines[2] == "    ^"
+    assert any("unknown key 'rom'; did you mean 'room'?" in line for line in lines)
+    assert lines[-1] == "2 problems in 2 files"
+    assert sorted(gate.parents[1].rglob("*")) == before
+
+
+def test_what_comes_in_real_time_is_flown_on_the_wall_clock_and_no_other(
+    cli: Cli, gate: Path
+) -> None:
+    gate.write_text(gate.read_text() + "deliver: [{rtp: '127.0.0.1:5600'}]\n")
+    good = cli("validate", str(gate))
+    assert good.code == 0
+    assert good.out.endswith("; wall clock, for rtp 127.0.0.1:5600\n")
+    assert cli("validate", str(gate), "--clock", "wall").code == 0
+    last = len(gate.read_text().splitlines())
+    for command in (("validate", str(gate)), ("run", str(gate), "--out", str(gate.parent))):
+        bad = cli(*command, "--clock", "virtual")
+        assert bad.code == 2
+        said = "rtp 127.0.0.1:5600 comes in real time: fly with --clock wall"
+        assert f"{gate}:{last}:11: {said}" in bad.err
+    shared = cli("run", str(gate), "--out", str(gate.parent), "--jobs", "2")
+    assert shared.code == 2
+    assert "--jobs 2: runs of this campaign would share rtp 127.0.0.1:5600" in shared.err
+
+
+def test_mavsdk_flies_on_the_wall_clock_and_no_other(cli: Cli, gate: Path) -> None:
+    gate.write_text(
+        gate.read_text().replace("profile: cage\n", "profile: cage\n    driver: mavsdk\n")
+    )
+    line = gate.read_text().splitlines().index("    driver: mavsdk") + 1
+    good = cli("validate", str(gate))
+    assert (good.code, good.err) == (0, "")
+    assert good.out.endswith("; wall clock, for the driver mavsdk of real\n")
+    said = "the driver mavsdk of real comes in real time: fly with --clock wall"
+    for command in (("validate", str(gate)), ("run", str(gate), "--out", str(gate.parent))):
+        for clock in ("virtual", "scaled"):
+            bad = cli(*command, "--clock", clock)
+            assert bad.code == 2
+            assert f"{gate}:{line}:5: {said}" in bad.err
+
+
+def test_what_is_no_driver_or_has_its_id_is_refused(cli: Cli, gate: Path) -> None:
+    text = gate.read_text()
+    gate.write_text(text.replace("profile: cage\n", "profile: cage\n    driver: mavsd\n"))
+    bad = cli("validate", str(gate))
+    assert bad.code == 2
+    assert "must be mavlink or mavsdk" in bad.err
+    ours = "profile: cage\n    driver: mavsdk\n    system_id: 245\n"
+    gate.write_text(text.replace("profile: cage\n", ours))
+    bad = cli("validate", str(gate))
+    assert bad.code == 2
+    assert "the driver mavsdk has system id 245 itself; give the vehicle another" in bad.err
+
+
+@pytest.mark.parametrize("content", [b"", b"\x7fELF\x00", b"[1, 2]", b"a: [", b"\xff\xfe"])
+def test_validate_survives_what_is_no_campaign(cli: Cli, tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_bytes(content)
+    outcome = cli("validate", str(path), str(tmp_path / "none.yaml"))
+    assert outcome.code == 2
+    assert "Traceback" not in outcome.err
+    assert outcome.err.endswith("2 problems in 2 files\n")
+
+
+def test_plan_shows_a_table(cli: Cli) -> None:
+    outcome = cli("plan", "campaigns/gate.yaml", "--case", "large", "--mode", "sim")
+    assert outcome.code == 0
+    lines = outcome.out.splitlines()
+    assert lines[0].startswith("gate: 5 runs; accepted: large/sim 5/5")
+    assert lines[2].split() == ["case", "mode", "rep", "seed", "counts"]
+    assert lines[4].split() == ["large", "sim", "1", "3820083363037036", "required"]
+    assert len(lines) == 9
+
+
+def test_plan_as_json_is_one_document(cli: Cli) -> None:
+    given = ("--case", "small", "--case", "large", "--repetitions", "1", "--seed", "4", "--json")
+    outcome = cli("plan", "campaigns/gate.yaml", *given, "--set", "goal.altitude_m=1.3")
+    assert outcome.code == 0
+    document = json.loads(outcome.out)
+    assert [(run["case"], run["mode"], run["rep"]) for run in document["runs"]] == [
+        ("large", "sim", 1),
+        ("large", "wil", 1),
+        ("small", "sim", 1),
+        ("small", "wil", 1),
+    ]
+    assert document["seed"] == 4
+    assert document["accept"][0] == {"case": "large", "mode": "sim", "passes": 1, "runs": 1}
+
+
+def test_plan_of_a_bad_file_or_option_is_told(cli: Cli) -> None:
+    assert cli("plan", "none.yaml").code == 2
+    outcome = cli("plan", "campaigns/gate.yaml", "--case", "lagre", "--json")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "did you mean 'large'?" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("what", "name"),
+    [
+        ("campaigns", "gate"),
+        ("operators", "overlay"),
+        ("autonomies", "gate"),
+        ("oracles", "collision"),
+        ("signals", "clearance_m"),
+    ],
+)
+def test_list_shows_what_is_at_hand(cli: Cli, what: str, name: str) -> None:
+    rows = json.loads(cli("list", what, "--json").out)
+    assert name in [row["name"] for row in rows]
+    outcome = cli("list", what)
+    assert outcome.code == 0
+    assert name in [line.split()[0].rstrip(":") for line in outcome.out.splitlines() if line]
+
+
+def test_list_oracles_documents_every_parameter(cli: Cli) -> None:
+    rows = {row["name"]: row for row in json.loads(cli("list", "oracles", "--json").out)}
+    assert all(each["meaning"] for row in rows.values() for each in row["parameters"])
+    (limit,) = rows["time_limit"]["parameters"]
+    assert (limit["name"], limit["unit"], limit["needed"]) == ("limit_s", "s", True)
+    assert (rows["time_limit"]["window"], rows["time_limit"]["fail_fast"]) == (
+        "from goal to done",
+        True,
+    )
+    text = cli("list", "oracles").out
+    assert "    max_gap_s  number, s  needed  the longest silence that is borne" in text
+    assert "every oracle takes" in text
+
+
+def test_list_operators_tells_shapes_units_and_parameters(cli: Cli) -> None:
+    rows = {row["name"]: row for row in json.loads(cli("list", "operators", "--json").out)}
+    assert "(h, w, 3) uint8" in rows["resize"]["details"]
+    text = cli("list", "operators").out
+    assert "geodetic (transform; pose -> gps): Turn a local position into a fix" in text
+    lines = [line.split() for line in text.splitlines()]
+    assert ["soft_edge_px", "number", "0"] in lines
+
+
+def test_list_campaigns_finds_those_of_the_folder_and_the_shipped(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "campaigns").mkdir()
+    (tmp_path / "campaigns" / "mine.yaml").write_text("campaign: mine\ndescription: of mine")
+    (tmp_path / "campaigns" / "bad.yaml").write_text("a: [")
+    monkeypatch.chdir(tmp_path)
+    rows = {row["file"]: row for row in json.loads(cli("list", "campaigns", "--json").out)}
+    assert rows["campaigns/mine.yaml"]["description"] == "of mine"
+    assert "not YAML" in rows["campaigns/bad.yaml"]["description"]
+    assert str(ROOT / "campaigns" / "gate.yaml") in rows
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["valdate"], "Did you mean"),
+        (["plan"], "file"),
+        (["plan", "x", "--sed", "4"], "--sed"),
+        (["plan", "x", "--seed", "four"], "four"),
+        (["list", "things"], "things"),
+        (["list"], "what"),
+        (["validate"], "at least one file"),
+    ],
+)
+def test_usage_errors_are_told_on_standard_error(
+    cli: Cli, arguments: Sequence[str], said: str
+) -> None:
+    outcome = cli(*arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert said.lower() in outcome.err.lower()
+
+
+def test_without_a_command_the_help_is_an_error(cli: Cli) -> None:
+    outcome = cli()
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "validate" in outcome.err
+
+
+def test_help_of_each_command_is_at_hand(cli: Cli) -> None:
+    assert "validate" in cli("--help").out
+    for command in ("validate", "plan", "list"):
+        outcome = cli(command, "--help")
+        assert outcome.code == 0
+        assert command in outcome.out
+    assert cli("--version").out.strip()
+
+
+@pytest.fixture
+def broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("a bug of ours")
+
+    monkeypatch.setattr("orchestrator.cli.commands.plan.load_campaign", fail)
+
+
+@pytest.mark.usefixtures("broken")
+def test_an_error_of_ours_is_a_sentence_and_a_file(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    outcome = cli("plan", "x.yaml")
+    assert outcome.code == 3
+    assert "internal error: RuntimeError: a bug of ours" in outcome.err
+    assert "Traceback" not in outcome.err
+    (log,) = tmp_path.iterdir()
+    assert str(log) in outcome.err
+    assert "Traceback" in log.read_text()
+
+
+@pytest.mark.usefixtures("broken")
+def test_an_error_of_ours_is_shown_when_asked_for(
+    cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WIL_DEBUG", "1")
+    outcome = cli("plan", "x.yaml")
+    assert outcome.code == 3
+    assert "Traceback" in outcome.err
+
+
+def test_an_interrupt_is_130(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("orchestrator.cli.commands.plan.load_campaign", interrupt)
+    assert cli("plan", "x.yaml").code == 130
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; from orchestrator.cli import main; code = main(['--help']);"
+        "heavy = {'numpy', 'pydantic', 'cv2', 'numba', 'jsbsim', 'yaml', 'campaigns', 'worlds'};"
+        "print(sorted(heavy & set(sys.modules)), code, file=sys.stderr)"
+    )
+    done = subprocess.run(  # noqa: S603 - our own interpreter
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stderr.strip() == "[] 0"
+
+
+def test_the_module_exits_as_main_returns() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "orchestrator.cli", "validate", "none.yaml"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("none.yaml: cannot be read")
+
+
+def test_a_reader_that_goes_away_is_no_traceback() -> None:
+    command = f"{sys.executable} -m orchestrator.cli list oracles --json | true"
+    done = subprocess.run(  # noqa: S602 - our own interpreter
+        command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert "Traceback" not in done.stderr
+    assert "BrokenPipe" not in done.stderr
+
+
+def test_tables_line_up_and_are_never_cut() -> None:
+    shown = table(("name", "n"), [("a", 1), ("x" * 200, 100)])
+    assert shown.splitlines()[0] == "name" + " " * 200 + "n"
+    assert [len(line) for line in shown.splitlines()[1:]] == [205, 205, 205]
+    assert "\x1b" not in table(("name",), [("\x1b[31mred",)])
+    assert table(("name", "n"), []) == "name  n\n----  -"
+
+
+def test_a_ground_station_cannot_follow_virtual_time(cli: Cli, tmp_path: Path) -> None:
+    link = "udpout://127.0.0.1:14550"
+    virtual = ("run", "campaigns/gate.yaml", "--out", str(tmp_path), "--clock", "virtual")
+    outcome = cli(*virtual, "--gcs", link)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert f"the ground station at {link} comes in real time: fly with --clock wall" in outcome.err
+    outcome = cli(*virtual, "--gcs", "rael=" + link)
+    assert outcome.code == 2
+    assert "unknown key 'rael'; did you mean 'real'?" in outcome.err

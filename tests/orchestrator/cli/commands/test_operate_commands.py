@@ -1,0 +1,149 @@
+"""`wil-campaign abort | hold | resume | watch`, against a desk in this process."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
+
+import pytest
+
+from orchestrator.cli import main
+from orchestrator.model.progress import Happening, Progress
+from orchestrator.operator.campaign_controller import CampaignController
+from orchestrator.operator.campaign_records import Place, Places
+from orchestrator.operator.operator_channels import open_operator_channels
+from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+
+Said = tuple[int, str, str]
+Cli = Callable[..., Awaitable[Said]]
+
+
+@pytest.fixture(autouse=True)
+def runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+    async def call(*arguments: str) -> Said:
+        code = await asyncio.to_thread(main, arguments)
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+@pytest.fixture
+def fleet() -> FakeFleet:
+    return FakeFleet()
+
+
+@pytest.fixture
+async def controller(tmp_path: Path, fleet: FakeFleet) -> AsyncIterator[CampaignController]:
+    controller = make_desk(tmp_path, fleet)
+    controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+    async with open_operator_channels(controller):
+        yield controller
+
+
+@pytest.mark.parametrize("command", ["abort", "hold", "resume", "watch"])
+async def test_where_nothing_flies_this_is_said(cli: Cli, command: str, tmp_path: Path) -> None:
+    assert await cli(command) == (3, "", "nothing flies here\n")
+    assert await cli(command, str(tmp_path)) == (3, "", f"nothing flies in {tmp_path}\n")
+
+
+@pytest.mark.usefixtures("desk")
+async def test_commands_reach_the_campaign_with_a_name(cli: Cli, fleet: FakeFleet) -> None:
+    assert await cli("hold", "--who", "anna") == (
+        0,
+        "gate: held: 1 run in flight; none is begun\n",
+        "",
+    )
+    assert await cli("hold") == (3, "", "gate: hold: all hold already\n")
+    code, out, _ = await cli("resume", "--who", "anna")
+    assert (code, out) == (0, "gate: resumed: 1 run in flight\n")
+    assert [(one.kind, one.who) for one in fleet.told] == [
+        ("hold", "cli:anna"),
+        ("resume", "cli:anna"),
+    ]
+    code, out, _ = await cli("abort", "--who", "anna")
+    assert (code, out) == (0, "gate: what flies lands, and nothing more is flown\n")
+    assert [one.who for one in fleet.aborted] == ["cli:anna"]
+
+
+async def test_a_fence_is_answered_by_the_runs(
+    cli: Cli, controller: CampaignController, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    path = tmp_path / "fence.yaml"
+    path.write_text("box: {}")
+    for ok, code in ((True, 0), (False, 3)):
+        calling = asyncio.ensure_future(cli("fence", str(path), "--who", "anna"))
+        before = len(fleet.told)
+        while len(fleet.told) == before:  # noqa: ASYNC110 - another thread sets no event
+            await asyncio.sleep(0.01)
+        asked = fleet.told[-1]
+        assert (asked.kind, asked.who, asked.document) == ("geofence", "cli:anna", "box: {}")
+        word = "ok" if ok else "refused"
+        news = Happening("large/wil/1", 9.0, "answer", word, "", "said", asked.command_id)
+        controller.news(news)
+        assert await calling == (
+            code,
+            "large/wil/1: said\n" if ok else "",
+            "" if ok else "large/wil/1: said\n",
+        )
+    lines = (tmp_path / "operator.jsonl").read_text("utf-8").splitlines()
+    assert [json.loads(line)["ok"] for line in lines] == [True, True, True, False]
+
+
+async def test_a_fence_is_for_one_campaign(
+    cli: Cli,
+    controller: CampaignController,
+    fleet: FakeFleet,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = tmp_path / "fence.yaml"
+    path.write_text("box: {}")
+    one = Place("gate", tmp_path / "a", tmp_path / "a.sock")
+    two = Place("hall", tmp_path / "b", tmp_path / "b.sock")
+    monkeypatch.setattr("orchestrator.cli.commands.operate.places", lambda: Places((one, two), ()))
+    code, _, said = await cli("fence", str(path))
+    assert code == 3
+    assert said.startswith("several campaigns fly here; name the one you mean by its folder: ")
+    assert not fleet.told
+
+
+async def test_a_fence_that_cannot_be_read_or_sent_is_said(cli: Cli, tmp_path: Path) -> None:
+    code, _, said = await cli("fence", str(tmp_path / "none.yaml"))
+    assert (code, "cannot be read" in said) == (2, True)
+    path = tmp_path / "long.yaml"
+    path.write_text("#" * 40_000)
+    code, _, said = await cli("fence", str(path))
+    assert (code, "more than" in said) == (2, True)
+    path.write_text("box: {}")
+    assert (await cli("fence", str(path))) == (3, "", "nothing flies here\n")
+
+
+@pytest.mark.usefixtures("desk")
+async def test_a_folder_chooses_what_is_meant(cli: Cli, fleet: FakeFleet, tmp_path: Path) -> None:
+    assert (await cli("abort", str(tmp_path.parent / "another")))[0] == 3
+    assert fleet.aborted == []
+    assert (await cli("abort", str(tmp_path)))[0] == 0
+
+
+async def test_watch_shows_what_flies_until_it_is_over(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    controller = make_desk(tmp_path, FakeFleet())
+    async with open_operator_channels(controller):
+        watching = asyncio.create_task(asyncio.to_thread(main, ["watch"]))
+        as_json = asyncio.create_task(asyncio.to_thread(main, ["watch", "--json"]))
+        await asyncio.sleep(1.0)
+        controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+        await asyncio.sleep(1.5)
+    assert await watching == await as_json == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "gate: 0 of 4 runs; none flies" in lines
+    assert lines.count("gate: 0 of 4 runs; large/wil/1: goal, PASS so far") == 1
+    statuses = [json.loads(line) for line in lines if line.startswith("{")]
+    assert statuses[-1]["flying"]["large/wil/1"]["stage"] == "goal"

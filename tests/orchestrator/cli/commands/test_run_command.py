@@ -1,0 +1,204 @@
+"""`wil-campaign run` as a program: whoever looks on goes, the disk is full, signals come."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Coroutine
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import orchestrator.cli
+from campaigns.expansion.expansion import load_campaign
+from orchestrator.campaign import campaign_runner
+from orchestrator.campaign.manifest import manifest
+from orchestrator.cli import main
+from tests.orchestrator.hover import STILL, WORLD, write_hover
+
+ROOT = Path(orchestrator.cli.__file__).parents[2]
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """A campaign of two flights that take a second or two each."""
+    return write_hover(tmp_path)
+
+
+def command(campaign: Path, *options: str) -> list[str]:
+    out = str(campaign.parent / "out")
+    program = [sys.executable, "-m", "orchestrator.cli", "run", str(campaign)]
+    return [*program, "--out", out, "--jobs", "1", *options]
+
+
+def summary_of(campaign: Path) -> dict[str, Any]:
+    (path,) = (campaign.parent / "out" / "hover").glob("*/summary.json")
+    document: dict[str, Any] = json.loads(path.read_text())
+    return document
+
+
+def verdicts(campaign: Path) -> list[str]:
+    return [run["verdict"] for run in summary_of(campaign)["runs"]]
+
+
+@pytest.mark.parametrize("redirection", ["| head -n 1", "> /dev/full", ">&- 2>&- <&-"])
+def test_a_campaign_flies_on_when_nobody_looks_on(campaign: Path, redirection: str) -> None:
+    line = " ".join(command(campaign))
+    done = subprocess.run(  # noqa: S603 - our own interpreter
+        ["/bin/bash", "-c", f"set -o pipefail; {line} {redirection}"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert verdicts(campaign) == ["PASS", "PASS"]
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_document_that_nobody_takes_is_no_success(campaign: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(  # noqa: S603 - our own interpreter
+            command(campaign, "--json"),
+            cwd=ROOT,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 3
+    assert done.stderr == "standard output: No space left on device\n"
+    assert verdicts(campaign) == ["PASS", "PASS"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_to_the_whole_group_lands_what_flies(
+    campaign: Path, number: signal.Signals
+) -> None:
+    slow = command(campaign, "--set", "autonomy={use: still.py:Still, with: {ticks: 1000000}}")
+    with subprocess.Popen(  # noqa: S603 - our own interpreter
+        slow, cwd=ROOT, start_new_session=True, stdout=subprocess.PIPE, text=True
+    ) as running:
+        log = campaign.parent / "out" / "hover"
+        deadline_s = time.monotonic() + 100.0
+        while '"goal"' not in "".join(p.read_text() for p in log.glob("*/*/*/*/log.jsonl")):
+            assert time.monotonic() < deadline_s
+            time.sleep(0.1)
+        os.killpg(running.pid, number)
+        said, _ = running.communicate(timeout=100.0)
+    name = "Ctrl-C" if number == signal.SIGINT else number.name
+    assert running.returncode == 130
+    (run,) = summary_of(campaign)["runs"]
+    assert (run["verdict"], run["reason"]) == ("ABORTED", f"aborted by {name}")
+    (landed,) = [oracle for oracle in run["oracles"] if oracle["name"] == "landed"]
+    assert landed["verdict"] == "PASS"
+    assert "not accepted" in said
+
+
+def test_before_it_flies_a_document_says_that_nothing_has_passed(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    junit = campaign.parent / "ci" / "junit.xml"
+    junit.parent.mkdir()
+    seen: list[bytes] = []
+
+    def stopped(flight: Coroutine[Any, Any, None]) -> None:
+        flight.close()
+        seen.append(junit.read_bytes())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("orchestrator.flying.asyncio.run", stopped)
+    assert main([*command(campaign)[3:], "--junit", str(junit)]) == 130
+    (case,) = ET.fromstring(seen[0]).iter("testcase")  # noqa: S314 - our own document
+    assert case.find("error") is not None
+    assert summary_of(campaign)["accepted"] is None
+
+
+@pytest.mark.parametrize("spoilt", ["junit", "out", "no such folder", "out in a file"])
+def test_what_cannot_be_written_is_told_before_anything_flies(
+    campaign: Path, capsys: pytest.CaptureFixture[str], spoilt: str
+) -> None:
+    given = {"out": str(campaign.parent / "out"), "junit": str(campaign.parent / "junit.xml")}
+    name, bad = {
+        "junit": ("junit", campaign.parent),
+        "out": ("out", campaign),
+        "no such folder": ("junit", campaign.parent / "nowhere" / "junit.xml"),
+        "out in a file": ("out", campaign / "results"),
+    }[spoilt]
+    given[name] = str(bad)
+    options = [word for name, value in given.items() for word in (f"--{name}", value)]
+    assert main(["run", str(campaign), *options]) == 3
+    said = capsys.readouterr()
+    assert said.err.count("\n") == 1
+    assert "written" in said.err
+    assert given[name] in said.err
+    # Not even what is going to be flown is told, and nothing is left behind.
+    assert said.out == ""
+    assert not (campaign.parent / "nowhere").exists()
+    assert not list(campaign.parent.glob(".wil-*"))
+
+
+def test_what_armed_nothing_says_so_and_is_not_taken_up(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*command(campaign)[3:], "--no-arm"]) == 5
+    (path,) = (campaign.parent / "out" / "hover").glob("*/campaign.json")
+    assert json.loads(path.read_text())["arm"] is False
+    capsys.readouterr()
+    assert main([*command(campaign)[3:], "--resume"]) == 2
+    assert "it armed nothing (--no-arm)" in capsys.readouterr().err
+
+
+def test_a_disk_that_fills_up_ends_the_campaign_with_a_sentence(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write: Any = vars(campaign_runner)["write_whole"]
+    documents: list[str] = []
+
+    def until_full(path: Path, content: str | bytes) -> None:
+        documents.append(path.name)
+        if documents.count("summary.json") > 1:
+            raise OSError(28, "No space left on device")
+        write(path, content)
+
+    monkeypatch.setattr(campaign_runner, "write_whole", until_full)
+    assert main(command(campaign)[3:]) == 3
+    said = capsys.readouterr().err
+    assert said.endswith("summary.json cannot be written: No space left on device\n")
+    assert "Traceback" not in said
+    assert verdicts(campaign) == []
+
+
+def test_runs_of_one_worker_do_not_know_of_each_other(campaign: Path) -> None:
+    assert main(command(campaign)[3:]) == 0
+    (folder,) = (campaign.parent / "out" / "hover").iterdir()
+    notes = [
+        path.read_text().splitlines()[-1].rpartition(",")[2]
+        for path in sorted(folder.glob("*/*/*/trajectory.csv"))
+    ]
+    assert notes == ["1 by now", "1 by now"]
+
+
+def test_folders_are_there_only_for_what_was_flown(campaign: Path) -> None:
+    plans = load_campaign(campaign).runs
+    assert main([*command(campaign)[3:], "--repetitions", "1"]) == 0
+    (folder,) = (campaign.parent / "out" / "hover").iterdir()
+    flown = [path.parent for path in folder.rglob("result.json")]
+    assert [str(path.relative_to(folder)) for path in flown] == [plans[0].name]
+
+
+def test_the_manifest_has_the_digest_of_every_file_that_is_named(campaign: Path) -> None:
+    folder = campaign.parent
+    (folder / "crate.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 1\nv 1 1 0\nf 1 2 3\nf 2 3 4\n")
+    crate = "  crate: {shape: {mesh: {file: crate.obj}}, pose: {north_m: 5}}\n"
+    (folder / "world.yaml").write_text(f"{WORLD}objects:\n{crate}")
+    before = manifest(load_campaign(campaign), "virtual")["files"]
+    assert isinstance(before, dict)
+    assert set(before) == {"hover.yaml", "world.yaml", "still.py", "crate.obj"}
+    (folder / "still.py").write_text(STILL + "\n")
+    after = manifest(load_campaign(campaign), "virtual")["files"]
+    assert isinstance(after, dict)
+    assert {name for name in before if before[name] != after[name]} == {"still.py"}

@@ -1,0 +1,253 @@
+"""What is settled before vehicles fly that are not our own: refusals, and who is there."""
+
+import asyncio
+import io
+import re
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from orchestrator.cli import arming_consent, main
+from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
+from vehicles.mavlink.codec import Codec
+
+ROOT = Path(__file__).parents[3]
+LINK = "vehicles.real.link=udpin://127.0.0.1:%d"
+MAVLINK = "vehicles.real.pose_source=mavlink"
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def campaign(*sets: str, mode: str = "wil") -> Campaign:
+    return load_campaign(
+        ROOT / "campaigns" / "gate.yaml",
+        Options(cases=("large",), modes=(mode,), repetitions=1, sets=(MAVLINK, *sets)),
+    )
+
+
+class Speaker:
+    """Sends messages to a port, as a vehicle or a ground station; answers who it is."""
+
+    def __init__(self, port: int, *, system: int = 1) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.settimeout(0.05)
+        self._port = port
+        self.codec = Codec(system_id=system, component_id=1)
+        self.vehicle_type, self.autopilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4
+        self.version = 0x01120080
+        self.garbage = False
+        self.armed = False
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    @contextmanager
+    def speaking(self) -> Iterator[None]:
+        self._thread.start()
+        try:
+            yield
+        finally:
+            self._stop.set()
+            self._thread.join()
+            self._socket.close()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._send(self._heartbeat())
+            try:
+                data = self._socket.recv(2048)
+            except (TimeoutError, ConnectionError):
+                continue
+            for message in self.codec.parse(data):
+                if message.get_type() == "COMMAND_LONG" and message.param1 == 148:
+                    self._send(
+                        mavlink.MAVLink_autopilot_version_message(
+                            0, self.version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 77
+                        )
+                    )
+
+    def _heartbeat(self) -> Any:
+        mode = 128 if self.armed else 0
+        return mavlink.MAVLink_heartbeat_message(self.vehicle_type, self.autopilot, mode, 0, 3, 3)
+
+    def _send(self, message: Any) -> None:
+        data = b"\xaa" * 40 if self.garbage else self.codec.pack(message)
+        try:
+            self._socket.sendto(data, ("127.0.0.1", self._port))
+        except ConnectionError:
+            return
+
+
+def refused(*sets: str, **options: Any) -> RefusedError:
+    given: dict[str, Any] = {"clock": None, "jobs": None, "arm": True, "arm_real": True}
+    with pytest.raises(RefusedError) as caught:
+        clear(campaign(*sets), **{**given, **options})
+    return caught.value
+
+
+def test_embedded_vehicles_need_nobody_s_leave() -> None:
+    cleared = clear(campaign(), clock=None, jobs=3, arm=True, arm_real=False)
+    assert cleared == Cleared("virtual", 3, "embedded")
+    assert clear(campaign(), clock="wall", jobs=None, arm=True, arm_real=False).clock == "wall"
+    assert refused(jobs=0).code == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"arm_real": False}, r"real \(udpin://127.0.0.1:14540\): it may be hardware.*--arm-real"),
+        ({"jobs": 2}, r"--jobs 2: real \(udpin://127.0.0.1:14540\) can fly one run at a time"),
+        ({"clock": "virtual"}, "--clock virtual: real is not embedded"),
+    ],
+)
+def test_what_is_refused_without_touching_anything(options: dict[str, Any], said: str) -> None:
+    error = refused(LINK % 14540, **options)
+    assert error.code == 2
+    assert re.search(said, str(error))
+
+
+def test_a_vehicle_that_does_not_fly_is_not_asked_for() -> None:
+    cleared = clear(
+        campaign(LINK % 14540, mode="sim"), clock=None, jobs=None, arm=True, arm_real=False
+    )
+    assert cleared.clock == "virtual"
+
+
+def test_a_port_where_nobody_speaks_is_told_within_seconds() -> None:
+    port = free_port()
+    began_s = time.monotonic()
+    error = refused(LINK % port)
+    assert error.code == 3
+    assert f"udpin://127.0.0.1:{port}: no px4 multicopter with system id 1 within 5 s" in str(error)
+    assert "nothing was heard" in str(error)
+    assert time.monotonic() - began_s < 8.0
+
+
+def _gcs(speaker: Speaker) -> None:
+    speaker.vehicle_type, speaker.autopilot = mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID
+
+
+def _old(speaker: Speaker) -> None:
+    speaker.version = 0x010B0000
+
+
+def _plane(speaker: Speaker) -> None:
+    speaker.vehicle_type = mavlink.MAV_TYPE_FIXED_WING
+
+
+def _ardupilot(speaker: Speaker) -> None:
+    speaker.autopilot = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+
+
+def _garbage(speaker: Speaker) -> None:
+    speaker.garbage = True
+
+
+def _armed(speaker: Speaker) -> None:
+    speaker.armed = True
+
+
+@pytest.mark.parametrize(
+    ("system", "make", "said"),
+    [
+        (255, _gcs, "heartbeats of system 255 only: this is a ground station's port"),
+        (1, _old, "it runs px4 1.11.0-dev, and 1.14 is the oldest that is supported"),
+        (1, _plane, "system 1 component 1 is a fixed_wing of px4, and only multicopters"),
+        (1, _ardupilot, "system 1 component 1 is ardupilot, and px4 was asked for"),
+        (7, lambda _: None, "system 7 component 1 is a quadrotor of px4"),
+        (1, _garbage, "bytes came, and they are not MAVLink"),
+        (1, _armed, "real is armed already"),
+    ],
+)
+def test_who_answers_instead_is_said(
+    system: int, make: Callable[[Speaker], None], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arming_consent, "_IDENTIFY_S", 1.5)
+    port = free_port()
+    speaker = Speaker(port, system=system)
+    make(speaker)
+    with speaker.speaking():
+        error = refused(LINK % port)
+    assert error.code == 3
+    assert said in str(error)
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(("answer", "armed"), [("y\n", True), ("\n", False), ("no\n", False)])
+def test_a_person_at_a_terminal_is_asked(
+    monkeypatch: pytest.MonkeyPatch, answer: str, armed: bool
+) -> None:
+    port = free_port()
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stdin", Terminal(answer))
+    monkeypatch.setattr(sys, "stderr", screen)
+    speaker = Speaker(port)
+    with speaker.speaking():
+        if armed:
+            cleared = clear(campaign(LINK % port), clock=None, jobs=None, arm=True, arm_real=True)
+            assert cleared == Cleared("wall", 1, "hardware", "real")
+        else:
+            assert "not confirmed" in str(refused(LINK % port))
+    said = screen.getvalue()
+    assert f"real: px4 1.18.0-beta quadrotor, system 1, board {77:016x}, on udpin" in said
+    assert "campaign 'gate', 1 run. Arm real (position unknown) and take off? [y/N]" in said
+
+
+def test_one_board_on_two_links_is_refused() -> None:
+    real, twin = free_port(), free_port()
+    with Speaker(real).speaking(), Speaker(twin, system=2).speaking():
+        sets = (LINK % real, f"vehicles.twin.link=udpin://127.0.0.1:{twin}")
+        error = refused(*sets)
+    assert error.code == 3
+    assert "are one vehicle (uid 000000000000004d)" in str(error)
+
+
+def test_the_program_says_it_in_one_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    code = main(["run", "campaigns/gate.yaml", "--set", LINK % 14540, "--set", MAVLINK])
+    assert code == 2
+    assert "--arm-real" in capsys.readouterr().err
+
+
+def test_the_driver_may_be_told_whose_link_it_is() -> None:
+    """Two vehicles on one link: the one that was asked for is found."""
+    from orchestrator.model.clock import run_virtual
+    from tests.vehicles.links.test_redundant import TwoRadios
+    from vehicles.driver import Driver
+    from vehicles.embedded.physics.config import EmbeddedConfig
+    from vehicles.embedded.vehicle import EmbeddedVehicle
+    from vehicles.links.memory import memory_pair
+
+    async def scenario() -> int:
+        one, far_one = memory_pair()
+        two, far_two = memory_pair()
+        vehicles = [
+            EmbeddedVehicle(
+                config=EmbeddedConfig(autopilot="px4", system_id=number), link=far, seed=number
+            )
+            for number, far in ((1, far_one), (2, far_two))
+        ]
+        driver = Driver(name="real", link=TwoRadios([one, two]), system_id=2)
+        async with vehicles[0], vehicles[1], driver:
+            await asyncio.sleep(2.0)
+            return (await driver.identify(5.0)).system_id
+
+    assert run_virtual(scenario()) == 2

@@ -1,0 +1,228 @@
+"""wil-campaign doctor: what a machine has and lacks, and what to do about it."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+
+import pytest
+
+from orchestrator.cli import main
+from orchestrator.doctor import installed, links, machine, ports, programs
+from orchestrator.doctor.findings import Finding, as_text
+from safety.guard.process.orphaned_processes import GuardRecord
+from vehicles.processes.identity import ProcessId
+
+ROOT = Path(__file__).parents[3]
+GONE = ProcessId(2**22 + 1, 1)
+
+
+def only(findings: Iterable[Finding]) -> Finding:
+    (one,) = list(findings)
+    return one
+
+
+def test_findings_are_told_by_topic_each_with_its_remedy() -> None:
+    findings = [
+        Finding("ports", "good", "free"),
+        Finding("ports", "note", "taken", "end it"),
+        Finding("clock", "trouble", "late"),
+    ]
+    told = "ports\n  ok free\n  -- taken\n     end it\n\nclock\n  !! late"
+    assert as_text(findings) == told
+
+
+def test_missing_packages_are_named() -> None:
+    def find(name: str) -> str:
+        if name in {"numpy", "safety"}:
+            raise PackageNotFoundError(name)
+        return "1.0"
+
+    needed = ["av>=14", "numpy>=2", "pytest>=8.3; extra == 'test'"]
+    found = only(installed.packages(find, lambda _: needed))
+    assert (found.grade, found.text, found.remedy) == (
+        "trouble",
+        "wil-campaign 1.0 lacks numpy",
+        "pip install numpy",
+    )
+    good = only(installed.packages(lambda _: "1.0", lambda _: needed))
+    assert (good.grade, good.text) == ("good", "wil-campaign 1.0 with the 2 packages that it needs")
+    assert list(installed.foreign_packages(find)) == []
+    assert only(installed.foreign_packages(lambda _: "3.0")).grade == "trouble"
+
+
+def test_mavsdk_is_there_or_not() -> None:
+    def find(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    assert only(installed.drivers(lambda _: "4.1.0")).grade == "good"
+    without = only(installed.drivers(find))
+    assert (without.grade, without.remedy.split(": ", 2)[-1]) == (
+        "note",
+        "pip install 'mavsdk>=4.1,<5'",
+    )
+
+
+@pytest.mark.parametrize("protocol", ["udp", "tcp"])
+def test_a_port_that_is_taken_names_its_holder(protocol: ports.Protocol) -> None:
+    kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM
+    with socket.socket(socket.AF_INET, kind) as mine:
+        mine.bind(("127.0.0.1", 0))
+        if protocol == "tcp":
+            mine.listen()
+        number = mine.getsockname()[1]
+        found = only(ports.usual_ports([ports.UsualPort(number, protocol, "a test")]))
+    name = Path("/proc/self/comm").read_text().strip()
+    assert found.grade == "note"
+    assert found.text == (
+        f"{protocol} {number} (a test) is taken by {name} (process {os.getpid()})"
+    )
+    free = only(ports.usual_ports([ports.UsualPort(number, protocol, "a test")]))
+    assert (free.grade, free.text) == ("good", f"free: {protocol} {number}")
+
+
+def test_autopilots_are_found_in_their_usual_places(tmp_path: Path) -> None:
+    lacking = list(programs.autopilots(tmp_path, lambda _: None))
+    assert [one.grade for one in lacking] == ["good", "note", "note", "note"]
+    for place in (
+        "ardupilot/build/sitl/bin/arducopter",
+        "PX4-Autopilot/build/px4_sitl_default/bin/px4",
+    ):
+        (tmp_path / place).parent.mkdir(parents=True)
+        (tmp_path / place).write_text("")
+    found = [one.text for one in programs.autopilots(tmp_path, lambda _: None)]
+    build = tmp_path / "PX4-Autopilot" / "build" / "px4_sitl_default"
+    assert f"PX4: link: {{launch: px4, build: {build}}}" in found
+    assert any(text.startswith("ArduCopter: link: {launch: ardupilot") for text in found)
+
+
+@pytest.mark.parametrize(
+    ("body", "grade", "said"),
+    [
+        ("echo px4io/px4-sitl:v1.18", "good", "images of PX4: px4io/px4-sitl:v1.18"),
+        ("echo busybox:1", "note", "without an image of PX4"),
+        ("echo 'permission denied' >&2; exit 1", "note", "docker refuses: permission denied"),
+    ],
+)
+def test_docker_is_asked_through_its_client(
+    tmp_path: Path, body: str, grade: str, said: str
+) -> None:
+    client = tmp_path / "docker"
+    client.write_text(f"#!/bin/sh\n{body}\n")
+    client.chmod(0o755)
+    which = {"docker": str(client)}.get
+    *_, found = programs.autopilots(tmp_path, which)
+    assert found.grade == grade
+    assert said in found.text
+
+
+def test_a_broker_that_answers_or_could_be_started() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        answers = only(programs.brokers(lambda _: None, port, "no_such_module"))
+    assert answers.grade == "good"
+    sleeps = only(programs.brokers(lambda name: f"/bin/{name}", port, "no_such_module"))
+    assert (sleeps.grade, sleeps.remedy) == ("note", "mosquitto -d")
+    lacks, own = programs.brokers(lambda _: None, port, "json")
+    assert "there is no mosquitto" in lacks.text
+    assert own.text.startswith("json, a broker")
+
+
+def test_clocks() -> None:
+    now = datetime(2026, 5, 1, tzinfo=UTC)
+    good = list(machine.clock(0.0004, synchronised=True, now=now))
+    assert [one.grade for one in good] == ["good", "good"]
+    late, date = machine.clock(0.03, synchronised=True, now=datetime(1970, 1, 1, tzinfo=UTC))
+    assert (late.grade, late.text) == ("trouble", "wakes up 30.0 ms late")
+    assert (date.grade, date.text) == ("trouble", "the date is 1970-01-01")
+    assert [one.grade for one in machine.clock(0.0, synchronised=False, now=now)] == [
+        "good",
+        "note",
+    ]
+    assert machine.wakes_late_s() >= 0.0
+    assert machine.clock_synchronised() in {True, False, None}
+
+
+def test_serial_ports_with_and_without_permission(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert only(machine.serial([])).text == "none is plugged in"
+    device = tmp_path / "ttyACM0"
+    device.write_text("")
+    assert f"serial://{device}:57600" in next(iter(machine.serial([str(device)]))).text
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    refused = next(iter(machine.serial([str(device)])))
+    assert (refused.grade, refused.text) == ("trouble", f"no permission for {device}")
+    assert refused.remedy == "sudo usermod -aG dialout $USER, and log in again"
+
+
+def test_what_a_crash_left_is_named(tmp_path: Path) -> None:
+    assert only(machine.orphans((), (), tmp_path / "nothing")).text == "nothing"
+    (tmp_path / "000001.parameters.json").write_text("{}")
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
+        alive = ProcessId.of(child.pid)
+        assert alive is not None
+        record = GuardRecord(
+            run="large/wil/1",
+            folder="results",
+            socket="",
+            guard=GONE,
+            owner=GONE,
+            since_s=0.0,
+            children=(alive,),
+        )
+        vehicles, parameters = machine.orphans((), [record], tmp_path)
+        assert vehicles.grade == "trouble"
+        assert f"vehicles of large/wil/1 in results run on (processes {child.pid})" in vehicles.text
+        assert "000001.parameters.json" in parameters.text
+        child.communicate(b"\n", timeout=10.0)
+
+
+def test_a_full_disk_and_a_foreign_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "_LEAST_FREE_BYTES", 1)
+    assert only(machine.disk(tmp_path)).grade == "good"
+    monkeypatch.setattr(machine, "_LEAST_FREE_BYTES", 10**30)
+    assert only(machine.disk(tmp_path)).grade == "trouble"
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    assert "cannot be written to" in only(machine.disk(tmp_path)).text
+
+
+def test_links_of_campaigns_are_tried(tmp_path: Path) -> None:
+    shipped = ROOT / "campaigns" / "gate.yaml"
+    assert only(links.campaign_links([shipped])).text.endswith("its vehicles are embedded")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mine:
+        mine.bind(("127.0.0.1", 0))
+        port = mine.getsockname()[1]
+        text = shipped.read_text().replace(
+            "real:\n    link: embedded", f"real:\n    link: udpin://127.0.0.1:{port}", 1
+        )
+        assert str(port) in text
+        copy = tmp_path / "campaigns" / "gate.yaml"
+        copy.parent.mkdir()
+        copy.write_text(text.replace("pose_source: mocap", "pose_source: mavlink"))
+        (copy.parent / "autonomies").symlink_to(ROOT / "campaigns" / "autonomies")
+        for name in ("worlds", "recipes"):
+            (tmp_path / name).symlink_to(ROOT / name)
+        busy = only(links.campaign_links([copy]))
+        assert busy.grade == "trouble", busy
+        assert "is taken by another program" in busy.text
+    good = only(links.campaign_links([copy]))
+    assert (good.grade, good.remedy) == ("good", "who answers there: wil-campaign run --no-arm")
+
+
+def test_the_command_tells_it_as_json_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    code = main(["doctor", "--json", "--out", str(tmp_path)])
+    findings = json.loads(capsys.readouterr().out)
+    grades = {one["grade"] for one in findings}
+    assert code == (3 if "trouble" in grades else 0)
+    assert {one["topic"] for one in findings} >= {"installed", "ports", "autopilots", "clock"}
+    assert main(["doctor", "--out", str(tmp_path), str(tmp_path / "missing.yaml")]) == 3
+    assert "wil-campaign validate" in capsys.readouterr().out

@@ -1,0 +1,125 @@
+"""Whole flights whose real camera is a recording: on the virtual clock, like any other."""
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import cv2
+import numpy as np
+import pytest
+
+from orchestrator.model.results import RunResult
+from tests.orchestrator.flights import all_landed
+from vehicles.readings import CameraReading
+from vehicles.sources.camera_source import SourceCounts, SourceError, SourceStalledError
+
+Fly = Callable[..., tuple[RunResult, Path]]
+
+HZ = 15
+SIZE = (320, 240)
+
+
+def film(path: Path, seconds: float) -> Path:
+    """A grey wall, filmed."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), HZ, SIZE)
+    wall = np.random.default_rng(1).normal(140, 20, (6, 8))
+    shown = cv2.resize(wall, SIZE).clip(0, 255).astype(np.uint8)
+    for _ in range(round(seconds * HZ)):
+        writer.write(cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    return path
+
+
+def source(path: Path | str) -> tuple[str, ...]:
+    return (f"vehicles.real.sensors.camera.source={path}",)
+
+
+def test_a_film_of_a_wall_and_the_gate_that_is_not_there(fly_run: Fly, tmp_path: Path) -> None:
+    result, folder = fly_run(sets=source(film(tmp_path / "wall.mp4", 90.0)))
+    assert (result.verdict, result.reason) == ("PASS", "")
+    assert result.outside is not None
+    (one,) = result.outside.sources
+    assert (one.vehicle, one.sensor, one.source) == ("real", "camera", "file")
+    assert one.delivered > 200
+    assert result.mixing is not None
+    assert result.mixing.frames > 100
+    assert all_landed(folder)
+
+
+@pytest.mark.parametrize("ending", ["is over", "changes its size"])
+def test_a_recording_that_fails_in_flight_is_an_error_and_lands(
+    fly_run: Fly, tmp_path: Path, ending: str
+) -> None:
+    if ending == "is over":
+        given, said = film(tmp_path / "short.mp4", 12.0), "the recording is over"
+    else:
+        given, said = tmp_path / "images", "160x120 came"
+        given.mkdir()
+        for k in range(12 * HZ):
+            size = SIZE if k < 11 * HZ else (160, 120)
+            cv2.imwrite(str(given / f"{k}.png"), np.full((size[1], size[0], 3), 90, np.uint8))
+    result, folder = fly_run(sets=source(given))
+    assert result.verdict == "ERROR"
+    assert said in result.reason
+    assert all_landed(folder)
+
+
+class FakeLive:
+    """A live camera that takes grey pictures, until it does something else."""
+
+    kind: Literal["live"] = "live"
+
+    def __init__(self, intrinsics: Any, error: SourceError, after_s: float) -> None:
+        self.name = "rtp://127.0.0.1:5600"
+        self.intrinsics = intrinsics
+        self.counts = SourceCounts()
+        self._error: SourceError | None = error
+        self._after_s = after_s
+        self._seq = 0
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        pass
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> CameraReading:
+        await asyncio.sleep(1.0 / HZ)
+        now_s = asyncio.get_running_loop().time()
+        if self._error is not None and now_s > self._after_s:
+            error, self._error = self._error, None
+            if isinstance(error, SourceStalledError):
+                await asyncio.sleep(2.0)
+            raise error
+        self._seq += 1
+        grey = np.full((self.intrinsics.height_px, self.intrinsics.width_px, 3), 110, np.uint8)
+        return CameraReading(now_s - 0.05, now_s, self._seq, "real", grey, self.intrinsics)
+
+
+@pytest.mark.parametrize(
+    ("error", "verdict"),
+    [
+        (SourceStalledError("no picture for 2 s after 300 pictures"), "INVALID"),
+        (SourceError("the camera is gone"), "ERROR"),
+    ],
+)
+def test_a_live_camera_that_stalls_or_dies_in_flight(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, error: SourceError, verdict: str
+) -> None:
+    def opened(address: str, *, intrinsics: Any, **_: Any) -> FakeLive:
+        assert address == "rtp://127.0.0.1:5600"
+        return FakeLive(intrinsics, error, after_s=18.0)
+
+    monkeypatch.setattr("orchestrator.external.external_cameras.live_camera", opened)
+    result, folder = fly_run(sets=source("rtp://127.0.0.1:5600"))
+    assert result.verdict == verdict
+    assert all_landed(folder)
+    assert result.outside is not None
+    assert result.outside.sources[0].source == "live"
+    assert str(error) in result.outside.sources[0].trouble
+    if verdict == "ERROR":
+        assert str(error) in result.reason

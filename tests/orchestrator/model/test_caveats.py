@@ -1,0 +1,131 @@
+"""A green says what it has to be read with: fences changed in flight, oracles that only report."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from campaigns.values.acceptance import Requirement, Share
+from orchestrator.cli import main
+from orchestrator.cli.verdict_table import conclusions
+from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.junit import junit_xml
+from orchestrator.model.results import FenceChange, RunResult, Summary, SyncResult, summarize
+from orchestrator.model.results_reader import read_result
+from safety.model.oracle_results import OracleResult, Verdict
+from tests.orchestrator.hover import write_hover
+
+CHANGED = FenceChange(12.5, "cli:anna", ("real", "twin"))
+
+
+def run(rep: int = 1, *, mode: str = "wil", verdict: Verdict = "PASS", **more: Any) -> RunResult:
+    return RunResult(
+        case="large",
+        mode=mode,
+        rep=rep,
+        seed=5,
+        verdict=verdict,
+        reason="" if verdict == "PASS" else "why",
+        also=(),
+        required=True,
+        duration_s=12.5,
+        wall_s=1.0,
+        **{"oracles": (), "sync": SyncResult(), "mixing": None, **more},
+    )
+
+
+def oracle(vehicle: str, *, required: bool = False, passes: bool = False) -> OracleResult:
+    verdict = "PASS" if passes else "FAIL"
+    return OracleResult("reached", vehicle, required, verdict, None, 0.1, "m", None, None)  # type: ignore[arg-type]  # one of both
+
+
+def summary(*runs: RunResult) -> Summary:
+    count = sum(one.mode == "wil" for one in runs)
+    return summarize(
+        runs,
+        (Requirement("large", "wil", Share(count, count)),),
+        campaign="gate",
+        clock="virtual",
+        surrogate=False,
+        real_kind="hardware",
+        sensors={},
+    )
+
+
+def told(*runs: RunResult) -> list[str]:
+    return [line.plain for line in conclusions(summary(*runs))]
+
+
+def properties(*runs: RunResult) -> dict[str, str]:
+    root = ET.fromstring(junit_xml(summary(*runs), ()))  # noqa: S314 - our own document
+    return {one.attrib["name"]: one.attrib["value"] for one in root.iter("property")}
+
+
+def test_a_fence_changed_in_flight_is_told_with_the_verdict() -> None:
+    runs = [run(1, fence_changes=(CHANGED, CHANGED)), run(2), run(3, fence_changes=(CHANGED,))]
+    assert told(*runs) == [
+        "fence changed in flight: real and twin by cli:anna (large wil, 2 runs)",
+        "accepted; fence changed in flight by cli:anna",
+    ]
+    assert properties(*runs) == {"fence_changed": "real and twin by cli:anna (large wil, 2 runs)"}
+
+
+def test_it_is_told_where_a_campaign_is_not_accepted_too() -> None:
+    last = told(run(verdict="FAIL", fence_changes=(CHANGED,)))[-1]
+    assert last == "not accepted; fence changed in flight by cli:anna"
+
+
+def test_who_changed_which_vehicles_fence_is_told_apart() -> None:
+    of_twin = FenceChange(3.0, "mqtt:ben", ("twin",))
+    assert told(run(fence_changes=(CHANGED,)), run(mode="sim", fence_changes=(of_twin,))) == [
+        "fence changed in flight: real and twin by cli:anna (large wil, 1 run)",
+        "fence changed in flight: twin by mqtt:ben (large sim, 1 run)",
+        "accepted; fence changed in flight by cli:anna, mqtt:ben",
+    ]
+
+
+def test_a_result_with_a_changed_fence_is_read_back_as_written(tmp_path: Path) -> None:
+    result = run(fence_changes=(CHANGED,))
+    write_whole(tmp_path / "result.json", to_json(result))
+    assert read_result(tmp_path / "result.json") == result
+
+
+def test_an_oracle_that_only_reports_and_failed_is_told() -> None:
+    failed = (oracle("real"), oracle("twin"))
+    runs = [run(1, oracles=failed), run(2), run(1, mode="sim", oracles=(oracle("twin"),))]
+    text = "reached (large wil, 1 run; large sim, 1 run)"
+    assert told(*runs) == [
+        f"reported only, and failed: {text}",
+        "accepted; reported only, and failed: reached",
+    ]
+    assert properties(*runs) == {"reported_failed": text}
+
+
+def test_a_campaign_that_is_not_accepted_tells_it_beneath_the_table_alone() -> None:
+    said = told(run(1, oracles=(oracle("real"),)), run(2, verdict="FAIL"))
+    assert said[-2:] == ["reported only, and failed: reached (large wil, 1 run)", "not accepted"]
+
+
+@pytest.mark.parametrize(
+    "silent",
+    [
+        run(oracles=(oracle("twin"),)),
+        run(oracles=(oracle("real", passes=True),)),
+        run(verdict="FAIL", oracles=(oracle("real"), oracle("real", required=True))),
+    ],
+    ids=["the twin beside the real one", "it passed", "the run failed anyway"],
+)
+def test_what_would_be_noise_is_not_told(silent: RunResult) -> None:
+    assert not [line for line in told(silent) if "reported only" in line]
+    assert properties(silent) == {}
+
+
+def test_a_flown_campaign_says_what_failed_and_was_only_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_hover(tmp_path)
+    low = "oracles.low={use: altitude, max_m: 0.3, required: false}"
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--set", low]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "reported only, and failed: low (default sim, 2 runs) accepted; reported only" in said

@@ -1,0 +1,126 @@
+"""junit.xml: what counts is red, what is only reported is visible, and nothing breaks the XML."""
+
+import xml.etree.ElementTree as ET
+
+from campaigns.values.acceptance import Requirement, Share
+from orchestrator.model.junit import junit_xml
+from orchestrator.model.results import Also, RunResult, SyncResult, summarize
+from safety.model.oracle_results import OracleResult, Verdict
+
+REQUIRED = (Requirement("large", "sim", Share(2, 2)),)
+
+
+def run(verdict: Verdict, rep: int, *, required: bool = True, reason: str = "why") -> RunResult:
+    return RunResult(
+        case="large" if required else "small",
+        mode="sim",
+        rep=rep,
+        seed=77,
+        verdict=verdict,
+        reason="" if verdict == "PASS" else reason,
+        also=(Also("FAIL", "late", 9.0),) if verdict == "ERROR" else (),
+        required=required,
+        duration_s=12.3456,
+        wall_s=1.0,
+        oracles=(
+            OracleResult("collision", "real", True, "FAIL", 0.0, 0.0, "m", 0.0, 3.0, "touched"),
+        ),
+        sync=SyncResult(),
+        mixing=None,
+    )
+
+
+def suite(
+    *runs: RunResult,
+    requirements: tuple[Requirement, ...] = REQUIRED,
+    left_out: tuple[str, ...] = (),
+) -> ET.Element:
+    summary = summarize(
+        runs,
+        requirements,
+        campaign="gate",
+        clock="virtual",
+        surrogate=True,
+        real_kind="embedded",
+        sensors={},
+        left_out=left_out,
+    )
+    root = ET.fromstring(junit_xml(summary, requirements))  # noqa: S314 - our own document
+    found = root.find("testsuite")
+    assert found is not None
+    return found
+
+
+def test_what_was_left_out_is_a_property() -> None:
+    (one,) = suite(left_out=("large/wil", "4 of 5 repetitions")).iter("property")
+    assert dict(one.attrib) == {"name": "left_out", "value": "large/wil, 4 of 5 repetitions"}
+    assert not list(suite().iter("property"))
+
+
+def outcome(case: ET.Element) -> str:
+    tags = [child.tag for child in case if child.tag != "system-out"]
+    return tags[0] if tags else "passed"
+
+
+def test_each_run_is_a_test_case_with_the_outcome_that_counts() -> None:
+    found = suite(
+        run("PASS", 1),
+        run("FAIL", 2),
+        run("ERROR", 3),
+        run("INVALID", 4),
+        run("ABORTED", 5),
+        run("FAIL", 1, required=False),
+        run("PASS", 2, required=False),
+    )
+    assert [outcome(case) for case in found] == [
+        "passed",
+        "failure",
+        "error",
+        "error",
+        "error",
+        "skipped",
+        "passed",
+    ]
+    counts = {key: found.get(key) for key in ("tests", "failures", "errors", "skipped")}
+    assert counts == {"tests": "7", "failures": "1", "errors": "3", "skipped": "1"}
+    assert found[1].get("classname") == "gate.large.sim"
+    assert found[1].get("name") == "2"
+    assert found[1].get("time") == "12.346"
+
+
+def test_what_is_only_reported_says_so() -> None:
+    (case,) = suite(run("FAIL", 1, required=False), requirements=())
+    skipped = case.find("skipped")
+    assert skipped is not None
+    assert skipped.get("message") == "reported only: FAIL: why"
+
+
+def test_a_failure_that_the_share_forgives_does_not_fail_the_suite() -> None:
+    one_of_two = (Requirement("large", "sim", Share(1, 2)),)
+    found = suite(run("PASS", 1), run("FAIL", 2), requirements=one_of_two)
+    assert [outcome(case) for case in found] == ["passed", "skipped"]
+    error = suite(run("PASS", 1), run("ERROR", 2), requirements=one_of_two)
+    assert [outcome(case) for case in error] == ["passed", "error"]
+
+
+def test_required_runs_that_were_not_flown_are_an_error() -> None:
+    found = suite(run("PASS", 1))
+    assert [outcome(case) for case in found] == ["passed", "error"]
+    assert found[1].get("name") == "not flown"
+    assert [outcome(case) for case in suite()] == ["error"]
+
+
+def test_numbers_and_later_events_stand_in_the_output() -> None:
+    (case, _) = suite(run("ERROR", 1))
+    text = case.findtext("system-out") or ""
+    assert "seed 77" in text
+    assert "FAIL collision (real), actual 0 m, margin 0 m, touched" in text
+    assert "also FAIL at 9.000 s: late" in text
+
+
+def test_any_reason_is_good_xml() -> None:
+    reason = "<b>&\"'\x00\x1b\ud800\ufffe \u00e9\U0001f600 ]]>"
+    case = suite(run("FAIL", 1, reason=reason))[0]
+    failure = case.find("failure")
+    assert failure is not None
+    assert failure.get("message") == "<b>&\"'???? \u00e9\U0001f600 ]]>"

@@ -1,0 +1,179 @@
+"""`wil-campaign replay`: a recorded run mixed anew to the bit, and where a recipe differs."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from orchestrator.cli import main
+from orchestrator.model.results import RunResult
+from orchestrator.offline.reading_difference import difference
+from orchestrator.recording.mcap.mcap_writer import McapRecorder
+from tests.orchestrator.run.perception.test_perception import Listening, recipe
+from tests.recipes.samples import beam, camera, cloud, plain, scan
+
+Fly = Callable[..., tuple[RunResult, Path]]
+RECIPE = """\
+schema: wil/recipe/1
+sensors: {camera: {type: camera}, imu: {type: imu}, scan: {type: lidar}}
+combine:
+  - sensor: camera
+    transform: [register]
+    filter: [{isolate_objects: [gate]}, {use: "mine.py:Left"}]
+    merge: overlay
+  - {sensor: imu, transform: [{delay: 20}, {resample: interpolate}], merge: {aggregate: mean}}
+  - {sensor: scan, transform: [register], merge: {aggregate: min}}
+"""
+MINE = """\
+import numpy as np
+from recipes.working import Masked
+
+class Left:
+    def __call__(self, work, other):
+        mask = work.mask.copy()
+        mask[:, mask.shape[1] // 2 :] = 0
+        return Masked(work.reading, mask)
+"""
+CARRIED = tuple(
+    f"vehicles.{vehicle}.sensors.{name}={what}"
+    for vehicle in ("real", "twin")
+    for name, what in {
+        "camera": "{type: camera, rate_hz: 5, width_px: 160, height_px: 120, fov_deg: 69}",
+        "imu": "{type: imu, rate_hz: 50}",
+        "scan": "{type: lidar, beams: 60, rate_hz: 5}",
+    }.items()
+)
+
+
+@pytest.fixture
+def run_of(fly_run: Fly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Path]:
+    """Return a function that flies a second of a mixed run and returns its folder."""
+    Listening.made = []
+    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Listening)
+    (tmp_path / "mine.py").write_text(MINE)
+
+    def fly(pictures: str) -> Path:
+        sets = (*CARRIED, recipe(tmp_path, RECIPE), f"record.pictures={pictures}")
+        _, folder = fly_run(sets=sets)
+        return folder
+
+    return fly
+
+
+def replayed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
+    code = main(["replay", *arguments, "--json"])
+    told = capsys.readouterr()
+    assert "Traceback" not in told.err
+    return code, json.loads(told.out)
+
+
+def test_a_run_mixed_anew_is_what_it_was(
+    run_of: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = run_of("raw")
+    code, report = replayed(capsys, str(folder))
+    assert (code, report["diverges"], report["without"]) == (0, False, [])
+    combinations = {one["name"]: one for one in report["combinations"]}
+    assert set(combinations) == {"camera", "imu", "scan"}
+    assert all(one["exact"] and one["frames"] > 20 for one in combinations.values())
+    assert all(one["mixed"] >= one["frames"] - 3 for one in combinations.values())
+
+    # Another recipe: here the right half is drawn instead, and nothing else changes.
+    right = MINE.replace("mask.shape[1] // 2 :", ": mask.shape[1] // 2")
+    (tmp_path / "other.py").write_text(right)
+    other, out = tmp_path / "other.yaml", tmp_path / "out"
+    other.write_text(RECIPE.replace("mine.py", "other.py"))
+    more = ("--recipe", str(other), "--out", str(out))
+    code, report = replayed(capsys, str(folder / "run.mcap"), *more)
+    assert (code, report["diverges"]) == (1, True)
+    combinations = {one["name"]: one for one in report["combinations"]}
+    assert combinations["imu"]["divergences"] == combinations["scan"]["divergences"] == []
+    first = combinations["camera"]["divergences"][0]
+    assert "of image_bgr, by up to" in first["what"]
+    worst = cv2.imread(str(out / "worst-camera.png"))
+    assert worst is not None
+    assert worst.shape == (120, 3 * 160, 3)
+    assert (out / "mixed.mp4").is_file()
+
+    # A recipe that does not mix a sensor at all leaves recorded mixtures without a partner.
+    fewer = tmp_path / "fewer.yaml"
+    fewer.write_text(RECIPE.replace("  - {sensor: scan", "#"))
+    code, report = replayed(capsys, str(folder), "--recipe", str(fewer))
+    assert (code, report["without"]) == (1, ["scan"])
+
+    # A run that was cut short is replayed as far as it goes.
+    whole = (folder / "run.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) * 2 // 3])
+    code, report = replayed(capsys, str(cut))
+    assert code == 0
+    assert 10 < report["combinations"][0]["frames"] < combinations["camera"]["frames"]
+
+
+def test_pictures_recorded_as_jpeg_are_replayed_within_what_jpeg_loses(
+    run_of: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = run_of("jpeg")
+    code, report = replayed(capsys, str(folder))
+    assert code == 0
+    assert [one["exact"] for one in report["combinations"]] == [False, True, True]
+    assert main(["replay", str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert "all as recorded, within what JPEG loses" in said
+    other = tmp_path / "other.yaml"
+    other.write_text(RECIPE.replace("merge: overlay", "merge: {overlay: [real, twin]}"))
+    code, report = replayed(capsys, str(folder), "--recipe", str(other))
+    assert code == 1
+    assert "beyond what JPEG loses" in report["combinations"][0]["divergences"][0]["what"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("nothing",), "there is no such recording"),
+        (("text.mcap",), "text.mcap"),
+        (("text.mcap", "--recipe", "none.yaml"), "none.yaml"),
+        (("sim.mcap",), "nothing was mixed in this run; give a --recipe"),
+    ],
+)
+def test_what_cannot_be_replayed_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
+) -> None:
+    (tmp_path / "text.mcap").write_text("none\n" * 100)
+    with McapRecorder(path=tmp_path / "sim.mcap", epoch_s=0.0, clock="virtual") as run:
+        run.reading("range", beam(1.0))
+    given = [word if word.startswith("--") else str(tmp_path / word) for word in arguments]
+    assert main(["replay", *given]) == 2
+    told = capsys.readouterr()
+    assert said in told.err
+    assert told.out == ""
+
+
+def test_readings_are_compared_to_the_bit() -> None:
+    assert difference(beam(np.inf), beam(np.inf), exact=True) is None
+    assert difference(beam(np.nan), beam(np.nan), exact=True) is None
+    found = difference(beam(1.0), beam(1.5), exact=True)
+    assert found is not None
+    assert found.what == "range_m is 1.5 instead of 1.0"
+    assert difference(scan([1.0, np.inf]), scan([1.0, np.inf]), exact=True) is None
+    found = difference(scan([1.0, 2.0, np.inf, 4.0]), scan([1.0, 2.5, 3.0, 4.0]), exact=True)
+    assert found is not None
+    assert (found.share, found.worst) == (0.5, np.inf)
+    assert found.mean == pytest.approx(1 / 6)
+    found = difference(cloud([[1, 2, 3]]), cloud([[1, 2, 3], [4, 5, 6]]), exact=True)
+    assert found is not None
+    assert found.what == "points_frd_m is (2, 3) instead of (1, 3)"
+    image = plain()
+    image[0, 0] += 1
+    found = difference(camera(), camera(image), exact=True)
+    assert found is not None
+    assert found.share == pytest.approx(1 / (48 * 64))
+    assert difference(camera(), camera(image), exact=False) is None
+    found = difference(camera(), replace(beam(1.0)), exact=True)
+    assert found is not None
+    assert found.what == "RangefinderReading instead of CameraReading"

@@ -1,0 +1,193 @@
+"""The desk: what becomes of commands, and who is told."""
+
+import json
+import os
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from orchestrator.model.progress import Progress
+from orchestrator.model.results import RunResult, SyncResult
+from orchestrator.operator.campaign_records import Place, places
+from orchestrator.operator.errors import OperatingError
+from orchestrator.operator.operator_channels import open_operator_channels
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.operator.operator_lines import RefusedLineError
+from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+
+ABORT = OperatorCommand("abort", "anna")
+HOLD = OperatorCommand("hold", "anna")
+RESUME = OperatorCommand("resume", "anna")
+RESULT = RunResult(
+    case="large",
+    mode="wil",
+    rep=1,
+    seed=1,
+    verdict="PASS",
+    reason="",
+    also=(),
+    required=True,
+    duration_s=None,
+    wall_s=0.0,
+    oracles=(),
+    sync=SyncResult(),
+    mixing=None,
+)
+
+
+def log(folder: Path) -> list[tuple[str, str, bool]]:
+    lines = map(json.loads, (folder / "operator.jsonl").read_text("utf-8").splitlines())
+    return [(line["command"], line["who"], line["ok"]) for line in lines]
+
+
+def test_abort_wins_and_is_told_once(tmp_path: Path) -> None:
+    fleet = FakeFleet()
+    said: list[str] = []
+    controller = make_desk(tmp_path, fleet, said=said)
+    controller.obey(HOLD)
+    controller.obey(ABORT)
+    assert (controller.stopped, controller.held, fleet.aborted) == ("command", False, [ABORT])
+    assert controller.obey(ABORT) == "all are landing already"
+    for command in (HOLD, RESUME):
+        with pytest.raises(RefusedLineError, match="landing already"):
+            controller.obey(command)
+    assert log(tmp_path) == [
+        ("hold", "anna", True),
+        ("abort", "anna", True),
+        ("abort", "anna", True),
+        ("hold", "anna", False),
+        ("resume", "anna", False),
+    ]
+    assert said[0].startswith("hold by anna: held: 1 run in flight")
+
+
+def test_while_held_nothing_is_begun(tmp_path: Path) -> None:
+    fleet = FakeFleet(flying=2)
+    controller = make_desk(tmp_path, fleet)
+    with pytest.raises(RefusedLineError, match="nothing is held"):
+        controller.obey(RESUME)
+    assert controller.obey(HOLD) == "held: 2 runs in flight; none is begun"
+    assert not fleet.going
+    with pytest.raises(RefusedLineError, match="all hold already"):
+        controller.obey(HOLD)
+    controller.obey(RESUME)
+    assert fleet.going
+    assert fleet.told == [HOLD, RESUME]
+
+
+def test_a_signal_aborts_and_counts_as_a_signal(tmp_path: Path) -> None:
+    fleet = FakeFleet()
+    said: list[str] = []
+    controller = make_desk(tmp_path, fleet, said=said)
+    controller.signal("Ctrl-C")
+    controller.signal("Ctrl-C")
+    assert controller.stopped == "signal"
+    assert [command.who for command in fleet.aborted] == ["Ctrl-C"]
+    assert said[-1] == "still landing; the vehicles are brought down first"
+
+
+def test_a_run_that_a_pilot_ended_ends_the_campaign(tmp_path: Path) -> None:
+    fleet = FakeFleet()
+    controller = make_desk(tmp_path, fleet)
+    controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+    assert list(controller.status()["flying"]) == ["large/wil/1"]
+    controller.finished(RESULT)
+    assert controller.stopped is None
+    assert controller.status()["flying"] == {}
+    controller.finished(replace(RESULT, rep=2, verdict="ABORTED", reason="a pilot flies it"))
+    assert controller.stopped == "command"
+    assert fleet.aborted[0].who == "large/wil/2 (a pilot flies it)"
+    assert controller.status()["finished"] == {"large/wil/1": "PASS", "large/wil/2": "ABORTED"}
+
+
+def test_a_log_that_cannot_be_written_does_not_keep_an_abort(tmp_path: Path) -> None:
+    fleet = FakeFleet()
+    make_desk(tmp_path / "gone", fleet).obey(ABORT)
+    assert fleet.aborted == [ABORT]
+
+
+def left(folder: Path) -> list[Path]:
+    return list(folder.iterdir())
+
+
+@pytest.fixture
+def runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
+    return short_folder / "wil-campaign"
+
+
+async def test_a_campaign_says_on_its_machine_that_it_flies(tmp_path: Path, runtime: Path) -> None:
+    controller = make_desk(tmp_path, FakeFleet())
+    async with open_operator_channels(controller):
+        (place,) = places().campaigns
+        assert (place.name, place.folder) == ("gate", tmp_path)
+        assert place.socket.stat().st_mode & 0o777 == 0o600
+        assert places().beneath(tmp_path.parent).campaigns == (place,)
+        assert places().beneath(tmp_path / "large").campaigns == (place,)
+        assert places().beneath(tmp_path.parent / "other").campaigns == ()
+    assert places().campaigns == ()
+    assert left(runtime) == []
+
+
+async def test_what_a_killed_campaign_left_is_swept_away(tmp_path: Path, runtime: Path) -> None:
+    async with open_operator_channels(make_desk(tmp_path, FakeFleet())):
+        record = runtime / f"campaign-{os.getpid()}.json"
+        said = json.loads(record.read_text())
+        said["process"]["started"] -= 1
+        record.write_text(json.dumps(said))
+        assert places().campaigns == ()
+        assert left(runtime) == []
+
+
+@pytest.fixture
+def unsafe(runtime: Path) -> None:
+    runtime.mkdir()
+    runtime.chmod(0o755)
+
+
+@pytest.mark.usefixtures("unsafe")
+async def test_an_unsafe_folder_for_sockets_is_said(tmp_path: Path) -> None:
+    with pytest.raises(OperatingError, match="no socket for operators can be had"):
+        async with open_operator_channels(make_desk(tmp_path, FakeFleet())):
+            pass
+
+
+class Listener(threading.Thread):
+    """A guard's socket that hears one line and never answers: it may be stopped."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(daemon=True)
+        import socket
+
+        self.end = socket.socket(socket.AF_UNIX)
+        self.end.bind(str(path))
+        self.end.listen()
+        self.heard = b""
+
+    def run(self) -> None:
+        peer, _ = self.end.accept()
+        with peer:
+            self.heard = peer.recv(1000)
+        self.end.close()
+
+
+@pytest.fixture
+def listener(short_folder: Path) -> Iterator[Listener]:
+    made = Listener(short_folder / "guard.sock")
+    made.start()
+    yield made
+    made.join(5.0)
+
+
+def test_an_abort_goes_straight_to_the_guards(
+    tmp_path: Path, short_folder: Path, listener: Listener
+) -> None:
+    controller = make_desk(tmp_path, FakeFleet())
+    gone = Place("gone", tmp_path, short_folder / "gone.sock")
+    controller.guards = lambda: (gone, Place("large/wil/1", tmp_path, short_folder / "guard.sock"))
+    controller.obey(ABORT)
+    listener.join(5.0)
+    assert json.loads(listener.heard) == {"command": "abort", "who": "anna"}

@@ -1,0 +1,141 @@
+"""Commands by MQTT: what is obeyed, what is refused, and that nothing makes the reader fall."""
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from orchestrator.operator.mqtt_commands import CommandReader, RefusedCommandError
+from safety.guard.core.operator_command import OperatorCommand
+
+NOW_S = 1_763_739_600.0
+TOKEN = "of the test"  # noqa: S105 - opens nothing
+SESSION = "20261121T153936Z"
+
+
+def make_reader() -> CommandReader:
+    return CommandReader(token=TOKEN, session=SESSION, flying=lambda: ["large/wil/1"])
+
+
+def said(**changes: Any) -> bytes:
+    body = {"token": TOKEN, "session": SESSION, "id": "a1", "at": NOW_S, "who": "anna", **changes}
+    return json.dumps({key: value for key, value in body.items() if value is not ...}).encode()
+
+
+def read(payload: bytes, kind: str = "abort", *, retained: bool = False) -> Any:
+    return make_reader().read(kind, payload, retained=retained, now_s=NOW_S)
+
+
+@pytest.mark.parametrize("kind", ["abort", "hold", "resume"])
+def test_a_good_command_is_obeyed(kind: str) -> None:
+    asked = read(said(reason="a bird", run="large/wil/1"), kind)
+    assert (asked.kind, asked.command_id) == (kind, "a1")
+    assert asked == OperatorCommand(
+        kind,  # type: ignore[arg-type]
+        "mqtt:anna",
+        "a bird",
+        command_id="a1",
+    )
+    assert read(said(who=...)).who == "mqtt:operator"
+
+
+@pytest.mark.parametrize(
+    ("payload", "why"),
+    [
+        (b"", "not JSON"),
+        (b"\xff\xfe", "not UTF-8"),
+        (b"[" * 4000, "not JSON"),
+        (b"[1]", "not a JSON object"),
+        (b"{" + b" " * 66000 + b"}", "longer than 65536 bytes"),
+        (b"{}", "a token is needed"),
+        (said(token="guess"), "wrong token"),  # noqa: S106
+        (said(token=None), "wrong token"),
+        (said(token=5), "wrong token"),
+        (said(id=...), "id is a text of 1 to 64"),
+        (said(id="x" * 65), "id is a text of 1 to 64"),
+        (said(id=7), "id is a text of 1 to 64"),
+        (said(who="x\n"), "who is a name of 1 to 64"),
+        (said(more=1), "unknown keys: more"),
+        (said(**{"\ud800": 1}), "unknown keys: \\ud800"),
+        (said(at=...), "at is the time in seconds"),
+        (said(at="now"), "at is the time in seconds"),
+        (said(at=True), "at is the time in seconds"),
+        (said(at=NOW_S - 5.1), "stale"),
+        (said(at=NOW_S + 5.1), "stale"),
+        (said(at=float("nan")), "stale"),
+        (said(at=float("inf")), "stale"),
+        (said(at=10**400), "stale"),
+        (said(session=...), "for another start of the campaign"),
+        (said(session="20261121T000000Z"), "for another start of the campaign"),
+        (said(run="large/wil/2"), "for another run"),
+        (said(run=["large"]), "for another run"),
+        (said(run=None), "for another run"),
+    ],
+)
+def test_what_is_wrong_is_refused_with_the_reason(payload: bytes, why: str) -> None:
+    with pytest.raises(RefusedCommandError) as refused:
+        read(payload)
+    assert str(refused.value).startswith(why)
+
+
+@pytest.mark.parametrize("given", ["box: {}", {"box": {"up_m": [0, 2]}}])
+def test_a_geofence_comes_as_text_or_as_an_object(given: Any) -> None:
+    command = read(said(geofence=given), "geofence")
+    assert (command.kind, command.command_id) == ("geofence", "a1")
+    assert given in (command.document, json.loads(command.document) if given != "box: {}" else "")
+    with pytest.raises(RefusedCommandError, match="geofence is for"):
+        read(said(geofence=given), "hold")
+    with pytest.raises(RefusedCommandError, match="geofence is for"):
+        read(said(), "geofence")
+
+
+def test_a_reason_that_is_fit_for_no_record_is_left_out() -> None:
+    for reason in ("x" * 201, "\ud800", "a\nb", 7):
+        assert read(said(reason=reason)).reason == ""
+
+
+def test_a_retained_command_and_an_unknown_one_are_refused() -> None:
+    with pytest.raises(RefusedCommandError, match="retained"):
+        read(said(), retained=True)
+    with pytest.raises(RefusedCommandError, match="no command 'land'"):
+        read(said(), "land")
+
+
+def test_no_id_is_obeyed_twice_while_it_is_fresh() -> None:
+    reader = make_reader()
+    reader.read("hold", said(), retained=False, now_s=NOW_S)
+    with pytest.raises(RefusedCommandError, match="used already") as refused:
+        reader.read("hold", said(), retained=False, now_s=NOW_S + 4.0)
+    assert (refused.value.command_id, refused.value.who) == ("a1", "anna")
+    with pytest.raises(RefusedCommandError, match="stale"):
+        reader.read("hold", said(), retained=False, now_s=NOW_S + 60.0)
+    later = said(at=NOW_S + 60.0)
+    assert reader.read("hold", later, retained=False, now_s=NOW_S + 60.0).command_id == "a1"
+
+
+def test_without_a_token_of_ours_there_is_no_reader() -> None:
+    with pytest.raises(ValueError, match="anybody"):
+        CommandReader(token="", session=SESSION, flying=list)
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=6,
+)
+keys = st.sampled_from(["token", "session", "id", "at", "who", "run", "reason", "x"])
+
+
+@given(st.binary(max_size=200) | st.dictionaries(keys, values).map(json.dumps).map(str.encode))
+def test_nothing_but_a_refusal_comes_of_garbage(payload: bytes) -> None:
+    with pytest.raises(RefusedCommandError):
+        read(payload)
+
+
+@given(st.dictionaries(keys, values))
+def test_nor_of_garbage_with_the_right_token(body: dict[str, Any]) -> None:
+    payload = json.dumps({**body, "token": TOKEN, "session": "another"}).encode()
+    with pytest.raises(RefusedCommandError):
+        read(payload)

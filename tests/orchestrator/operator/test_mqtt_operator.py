@@ -1,0 +1,322 @@
+"""A desk at a broker: commands and answers, hostile messages, a broker that goes and comes back."""
+
+import asyncio
+import json
+import socket
+import time
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any, Self
+
+import aiomqtt
+import pytest
+
+from campaigns.setup.operator_setup import MqttSetup
+from campaigns.values.broker_address import BrokerAddress
+from orchestrator.cli import main
+from orchestrator.model.progress import Happening
+from orchestrator.operator.campaign_controller import CampaignController
+from orchestrator.operator.embedded_broker import embedded_broker
+from orchestrator.operator.errors import OperatingError
+from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
+from orchestrator.operator.operator_channels import open_operator_channels
+from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+
+TOKEN = "of the test"  # noqa: S105 - opens nothing
+SECRETS = MqttSecrets(token=TOKEN)
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+class Person:
+    """Follows a campaign at a broker, and commands it."""
+
+    def __init__(self, port: int, controller: CampaignController) -> None:
+        self._client = aiomqtt.Client("127.0.0.1", port)
+        self._controller = controller
+        self.heard: list[tuple[str, dict[str, Any]]] = []
+        self._count = 0
+
+    async def __aenter__(self) -> Self:
+        await self._client.__aenter__()
+        await self._client.subscribe("wil/gate/#")
+        self._task = asyncio.create_task(self._hear())
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        self._task.cancel()
+        await asyncio.wait([self._task])
+        await self._client.__aexit__(None, None, None)
+
+    async def _hear(self) -> None:
+        async for message in self._client.messages:
+            assert isinstance(message.payload, bytes)
+            topic = str(message.topic).removeprefix("wil/gate/")
+            if topic.partition("/")[0] != "operator" or topic.endswith("ack"):
+                self.heard.append((topic, json.loads(message.payload)))
+
+    def of(self, topic: str) -> list[dict[str, Any]]:
+        return [said for name, said in self.heard if name == topic]
+
+    async def until(self, topic: str, count: int = 1) -> list[dict[str, Any]]:
+        async with asyncio.timeout(10.0):
+            while len(self.of(topic)) < count:  # noqa: ASYNC110 - another process sets no event
+                await asyncio.sleep(0.01)
+        return self.of(topic)
+
+    async def say(self, kind: str, payload: bytes, *, retain: bool = False) -> None:
+        await self._client.publish(f"wil/gate/operator/{kind}", payload, qos=1, retain=retain)
+
+    async def command(self, kind: str, **changes: Any) -> dict[str, Any]:
+        self._count += 1
+        body = {"token": TOKEN, "session": self._controller.session, "id": f"id {self._count}"}
+        said = {**body, "at": time.time(), "who": "anna", **changes}
+        before = len(self._answers(said["id"]))
+        await self.say(kind, json.dumps(said).encode())
+        async with asyncio.timeout(10.0):
+            while len(self._answers(said["id"])) <= before:  # noqa: ASYNC110 - as above
+                await asyncio.sleep(0.01)
+        return self._answers(said["id"])[-1]
+
+    def _answers(self, command_id: str) -> list[dict[str, Any]]:
+        return [answer for answer in self.of("operator/ack") if answer["id"] == command_id]
+
+
+class Scene:
+    """A broker, a desk that is connected to it, and a person."""
+
+    def __init__(self, folder: Path, **setup: Any) -> None:
+        self.port = free_port()
+        address = BrokerAddress("127.0.0.1", self.port, embedded=True)
+        self.setup = MqttSetup(broker=address, **setup)
+        self.fleet = FakeFleet()
+        self.controller = make_desk(folder, self.fleet)
+        self.broker = AsyncExitStack()
+
+    async def start_broker(self) -> None:
+        await self.broker.enter_async_context(embedded_broker(self.setup.broker))
+
+    async def stop_broker(self) -> None:
+        await self.broker.aclose()
+
+    async def __aenter__(self) -> Self:
+        await self.start_broker()
+        self._stack = AsyncExitStack()
+        await self._stack.enter_async_context(mqtt_operating(self.setup, SECRETS, self.controller))
+        self.person = await self._stack.enter_async_context(Person(self.port, self.controller))
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        await self._stack.aclose()
+        await self.stop_broker()
+
+
+@pytest.fixture
+async def scene(tmp_path: Path) -> AsyncIterator[Scene]:
+    async with Scene(tmp_path) as made:
+        yield made
+
+
+def log(folder: Path) -> list[dict[str, Any]]:
+    path = folder / "operator.jsonl"
+    return [json.loads(line) for line in path.read_text("utf-8").splitlines()]
+
+
+async def test_commands_are_obeyed_and_answered(scene: Scene, tmp_path: Path) -> None:
+    person = scene.person
+    (status,) = await person.until("status")
+    assert (status["state"], status["session"]) == ("flying", tmp_path.name)
+    hold = await person.command("hold")
+    assert (hold["ok"], hold["id"], hold["who"]) == (True, "id 1", "mqtt:anna")
+    assert hold["text"] == "held: 1 run in flight; none is begun"
+    again = await person.command("hold")
+    assert (again["ok"], again["text"]) == (False, "hold: all hold already")
+    abort = await person.command("abort")
+    assert abort["ok"]
+    assert [one.who for one in scene.fleet.aborted] == ["mqtt:anna"]
+    assert [said["state"] for said in await person.until("status", 3)] == [
+        "flying",
+        "held",
+        "landing",
+    ]
+    assert [(one["command"], one["who"], one["ok"]) for one in log(tmp_path)] == [
+        ("hold", "mqtt:anna", True),
+        ("hold", "mqtt:anna", False),
+        ("abort", "mqtt:anna", True),
+    ]
+
+
+async def test_what_is_hostile_is_refused_and_changes_nothing(scene: Scene, tmp_path: Path) -> None:
+    person = scene.person
+    for payload in (b"\xff", b"[]", b"{", b"x" * 200_000, b'{"token": "guess", "id": "1"}'):
+        await person.say("abort", payload)
+    answers = await person.until("operator/ack", 5)
+    assert [said["ok"] for said in answers] == [False] * 5
+    assert [said["text"] for said in answers] == [
+        "not UTF-8",
+        "not a JSON object",
+        "not JSON",
+        "longer than 65536 bytes",
+        "wrong token",
+    ]
+    stale = await person.command("abort", at=time.time() - 30.0)
+    assert stale["text"].startswith("stale")
+    other = await person.command("abort", session="20200101T000000Z")
+    assert other["text"].startswith("for another start")
+    await person.say("explode", b"{}")
+    assert scene.fleet.aborted == []
+    good = await person.command("hold", id="once")
+    twice = await person.command("resume", id="once")
+    assert (good["ok"], twice["text"]) == (True, "this id was used already")
+    refused = [one["text"] for one in log(tmp_path) if not one["ok"]]
+    assert "mqtt: abort: wrong token" in refused
+
+
+async def test_a_retained_command_waits_for_nobody(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    await scene.start_broker()
+    async with Person(scene.port, scene.controller) as person:
+        body = {"token": TOKEN, "session": scene.controller.session, "id": "1", "at": time.time()}
+        await person.say("abort", json.dumps(body).encode(), retain=True)
+        async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+            answer = (await person.until("operator/ack"))[0]
+    assert answer["text"].startswith("it was retained")
+    assert scene.fleet.aborted == []
+    await scene.stop_broker()
+
+
+async def test_a_flood_is_not_answered_and_a_command_gets_through(
+    scene: Scene, tmp_path: Path
+) -> None:
+    person = scene.person
+    for _ in range(500):
+        await person.say("abort", b"{")
+    await asyncio.sleep(1.1)
+    answer = await person.command("abort")
+    assert answer["ok"]
+    assert len(scene.fleet.aborted) == 1
+    assert len(log(tmp_path)) < 200
+
+
+async def test_what_happens_is_published_at_once(scene: Scene) -> None:
+    await scene.person.until("status")
+    for follower in (scene.controller,):
+        follower.news(Happening("large/wil/1", 9.0, "collision", "collision", "real", "touched"))
+        follower.news(Happening("large/wil/1", 9.0, "decisive", "FAIL", "", "a contact"))
+    (touch,) = await scene.person.until("collision")
+    (verdict,) = await scene.person.until("verdict")
+    assert (touch["vehicle"], verdict["verdict"], verdict["final"]) == ("real", "FAIL", False)
+
+
+async def test_the_end_is_told_and_a_death_as_well(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    await scene.start_broker()
+    async with Person(scene.port, scene.controller) as person:
+        async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+            await person.until("status")
+        states = [said["state"] for said in await person.until("status", 2)]
+        assert states == ["flying", "ended"]
+    async with Person(scene.port, scene.controller) as late:
+        assert {said["state"] for said in await late.until("status")} == {"ended"}
+    await scene.stop_broker()
+
+
+async def test_a_broker_that_comes_back_finds_us_again(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    await scene.start_broker()
+    async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+        await scene.stop_broker()
+        await asyncio.sleep(0.3)
+        scene.controller.news(Happening("large/wil/1", 9.0, "decisive", "FAIL", "", "meanwhile"))
+        await scene.start_broker()
+        async with Person(scene.port, scene.controller) as person:
+            await person.until("status")
+            assert (await person.command("abort"))["ok"]
+        notes = [one["text"] for one in log(tmp_path) if not one["command"]]
+        assert notes[0].startswith("the broker is away: ")
+        assert notes[1:] == ["the broker is back"]
+    await scene.stop_broker()
+
+
+@pytest.mark.parametrize("policy", ["continue", "hold", "abort"])
+async def test_what_is_done_without_a_broker_is_the_campaign_s_to_say(
+    tmp_path: Path, policy: str
+) -> None:
+    scene = Scene(tmp_path, on_loss=policy, lost_after_s=0.3)
+    await scene.start_broker()
+    async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+        await scene.stop_broker()
+        async with asyncio.timeout(10.0):
+            while len(log_or_none(tmp_path)) < 1:  # noqa: ASYNC110 - a file sets no event
+                await asyncio.sleep(0.01)
+        await asyncio.sleep(0.6)
+        assert scene.controller.held == (policy == "hold")
+        assert (scene.controller.stopped == "command") == (policy == "abort")
+    if policy != "continue":
+        last = log(tmp_path)[-1]
+        assert (last["command"], last["who"]) == (policy, "mqtt (the broker is away)")
+
+
+def log_or_none(folder: Path) -> list[dict[str, Any]]:
+    try:
+        return log(folder)
+    except OSError:
+        return []
+
+
+async def test_a_broker_that_is_not_there_is_an_error_at_the_start(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    with pytest.raises(OperatingError, match=r"the broker .* cannot be had.*refused"):
+        async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+            pass
+
+
+def test_the_program_ends_with_3_before_anything_flies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    broker = f"mqtt://127.0.0.1:{free_port()}"
+    arguments = ["run", "campaigns/gate.yaml", "--out", str(out), "--broker", broker]
+    assert main(arguments) == 3
+    assert f"the broker {broker} cannot be had" in capsys.readouterr().err
+    assert not list(out.glob("**/result.json"))
+
+
+async def test_a_taken_port_is_an_error_of_the_embedded_broker(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        address = BrokerAddress("127.0.0.1", taken.getsockname()[1], embedded=True)
+        with pytest.raises(OperatingError, match="choose another"):
+            async with embedded_broker(address):
+                pass
+
+
+@pytest.fixture
+def runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
+
+
+@pytest.mark.usefixtures("runtime")
+async def test_a_token_is_made_where_none_is_named(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+    async with open_operator_channels(scene.controller, scene.setup):
+        path = tmp_path / "operator.token"
+        token = path.read_text().strip()
+        assert path.stat().st_mode & 0o777 == 0o600
+        async with Person(scene.port, scene.controller) as person:
+            assert (await person.command("abort"))["text"] == "wrong token"
+            assert (await person.command("abort", token=token))["ok"]
+
+
+@pytest.mark.usefixtures("runtime")
+async def test_a_secret_that_is_not_set_is_said(tmp_path: Path) -> None:
+    scene = Scene(tmp_path, token_env="WIL_NOT_SET")  # noqa: S106
+    with pytest.raises(OperatingError, match="the variable WIL_NOT_SET is not set"):
+        async with open_operator_channels(scene.controller, scene.setup):
+            pass

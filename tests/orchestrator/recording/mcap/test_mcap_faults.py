@@ -1,0 +1,328 @@
+"""run.mcap when something goes wrong: cut, killed, late, full, and none at all."""
+
+import errno
+import io
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from io import FileIO
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+import zstandard
+from mcap.exceptions import EndOfFile
+from mcap.stream_reader import StreamReader
+
+from orchestrator.model.clock import run_virtual
+from orchestrator.recording.errors import RecordingError
+from orchestrator.recording.mcap import mcap_file, mcap_writer
+from orchestrator.recording.mcap.mcap_encode import Encoder
+from orchestrator.recording.mcap.mcap_settings import LOSSLESS
+from orchestrator.recording.mcap.mcap_writer import RecordingReport
+from orchestrator.recording.mcap_reader import RecordedEvent, RecordedReading, Recording
+from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from tests.orchestrator.mcap_runs import (
+    PROVENANCE,
+    SMALL_CHUNKS,
+    a_run,
+    camera,
+    key,
+    read,
+    recorder,
+)
+from vehicles.readings import Reading
+
+
+def test_equal_runs_give_equal_bytes_and_the_report_counts(tmp_path: Path) -> None:
+    reports = [a_run(tmp_path / name) for name in ("a.mcap", "b.mcap")]
+    a, b = ((tmp_path / name).read_bytes() for name in ("a.mcap", "b.mcap"))
+    assert a == b
+    assert reports[0] == RecordingReport(1 + 30 * 4 + 1, (), 0, len(a), None)
+    assert reports[0].complete
+    a_run(tmp_path / "c.mcap", epoch_s=VIRTUAL_EPOCH_S + 1.0)
+    assert (tmp_path / "c.mcap").read_bytes() != a
+
+
+def test_a_backlog_of_one_picture_gives_the_same_bytes_under_a_virtual_clock(
+    tmp_path: Path,
+) -> None:
+    a_run(tmp_path / "a.mcap")
+    report = a_run(tmp_path / "b.mcap", settings=replace(LOSSLESS, backlog_bytes=1))
+    assert report.complete
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_it_records_within_a_virtual_run(tmp_path: Path) -> None:
+    async def run() -> RecordingReport:
+        with recorder(tmp_path / "run.mcap") as one:
+            one.event(0.0, "info", "stage", "ready")
+            return await one.aclose()
+
+    assert run_virtual(run()).complete
+    assert len(read(tmp_path / "run.mcap")[0]) == 1
+
+
+def test_a_cut_file_reads_up_to_its_last_whole_chunk(tmp_path: Path) -> None:
+    path, cut = tmp_path / "run.mcap", tmp_path / "cut.mcap"
+    a_run(path, settings=SMALL_CHUNKS)
+    whole = path.read_bytes()
+    everything = [key(one) for one in read(path)[0]]
+    ends = list(_chunk_ends(whole))
+    assert len(ends) > 6
+    for length in range(0, len(whole), 1000):
+        cut.write_bytes(whole[:length])
+        found, recording = read(cut)
+        assert [key(one) for one in found] == everything[: len(found)]
+        chunks = sum(end <= length for end, _ in ends)
+        messages = sum(count for _, count in ends[:chunks])
+        assert len(found) == messages
+        assert recording.end is not None
+        assert not recording.end.whole
+        assert f"byte {recording.end.read_bytes}" in recording.end.reason
+
+
+def _chunk_ends(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield where each chunk ends, and how many of its messages are items of ours."""
+    reader = StreamReader(io.BytesIO(data), emit_chunks=True)
+    position = 8
+    channels: dict[int, str] = {}
+    for record in reader.records:
+        if type(record).__name__ == "DataEnd":
+            return
+        opcode_and_length = data[position : position + 9]
+        position += 9 + int.from_bytes(opcode_and_length[1:], "little")
+        if type(record).__name__ == "Chunk":
+            inner = StreamReader(io.BytesIO(_records_of(record)), skip_magic=True)
+            count = 0
+            for one in _until_end(inner):
+                if type(one).__name__ == "Channel":
+                    channels[one.id] = one.metadata["part"]
+                elif type(one).__name__ == "Message":
+                    count += channels[one.channel_id] in {"reading", "provenance", "event"}
+            yield position, count
+
+
+def _records_of(chunk: Any) -> bytes:
+    return zstandard.decompress(chunk.data, chunk.uncompressed_size)
+
+
+def _until_end(reader: StreamReader) -> Iterator[Any]:
+    try:
+        yield from reader.records
+    except EndOfFile:
+        return
+
+
+def test_a_damaged_chunk_ends_the_reading_with_its_place(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    a_run(path, settings=SMALL_CHUNKS)
+    data = bytearray(path.read_bytes())
+    (first, first_count), (second, _) = list(_chunk_ends(bytes(data)))[:2]
+    assert second - first > 9000
+    for back in (10, 500, 3000, 8000):
+        broken = bytearray(data)
+        broken[second - back] ^= 0xFF
+        path.write_bytes(broken)
+        found, recording = read(path)
+        assert recording.end is not None
+        assert not recording.end.whole
+        assert recording.end.reason.startswith(f"damaged after byte {recording.end.read_bytes}")
+        assert first <= recording.end.read_bytes < second
+        assert len(found) == first_count
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n\x01"])
+def test_a_file_with_nothing_in_it_yet(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    found, recording = read(path)
+    assert found == []
+    assert recording.end is not None
+    assert not recording.end.whole
+
+
+def test_a_file_that_is_something_else_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"schema: wil/recipe/1\n")
+    with pytest.raises(RecordingError, match=r"run\.mcap: not an MCAP file"):
+        list(Recording(path))
+
+
+def test_a_file_of_others_has_nothing_for_us_and_a_forged_one_is_refused(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    path = tmp_path / "other.mcap"
+    for facts, message in (({}, b"{}"), ({"part": "reading"}, b"{}"), ({"part": "event"}, b"[")):
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            schema = writer.register_schema("x", "jsonschema", b"{}")
+            channel = writer.register_channel("/x", "json", schema, facts)
+            writer.add_message(channel, 1, message, 1)
+            writer.finish()  # type: ignore[no-untyped-call]  # of mcap
+        if not facts:
+            assert list(Recording(path)) == []
+        else:
+            with pytest.raises(RecordingError, match=r"/x at 1 ns cannot be read"):
+                list(Recording(path))
+
+
+class _Held:
+    """Stands in for the encoder's camera: holds the writing thread until it is let go."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.go = threading.Event()
+        original = Encoder.encode
+
+        def held(encoder: Any, sensor: str, reading: Reading) -> Any:
+            self.go.wait(10.0)
+            return original(encoder, sensor, reading)
+
+        monkeypatch.setattr(Encoder, "encode", held)
+
+
+def test_a_wall_clock_drops_what_is_new_and_counts_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = _Held(monkeypatch)
+    path = tmp_path / "run.mcap"
+    settings = replace(LOSSLESS, backlog_bytes=3 * 30_000)
+    with recorder(path, clock="wall", settings=settings) as run:
+        started_s = time.monotonic()
+        for k in range(10):
+            run.reading("camera", camera(k))
+        run.mixed("camera", camera(3, "mixed"), PROVENANCE, now_s=0.4)
+        waited_s = time.monotonic() - started_s
+        held.go.set()
+        report = run.close()
+    assert waited_s < 1.0
+    assert report.dropped == (("/mixed/camera", 1), ("/real/camera", 7))
+    assert not report.complete
+    found, recording = read(path)
+    assert [key(one)[2] for one in found] == [0, 1, 2, 4]  # the last is the provenance
+    assert recording.counts["dropped /real/camera"] == "7"
+
+
+def test_a_picture_that_cannot_be_encoded_is_counted_and_said(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    broken = replace(camera(5), image_bgr=cast("Any", None))
+    with recorder(path) as run:
+        run.reading("camera", camera(4))
+        run.reading("camera", broken)
+        run.reading("camera", camera(6))
+        report = run.close()
+    assert (report.failed, report.fault) == (1, None)
+    found, _ = read(path)
+    events = [one for one in found if isinstance(one, RecordedEvent)]
+    assert [key(one)[2] for one in found if isinstance(one, RecordedReading)] == [4, 6]
+    assert events[0].level == 4
+    assert "AttributeError" in events[0].message
+
+
+@pytest.mark.parametrize("clock", ["virtual", "wall"])
+def test_a_full_disk_ends_the_recording_and_not_the_flight(
+    tmp_path: Path, clock: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = [60_000]
+
+    class Small(FileIO):
+        def write(self, data: Any) -> int:
+            if room[0] <= 0:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            written = super().write(bytes(data)[: room[0]])
+            room[0] -= written
+            return written
+
+    monkeypatch.setattr(mcap_file, "FileIO", Small)
+    path = tmp_path / "run.mcap"
+    report = a_run(path, clock=clock, settings=SMALL_CHUNKS)
+    assert report.fault == "run.mcap: No space left on device; recording ended"
+    assert report.failed > 0
+    assert path.stat().st_size == 60_000
+    found, recording = read(path)
+    assert len(found) > 10
+    assert recording.end is not None
+    assert not recording.end.whole
+
+
+def test_what_comes_after_the_end_is_not_waited_for(tmp_path: Path) -> None:
+    with recorder(tmp_path / "run.mcap") as run:
+        first = run.close()
+        run.reading("camera", camera())
+        assert run.close() is first
+
+
+def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"precious")
+    with pytest.raises(FileExistsError), recorder(path):
+        pass
+    assert path.read_bytes() == b"precious"
+
+
+KILLED = """
+import sys, time
+import numpy as np
+from pathlib import Path
+from orchestrator.recording.mcap.mcap_writer import McapRecorder
+from vehicles.readings import CameraReading, PoseReading
+from worlds.camera import Intrinsics
+from worlds.frames import Pose
+rng = np.random.default_rng(1)
+with McapRecorder(path=Path(sys.argv[1]), epoch_s=1.7e9, clock="wall") as run:
+    k = 0
+    while True:
+        t = k / 100
+        image = rng.integers(0, 255, (48, 64, 3), np.uint8)
+        run.reading("camera", CameraReading(t, t, k, "real", image, Intrinsics.from_fov(64, 48, 1)))
+        run.reading("pose", PoseReading(t, t, "real", Pose((t, 0.0, 0.0)), seq=k))
+        k += 1
+        if k % 100 == 0:
+            print(k, flush=True)
+        time.sleep(0.0005)
+"""
+
+
+def test_a_writer_killed_with_9_leaves_all_but_its_last_chunk(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    writer = subprocess.Popen(  # noqa: S603  # our own program
+        [sys.executable, "-c", KILLED, str(path)],
+        stdout=subprocess.PIPE,
+        cwd=Path(__file__).parents[4],
+        text=True,
+    )
+    try:
+        assert writer.stdout is not None
+        for line in writer.stdout:
+            if int(line) >= 400:
+                break
+    finally:
+        writer.send_signal(signal.SIGKILL)
+        writer.wait(10.0)
+        assert writer.stdout is not None
+        writer.stdout.close()
+    found, recording = read(path)
+    numbers = [key(one)[2] for one in found if isinstance(one, RecordedReading)]
+    assert numbers == [k // 2 for k in range(len(numbers))]
+    assert len(numbers) > 2 * 250  # at most chunk_s and what waited in the thread is lost
+    assert recording.end is not None
+    assert not recording.end.whole
+
+
+def test_a_chunk_is_written_while_nothing_comes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_writer, "_IDLE_FLUSH_S", 0.01)
+    path = tmp_path / "run.mcap"
+    with recorder(path, clock="wall") as run:
+        run.event(0.0, "info", "stage", "hold")
+        deadline_s = time.monotonic() + 5.0
+        while not read(path)[0] and time.monotonic() < deadline_s:
+            time.sleep(0.005)
+        assert len(read(path)[0]) == 1

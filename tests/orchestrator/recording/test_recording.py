@@ -1,0 +1,133 @@
+"""What is recorded can be read by others, also when it was cut."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from orchestrator.model.run_log import RunLog
+from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
+from orchestrator.recording.video import VideoWriter
+from vehicles.mavlink.tlog import TlogWriter
+from vehicles.setpoints import VelocitySetpoint
+from worlds.frames import Pose
+
+
+def picture(level: int) -> "np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]":
+    return np.full((48, 64, 3), level, np.uint8)
+
+
+def test_pymavlink_reads_our_tlog(tmp_path: Path) -> None:
+    mav = mavlink.MAVLink(None, 1, 1)
+    frames = [mavlink.MAVLink_heartbeat_message(2, 12, 29, 0, 3, 3).pack(mav) for _ in range(3)]
+    with TlogWriter(path=tmp_path / "real.tlog", epoch_s=1_767_225_600.0) as log:
+        for k, frame in enumerate(frames):
+            log.write(0.5 * k, frame)
+    reader = mavutil.mavlink_connection(str(tmp_path / "real.tlog"))
+    stamps = []
+    while (message := reader.recv_match()) is not None:
+        assert message.get_type() == "HEARTBEAT"
+        stamps.append(message._timestamp)
+    reader.close()
+    assert stamps == [1_767_225_600.0, 1_767_225_600.5, 1_767_225_601.0]
+
+
+def test_a_video_plays_and_keeps_its_times(tmp_path: Path) -> None:
+    path = tmp_path / "mixed.mp4"
+    with VideoWriter(path=path, rate_hz=10) as video:
+        for k in range(20):
+            video.write(5.0 + k / 10, picture(10 * k))
+    with av.open(str(path)) as container:
+        times = [float(frame.time or 0.0) for frame in container.decode(video=0)]
+    assert len(times) == 20
+    assert np.diff(times) == pytest.approx(0.1, abs=1e-3)
+
+
+def test_a_video_whose_writer_was_killed_plays_up_to_the_last_second(tmp_path: Path) -> None:
+    path = tmp_path / "mixed.mp4"
+    with VideoWriter(path=path, rate_hz=10) as video:
+        for k in range(35):
+            video.write(k / 10, picture(5 * k))
+        cut = path.read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(cut)
+    with av.open(str(tmp_path / "cut.mp4")) as container:
+        assert len(list(container.decode(video=0))) >= 20
+
+
+def test_no_picture_leaves_no_file(tmp_path: Path) -> None:
+    with VideoWriter(path=tmp_path / "mixed.mp4", rate_hz=10):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_trajectory_rows_have_all_columns_and_empty_cells_for_the_unknown(tmp_path: Path) -> None:
+    path = tmp_path / "trajectory.csv"
+    pose = Pose.of(1.0, 2.0, 3.0, yaw_rad=0.5)
+    with TrajectoryWriter(path=path) as trajectory:
+        trajectory.write(
+            TrajectoryRow(
+                t_s=1.25,
+                vehicle="real",
+                stage="goal",
+                mode="OFFBOARD",
+                armed=True,
+                estimate=pose,
+                velocity_ned_m_s=(0.1, 0.2, 0.3),
+                truth=None,
+                setpoint=VelocitySetpoint((1.0, 0.0, 0.0), yaw_rad=0.5),
+                note="approach",
+            )
+        )
+    (row,) = csv.DictReader(path.read_text(encoding="utf-8").splitlines())
+    assert None not in row.values()
+    assert float(row["est_down_m"]) == -3.0
+    assert math.isclose(float(row["est_yaw_rad"]), 0.5, abs_tol=1e-6)
+    assert row["true_north_m"] == ""
+    assert (row["sp_kind"], row["sp_north"], row["note"]) == ("velocity", "1.000000", "approach")
+
+
+def test_the_log_is_on_its_way_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    with RunLog(path=path) as log:
+        log.write(0.5, "stage", name="takeoff")
+        assert json.loads(path.read_text(encoding="utf-8")) == {
+            "t_s": 0.5,
+            "event": "stage",
+            "name": "takeoff",
+        }
+
+
+def test_the_log_takes_what_is_no_text_and_what_comes_too_late(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    with RunLog(path=path) as log:
+        log.write(0.5, "vehicle", text="half a pair: \ud800")
+    log.write(0.6, "late")
+    (line,) = path.read_text(encoding="utf-8").splitlines()
+    assert json.loads(line)["text"] == "half a pair: \ud800"
+
+
+def test_a_note_that_has_what_separates_stays_one_cell(tmp_path: Path) -> None:
+    path = tmp_path / "trajectory.csv"
+    row = TrajectoryRow(
+        t_s=0.0,
+        vehicle="real",
+        stage="goal",
+        mode="OFFBOARD",
+        armed=True,
+        estimate=None,
+        velocity_ned_m_s=None,
+        truth=None,
+        setpoint=None,
+        note='left, "then" right',
+    )
+    with TrajectoryWriter(path=path) as trajectory:
+        trajectory.write(row)
+    (read,) = csv.DictReader(path.read_text(encoding="utf-8").splitlines())
+    assert None not in read
+    assert read["note"] == 'left, "then" right'

@@ -1,0 +1,44 @@
+"""A run ends when all are on the ground and disarmed, whatever a single frame says."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from orchestrator.model.results import RunResult
+from tests.orchestrator.flights import all_landed
+from tests.orchestrator.run.flight.test_run import at_stage
+from vehicles.mavlink.codec import Codec
+
+Fly = Callable[..., tuple[RunResult, Path]]
+
+
+def says_it_is_disarmed(pair: Any) -> None:
+    """Send one heartbeat in the name of each vehicle, as a replay or a second vehicle would."""
+    for vehicle in pair.vehicles.values():
+        codec = Codec(system_id=vehicle.config.system_id, component_id=1)
+        beat = vehicle.autopilot._heartbeat()
+        beat.base_mode &= 0x7F
+        vehicle._link.write(codec.pack(beat))
+
+
+@pytest.mark.parametrize("campaign", ["gate", "gate-ardupilot"])
+def test_a_word_that_a_landing_vehicle_is_disarmed_ends_no_run_in_the_air(
+    fly_run: Fly, campaign: str
+) -> None:
+    there: list[Any] = []
+
+    def lie(pair: Any) -> None:
+        there.extend(pair.vehicles.values())
+        says_it_is_disarmed(pair)
+
+    sets = ("oracles={landed: {}, reached: {}}",)
+    result, folder = fly_run(campaign, disturb=at_stage("land", 2.2, lie), sets=sets)
+    for vehicle in there:
+        assert not vehicle.autopilot.flight.armed
+        assert abs(vehicle.truth().pose.position_ned_m[2]) < 0.2
+    assert all_landed(folder)
+    assert result.verdict == "ERROR"
+    said = [result.reason, *(one.reason for one in result.also)]
+    assert any("heard armed after that" in text for text in said), said

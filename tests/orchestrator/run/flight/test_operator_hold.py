@@ -1,0 +1,125 @@
+"""The operator holds and lets go on, at every stage of a flight."""
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from orchestrator.model.results import RunResult
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_state import RunState, Stage
+from safety.guard.core.operator_command import OperatorCommand, OperatorKind
+from tests.orchestrator.flights import all_landed, log_of
+
+Fly = Callable[..., tuple[RunResult, Path]]
+
+
+class Operator:
+    """Gives commands some time after a stage is entered; an inbox and a disturbance in one."""
+
+    def __init__(self, stage: Stage, *script: tuple[float, OperatorKind]) -> None:
+        self._stage = stage
+        self._script = list(script)
+        self._since_s: float | None = None
+
+    def __call__(self, pair: Pair, run_state: RunState) -> None:
+        def entered(name: Stage, t_s: float) -> None:
+            if name == self._stage and self._since_s is None:
+                self._since_s = t_s
+
+        run_state.on_stage(entered)
+
+    def poll(self) -> OperatorCommand | None:
+        now_s = asyncio.get_running_loop().time()
+        if self._since_s is None or not self._script:
+            return None
+        after_s, kind = self._script[0]
+        if now_s < self._since_s + after_s:
+            return None
+        self._script.pop(0)
+        return OperatorCommand(kind, "anna")
+
+
+def fly_held(fly_run: Fly, stage: Stage, *script: tuple[float, OperatorKind], **more: Any) -> Any:
+    operator = Operator(stage, *script)
+    return fly_run(inbox=operator, disturb=operator, **more)
+
+
+def entered(folder: Path) -> dict[str, float]:
+    return {line["stage"]: line["t_s"] for line in log_of(folder) if line["event"] == "stage"}
+
+
+STAGES: list[tuple[Stage, float]] = [
+    ("ready", 1.0),
+    ("arm", 0.0),
+    ("takeoff", 0.3),
+    ("takeoff", 2.5),
+    ("at_height", 0.2),
+]
+
+
+@pytest.mark.parametrize(
+    ("campaign", "stage", "after_s"),
+    [
+        *(("gate", stage, after_s) for stage, after_s in STAGES),
+        # ArduCopter is in GUIDED already: the goal comes with the height.
+        *(("gate-ardupilot", stage, after_s) for stage, after_s in STAGES[:-1]),
+    ],
+)
+def test_a_hold_before_the_goal_only_delays_it(
+    fly_run: Fly, campaign: str, stage: Stage, after_s: float
+) -> None:
+    result, folder = fly_held(
+        fly_run,
+        stage,
+        (after_s, "hold"),
+        (after_s + 12.0, "resume"),
+        campaign=campaign,
+        sets=("sync.max_takeoff_skew_s=9",),
+    )
+    assert (result.verdict, result.reason) == ("PASS", "")
+    times = entered(folder)
+    assert times["goal"] > times[stage] + after_s + 12.0
+    assert all_landed(folder)
+
+
+@pytest.mark.parametrize("campaign", ["gate", "gate-ardupilot"])
+def test_a_hold_after_the_goal_proves_nothing_and_the_flight_goes_on(
+    fly_run: Fly, campaign: str
+) -> None:
+    result, folder = fly_held(fly_run, "goal", (2.0, "hold"), (12.0, "resume"), campaign=campaign)
+    assert result.verdict == "INVALID"
+    assert result.reason == "held by anna after the goal was given: the flight proves nothing"
+    times = entered(folder)
+    assert times["done"] > times["goal"] + 12.0
+    assert all_landed(folder)
+
+
+def test_nothing_of_the_flight_ends_it_while_it_is_held(fly_run: Fly) -> None:
+    result, folder = fly_held(
+        fly_run, "goal", (1.0, "hold"), (14.0, "resume"), sets=("oracles.time_limit.limit_s=5",)
+    )
+    assert result.verdict == "INVALID"
+    assert result.also[0].reason == "real was not done 5 s after its goal"
+    times = entered(folder)
+    assert times["goal"] + 14.0 < times["land"] < times["goal"] + 14.5
+    assert all_landed(folder)
+
+
+def test_a_hold_while_landing_stops_it_in_the_air(fly_run: Fly) -> None:
+    result, folder = fly_held(fly_run, "land", (1.0, "hold"), (20.0, "resume"))
+    assert result.verdict == "INVALID"
+    times = entered(folder)
+    assert times["landed"] > times["land"] + 20.0
+    assert all_landed(folder)
+
+
+def test_whoever_holds_may_abort(fly_run: Fly) -> None:
+    result, folder = fly_held(fly_run, "takeoff", (2.0, "hold"), (4.0, "hold"), (12.0, "abort"))
+    assert (result.verdict, result.reason) == ("ABORTED", "aborted by anna")
+    said = [line["text"] for line in log_of(folder) if line["event"] == "guard"]
+    assert "anna: hold: all hold already" in said
+    assert entered(folder)["landed"] > entered(folder)["takeoff"] + 12.0
+    assert all_landed(folder)

@@ -1,0 +1,351 @@
+"""Whole flights in virtual time: good ones, and each way in which one can go wrong."""
+
+import asyncio
+import errno
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import av
+import pytest
+
+from orchestrator.model.document_writer import to_json
+from orchestrator.model.results import RunResult
+from orchestrator.recording import run_recorder
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_state import RunState, Stage
+from safety.guard.core.operator_command import OperatorCommand
+from tests.orchestrator.flights import all_landed, log_of, rows_of
+from vehicles.autonomy import Command, Telemetry
+from vehicles.readings import Reading
+from vehicles.setpoints import VelocitySetpoint
+
+Fly = Callable[..., tuple[RunResult, Path]]
+
+
+def at_stage(stage: Stage, after_s: float, do: Callable[[Pair], None]) -> Any:
+    """Return a disturbance that does something some time after a stage is entered."""
+
+    def disturb(pair: Pair, run_state: RunState) -> None:
+        def entered(name: Stage, _: float) -> None:
+            if name == stage:
+                asyncio.get_running_loop().call_later(after_s, do, pair)
+
+        run_state.on_stage(entered)
+
+    return disturb
+
+
+class Script:
+    """An operator who aborts at a time of the run clock."""
+
+    def __init__(self, at_s: float) -> None:
+        self.at_s = at_s
+        self.said = False
+
+    def poll(self) -> OperatorCommand | None:
+        if self.said or asyncio.get_running_loop().time() < self.at_s:
+            return None
+        self.said = True
+        return OperatorCommand("abort", "tester", "enough seen")
+
+
+@pytest.mark.parametrize("campaign", ["gate", "gate-ardupilot"])
+def test_the_pair_flies_through_the_virtual_gate(fly_run: Fly, campaign: str) -> None:
+    result, folder = fly_run(campaign)
+    assert (result.verdict, result.reason) == ("PASS", "")
+    oracles = {(o.name, o.vehicle): o for o in result.oracles}
+    reached = oracles["reached", "real"]
+    assert reached.actual is not None
+    assert reached.margin is not None
+    assert 0.0 <= reached.actual < 0.35
+    assert reached.margin == pytest.approx(0.5 - reached.actual)
+    clearance = oracles["collision", "real"].actual
+    assert clearance is not None
+    assert 0.0 < clearance < 0.5
+    assert oracles["reached", "twin"].required is False
+    assert result.sync.command_skew_s == 0.0
+    assert result.sync.takeoff_skew_s is not None
+    assert result.sync.takeoff_skew_s < 1.0
+    assert result.mixing is not None
+    assert result.mixing.rate_hz == pytest.approx(15.0, abs=0.2)
+    assert result.mixing.skew_ms.p99 == 0.0
+    assert result.mixing.registration_error_px is not None
+    assert result.mixing.registration_error_px.p50 is not None
+    assert all_landed(folder)
+
+
+def test_the_files_of_a_run_are_all_there_and_readable(fly_run: Fly) -> None:
+    result, folder = fly_run()
+    assert set(result.artifacts) == {
+        "judged.msgpack",
+        "log.jsonl",
+        "mixed.mp4",
+        "mixed.png",
+        "real.tlog",
+        "run.mcap",
+        "trajectory.csv",
+        "twin.tlog",
+    }
+    with av.open(str(folder / "mixed.mp4")) as video:
+        frames = sum(1 for _ in video.decode(video=0))
+    assert result.mixing is not None
+    assert frames == result.mixing.frames
+    stages = [line["stage"] for line in log_of(folder) if line["event"] == "stage"]
+    assert stages == [
+        "identify",
+        "ready",
+        "arm",
+        "takeoff",
+        "at_height",
+        "goal",
+        "done",
+        "land",
+        "landed",
+        "end",
+    ]
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(fly_run: Fly) -> None:
+    def everything(seed: int) -> tuple[str, bytes, bytes]:
+        result, folder = fly_run(seed=seed)
+        document = json.loads(to_json(result))
+        del document["wall_s"]
+        trajectory = (folder / "trajectory.csv").read_bytes()
+        return json.dumps(document), trajectory, (folder / "real.tlog").read_bytes()
+
+    first, again, other = everything(7), everything(7), everything(8)
+    assert first == again
+    assert all(one != two for one, two in zip(first, other, strict=True))
+
+
+def test_sim_flies_the_twin_alone_and_judges_it(fly_run: Fly) -> None:
+    result, folder = fly_run(mode="sim")
+    assert result.verdict == "PASS"
+    assert {oracle.vehicle for oracle in result.oracles} == {"twin"}
+    assert result.mixing is None
+    assert {row["vehicle"] for row in rows_of(folder)} == {"twin"}
+
+
+def test_touching_the_virtual_gate_fails_and_the_flight_goes_on(fly_run: Fly) -> None:
+    result, folder = fly_run(sets=("world.objects.gate.shape.gate.inner_size_m=0.31",))
+    assert result.verdict == "FAIL"
+    contacts = [flag for flag in result.collisions if flag.vehicle == "real"]
+    assert contacts
+    assert contacts[0].text.startswith("real touched gate.")
+    stages = [line["stage"] for line in log_of(folder) if line["event"] == "stage"]
+    assert "done" in stages
+    assert all_landed(folder)
+
+
+@pytest.mark.parametrize(
+    ("start", "stage", "waits_s"),
+    [("{on: at_height, delay_s: 0.5}", "at_height", 0.5), ("{at_s: 0.7}", "goal", 0.7)],
+)
+def test_a_thing_that_moves_starts_when_it_was_told_to(
+    fly_run: Fly, start: str, stage: Stage, waits_s: float
+) -> None:
+    """A ball-like box comes down on the twin where it hovers, or flies slowly: 2.1 m at 30 m/s."""
+    ram = (
+        "{shape: {box: {size_m: [0.6, 0.6, 0.1]}}, pose: {up_m: 2.35}, motion: {start: "
+        + start
+        + ", waypoints: [{north_m: 0, east_m: 0, up_m: 0.25, speed_m_s: 30}]}}"
+    )
+    result, folder = fly_run(mode="sim", sets=("world.objects.ram=" + ram,))
+    (contact, *_) = [flag for flag in result.collisions if "ram" in flag.text]
+    entered_s = {line["stage"]: line["t_s"] for line in log_of(folder) if line["event"] == "stage"}
+    assert 0.0 < contact.t_s - entered_s[stage] - waits_s < 0.07
+    assert result.verdict == "FAIL"
+
+
+def test_a_physical_contact_in_mode_real_stops_the_motors(fly_run: Fly) -> None:
+    result, folder = fly_run(
+        mode="real",
+        sets=("modes=[real]", "accept=null", "world.objects.gate.shape.gate.inner_size_m=0.26"),
+    )
+    assert result.verdict == "FAIL"
+    # By its pose it may be seen to touch a moment sooner.
+    said = [result.reason, *(event.reason for event in result.also)]
+    assert [text for text in said if text.startswith("real physically touched gate.")]
+    assert all_landed(folder)
+
+
+def test_a_vehicle_that_never_becomes_ready_is_an_error_with_its_reasons(fly_run: Fly) -> None:
+    def spoil(pair: Pair, _: RunState) -> None:
+        cast("Any", pair.vehicles["real"]).autopilot.never_ready = True
+
+    result, folder = fly_run(disturb=spoil, sets=("sync.ready_timeout_s=15",))
+    assert result.verdict == "ERROR"
+    assert result.reason.startswith("real: not ready to arm within")
+    assert result.duration_s is None
+    assert all_landed(folder)
+
+
+@pytest.mark.parametrize(("victim", "survivor"), [("real", "twin"), ("twin", "real")])
+@pytest.mark.parametrize("stage", ["takeoff", "goal"])
+def test_a_vehicle_that_dies_in_flight_is_an_error_and_the_other_lands(
+    fly_run: Fly, victim: str, survivor: str, stage: Stage
+) -> None:
+    result, folder = fly_run(
+        disturb=at_stage(stage, 1.0, lambda pair: cast("Any", pair.vehicles[victim]).kill())
+    )
+    assert result.verdict == "ERROR"
+    assert result.reason.startswith(f"{victim} was not heard for 3 s; it last said: ")
+    last = {row["vehicle"]: row for row in rows_of(folder)}
+    assert last[survivor]["armed"] == "0"
+    assert abs(float(last[survivor]["true_down_m"])) < 0.2
+
+
+def test_the_operators_abort_lands_both(fly_run: Fly) -> None:
+    result, folder = fly_run(inbox=Script(15.0))
+    assert (result.verdict, result.reason) == ("ABORTED", "aborted by tester")
+    assert all_landed(folder)
+    (line,) = [line for line in log_of(folder) if line["event"] == "operator"]
+    assert (line["who"], line["reason"]) == ("tester", "enough seen")
+
+
+def test_a_fence_that_is_left_brings_both_down_and_fails(fly_run: Fly) -> None:
+    result, folder = fly_run(sets=("geofence.box.north_m=[-0.8, 3.2]",))
+    assert result.verdict == "FAIL"
+    assert "fence" in result.reason
+    assert all_landed(folder)
+
+
+class Reckless:
+    """Flies north as fast as it can, for ever."""
+
+    def __init__(self, **_: object) -> None:
+        pass
+
+    def perceive(self, reading: Reading) -> None:
+        pass
+
+    def act(self, telemetry: Telemetry) -> Command:
+        return Command(VelocitySetpoint((6.0, 0.0, -1.0)))
+
+
+@pytest.mark.parametrize("campaign", ["gate", "gate-ardupilot"])
+def test_limits_keep_a_reckless_autonomy_inside_of_the_fence(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, campaign: str
+) -> None:
+    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Reckless)
+    limits = "limits={inside_geofence: true, up_m: [0, 2.2], acceleration_m_s2: 3, speed_m_s: 2}"
+    result, folder = fly_run(
+        campaign,
+        sets=(
+            limits,
+            "oracles.time_limit.limit_s=12",
+            "collision_always=off",
+            "oracles.collision.required=false",
+            "oracles.reached.required=false",
+        ),
+    )
+    assert result.reason == "real was not done 12 s after its goal"
+    fence = next(o for o in result.oracles if (o.name, o.vehicle) == ("geofence", "real"))
+    assert fence.verdict == "PASS"
+    said = [line["text"] for line in log_of(folder) if line.get("kind") == "limited"]
+    for what in ("speed", "acceleration", "speed towards the fence"):
+        assert any(text.startswith(f"real: {what} limited from") for text in said)
+    rows = [row for row in rows_of(folder) if row["vehicle"] == "real" and row["true_north_m"]]
+    north_m = [float(row["true_north_m"]) for row in rows]
+    assert 3.0 < max(north_m) < 4.8
+    assert all_landed(folder)
+
+
+def test_a_crash_of_the_autonomy_is_a_fail_with_its_place(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Crashing:
+        def __init__(self, **_: object) -> None:
+            pass
+
+        def perceive(self, reading: Reading) -> None:
+            pass
+
+        def act(self, telemetry: Telemetry) -> Command:
+            raise ZeroDivisionError("one half of nothing")
+
+    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Crashing)
+    result, folder = fly_run()
+    assert result.verdict == "FAIL"
+    assert "the autonomy of" in result.reason
+    assert "ZeroDivisionError" in result.reason
+    assert "test_run.py" in result.reason
+    assert all_landed(folder)
+
+
+def test_an_autonomy_that_never_ends_runs_into_the_time_limit(fly_run: Fly) -> None:
+    result, folder = fly_run(sets=("oracles.time_limit.limit_s=2",))
+    assert result.verdict == "FAIL"
+    assert "not done 2 s after its goal" in result.reason
+    assert all_landed(folder)
+
+
+@pytest.mark.parametrize("stream", ["JudgedWriter", "TlogWriter", "RunLog", "VideoWriter"])
+def test_a_full_disk_lands_the_flight_and_is_an_error(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, stream: str
+) -> None:
+    writer = getattr(run_recorder, stream)
+    write = writer.write
+
+    def until_full(self: Any, *args: Any, **details: Any) -> None:
+        if asyncio.get_running_loop().time() > 12.0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(self, *args, **details)
+
+    monkeypatch.setattr(writer, "write", until_full)
+    result, folder = fly_run(mode="sim")
+    assert result.verdict == "ERROR"
+    assert result.reason == "the recording broke off: No space left on device"
+    (landed,) = [oracle for oracle in result.oracles if oracle.name == "landed"]
+    assert landed.verdict == "PASS"
+    assert (folder / "trajectory.csv").exists()
+
+
+def test_an_autonomy_that_never_ends_has_a_time_out_whatever_is_judged(fly_run: Fly) -> None:
+    result, folder = fly_run(
+        mode="sim", sets=("oracles={reached: {}}", "sync.goal_timeout_s=2", "accept=null")
+    )
+    assert result.verdict == "FAIL"
+    assert result.reason == (
+        "the autonomy of twin was not done 2 s after its goal (sync.goal_timeout_s)"
+    )
+    assert all_landed(folder)
+
+
+def test_a_contact_fails_the_run_of_a_campaign_that_does_not_ask(fly_run: Fly) -> None:
+    result, _ = fly_run(
+        mode="sim",
+        sets=("world.objects.gate.shape.gate.inner_size_m=0.26", "oracles={reached: {}}"),
+    )
+    assert result.verdict == "FAIL"
+    assert result.reason.startswith("twin touched gate.")
+    assert [flag.oracle for flag in result.collisions][:1] == ["collision_always"]
+
+
+@pytest.mark.parametrize(("fast", "last"), [("true", "takeoff"), ("false", "landed")])
+def test_an_oracle_lands_the_run_at_once_where_the_campaign_says(
+    fly_run: Fly, fast: str, last: str
+) -> None:
+    limit = f"oracles.altitude={{max_m: 0.6, fail_fast: {fast}}}"
+    result, folder = fly_run(sets=(limit,))
+    assert result.verdict == "FAIL"
+    assert result.reason.startswith("real is 0.6")
+    stages = [line["stage"] for line in log_of(folder) if line["event"] == "stage"]
+    assert ("goal" in stages) is (last == "landed")
+    assert all_landed(folder)
+
+
+def test_a_formula_that_cannot_hold_any_more_lands_the_run(fly_run: Fly) -> None:
+    formula = "oracles.low={stl: 'always (up_m < 0.6)', from: takeoff, fail_fast: true}"
+    result, folder = fly_run(sets=(formula,))
+    assert result.verdict == "FAIL"
+    assert "low cannot hold any more" in result.reason
+    assert "goal" not in [line.get("stage") for line in log_of(folder)]
+    (judged,) = [o for o in result.oracles if o.name == "low" and o.vehicle == "real"]
+    assert judged.verdict == "FAIL"
+    assert judged.margin is not None
+    assert judged.margin < 0.0
+    assert all_landed(folder)

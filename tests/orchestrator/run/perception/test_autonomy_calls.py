@@ -1,0 +1,197 @@
+"""Whatever the autonomy under test does or answers, it is its fault, and told with its place."""
+
+import asyncio
+import json
+import math
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from orchestrator.model.results import RunResult
+from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy, command_of
+from vehicles.autonomy import Command
+from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+
+Fly = Callable[..., tuple[RunResult, Path]]
+STILL = VelocitySetpoint((0.0, 0.0, 0.0))
+
+
+def raising(error: BaseException) -> Callable[[], Any]:
+    def ask() -> Any:
+        raise error
+
+    return ask
+
+
+class WordlessError(Exception):
+    def __str__(self) -> str:
+        raise ValueError("not even that")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ZeroDivisionError("one half of nothing"), "ZeroDivisionError: one half of nothing"),
+        (SystemExit(0), "SystemExit: 0"),
+        (KeyboardInterrupt(), "KeyboardInterrupt"),
+        (asyncio.CancelledError(), "CancelledError"),
+        (GeneratorExit(), "GeneratorExit"),
+        (StopIteration(), "StopIteration"),
+        (WordlessError(), "WordlessError: (it has no words that can be shown)"),
+        (RuntimeError("two\nlines, \x1b[31mred \ud800"), "RuntimeError: two lines, ?[31mred ?"),
+    ],
+)
+def test_whatever_is_raised_is_the_fault_of_the_autonomy(error: BaseException, said: str) -> None:
+    with pytest.raises(AutonomyFault) as caught:
+        call_autonomy(raising(error))
+    text = str(caught.value)
+    assert text.startswith(f"crashed: {said} (")
+    assert "test_answers.py:" in text
+    text.encode()
+
+
+def test_long_words_are_cut() -> None:
+    with pytest.raises(AutonomyFault) as caught:
+        call_autonomy(raising(RuntimeError("x" * 100_000)))
+    assert len(str(caught.value)) < 1000
+
+
+def spinning() -> None:
+    while True:
+        try:
+            math.sqrt(2.0)
+        except Exception:  # noqa: BLE001, S112 - as users write it
+            continue
+
+
+@pytest.mark.parametrize("hang", [spinning, lambda: time.sleep(60.0)])
+def test_an_autonomy_that_hangs_gave_no_answer(hang: Callable[[], None]) -> None:
+    with pytest.raises(AutonomyFault, match=r"gave no answer within 0\.05 s \(.*test_answers\.py:"):
+        call_autonomy(hang, within_s=0.05)
+
+
+def test_somebody_elses_timer_goes_on() -> None:
+    heard: list[int] = []
+    before = signal.signal(signal.SIGALRM, lambda number, _: heard.append(number))
+    earlier = signal.setitimer(signal.ITIMER_REAL, 3600.0)
+    try:
+        assert call_autonomy(lambda: 7) == 7
+        left_s, _ = signal.getitimer(signal.ITIMER_REAL)
+        assert 3000.0 < left_s <= 3600.0
+        signal.raise_signal(signal.SIGALRM)
+        assert heard == [signal.SIGALRM]
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, *earlier)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (None, "answered nothing, not a Command"),
+        (STILL, "answered a VelocitySetpoint, not a Command"),
+        (Command("up"), "whose setpoint is a str"),  # type: ignore[arg-type]
+        (Command(None), "whose setpoint is nothing"),  # type: ignore[arg-type]
+        (Command(VelocitySetpoint((math.nan, 0.0, 0.0))), "velocity_ned_m_s is not finite (nan)"),
+        (Command(VelocitySetpoint((0.0, math.inf, 0.0))), "velocity_ned_m_s is not finite (inf)"),
+        (Command(VelocitySetpoint((0.0, 0.0, 1e39))), "is beyond 1e+06 (1e+39)"),
+        (Command(VelocitySetpoint((0.0, 0.0, 10**400))), "has a int in it"),
+        (Command(VelocitySetpoint((0.0, 0.0))), "is not three numbers"),  # type: ignore[arg-type]
+        (Command(VelocitySetpoint(("1", 2.0, 3.0))), "has a str in it"),  # type: ignore[arg-type]
+        (Command(VelocitySetpoint(3.0)), "is not three numbers"),  # type: ignore[arg-type]
+        (Command(VelocitySetpoint((0.0, 0.0, 0.0), yaw_rad=math.nan)), "yaw_rad is not finite"),
+        (Command(VelocitySetpoint((0.0, 0.0, 0.0), 0.0, 0.0)), "both yaw_rad and yaw_rate_rad_s"),
+        (Command(PositionSetpoint((math.nan, 0.0, 0.0))), "position_ned_m is not finite"),
+        (Command(STILL, note={"a": 1}), "a note that is a dict"),  # type: ignore[arg-type]
+    ],
+)
+def test_an_answer_that_no_vehicle_can_fly_is_a_fault(answer: object, said: str) -> None:
+    with pytest.raises(AutonomyFault) as caught:
+        command_of(answer)
+    assert said in str(caught.value)
+
+
+def test_numbers_of_numpy_become_plain_ones() -> None:
+    vector: Any = np.array([1.0, 2.0, 3.0], dtype=np.float32)
+    turn: Any = np.float64(0.5)
+    command = command_of(Command(VelocitySetpoint(vector, turn), done=np.bool_(True)))  # type: ignore[arg-type]
+    assert command == Command(VelocitySetpoint((1.0, 2.0, 3.0), 0.5), done=True)
+    assert type(command.setpoint) is VelocitySetpoint
+    assert {type(x) for x in command.setpoint.velocity_ned_m_s} == {float}
+    assert type(command.done) is bool
+
+
+def test_a_note_is_one_short_line() -> None:
+    note = command_of(Command(STILL, note="a\nb\x1b" + "c" * 200)).note
+    assert note.startswith("a?b?ccc")
+    assert len(note) == 80
+
+
+class Doing:
+    """An autonomy whose every act is `do`."""
+
+    do: Callable[[], object]
+
+    def __init__(self, **_: object) -> None:
+        pass
+
+    def perceive(self, reading: object) -> None:
+        pass
+
+    def act(self, telemetry: object) -> object:
+        return type(self).do()
+
+
+@pytest.mark.parametrize(
+    ("do", "said"),
+    [
+        (lambda: None, "the autonomy of real answered nothing, not a Command"),
+        (
+            lambda: Command(VelocitySetpoint((math.nan, 0.0, 0.0))),
+            "the autonomy of real answered a setpoint whose velocity_ned_m_s is not finite (nan)",
+        ),
+        (raising(SystemExit(0)), "the autonomy of real crashed: SystemExit: 0 ("),
+        (raising(asyncio.CancelledError()), "the autonomy of real crashed: CancelledError ("),
+    ],
+)
+def test_a_faulty_autonomy_fails_the_run_and_all_land(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, do: Callable[[], object], said: str
+) -> None:
+    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Doing)
+    monkeypatch.setattr(Doing, "do", staticmethod(do), raising=False)
+    result, folder = fly_run(sets=("oracles={landed: {}, reached: {}}",))
+    assert result.verdict == "FAIL"
+    assert result.reason.startswith(said)
+    (landed,) = [o for o in result.oracles if (o.name, o.vehicle) == ("landed", "real")]
+    assert landed.verdict == "PASS"
+    stages = [
+        line["stage"]
+        for line in map(json.loads, (folder / "log.jsonl").read_text("utf-8").splitlines())
+        if line["event"] == "stage"
+    ]
+    assert stages[-2:] == ["landed", "end"]
+
+
+def test_an_autonomy_that_cannot_be_built_for_a_run_fails_it(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Picky:
+        def __init__(self, *, seed: int, **_: object) -> None:
+            if seed != 0:  # with which the file is checked
+                raise RuntimeError("not this seed")
+
+        def perceive(self, reading: object) -> None:
+            pass
+
+        def act(self, telemetry: object) -> object:
+            return Command(STILL)
+
+    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Picky)
+    result, _ = fly_run(mode="sim")
+    assert result.verdict == "FAIL"
+    assert result.reason.startswith("the autonomy of twin crashed: RuntimeError: not this seed (")

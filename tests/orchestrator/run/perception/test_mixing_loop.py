@@ -1,0 +1,448 @@
+"""Mixing in flight: who meets whom, who waits and for how long, and what spoils a flight."""
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from orchestrator.model.clock import run_virtual
+from orchestrator.run.perception.mixing_budget import MixingBudgetWatch
+from orchestrator.run.perception.mixing_loop import MixingLoop, Registration, RegistrationError
+from orchestrator.state.mixtures import MixedFrame
+from orchestrator.state.run_state import RunState
+from recipes.language.recipe_document import load_recipe
+from recipes.pipeline.pipeline import compile_recipe
+from recipes.working import StepError
+from tests.recipes.samples import beam, camera
+from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.poses.pose_history import PoseHistory
+from vehicles.readings import Reading
+from worlds.files.documents import parse
+from worlds.frames import Pose
+
+
+class Rig:
+    """A mixing loop, what it told, and what it complained of."""
+
+    def __init__(
+        self,
+        body: str = "merge: {aggregate: min}",
+        *,
+        sensor: str = "rangefinder",
+        twin: Any = None,
+        period_s: float = 0.02,
+        rate_hz: float | None = None,
+        registration: Registration | None = None,
+    ) -> None:
+        text = (
+            f"schema: wil/recipe/1\nsensors: {{s: {{type: {sensor}}}}}\n"
+            f"combine:\n  - {{sensor: s, {body}}}\n"
+        )
+        (mixer,) = compile_recipe(load_recipe(parse(text.encode(), name="r.yaml")), object_ids={})
+        self.frames: list[tuple[float, MixedFrame]] = []
+        self.troubles: list[str] = []
+        self.poses = PoseHistory(2.0)
+        self.loop = MixingLoop(
+            name="s",
+            mixer=mixer,
+            twin=twin,
+            poses=self.poses,
+            wait_s=0.05,
+            period_s=period_s,
+            rate_hz=rate_hz,
+            registration=registration,
+            tell=lambda frame: self.frames.append((asyncio.get_running_loop().time(), frame)),
+            trouble=self.troubles.append,
+        )
+
+    def real(self, t_s: float, late_s: float = 0.0, made: Any = None) -> None:
+        self._at(t_s, late_s, made or beam(2.0, "real"), self.loop.real_reading)
+
+    def twin(self, t_s: float, late_s: float = 0.0, made: Any = None) -> None:
+        self._at(t_s, late_s, made or beam(1.0), self.loop.twin_reading)
+
+    def _at(self, t_s: float, late_s: float, made: Any, take: Callable[[Any], None]) -> None:
+
+        reading = replace(made, t_s=t_s, arrived_s=t_s + late_s, seq=round(t_s * 1000))
+        asyncio.get_running_loop().call_at(t_s + late_s, take, reading)
+
+    async def run(self, until_s: float) -> None:
+        task = asyncio.ensure_future(self.loop.run())
+        await sleep_until(until_s)
+        task.cancel()
+        await asyncio.wait([task])
+        if not task.cancelled():
+            task.result()
+
+    @property
+    def told(self) -> list[Any]:
+        return [frame.mixed.provenance for _, frame in self.frames]
+
+
+def flown(rig_of: Callable[[], Rig], feed: Callable[[Rig], None], until_s: float = 2.0) -> Rig:
+    async def run() -> Rig:
+        rig = rig_of()
+        feed(rig)
+        await rig.run(until_s)
+        return rig
+
+    return run_virtual(run())
+
+
+def test_a_reading_waits_for_the_twins_of_its_moment() -> None:
+    def feed(rig: Rig) -> None:
+        for k in range(10):
+            rig.real(1 + k * 0.02)
+            rig.twin(1 + k * 0.02, late_s=0.008)
+
+    rig = flown(Rig, feed)
+    assert [told.skew_ms for told in rig.told] == [0.0] * 10
+    assert [told.latency_ms for told in rig.told] == pytest.approx([8.0] * 10)
+    assert [told.real_seq for told in rig.told] == [1000 + 20 * k for k in range(10)]
+    assert [told.twin_seq for told in rig.told] == [1000 + 20 * k for k in range(10)]
+
+
+def test_a_twin_that_is_ahead_or_behind_is_met_at_the_nearest_moment() -> None:
+    def feed(rig: Rig) -> None:
+        for k in range(20):
+            rig.twin(1 + k * 0.025)
+        for k in range(5):
+            rig.real(1.1 + k * 0.05, late_s=0.1)
+
+    rig = flown(Rig, feed)
+    assert all(told.skew_ms <= 12.5 for told in rig.told)
+    assert len(rig.told) == 5
+
+
+def test_none_waits_longer_than_a_period_and_what_is_too_old_is_left_out() -> None:
+    def feed(rig: Rig) -> None:
+        rig.twin(1.0)
+        for k in range(5):
+            rig.real(1.0 + 0.05 * k)
+
+    rig = flown(lambda: Rig("merge: {aggregate: min}, max_skew_ms: 120", period_s=0.01), feed)
+    assert [told.dropped for told in rig.told] == [None, None, None, "stale", "stale"]
+    assert [told.latency_ms for told in rig.told] == pytest.approx([0.0, 10, 10, 10, 10])
+    values: list[Any] = [frame.mixed.reading for _, frame in rig.frames]
+    assert [one.range_m for one in values] == [1.0, 1.0, 1.0, 2.0, 2.0]
+    assert dict(rig.loop.mixer.counts().dropped) == {"stale": 2}
+
+
+def test_a_recipe_may_be_slower_than_its_source() -> None:
+    def feed(rig: Rig) -> None:
+        for k in range(100):
+            rig.real(1 + k / 50)
+            rig.twin(1 + k / 50)
+
+    rig = flown(lambda: Rig(rate_hz=20.0), feed, 4.0)
+    assert len(rig.frames) == pytest.approx(40, abs=1)
+    assert rig.loop.statistics.replaced == 0
+    assert rig.loop.statistics.rate_hz == pytest.approx(20.0, rel=0.02)
+
+
+class Slow:
+    """A twin that takes its time to answer."""
+
+    def __init__(self, takes_s: float, answer: Any = None) -> None:
+        self.takes_s = takes_s
+        self.answer = answer or camera()
+        self.asked: list[tuple[Pose, float]] = []
+
+    async def ask(self, body: Pose, t_s: float, **_: bool) -> Any:
+
+        self.asked.append((body, t_s))
+        await asyncio.sleep(self.takes_s)
+        now_s = asyncio.get_running_loop().time()
+        return replace(self.answer, t_s=t_s, arrived_s=now_s, seq=len(self.asked))
+
+
+REGISTERED = "transform: [register], merge: overlay"
+
+
+def test_pictures_that_come_while_one_is_mixed_make_way_for_the_newest() -> None:
+    twin = Slow(0.1)
+
+    def feed(rig: Rig) -> None:
+        for k in range(300):
+            rig.poses.add(k * 0.01, Pose((k * 0.01, 0, 0)), (1.0, 0.0, 0.0))
+        for k in range(30):
+            rig.real(1 + k / 30, made=camera(source="real"))
+
+    rig = flown(lambda: Rig(REGISTERED, sensor="camera", twin=twin), feed, 3.0)
+    # Every 100 ms, at most 33 ms old when its turn comes.
+    assert len(rig.frames) + rig.loop.statistics.replaced == 30
+    assert 9 <= len(rig.frames) <= 12
+    assert max(told.latency_ms for told in rig.told) < 201
+    assert [told.skew_ms for told in rig.told] == [0.0] * len(rig.told)
+
+
+def test_small_readings_that_come_in_a_burst_are_all_mixed() -> None:
+    def feed(rig: Rig) -> None:
+        for k in range(20):
+            one = replace(beam(2.0, "real"), t_s=1 + k * 0.005, arrived_s=1.2)
+            asyncio.get_running_loop().call_at(1.2, rig.loop.real_reading, one)
+            rig.twin(1 + k * 0.005)
+
+    rig = flown(lambda: Rig(period_s=0.005), feed)
+    assert len(rig.frames) == 20
+    assert rig.loop.statistics.replaced == 0
+    assert all(told.skew_ms == pytest.approx(0.0, abs=1e-6) for told in rig.told)
+
+
+def test_a_picture_waits_for_the_pose_of_its_exposure() -> None:
+    twin = Slow(0.0)
+
+    def feed(rig: Rig) -> None:
+        for k in range(200):
+            add = (k * 0.01, Pose((k * 0.01, 0, 0)))
+            asyncio.get_running_loop().call_at(k * 0.01 + 0.03, rig.poses.add, *add)
+        rig.real(1.005, made=camera(source="real"))
+
+    rig = flown(lambda: Rig(REGISTERED, sensor="camera", twin=twin), feed, 3.0)
+    ((pose, t_s),) = twin.asked
+    assert pose.position_ned_m[0] == pytest.approx(1.005)
+    assert t_s == 1.005
+    (told,) = rig.told
+    assert told.alignment == "interpolated"
+    assert told.latency_ms == pytest.approx(35.0, abs=2.1)
+
+
+def test_without_a_pose_there_is_no_overlay() -> None:
+    twin = Slow(0.0)
+
+    def feed(rig: Rig) -> None:
+        rig.real(1.0, made=camera(source="real"))
+
+    rig = flown(lambda: Rig(REGISTERED, sensor="camera", twin=twin), feed)
+    (told,) = rig.told
+    assert (told.dropped, told.alignment) == ("no_twin", "no pose for the exposure")
+    assert told.detail == "no camera reading of the twin: no pose for the exposure"
+    assert twin.asked == []
+
+
+def test_a_vehicle_that_falls_silent_is_no_time_that_runs_backwards() -> None:
+    """First its pose is predicted, then it is too old to be: the run was INVALID, not lost."""
+    twin = Slow(0.0)
+
+    def feed(rig: Rig) -> None:
+        rig.poses.add(1.0, Pose((1.0, 0, 0)), (1.0, 0.0, 0.0))
+        for k in range(3):
+            rig.real(1.015 + k / 30, made=camera(source="real"))
+
+    rig = flown(lambda: Rig(REGISTERED, sensor="camera", twin=twin), feed)
+    assert [t_s for _, t_s in twin.asked] == [1.015]
+    assert [told.alignment for told in rig.told][1:] == ["no pose for the exposure"] * 2
+    assert (rig.troubles, rig.loop.mixer.counts().faults) == ([], ())
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [(beam(math.nan), "not a number"), (beam(-1.0), "-1.0 m"), (camera(), "of type camera")],
+)
+def test_a_bad_reading_of_the_twin_is_told_and_never_mixed(bad: Any, said: str) -> None:
+    def feed(rig: Rig) -> None:
+        rig.twin(1.0)
+        rig.twin(1.01, made=bad)
+        rig.real(1.01)
+
+    rig = flown(Rig, feed)
+    (trouble,) = rig.troubles
+    assert said in trouble
+    (told,) = rig.told
+    assert (told.twin_seq, told.dropped) == (1000, None)
+    assert dict(rig.loop.mixer.counts().faults)
+
+
+def test_time_that_runs_backwards_is_told() -> None:
+    def feed(rig: Rig) -> None:
+        rig.twin(1.1)
+        rig.twin(1.0, late_s=0.2)
+        rig.real(1.1)
+
+    rig = flown(Rig, feed)
+    assert "time does not advance" in rig.troubles[0]
+
+
+def test_the_registration_error_stands_in_the_provenance() -> None:
+    twin = Slow(0.0)
+
+    def feed(rig: Rig) -> None:
+        rig.poses.add(1.0, Pose((0, 0, 0)))
+        rig.real(1.0, made=camera(source="real"))
+
+    rig = flown(
+        lambda: Rig(
+            REGISTERED, sensor="camera", twin=twin, registration=lambda *_: RegistrationError(1.25)
+        ),
+        feed,
+    )
+    assert rig.told[0].registration_error_px == 1.25
+    assert rig.loop.statistics.registration_error_px.percentiles().p50 == 1.25
+
+
+def test_the_registration_error_is_that_of_the_real_exposure() -> None:
+    """A twin's picture of a later pose is not held against the truth of that later moment."""
+    told: list[tuple[float, float]] = []
+
+    def registered(twin: Reading, exposed_s: float) -> RegistrationError:
+        told.append((twin.t_s, exposed_s))
+        return RegistrationError(bound_px=2.5)
+
+    def feed(rig: Rig) -> None:
+        for k in range(200):
+            rig.poses.add(k / 100, Pose((0, 0, 0)))
+        rig.real(1.0, late_s=0.09, made=camera(source="real"))
+
+    body = REGISTERED.replace("register", "{register: {align: latest}}")
+    rig = flown(lambda: Rig(body, sensor="camera", twin=Slow(0.0), registration=registered), feed)
+    assert rig.told[0].registration_error_px is None
+    assert rig.told[0].registration_bound_px == 2.5
+    ((drawn_s, exposed_s),) = told
+    assert drawn_s == pytest.approx(1.09)
+    assert exposed_s == 1.0
+
+
+def test_a_step_that_fails_ends_the_mixing_with_its_place(tmp_path: Any) -> None:
+    (tmp_path / "mine.py").write_text("def half(work, other):\n    return 1 / 0\n")
+    body = f"filter: [{{use: '{tmp_path}/mine.py:half'}}], merge: {{aggregate: min}}"
+
+    def feed(rig: Rig) -> None:
+        rig.twin(1.0)
+        rig.real(1.0)
+
+    with pytest.raises(StepError, match=r"r.yaml:4: step .*half, frame 0: ZeroDivisionError"):
+        flown(lambda: Rig(body), feed)
+
+
+class Flight:
+    """A course in its goal, a mixing that is watched, and what was decided."""
+
+    def __init__(self, body: str, period_s: float = 0.1) -> None:
+        self.run_state = RunState(time=asyncio.get_running_loop().time)
+        self.silent = False
+        self.watch = MixingBudgetWatch(
+            run_state=self.run_state, someone_is_silent=lambda: self.silent
+        )
+        self.rig = Rig(body, period_s=period_s)
+        self.watch.watch(self.rig.loop, period_s)
+
+    def reason(self) -> tuple[str, str, float] | None:
+        if not self.run_state.decisive:
+            return None
+        event = self.run_state.decisive[0]
+        return event.kind, event.text, event.t_s
+
+    def deliver(self, t_s: float, *, twin_s: float | None = None, late_s: float = 0.0) -> None:
+
+        def mix() -> None:
+            now_s = asyncio.get_running_loop().time()
+            real = replace(beam(2.0, "real"), t_s=t_s, arrived_s=now_s)
+            at_s = t_s if twin_s is None else twin_s
+            twin = replace(beam(1.0), t_s=at_s, arrived_s=now_s)
+            mixed: Any = self.rig.loop.mixer.mix(real, twin, now_s=now_s)
+            self.rig.loop.statistics.delivered(now_s)
+            self.watch.frame(MixedFrame("s", "s", real, twin, mixed))
+
+        asyncio.get_running_loop().call_at(t_s + late_s, mix)
+
+
+def judged(body: str, feed: Callable[[Flight], Awaitable[None]]) -> Flight:
+    async def run() -> Flight:
+        flight = Flight(body)
+        task = asyncio.ensure_future(flight.watch.run(lambda: None))
+        await feed(flight)
+        task.cancel()
+        await asyncio.wait([task])
+        return flight
+
+    return run_virtual(run())
+
+
+async def goal_at(flight: Flight, t_s: float, until_s: float) -> None:
+    await sleep_until(t_s)
+    flight.run_state.enter("goal")
+    await sleep_until(until_s)
+
+
+BODY = "merge: {aggregate: min}"
+
+
+def test_good_mixing_is_left_alone() -> None:
+    async def feed(flight: Flight) -> None:
+        for k in range(60):
+            flight.deliver(k * 0.1)
+        await goal_at(flight, 1.0, 5.9)
+
+    assert judged(f"{BODY}, max_skew_ms: 20, min_rate_hz: 9", feed).reason() is None
+
+
+@pytest.mark.parametrize(
+    ("limit", "twin_s", "late_s", "said"),
+    [
+        ("max_skew_ms: 20", 2.95, 0.0, "exposures 50 ms apart, more than 20 ms"),
+        ("max_latency_ms: 40", 3.0, 0.06, "60 ms old at delivery, more than 40 ms"),
+    ],
+)
+def test_one_reading_beyond_its_budget_makes_the_flight_invalid(
+    limit: str, twin_s: float, late_s: float, said: str
+) -> None:
+    async def feed(flight: Flight) -> None:
+        for k in range(60):
+            bad = k == 30
+            flight.deliver(k * 0.1, twin_s=twin_s if bad else None, late_s=late_s if bad else 0.0)
+        await goal_at(flight, 1.0, 5.9)
+
+    found = judged(f"{BODY}, {limit}", feed).reason()
+    assert found is not None
+    kind, text, t_s = found
+    assert (kind, text) == ("INVALID", f"mixing of s: {said}")
+    assert t_s == pytest.approx(3.0 + late_s)
+
+
+def test_what_happens_before_the_goal_spoils_nothing() -> None:
+    async def feed(flight: Flight) -> None:
+        for k in range(60):
+            flight.deliver(k * 0.1, twin_s=k * 0.1 - 0.5 if k < 9 else None)
+        await goal_at(flight, 1.0, 5.9)
+
+    assert judged(f"{BODY}, max_skew_ms: 20", feed).reason() is None
+
+
+@pytest.mark.parametrize(
+    ("limit", "stop_s", "said"),
+    [
+        ("max_skew_ms: 20", 3.0, "mixing of s: no mixed reading for more than 1 s"),
+        ("min_rate_hz: 9", 3.0, "mixing of s: min_rate_hz: "),
+    ],
+)
+def test_a_source_that_stalls_or_slows_down_is_noticed(
+    limit: str, stop_s: float, said: str
+) -> None:
+    async def feed(flight: Flight) -> None:
+        for k in range(int(stop_s * 10)):
+            flight.deliver(k * 0.1)
+        await goal_at(flight, 1.0, 5.9)
+
+    found = judged(f"{BODY}, {limit}", feed).reason()
+    assert found is not None
+    assert found[0] == "INVALID"
+    assert found[1].startswith(said)
+    assert stop_s < found[2] < stop_s + 1.5
+
+
+def test_while_a_vehicle_is_silent_nothing_is_blamed_on_the_mixing() -> None:
+    async def feed(flight: Flight) -> None:
+        for k in range(30):
+            flight.deliver(k * 0.1)
+        flight.silent = True
+        await goal_at(flight, 1.0, 7.0)
+        assert flight.reason() is None
+        flight.silent = False
+        await sleep_until(8.0)
+
+    found = judged(BODY, feed).reason()
+    assert found is not None
+    assert found[0] == "INVALID"

@@ -1,0 +1,196 @@
+"""The registration error: where the virtual was drawn against where it belongs, in pixels."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from campaigns.expansion.expansion import Options, load_campaign
+from campaigns.values.external_setups import PoseAccuracy, SourceSetup
+from campaigns.values.sensor_setups import CameraSetup
+from orchestrator.run.perception.mixing_loop import Registration, RegistrationError
+from orchestrator.run.perception.registration_error import (
+    Registrar,
+    registration_error_px,
+    uncertainty_px,
+)
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from vehicles.poses.pose_history import PoseHistory
+from vehicles.readings import CameraReading
+from worlds.camera import Intrinsics
+from worlds.frames import Pose, Vec3
+
+ROOT = Path(__file__).parents[4]
+CAMERA = Intrinsics.from_fov(640, 480, math.radians(69.0))
+F_PX = CAMERA.fx_px
+GATE: tuple[Vec3, ...] = ((3.0, -0.5, -1.0), (3.0, 0.5, -1.0), (3.0, 0.5, 0.0), (3.0, -0.5, 0.0))
+HERE = Pose((0.0, 0.0, -0.5))
+
+
+def error_px(drawn_from: Pose, *, moved_m: float = 0.0, things: tuple[Vec3, ...] = GATE) -> float:
+    now = [(north, east + moved_m, down) for north, east, down in things]
+    found = registration_error_px(
+        zip(things, now, strict=True), intrinsics=CAMERA, drawn_from=drawn_from, reference=HERE
+    )
+    assert found is not None
+    return found
+
+
+def test_from_the_right_place_nothing_is_off() -> None:
+    assert error_px(HERE) == 0.0
+
+
+@pytest.mark.parametrize("aside_m", [0.001, 0.01, 0.1])
+def test_a_step_aside_is_seen_by_similar_triangles(aside_m: float) -> None:
+    found = error_px(Pose((0.0, aside_m, -0.5)))
+    assert found == pytest.approx(aside_m * F_PX / 3.0, rel=1e-6)
+
+
+def test_a_thing_that_moved_since_it_was_drawn_counts() -> None:
+    """The camera stood right, but the picture is of another moment."""
+    assert error_px(HERE, moved_m=0.1) == pytest.approx(0.1 * F_PX / 3.0, rel=1e-6)
+
+
+def test_what_neither_camera_sees_does_not_count() -> None:
+    behind = (-3.0, 0.0, -0.5)
+    aside = (3.0, 9.0, -0.5)
+    here = Pose((0.0, 0.01, -0.5))
+    assert error_px(here, things=(*GATE, behind, aside)) == pytest.approx(error_px(here))
+    found = registration_error_px(
+        [(behind, behind), (aside, aside)], intrinsics=CAMERA, drawn_from=here, reference=HERE
+    )
+    assert found is None
+
+
+@given(
+    st.floats(-0.5, 0.5),
+    st.floats(-0.3, 0.3),
+    st.floats(0.0, 0.05),
+    st.floats(0.0, math.radians(2.0)),
+    st.integers(0, 2**32 - 1),
+)
+def test_a_pose_within_one_standard_deviation_is_seen_within_the_bound(
+    east: float, down: float, position_m: float, attitude_rad: float, seed: int
+) -> None:
+    """Whatever the direction of a shift and of a turn, both as large as one deviation."""
+    here = Pose((0.0, east, down - 0.5))
+    rng = np.random.default_rng(seed)
+    shift, axis = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+    half = attitude_rad / 2
+    x, y, z = (float(part) * math.sin(half) for part in axis)
+    turn = (math.cos(half), x, y, z)
+    moved = Pose(
+        (
+            float(shift[0]) * position_m,
+            east + float(shift[1]) * position_m,
+            down - 0.5 + float(shift[2]) * position_m,
+        ),
+        turn,
+    )
+    found = registration_error_px(
+        zip(GATE, GATE, strict=True), intrinsics=CAMERA, drawn_from=moved, reference=here
+    )
+    accuracy = PoseAccuracy(position_m=position_m, attitude_rad=attitude_rad)
+    bound_px = uncertainty_px(GATE, intrinsics=CAMERA, camera=here, accuracy=accuracy)
+    assert found is not None
+    assert found <= bound_px + 1e-6
+
+
+def test_the_bound_is_as_large_as_it_must_be() -> None:
+    """A millimetre at 3 m in the middle of the picture is f / 3000 pixels, three times over."""
+    accuracy = PoseAccuracy(position_m=0.001, attitude_rad=0.0)
+    middle = [(3.0, 0.0, -0.5)]
+    bound_px = uncertainty_px(middle, intrinsics=CAMERA, camera=HERE, accuracy=accuracy)
+    assert bound_px == pytest.approx(3 * 0.001 * F_PX / 3.0)
+    aside = [(3.0, 9.0, -0.5)]
+    assert uncertainty_px(aside, intrinsics=CAMERA, camera=HERE, accuracy=accuracy) == 0.0
+
+
+class Blind:
+    """A station without truth: a vehicle that is not ours."""
+
+    def __init__(self) -> None:
+        self.truth = PoseHistory(2.0)
+        self.poses = PoseHistory(2.0)
+        for k in range(100):
+            self.poses.add(k / 100, Pose((0.0, k / 100, -0.5)))
+
+
+@dataclass
+class Scene:
+    """A registrar over the gate campaign, with vehicles of which nobody knows the truth."""
+
+    setup: RunSetup
+    real: Any
+    twin: Any
+
+    def registration(self, source: SourceSetup | None = None) -> Registration:
+        """Return the registration of the camera; source: where its real pictures come from."""
+        contexts = {"real": self.real, "twin": self.twin}
+        registrar = Registrar(setup=self.setup, contexts=contexts, events={})
+        return registrar.of(replace(self.camera, source=source))
+
+    @property
+    def camera(self) -> CameraSetup:
+        (camera,) = self.setup.vehicle("real").cameras
+        return camera
+
+    def drawn(self, t_s: float) -> CameraReading:
+        """Return a twin's picture, drawn from where the real vehicle was."""
+        lens = self.camera.intrinsics
+        image = np.zeros((lens.height_px, lens.width_px, 3), np.uint8)
+        pose = self.camera.mount.camera_pose(self.real.poses.at(t_s).pose)
+        return CameraReading(t_s, t_s, 0, "twin", image, lens, camera_pose=pose)
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    campaign = load_campaign(ROOT / "campaigns" / "gate.yaml", Options(modes=("wil",)))
+    order = RunOrder(plan=campaign.runs[0], folder=tmp_path, clock="virtual")
+    return Scene(RunSetup.of(order), Blind(), Blind())
+
+
+def within(found: RegistrationError) -> float:
+    assert found.error_px is None
+    assert found.bound_px is not None
+    return found.bound_px
+
+
+def test_without_a_reference_there_is_a_bound_and_with_one_an_error(scene: Scene) -> None:
+    registered = scene.registration()
+    right, late = (within(registered(scene.drawn(t_s), 0.5)) for t_s in (0.5, 0.6))
+    # 2 mm and half a degree, three times: 12 px at this camera; and a tenth of a metre beside it.
+    assert 10.0 < right < 20.0
+    assert 12.0 < late - right < 20.0
+    for k in range(100):
+        scene.real.truth.add(k / 100, Pose((0.0, k / 100, -0.5)))
+    assert registered(scene.drawn(0.5), 0.5) == RegistrationError(0.0)
+    assert registered(replace(scene.drawn(0.5), camera_pose=None), 0.5) == RegistrationError()
+
+
+def test_the_truth_of_a_vehicle_is_no_reference_for_pictures_from_outside(scene: Scene) -> None:
+    for k in range(100):
+        scene.real.truth.add(k / 100, Pose((0.0, k / 100, -0.5)))
+    live = scene.registration(SourceSetup(kind="rtp", address="rtp://127.0.0.1:5600"))
+    assert within(live(scene.drawn(0.5), 0.5)) > 10.0
+    file = scene.registration(SourceSetup(kind="video", address="flight.mp4"))
+    assert file(scene.drawn(0.5), 0.5) == RegistrationError()
+
+
+def test_a_live_picture_of_the_twin_is_of_the_twins_own_place(scene: Scene) -> None:
+    twin = scene.setup.vehicle("twin")
+    source = SourceSetup(kind="rtp", address="rtp://127.0.0.1:5602")
+    seeing = replace(twin, sensors=(replace(twin.cameras[0], source=source),))
+    others = tuple(one for one in scene.setup.vehicles if one.name != "twin")
+    scene.setup = replace(scene.setup, vehicles=(*others, seeing))
+    picture = replace(scene.drawn(0.5), camera_pose=None)
+    beside = within(scene.registration()(picture, 0.5))
+    scene.twin.poses = PoseHistory(2.0)
+    for k in range(100):
+        scene.twin.poses.add(k / 100, Pose((0.0, k / 100 + 0.3, -0.5)))
+    assert 40.0 < within(scene.registration()(picture, 0.5)) - beside < 60.0

@@ -1,0 +1,112 @@
+"""What happens until vehicles arm: in which order, and how often each is asked."""
+
+import asyncio
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from campaigns.setup.case_setup import SyncSetup
+from orchestrator.model.clock import run_virtual
+from orchestrator.model.results import NOT_ARMED
+from orchestrator.run.flight.operator_hold import OperatorHold
+from orchestrator.run.flight.pair_flight import fly_together
+from orchestrator.run.vehicles.simulator_logs import flight_log
+from orchestrator.state.run_state import RunState
+
+SYNC = SyncSetup(
+    identify_timeout_s=9.0,
+    ready_timeout_s=90.0,
+    takeoff_timeout_s=9.0,
+    takeoff_tolerance_m=0.1,
+    goal_timeout_s=9.0,
+    landing_timeout_s=9.0,
+    max_command_skew_s=1.0,
+    max_takeoff_skew_s=1.0,
+    max_t0_skew_s=1.0,
+)
+
+
+@dataclass
+class Standing:
+    """A vehicle that is ready after a time, and writes down what it is asked."""
+
+    name: str
+    ready_after_s: float
+    asked: list[tuple[float, str]]
+    identity: Any = field(default_factory=lambda: SimpleNamespace(uid=None, uid2=None))
+
+    @property
+    def driver(self) -> "Standing":
+        return self
+
+    def note(self, what: str) -> None:
+        self.asked.append((asyncio.get_running_loop().time(), f"{self.name} {what}"))
+
+    async def identify(self, timeout_s: float) -> None:
+        del timeout_s
+
+    async def ready(self, timeout_s: float) -> None:
+        del timeout_s
+        await asyncio.sleep(max(0.0, self.ready_after_s - asyncio.get_running_loop().time()))
+        self.note("ready")
+
+
+def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> None:
+    """A PX4 in SIH waited 45 s for an ArduCopter: its estimate had left its anchor by 0.54 m."""
+    monkeypatch.setattr("orchestrator.run.flight.pair_flight.same_vehicle", lambda *_: False)
+    asked: list[tuple[float, str]] = []
+
+    async def flown() -> str:
+        run_state = RunState(time=asyncio.get_running_loop().time)
+        contexts = (Standing("real", 45.0, asked), Standing("twin", 5.0, asked))
+
+        async def told(what: str, *_: object) -> None:
+            asked.append((asyncio.get_running_loop().time(), what))
+
+        async def prepare(context: Any) -> None:
+            context.note("prepared")
+
+        await fly_together(
+            contexts,  # type: ignore[arg-type]  # as much of them as is used
+            run_state=run_state,
+            holding=OperatorHold(run_state=run_state),
+            sync=SYNC,
+            heights_m={},
+            before_arming=partial(told, "proven"),
+            barrier=lambda: None,
+            goal=partial(told, "goal"),
+            prepare=prepare,
+            preflight=partial(told, "preflight"),
+            arm=False,
+        )
+        return run_state.decisive[0].text
+
+    assert run_virtual(flown()) == NOT_ARMED
+    assert asked == [
+        (5.0, "twin ready"), (45.0, "real ready"),
+        (45.0, "real prepared"), (45.0, "twin prepared"),
+        (45.0, "real ready"), (45.0, "twin ready"),
+        (45.0, "proven"), (45.0, "preflight"),
+    ]  # fmt: skip
+
+
+def test_the_log_of_the_flight_is_found(tmp_path: Path) -> None:
+    """Their folders as ArduCopter 4.7 and PX4 left them."""
+    assert flight_log(tmp_path / "none") is None
+    copter, px4 = tmp_path / "real-sitl", tmp_path / "twin-sitl"
+    for file, size in (
+        (px4 / "log" / "2026-11-21" / "21_06_38.ulg", 8102764),
+        (px4 / "parameters.bson", 4000),
+        (copter / "logs" / "00000001.BIN", 1593344),
+        (copter / "logs" / "00000002.BIN", 40960),
+        (copter / "logs" / "00000003.BIN", 0),
+        (copter / "logs" / "LASTLOG.TXT", 3),
+        (copter / "eeprom.bin", 9999999),
+    ):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with file.open("wb") as made:
+            made.truncate(size)
+    assert flight_log(px4) == px4 / "log" / "2026-11-21" / "21_06_38.ulg"
+    assert flight_log(copter) == copter / "logs" / "00000001.BIN"

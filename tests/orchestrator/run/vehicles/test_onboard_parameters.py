@@ -1,0 +1,234 @@
+"""Parameters of a campaign in a vehicle that runs: set, proven, set back, after a kill as well."""
+
+import asyncio
+import signal
+import subprocess
+import sys
+from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType, SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from campaigns.schema import PreflightPart
+from campaigns.setup.case_setup import VehicleSetup
+from campaigns.values.external_setups import InjectionSetup
+from orchestrator.external.injection_check import UnsupportedInjectionError, prove_injection
+from orchestrator.model.clock import run_virtual
+from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
+from orchestrator.state.parameter_backups import parameter_backup_folder
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.fence.geofence import Fence
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.driver import Driver
+from vehicles.driver.onboard.fence_protocol import FenceCircle, Place
+from vehicles.embedded.physics.config import EmbeddedConfig
+from vehicles.embedded.profile import load_profile
+from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.links.link_strings import parse_link
+from vehicles.links.memory import memory_pair
+from worlds.frames import AT_ORIGIN
+
+OBSTACLES = InjectionSetup(thing="obstacle_distance", to=("real",), sensor="lidar")
+Script = Callable[["Rig"], Awaitable[Any]]
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+class Rig:
+    """A vehicle that was there before us, and what a run puts aboard."""
+
+    def __init__(self, vehicle: EmbeddedVehicle, driver: Driver, params: dict[str, float]) -> None:
+        self.vehicle = vehicle
+        self.context = VehicleContext("real", driver, AT_ORIGIN, "mavlink")
+        self.setup = VehicleSetup(
+            name="real",
+            link=parse_link("udpin://127.0.0.1:14540"),
+            autopilot=driver.identity.autopilot,
+            profile="nominal",
+            start=AT_ORIGIN,
+            system_id=1,
+            params=params,
+        )
+        self.noted: list[tuple[str, Mapping[str, Any]]] = []
+        self.decided: list[tuple[str, ...]] = []
+
+    def aboard(
+        self,
+        preflight: PreflightPart = PreflightPart(fence=None),  # noqa: B008 - frozen
+        fences: Mapping[str, Fence] = MappingProxyType({}),
+    ) -> OnboardConfiguration:
+        campaign = SimpleNamespace(preflight=preflight, fences=fences)
+        setup = SimpleNamespace(vehicle=lambda _: self.setup, campaign=campaign)
+        run_state = SimpleNamespace(decide=lambda *said: self.decided.append(said))
+        return OnboardConfiguration(
+            setup=cast("Any", setup),
+            contexts=(self.context,),
+            run_state=cast("Any", run_state),
+            note=lambda event, **more: self.noted.append((event, more)),
+        )
+
+    async def prove(self, aboard: OnboardConfiguration) -> None:
+        vehicles = {"real": self.setup}
+        await prove_injection([self.context], vehicles, [OBSTACLES], unbooted=aboard.unbooted)
+
+    def has(self, name: str) -> float:
+        return self.vehicle.autopilot.parameters[name]
+
+
+def with_vehicle(
+    autopilot: AutopilotName,
+    script: Script,
+    *,
+    params: dict[str, float],
+    born_with: Mapping[str, float] | None = None,
+) -> None:
+    async def run() -> None:
+        far, near = memory_pair(latency_s=0.003)
+        config = EmbeddedConfig(
+            autopilot=autopilot,
+            profile=load_profile("nominal"),
+            source="real",
+            parameters=born_with or {},
+        )
+        async with (
+            EmbeddedVehicle(config=config, link=far, seed=1) as vehicle,
+            Driver(name="real", link=near, autopilot=autopilot) as driver,
+        ):
+            await driver.identify(10.0)
+            await script(Rig(vehicle, driver, params))
+
+    run_virtual(run())
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name", "before"),
+    [("ardupilot", "GUID_TIMEOUT", 3.0), ("px4", "COM_OF_LOSS_T", 1.0)],
+)
+def test_what_the_campaign_sets_is_set_back(
+    autopilot: AutopilotName, name: str, before: float
+) -> None:
+    async def script(rig: Rig) -> None:
+        aboard = rig.aboard()
+        await aboard.put(rig.context)
+        assert rig.has(name) == 5.0
+        assert len(list(parameter_backup_folder().iterdir())) == 1
+        assert aboard.unbooted == {"real": frozenset({name})}
+        await aboard.restore()
+        assert rig.has(name) == before
+        assert list(parameter_backup_folder().iterdir()) == []
+        assert rig.decided == []
+
+    with_vehicle(autopilot, script, params={name: 5.0})
+
+
+def test_what_counts_at_boot_alone_is_refused_and_set_back() -> None:
+    async def script(rig: Rig) -> None:
+        aboard = rig.aboard()
+        await aboard.put(rig.context)
+        assert rig.has("PRX1_TYPE") == 2.0
+        with pytest.raises(
+            UnsupportedInjectionError, match=r"PRX1_TYPE was set to 2 since .* reboot it"
+        ):
+            await rig.prove(aboard)
+        await aboard.restore()
+        assert (rig.has("PRX1_TYPE"), rig.has("AVOID_ENABLE")) == (0.0, 3.0)
+
+    with_vehicle("ardupilot", script, params={"PRX1_TYPE": 2, "AVOID_ENABLE": 2})
+
+
+def test_a_vehicle_that_booted_with_it_is_told_the_rest_by_the_campaign() -> None:
+    async def script(rig: Rig) -> None:
+        bare = rig.aboard()
+        with pytest.raises(UnsupportedInjectionError, match="set AVOID_ENABLE to 2"):
+            await rig.prove(bare)
+        aboard = rig.aboard()
+        await aboard.put(rig.context)
+        await rig.prove(aboard)
+        await aboard.restore()
+        assert rig.has("AVOID_ENABLE") == 0.0
+
+    with_vehicle(
+        "ardupilot",
+        script,
+        params={"PRX1_TYPE": 2, "AVOID_ENABLE": 2},
+        born_with={"PRX1_TYPE": 2, "AVOID_ENABLE": 0},
+    )
+
+
+_KILLED = """
+import asyncio, os, signal, sys
+from pathlib import Path
+from tests.vehicles.driver.onboard.test_parameter_backup import Access
+from vehicles.driver.onboard.parameter_backup import ParameterContext
+async def main():
+    access = Access(AVOID_MARGIN=2.0)
+    async with ParameterContext(
+        access=access, vehicle=sys.argv[2], changes={"AVOID_MARGIN": 9.0}, journal=Path(sys.argv[1])
+    ):
+        os.kill(os.getpid(), signal.SIGKILL)
+asyncio.run(main())
+"""
+
+
+def test_what_a_run_left_that_was_killed_is_set_back_by_the_next() -> None:
+    async def script(rig: Rig) -> None:
+        identity = rig.context.driver.identity
+        vehicle = f"ardupilot {identity.system_id} {identity.uid}"
+        argv = [sys.executable, "-c", _KILLED, str(parameter_backup_folder()), vehicle]
+        killed = await asyncio.to_thread(subprocess.run, argv, check=False, timeout=60)
+        assert killed.returncode == -signal.SIGKILL
+        assert rig.has("AVOID_MARGIN") == 9.0  # as that run left it
+        aboard = rig.aboard()
+        await aboard.put(rig.context)
+        assert rig.has("AVOID_MARGIN") == 2.0
+        assert rig.noted[0][0] == "parameter"
+        assert rig.noted[0][1]["name"] == "AVOID_MARGIN"
+        assert rig.has("GUID_TIMEOUT") == 4.0
+        await aboard.restore()
+        assert (rig.has("AVOID_MARGIN"), rig.has("GUID_TIMEOUT")) == (2.0, 3.0)
+        assert list(parameter_backup_folder().iterdir()) == []
+
+    with_vehicle("ardupilot", script, params={"GUID_TIMEOUT": 4.0}, born_with={"AVOID_MARGIN": 9.0})
+
+
+@pytest.mark.parametrize("settled", [True, False])
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_an_attached_vehicle_has_its_own_fence_again(
+    autopilot: AutopilotName, settled: bool
+) -> None:
+    bounds: dict[str, Any] = {"east_m": (-4, 4), "up_m": (-1, 9)}
+    first = Fence.box(north_m=(-5, 5), **bounds)
+    second = Fence.box(north_m=(-2, 3), east_m=(-1, 1), up_m=(-1, 4))
+
+    async def script(rig: Rig) -> None:
+        driver = rig.context.driver
+        await driver.ready(90.0)
+        where = driver.place_of((0.0, 0.0, 0.0))
+        circle = FenceCircle(Place(where.latitude_deg, where.longitude_deg), 40.0)
+        await driver.onboard.fences.upload((circle,))
+        ceiling = "GF_MAX_VER_DIST" if autopilot == "px4" else "FENCE_ALT_MAX"
+        before = rig.has(ceiling)
+        aboard = rig.aboard(PreflightPart(failsafe="set"), {"real": first})
+        await aboard.put(rig.context)
+        assert rig.has(ceiling) == 10.0
+        await aboard.fences.offer({"real": second})
+        if settled:
+            await aboard.fences.confirm()
+        assert rig.has(ceiling) == 5.0
+        await aboard.restore()
+        (area,) = rig.vehicle.autopilot.fence.areas
+        assert getattr(area, "radius_m", None) == 40.0
+        assert rig.has(ceiling) == before
+        assert journals() == 0
+        assert rig.decided == []
+
+    with_vehicle(autopilot, script, params={})
+
+
+def journals() -> int:
+    return len(list(parameter_backup_folder().glob("*")))

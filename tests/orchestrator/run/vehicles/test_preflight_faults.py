@@ -1,0 +1,185 @@
+"""Each check of the preflight sees the fault it is for, in an embedded vehicle that has it."""
+
+import asyncio
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from orchestrator.model.results import RunResult
+from orchestrator.run.vehicles import vehicle_backends
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_state import RunState
+from tests.orchestrator.conftest import Fly
+from tests.orchestrator.flights import log_of
+from vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from vehicles.embedded.autopilot.px4 import px4_telemetry
+from vehicles.embedded.autopilot.px4.px4_core import Px4Core
+from vehicles.embedded.physics.config import EmbeddedConfig
+from vehicles.embedded.vehicle import EmbeddedVehicle
+from worlds.frames import Pose
+
+ARDUPILOT = "vehicles.twin.autopilot=ardupilot"
+
+
+def once_ready(name: str, break_it: Callable[[EmbeddedVehicle], None]) -> Any:
+    """Return a disturbance that breaks something in a vehicle that said it is ready to arm."""
+
+    def disturb(pair: Pair, _: RunState) -> None:
+        (context,) = [one for one in pair.contexts if one.name == name]
+        vehicle, ready = pair.vehicles[name], context.driver.ready
+        assert isinstance(vehicle, EmbeddedVehicle)
+
+        times = itertools.count(1)
+
+        async def ready_and_broken(timeout_s: float) -> None:
+            await ready(timeout_s)
+            # It is asked again when all has been put aboard; the preflight follows that.
+            if next(times) == 2:
+                break_it(vehicle)
+                await asyncio.sleep(2.0)
+
+        context.driver.ready = ready_and_broken  # type: ignore[method-assign]  # to break it then
+
+    return disturb
+
+
+def refusals(flown: tuple[RunResult, Path]) -> list[str]:
+    result, folder = flown
+    assert result.verdict == "ERROR"
+    assert result.reason.startswith("preflight: ")
+    assert not any(line.get("kind") == "armed" for line in log_of(folder))
+    refused = [item for item in result.preflight if item.outcome == "refused"]
+    return [str(item) for item in refused]
+
+
+def gps_of(fix: int, satellites: int, hdop_cm: int) -> Any:
+    def build(s: Any) -> Any:
+        return mavlink.MAVLink_gps_raw_int_message(
+            s.boot_us, fix, 0, 0, 0, hdop_cm, 200, 0, 0, satellites
+        )
+
+    return build
+
+
+def test_a_battery_that_is_low(fly_run: Fly) -> None:
+    disturb = once_ready("twin", lambda vehicle: vehicle._body.battery.set_remaining(0.2))
+    (said,) = refusals(fly_run(mode="sim", disturb=disturb))
+    assert said == "twin battery: its charge is 0.2, and at least 0.3 is wanted"
+
+
+@pytest.mark.parametrize("sets", [(), (ARDUPILOT,)], ids=["px4", "ardupilot"])
+def test_an_estimator_that_gives_up(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, sets: tuple[str, ...]
+) -> None:
+    def lost(_: EmbeddedVehicle) -> None:
+        sound = px4_telemetry.estimator_status
+
+        def px4(s: Any, **more: Any) -> Any:
+            message = sound(s, **more)
+            message.flags = 1
+            return message
+
+        def ardupilot(_: Any) -> Any:
+            return mavlink.MAVLink_ekf_status_report_message(1, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+        monkeypatch.setattr(px4_telemetry, "estimator_status", px4)
+        number = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT
+        monkeypatch.setitem(CopterCore.builders, number, ardupilot)
+
+    (said,) = refusals(fly_run(mode="sim", sets=sets, disturb=once_ready("twin", lost)))
+    assert said.startswith("twin estimator: ")
+    assert "position" in said
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize(
+    ("built", "said"),
+    [
+        (gps_of(0, 255, 65535), "it has no receiver; where it flies without one, preflight.gps: n"),
+        (gps_of(2, 9, 90), "it has no fix with height"),
+        (gps_of(3, 5, 90), "satellites in sight is 5, and at least 6 is wanted"),
+        (gps_of(3, 255, 90), "satellites in sight is not known"),
+        (gps_of(4, 12, 310), "their dilution (HDOP) is 3.1, and at most 2.5 is allowed"),
+        (lambda _: None, "nothing is said of its receiver"),
+    ],
+    ids=["no receiver", "no height", "few", "unknown", "diluted", "silent"],
+)
+def test_a_gps_that_is_not_fit_to_fly_by(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, autopilot: str, built: Any, said: str
+) -> None:
+    for core in (Px4Core, CopterCore):
+        monkeypatch.setitem(core.builders, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, built)
+    (refused,) = refusals(fly_run(mode="sim", sets=(f"vehicles.twin.autopilot={autopilot}",)))
+    assert refused.startswith(f"twin gps: {said}")
+
+
+def test_who_flies_without_gps_may_say_so(fly_run: Fly, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(Px4Core.builders, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, gps_of(0, 255, 65535))
+    result, _ = fly_run(mode="sim", sets=("preflight.gps=null",))
+    assert result.verdict == "PASS"
+    assert not [item for item in result.preflight if item.check == "gps"]
+
+
+def slow(vehicle: EmbeddedVehicle) -> None:
+    vehicle._mocap._noise = vehicle._mocap._noise.model_copy(update={"rate_hz": 4})
+
+
+def silent(vehicle: EmbeddedVehicle) -> None:
+    vehicle._mocap._callbacks.clear()
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (slow, ["real mocap: how often motion capture sees it is 4 Hz, and at least 10 Hz"]),
+        (
+            silent,
+            [
+                "real position: how far from its start it stands by mocap is not known",
+                "real mocap: how long ago motion capture saw it is ",
+                "real home: where it stands is not known",
+                "pair: how far apart real and twin stand, each from its start, is not known",
+            ],
+        ),
+    ],
+)
+def test_motion_capture_that_is_slow_or_silent(
+    fly_run: Fly, fault: Callable[[EmbeddedVehicle], None], said: list[str]
+) -> None:
+    refused = refusals(fly_run(has_cameras=False, disturb=once_ready("real", fault)))
+    assert [text[: len(start)] for text, start in zip(refused, said, strict=True)] == said
+
+
+def test_a_vehicle_that_stands_elsewhere(fly_run: Fly, monkeypatch: pytest.MonkeyPatch) -> None:
+    def config(**values: Any) -> EmbeddedConfig:
+        made = EmbeddedConfig(**values)
+        aside = Pose((-1.3, 0.0, 0.0))
+        return replace(made, start=aside) if made.source == "real" else made
+
+    monkeypatch.setattr(vehicle_backends, "EmbeddedConfig", config)
+    refused = refusals(fly_run(has_cameras=False))
+    assert [text.split(":")[0] for text in refused] == ["real position", "real home", "pair"]
+    assert "1.3 m, and at most 0.5 m is allowed" in refused[0]
+    assert "m outside of the fence's side" in refused[1]
+
+
+def test_a_clock_that_is_not_known_well_enough(fly_run: Fly) -> None:
+    sets = ("links.twin={latency_ms: 300}", "sync.ready_timeout_s=90")
+    (said,) = refusals(fly_run(mode="sim", sets=sets))
+    assert said.startswith(
+        "twin clock: how far its clock may be from where we take it to be is 0.3"
+    )
+
+
+def test_an_override_is_told_at_the_end(fly_run: Fly) -> None:
+    sets = ("preflight.min_battery=1", "preflight.override={battery: J. Doe}")
+    disturb = once_ready("twin", lambda vehicle: vehicle._body.battery.set_remaining(0.5))
+    result, _ = fly_run(mode="sim", sets=sets, disturb=disturb)
+    assert result.verdict == "PASS"
+    (item,) = [item for item in result.preflight if item.outcome == "overridden"]
+    assert (item.check, item.by, item.actual) == ("battery", "J. Doe", 0.5)

@@ -1,0 +1,156 @@
+"""Preflight in a run: what is refused never arms, what is overridden says by whom."""
+
+import shutil
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.campaign.run_order import fly_order
+from orchestrator.cli import main
+from orchestrator.model.results import RunResult
+from orchestrator.run.vehicles import onboard_fences
+from orchestrator.state.run_setup import RunOrder
+from safety.preflight import Item
+from tests.orchestrator.conftest import Fly, NoCommands
+from tests.orchestrator.flights import log_of
+from tests.orchestrator.hover import write_hover
+from vehicles.driver.onboard.fence_protocol import AutopilotFence, FencePolygon, Place
+
+FENCE = "geofence={box: {north_m: [-3, 3], east_m: [-3, 3], up_m: [-1, 2.4]}}"
+ARDUPILOT = "vehicles.twin.autopilot=ardupilot"
+
+
+class Flight(NamedTuple):
+    result: RunResult
+    armed: bool
+    folder: Path
+
+    def item(self, check: str) -> Item:
+        (found,) = [item for item in self.result.preflight if item.check == check]
+        return found
+
+
+@pytest.fixture
+def hover(tmp_path: Path) -> Any:
+    path = write_hover(tmp_path)
+
+    def fly(*sets: str) -> Flight:
+        (plan, *_) = load_campaign(path, Options(sets=sets)).runs
+        folder = tmp_path / "out" / plan.name
+        order = RunOrder(plan=plan, folder=folder, clock="virtual")
+        result = fly_order(order, lambda _: None, NoCommands())
+        armed = any(line.get("kind") == "armed" for line in log_of(folder))
+        return Flight(result, armed, folder)
+
+    return fly
+
+
+def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
+    result, folder = fly_run(has_cameras=False)
+    assert {item.outcome for item in result.preflight} == {"ok"}
+    found = [(item.check, item.vehicle) for item in result.preflight]
+    first = ["failsafe", "return_altitude", "battery", "estimator", "position"]
+    sources = {"real": ["mocap", "mocap"], "twin": ["gps", "gps"]}
+    both = [
+        (check, vehicle)
+        for vehicle, source in sources.items()
+        for check in (*first, *source, "clock", "home")
+    ]
+    assert found == [("disk", ""), *both, ("pair", "")]
+    noted = [line for line in log_of(folder) if line.get("event") == "preflight"]
+    assert [(line["check"], line["vehicle"]) for line in noted] == found
+
+
+@pytest.mark.parametrize(
+    ("sets", "said"),
+    [
+        (("preflight.start_tolerance_m=1e-12",), "twin position: how far from its start it stan"),
+        (("preflight.max_clock_error_s=1e-12",), "twin clock: how far its clock may be from whe"),
+        (("vehicles.twin.params={NAV_DLL_ACT: 0}",), "NAV_DLL_ACT is 0: it would not come down"),
+        ((ARDUPILOT, "vehicles.twin.params={FS_GCS_ENABLE: 0}"), "it would hover until its batt"),
+        ((FENCE, "vehicles.twin.params={RTL_RETURN_ALT: 60}"), "is 60 m, and at most 2.4 m is al"),
+        ((ARDUPILOT, FENCE, "vehicles.twin.params={RTL_ALT_M: 15}"), "is 15 m, and at most 2.4"),
+        (
+            (FENCE, "preflight.failsafe=check"),
+            "twin return_altitude: the height it returns at is 60",
+        ),
+        ((FENCE, "geofence.keep_m=0.99", "preflight.start_tolerance_m=1e-12"), "twin position"),
+    ],
+)
+def test_what_is_refused_never_arms(hover: Any, sets: tuple[str, ...], said: str) -> None:
+    flight = hover(*sets)
+    assert flight.result.verdict == "ERROR"
+    assert flight.result.reason.startswith("preflight: ")
+    assert said in flight.result.reason
+    assert not flight.armed
+    assert any(item.outcome == "refused" for item in flight.result.preflight)
+
+
+def test_what_is_overridden_flies_and_says_by_whom(hover: Any) -> None:
+    flight = hover("vehicles.twin.params={NAV_DLL_ACT: 0}", "preflight.override.failsafe=J. Doe")
+    assert flight.result.verdict == "PASS"
+    item = flight.item("failsafe")
+    assert (item.outcome, item.by) == ("overridden", "J. Doe")
+    assert item.text.startswith("NAV_DLL_ACT is 0")
+
+
+def test_what_is_overridden_is_told_in_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sets = ("vehicles.twin.params={NAV_DLL_ACT: 0}", "preflight.override.failsafe=J. Doe")
+    words = [word for one in sets for word in ("--set", one)]
+    assert main(["run", str(write_hover(tmp_path)), "--out", str(tmp_path / "out"), *words]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "preflight, 2 of 2 runs: twin failsafe: NAV_DLL_ACT is 0" in said
+    assert "(overridden by J. Doe) accepted; preflight overridden by J. Doe" in said
+    (junit,) = (tmp_path / "out").rglob("junit.xml")
+    assert '<property name="overridden" value="twin failsafe by J. Doe"/>' in junit.read_text(
+        "utf-8"
+    ).replace(" />", "/>")
+
+
+@pytest.mark.parametrize("sets", [(FENCE,), (ARDUPILOT, FENCE)])
+def test_a_return_is_set_beneath_a_low_ceiling(hover: Any, sets: tuple[str, ...]) -> None:
+    flight = hover(*sets)
+    assert flight.result.verdict == "PASS", flight.result.reason
+    item = flight.item("return_altitude")
+    assert (item.outcome, item.limit) == ("ok", 2.4)
+    assert item.actual == pytest.approx(1.8)
+
+
+def test_a_fence_that_the_autopilot_refuses_is_an_error_before_arming(
+    hover: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far = tuple(Place(48.0 + lat, 9.0 + lon) for lat, lon in ((0, 0), (0.1, 0), (0.1, 0.1)))
+    excluding = AutopilotFence(areas=(FencePolygon(far),), ceiling_m=5.0)
+    monkeypatch.setattr(onboard_fences, "onboard_fence_of", lambda *_, **__: excluding)
+    flight = hover(FENCE)
+    assert flight.result.verdict == "ERROR"
+    assert "fence: it was refused with" in flight.result.reason
+    assert not flight.armed
+
+
+def test_a_fence_that_comes_back_otherwise_is_an_error_before_arming(
+    hover: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "vehicles.driver.onboard.mission_protocol._difference", lambda *_: "item 2 came back as 0"
+    )
+    flight = hover(FENCE)
+    assert flight.result.verdict == "ERROR"
+    assert "fence: item 2 came back as 0" in flight.result.reason
+    assert not flight.armed
+
+
+def test_a_disk_without_room_is_told_before_the_first_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=5_000_000))
+    out = tmp_path / "out"
+    assert main(["run", str(write_hover(tmp_path)), "--out", str(out)]) == 3
+    said = capsys.readouterr().err
+    assert "is 5 MB, and at least 200 MB is wanted; make room, or lower" in said
+    assert not list(out.rglob("result.json"))

@@ -1,0 +1,59 @@
+"""The registry lists every step once, with what it is for."""
+
+import pytest
+
+from recipes.language.step_docs import describe_steps
+from recipes.model import registry
+from recipes.model.registry import STAGES, Context, DuplicateStepError, StepParameters, step, steps
+from recipes.working import Masked, Operator
+from vehicles.readings import SENSOR_TYPES
+
+
+def test_the_listing_is_ordered_and_says_what_each_step_does() -> None:
+    places = [(STAGES.index(kind.stage), kind.name) for kind in steps()]
+    assert places == sorted(places)
+    assert len(set(places)) == len(places)
+    for kind in steps():
+        assert kind.summary.endswith("."), kind.name
+        assert set(kind.sensors) <= set(SENSOR_TYPES), kind.name
+        assert set(kind.gives) <= set(kind.sensors)
+
+
+@pytest.mark.parametrize("sensor", SENSOR_TYPES)
+def test_every_sensor_can_be_transformed_filtered_and_merged(sensor: str) -> None:
+    for stage in STAGES:
+        assert any(kind.stage == stage and sensor in kind.sensors for kind in steps())
+
+
+def test_a_second_step_of_a_name_is_refused() -> None:
+    def again(parameters: StepParameters, context: Context) -> Operator:
+        return lambda work, _other: Masked(work.reading)
+
+    decorate = step("resize", stage="transform", sensors=("camera",), parameters=StepParameters)
+    with pytest.raises(DuplicateStepError, match="'resize'"):
+        decorate(again)
+    found = registry.find("resize")
+    assert found is not None
+    assert found.stage == "transform"
+
+
+def test_every_step_is_described_with_its_parameters() -> None:
+    docs = {(doc.name, doc.stage): doc for doc in map(describe_steps, steps())}
+    resize = docs["resize", "transform"]
+    assert resize.sensors == ("camera", "depth")
+    assert "(h, w, 3) uint8" in resize.details
+    on, to = resize.parameters
+    assert (on.name, on.takes, on.default, on.needed) == (
+        "on",
+        "real | twin | both",
+        "twin",
+        False,
+    )
+    assert (to.takes, to.needed) == ("real | twin or {width_px, height_px}", True)
+    assert docs["geodetic", "transform"].gives == "gps"
+    assert docs["use", "filter"].parameters[-1].name == "with"
+    overlay = {one.name: one for one in docs["overlay", "merge"].parameters}
+    assert overlay["priority"].default == "[twin, real]"
+    for doc in docs.values():
+        assert doc.summary.endswith((".", ":"))
+        assert doc.notes

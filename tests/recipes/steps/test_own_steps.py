@@ -1,0 +1,168 @@
+"""The user's own steps: checked at load, and an exception names file, line, step and frame."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from recipes.language.recipe_files import load_recipe_file
+from recipes.pipeline.pipeline import Mixer, compile_recipe
+from recipes.working import StepError
+from tests.recipes.samples import camera, plain
+from worlds.files.documents import BadInput
+
+STEPS = """
+from dataclasses import replace
+import numpy as np
+from recipes.working import CannotMixError, Masked
+
+
+def desaturate(work, other, *, amount=1.0):
+    image = work.reading.image_bgr.astype(float)
+    grey = image.mean(axis=2, keepdims=True)
+    made = np.rint(image + (grey - image) * amount).astype(np.uint8)
+    return replace(work.reading, image_bgr=made)
+
+
+def keep_left(work, other):
+    mask = np.zeros(work.reading.image_bgr.shape[:2], np.uint8)
+    mask[:, :10] = 255
+    return Masked(work.reading, mask)
+
+
+class Counter:
+    def __init__(self, start):
+        self.count = start
+
+    def __call__(self, work, other):
+        self.count += 1
+        image = np.full_like(work.reading.image_bgr, self.count)
+        return replace(work.reading, image_bgr=image)
+
+
+def brighter(sides, *, by):
+    real = sides["real"].reading
+    return replace(real, image_bgr=real.image_bgr + np.uint8(by))
+
+
+def broken(work, other):
+    if other is not None and work.reading.seq == 5:
+        return 1 / 0
+    return work
+
+
+def refuses(work, other):
+    raise CannotMixError("mismatch", "not today")
+
+
+def nothing(work, other):
+    return None
+
+
+def wrong_size(work, other):
+    return replace(work.reading, image_bgr=work.reading.image_bgr[:3])
+
+
+def bad_mask(work, other):
+    return Masked(work.reading, np.zeros(3, np.uint8))
+
+
+NUMBER = 3
+"""
+HEAD = "schema: wil/recipe/1\nsensors: {camera: {type: camera}}\ncombine:\n  - sensor: camera\n"
+
+
+def mixer(folder: Path, *lines: str, merge: str = "overlay") -> Mixer:
+    (one,) = compile_recipe(load_recipe_file(written(folder, *lines, merge=merge)), object_ids={})
+    return one
+
+
+def written(folder: Path, *lines: str, merge: str = "overlay") -> Path:
+    (folder / "my_steps.py").write_text(STEPS)
+    path = folder / "own.yaml"
+    body = "".join(f"    {line}\n" for line in lines)
+    path.write_text(f"{HEAD}{body}    merge: {merge}\n")
+    return path
+
+
+def mixed(one: Mixer, seq: int = 3) -> Any:
+    twin = camera(plain((10, 20, 60)), seq=seq)
+    return one.mix(camera(plain(), "real"), twin, now_s=1.1)
+
+
+def test_functions_work_in_every_stage(tmp_path: Path) -> None:
+    one = mixer(
+        tmp_path,
+        "transform: [{use: 'my_steps.py:desaturate', with: {amount: 1.0}}]",
+        "filter: [{use: 'my_steps.py:keep_left'}]",
+    )
+    image = mixed(one).reading.image_bgr
+    assert (image[:, :10] == 30).all()
+    assert (image[:, 10:] == plain()[:, 10:]).all()
+    by = mixer(tmp_path, merge="{use: 'my_steps.py:brighter', with: {by: 5}}")
+    assert (mixed(by).reading.image_bgr == plain() + 5).all()
+
+
+def test_a_class_is_made_once_for_each_side(tmp_path: Path) -> None:
+    one = mixer(tmp_path, "transform: [{use: 'my_steps.py:Counter', with: {start: 7}, on: both}]")
+    assert [int(mixed(one).reading.image_bgr[0, 0, 0]) for _ in range(3)] == [8, 9, 10]
+
+
+def test_an_exception_is_told_in_full(tmp_path: Path) -> None:
+    one = mixer(
+        tmp_path, "filter:", "  - {use: 'my_steps.py:keep_left'}", "  - {use: 'my_steps.py:broken'}"
+    )
+    assert mixed(one).reading is not None
+    with pytest.raises(StepError) as caught:
+        mixed(one, seq=5)
+    error = caught.value
+    assert (error.line, error.step, error.frame) == (7, "my_steps.py:broken", 1)
+    assert error.file.endswith("own.yaml")
+    line = STEPS.splitlines().index("        return 1 / 0") + 1
+    assert f"ZeroDivisionError: division by zero (my_steps.py line {line})" in error.detail
+    assert isinstance(error.__cause__, ZeroDivisionError)
+
+
+def test_a_step_may_refuse_a_frame(tmp_path: Path) -> None:
+    made = mixed(mixer(tmp_path, "transform: [{use: 'my_steps.py:refuses'}]"))
+    assert (made.provenance.dropped, made.provenance.detail) == ("mismatch", "not today")
+    assert np.array_equal(made.reading.image_bgr, plain())
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nothing", "returned NoneType, not a reading"),
+        ("wrong_size", r"returned a bad reading: picture is \(3, 64, 3\)"),
+        ("bad_mask", r"returned a mask of \(3,\), not \(48, 64\)"),
+    ],
+)
+def test_a_result_that_is_none_is_an_error_and_no_wrong_picture(
+    tmp_path: Path, name: str, said: str
+) -> None:
+    with pytest.raises(StepError, match=said):
+        mixed(mixer(tmp_path, f"transform: [{{use: 'my_steps.py:{name}'}}]"))
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        ("{use: 'my_steps.py:desaturat'}", "did you mean 'desaturate'?"),
+        ("{use: 'my_step.py:desaturate'}", "no file 'my_step.py' beside the recipe"),
+        ("{use: 'my_steps.py:NUMBER'}", "neither a function nor a class"),
+        ("{use: 'my_steps.py:desaturate', with: {amont: 1}}", "unexpected keyword argument"),
+        ("{use: 'my_steps.py:Counter'}", "missing a required argument: 'start'"),
+        ("{use: 'my_steps.py:brighter', with: {by: 1}}", "cannot be called with (work, other)"),
+        ("{use: 'desaturate'}", "is not of the form file.py:Name"),
+        ("{use: 'my_steps.py:desaturate', wiht: {}}", "did you mean 'with'?"),
+        ("{use: 'bad.py:f'}", "line 2: ZeroDivisionError"),
+    ],
+)
+def test_what_cannot_be_used_is_told_at_load(tmp_path: Path, step: str, said: str) -> None:
+    (tmp_path / "bad.py").write_text("x = 1\n1 / 0\n")
+    with pytest.raises(BadInput) as caught:
+        load_recipe_file(written(tmp_path, f"transform: [{step}]"))
+    (problem,) = caught.value.problems
+    assert said in problem.headline
+    assert problem.line == 5

@@ -1,0 +1,220 @@
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from safety.evaluation.judge import Judge, OracleUse, build_oracles
+from safety.fence.geofence import Fence
+from safety.model.samples import LinkSample, PoseSample, StageSample, StateSample
+from safety.oracles import OracleContext, OracleError, RunMode, registry
+from vehicles.autopilots.autopilot import Mode
+from worlds.frames import Pose, Vec3
+
+FENCE = Fence.box(north_m=(-1, 4), east_m=(-2, 2), up_m=(-0.5, 2.5))
+
+
+def use(kind: str, *, name: str = "", **parameters: object) -> OracleUse:
+    return OracleUse(name or kind, kind, registry[kind].parameters.model_validate(parameters))
+
+
+def contexts(mode: RunMode) -> dict[str, OracleContext]:
+    flying = {"sim": ["twin"], "wil": ["real", "twin"], "real": ["real"]}[mode]
+    return {
+        vehicle: OracleContext(mode=mode, subject=flying[0], vehicle=vehicle, fence=FENCE)
+        for vehicle in flying
+    }
+
+
+def judged(mode: RunMode, *uses: OracleUse) -> list[tuple[str, str, bool]]:
+    return [(o.name, o.vehicle, o.required) for o in build_oracles(uses, contexts(mode))]
+
+
+def pose(t_s: float, vehicle: str, at: Vec3) -> PoseSample:
+    return PoseSample(t_s, vehicle, Pose(at), (0, 0, 0))
+
+
+def state(t_s: float, vehicle: str, *, armed: bool, landed: bool) -> StateSample:
+    return StateSample(t_s, vehicle, armed, Mode.LAND, "LAND", landed)
+
+
+def test_who_is_judged_in_which_mode() -> None:
+    uses = (
+        use("geofence"),
+        use("landed"),
+        use("twin_divergence"),
+        use("altitude", vehicle="twin", max_m=3),
+        use("link", required=False, max_gap_s=1),
+    )
+    assert judged("wil", *uses) == [
+        ("geofence", "real", True),
+        ("geofence", "twin", False),
+        ("landed", "real", True),
+        ("landed", "twin", False),
+        ("twin_divergence", "real", False),
+        ("altitude", "twin", True),
+        ("link", "real", False),
+        ("link", "twin", False),
+    ]
+    assert judged("sim", *uses) == [
+        ("geofence", "twin", True),
+        ("landed", "twin", True),
+        ("altitude", "twin", True),
+        ("link", "twin", False),
+    ]
+    assert judged("real", *uses) == [
+        ("geofence", "real", True),
+        ("landed", "real", True),
+        ("link", "real", False),
+    ]
+
+
+@pytest.mark.parametrize(
+    "uses", [(), (use("landed", required=False),), (use("landed", vehicle="twin"),)]
+)
+def test_a_real_vehicle_still_armed_at_the_end_always_fails(uses: tuple[OracleUse, ...]) -> None:
+    oracles = build_oracles(uses, contexts("wil"))
+    judge = Judge(oracles)
+    judge.state(state(1.0, "real", armed=True, landed=True))
+    assert any(
+        r.required and r.verdict == "FAIL" for r in judge.results(2.0) if r.vehicle == "real"
+    )
+    assert judged("sim") == []
+
+
+def test_one_kind_may_be_used_under_two_names_and_a_name_once() -> None:
+    both = judged("sim", use("altitude", max_m=3), use("altitude", name="low", max_m=1))
+    assert [name for name, _, _ in both] == ["altitude", "low"]
+    with pytest.raises(OracleError, match="two oracles are named 'altitude'"):
+        judged("sim", use("altitude", max_m=3), use("altitude", max_m=1))
+
+
+def test_an_unknown_kind_is_refused() -> None:
+    with pytest.raises(OracleError, match="no oracle 'crash'"):
+        judged("sim", OracleUse("crash", "crash", registry["landed"].parameters()))
+
+
+def test_each_vehicle_is_judged_by_its_own_samples() -> None:
+    judge = Judge(build_oracles([use("geofence"), use("landed")], contexts("wil")))
+    judge.stage(StageSample(0.0, "takeoff"))
+    assert judge.pose(pose(1.0, "real", (0, 0, -1))) == ()
+    flags = judge.pose(pose(1.0, "twin", (9, 0, -1)))
+    assert [(f.vehicle, f.oracle) for f in flags] == [("twin", "geofence")]
+    assert judge.flags == flags
+    # The twin's exit is reported, and settles nothing.
+    assert judge.decisive == ()
+    verdicts = {(r.name, r.vehicle): r.verdict for r in judge.results(2.0)}
+    assert verdicts["geofence", "real"] == "PASS"
+    assert verdicts["geofence", "twin"] == "FAIL"
+
+
+def test_a_decisive_flag_of_a_required_oracle_settles_the_run_once() -> None:
+    judge = Judge(build_oracles([use("geofence")], contexts("real")))
+    judge.stage(StageSample(0.0, "takeoff"))
+    for t_s, north_m in ((1.0, 9.0), (2.0, 0.0), (3.0, 9.0)):
+        judge.pose(pose(t_s, "real", (north_m, 0, -1)))
+    assert len(judge.flags) == 2
+    assert [(e.t_s, e.kind, e.source) for e in judge.decisive] == [(1.0, "FAIL", "geofence/real")]
+
+
+def test_a_stage_of_one_vehicle_is_not_the_other_s() -> None:
+    judge = Judge(build_oracles([use("time_limit", limit_s=10)], contexts("wil")))
+    judge.stage(StageSample(0.0, "goal"))
+    judge.stage(StageSample(4.0, "done", "twin"))
+    judge.tick(10.5)
+    results = [r for r in judge.results(11.0) if r.name == "time_limit"]
+    verdicts = {r.vehicle: (r.verdict, r.actual) for r in results}
+    assert verdicts == {
+        "real": ("FAIL", 11.0),
+        "twin": ("PASS", 4.0),
+    }
+    assert [f.vehicle for f in judge.flags] == ["real"]
+
+
+def test_time_alone_is_judged_too() -> None:
+    judge = Judge(build_oracles([use("time_limit", limit_s=1)], contexts("sim")))
+    judge.stage(StageSample(0.5, "goal"))
+    assert judge.tick(1.0) == ()
+    assert [f.oracle for f in judge.tick(2.0)] == ["time_limit"]
+
+
+def test_silence_is_judged_by_what_is_heard() -> None:
+    judge = Judge(build_oracles([use("link", max_gap_s=1)], contexts("sim")))
+    judge.stage(StageSample(0.0, "takeoff"))
+    judge.heard(LinkSample(0.5, "twin"))
+    assert [f.oracle for f in judge.heard(LinkSample(2.0, "twin"))] == ["link"]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize("where", ["position", "attitude", "velocity"])
+def test_a_pose_that_is_not_finite_is_invalid_and_judged_by_nobody(bad: float, where: str) -> None:
+    judge = Judge(build_oracles([use("geofence")], contexts("real")))
+    judge.stage(StageSample(0.0, "takeoff"))
+    sample = PoseSample(
+        1.0,
+        "real",
+        Pose(
+            (bad if where == "position" else 0.0, 0, -1),
+            (1, 0, 0, bad if where == "attitude" else 0.0),
+        ),
+        (bad if where == "velocity" else 0.0, 0, 0),
+    )
+    assert judge.pose(sample) == ()
+    assert judge.pose(sample) == ()
+    assert [(e.t_s, e.kind) for e in judge.decisive] == [(1.0, "INVALID")]
+    assert judge.results(2.0)[0].detail == "no pose seen"
+
+
+def test_samples_of_a_vehicle_nobody_judges_are_let_go() -> None:
+    judge = Judge(build_oracles([use("geofence")], contexts("sim")))
+    assert judge.pose(pose(1.0, "real", (99, 0, 0))) == ()
+    assert judge.heard(LinkSample(1.0, "nobody")) == ()
+
+
+class Nothing:
+    """A probe of an empty world."""
+
+    def sweep(self, *_: object, **__: object) -> tuple[()]:
+        return ()
+
+
+@pytest.mark.parametrize("mode", ["sim", "wil", "real"])
+def test_that_the_subject_touches_nothing_is_judged_always(mode: RunMode) -> None:
+    flying = contexts(mode)
+    seen = {name: replace(context, probe=Nothing()) for name, context in flying.items()}
+    subject = next(iter(flying.values())).subject
+
+    def of_contact(*uses: OracleUse) -> list[tuple[str, str, bool]]:
+        found = [(o.name, o.vehicle, o.required) for o in build_oracles(uses, seen)]
+        return [one for one in found if one[0] not in {"landed_always", "altitude"}]
+
+    always = [("collision_always", subject, True)]
+    assert of_contact(use("altitude", max_m=3)) == always
+    assert of_contact(use("collision"))[0] == ("collision", subject, True)
+    assert of_contact(use("collision", required=False))[0] == ("collision", subject, False)
+    other = "real" if subject == "twin" else "twin"
+    assert always[0] in of_contact(use("collision", vehicle=other))
+    assert of_contact(use("collision"))[-1] != always[0]
+    assert of_contact(use("collision", to="end"))[-1] != always[0]
+
+
+@pytest.mark.parametrize(
+    "weaker",
+    [
+        {"required": False},
+        {"exclude": ("gate",)},
+        {"from_": "goal"},
+        {"to": "land"},
+    ],
+)
+def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str, Any]) -> None:
+    flying = contexts("wil")
+    seen = {name: replace(context, probe=Nothing()) for name, context in flying.items()}
+    parameters = registry["collision"].parameters.model_construct(**weaker)
+    uses = [OracleUse("collision", "collision", parameters)]
+
+    def names(**options: bool) -> set[str]:
+        return {o.name for o in build_oracles(uses, seen, **options) if o.required}
+
+    assert "collision_always" in names()
+    assert "collision_always" not in names(collision_always=False)

@@ -1,0 +1,276 @@
+"""The tape of a judge: it reads back exactly, and judges as the flight was judged."""
+
+import io
+import math
+from collections.abc import Mapping
+
+import msgpack  # type: ignore[import-untyped]  # ships no types
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from safety.evaluation.judge import Judge, OracleUse, build_oracles
+from safety.evaluation.judge_log import (
+    JudgeLogError,
+    JudgeLogPacker,
+    LoggedSample,
+    Tick,
+    WorldEvent,
+    judge_from_log,
+    read_judge_log,
+)
+from safety.evidence.evidence import Evidence
+from safety.evidence.terms import SignalTerms
+from safety.fence.areas import Circle, Polygon
+from safety.fence.fence_values import plain_fence
+from safety.fence.geofence import Fence
+from safety.model.samples import (
+    DoubtSample,
+    FenceSample,
+    LinkSample,
+    PoseSample,
+    ReportSample,
+    Stage,
+    StageSample,
+    StateSample,
+)
+from safety.oracles import OracleContext, registry
+from safety.oracles.gates import gates_of
+from tests.safety.oracles.oracle_rigs import FENCE, SCENE
+from vehicles.autopilots.autopilot import Mode
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.contact_world import body_of
+from worlds.clearance.clearance import ClearanceProbe
+from worlds.frames import Pose
+from worlds.scene.scene import Scene
+
+BODY = body_of(Airframe())
+USES: tuple[tuple[str, dict[str, object]], ...] = (
+    ("collision", {}),
+    ("clearance", {"min_m": 0.3}),
+    ("reached", {}),
+    ("reached_position", {"tolerance_m": 0.5}),
+    ("time_limit", {"limit_s": 4.0}),
+    ("geofence", {}),
+    ("altitude", {"min_m": 0.5, "max_m": 2.0}),
+    ("vehicle_fault", {}),
+    ("link", {"max_gap_s": 0.5}),
+    ("landed", {}),
+    ("twin_divergence", {"max_m": 1.0, "required": True}),
+    ("area", {"keep": {"box": {"north_m": (-1, 4), "east_m": (-1, 1), "up_m": (-1, 2)}}}),
+    ("distance", {"object": "gate", "min_m": 0.2, "max_m": 3.0}),
+    ("speed", {"max_m_s": 2.0}),
+    ("attitude", {"max_tilt_deg": 30.0}),
+    ("estimator", {"max_unsound_s": 0.3}),
+    ("battery", {"min_percent": 50.0}),
+    ("modes", {"allowed": ("guided", "hold"), "max_changes": 2}),
+    (
+        "stl",
+        {
+            "stl": "always (armed -> eventually[0,2] (clearance_m > 0.1 or silence_s < 1)) "
+            "and always (fence_margin_m > -1)",
+            "from": "takeoff",
+            "fail_fast": True,
+        },
+    ),
+)
+
+FENCES = (
+    Fence.box(north_m=(-3, 3), east_m=(-3, 3), up_m=(-1, 3)),
+    Fence(
+        inclusions=[Circle((0.0, 1.0), 2.5)],
+        exclusions=[Polygon(((0.0, 0.0), (0.0, 1.0), (1.0, 1.0)))],
+        ceiling_up_m=2.0,
+    ),
+)
+numbers = st.floats(-4.0, 4.0)
+angles = st.floats(-1.0, 1.0)
+vehicles = st.sampled_from(["real", "twin"])
+texts = st.none() | st.text(max_size=5)
+STAGES: tuple[Stage, ...] = ("takeoff", "at_height", "goal", "done", "land", "landed", "end")
+
+SIGNALS = ("pose", "battery")
+
+
+@st.composite
+def tapes(draw: st.DrawFn) -> list[LoggedSample]:
+    """Samples of a flight in the order of their times, its stages in their order."""
+    t_s, stages = 0.0, list(STAGES)
+    taped: list[LoggedSample] = []
+    for _ in range(draw(st.integers(0, 30))):
+        t_s += draw(st.floats(0.0, 1.0))
+        kind = draw(st.integers(0, 11))
+        vehicle = draw(vehicles)
+        if kind <= 3:
+            taped.append(draw_pose(draw, t_s, vehicle))
+        elif kind <= 5:
+            taped.append(draw_state(draw, t_s, vehicle))
+        elif kind == 6:
+            taped.append(LinkSample(t_s, vehicle))
+        elif kind == 7:
+            taped.append(Tick(t_s))
+        elif kind >= 10:
+            taped.append(draw_evidence(draw, t_s, vehicle))
+        elif kind == 8 and draw(st.booleans()):
+            taped.append(FenceSample(t_s, vehicle, draw(st.sampled_from(FENCES))))
+        elif kind == 8:
+            taped.append(WorldEvent(t_s, draw(st.text(max_size=4))))
+        elif stages:
+            taped.append(StageSample(t_s, stages.pop(0), draw(st.none() | vehicles)))
+    return taped
+
+
+def draw_evidence(draw: st.DrawFn, t_s: float, vehicle: str) -> LoggedSample:
+    signal = draw(st.sampled_from((*SIGNALS, "camera")))
+    if draw(st.booleans()):
+        return ReportSample(t_s, vehicle, signal)
+    return DoubtSample(t_s, vehicle, signal, "recipe", "it is not there")
+
+
+def draw_pose(draw: st.DrawFn, t_s: float, vehicle: str) -> PoseSample:
+    bad = draw(st.integers(0, 30)) == 0
+    north_m = math.nan if bad else draw(numbers)
+    place = (north_m, draw(numbers), -abs(draw(numbers)))
+    half = draw(angles)
+    q_wxyz = (math.cos(half), math.sin(half), 0.0, 0.0)
+    velocity = (draw(numbers), draw(numbers), 0.0)
+    return PoseSample(t_s, vehicle, Pose(place, q_wxyz), velocity)
+
+
+def draw_state(draw: st.DrawFn, t_s: float, vehicle: str) -> StateSample:
+    return StateSample(
+        t_s,
+        vehicle,
+        draw(st.booleans()),
+        draw(st.sampled_from(Mode)),
+        draw(st.sampled_from(["HOLD", "OFFBOARD"])),
+        draw(st.none() | st.booleans()),
+        draw(texts),
+        draw(st.none() | st.floats(0.0, 1.0)),
+        draw(st.none() | st.floats(0.0, 20.0)),
+        draw(texts),
+    )
+
+
+def judge_of(events: Mapping[str, float]) -> Judge:
+    uses = [
+        OracleUse(kind, kind, registry[kind].parameters.model_validate(given))
+        for kind, given in USES
+    ]
+    contexts = {
+        vehicle: OracleContext(
+            mode="wil",
+            subject="real",
+            vehicle=vehicle,
+            probe=ClearanceProbe(SCENE, BODY),
+            things=SCENE.names,
+            probe_of=lambda name: ClearanceProbe(Scene((SCENE[name],)), BODY, within_m=1e6),
+            gates=gates_of(SCENE),
+            route=("gate", "ring"),
+            target_ned_m=(1, 0, -1),
+            fence=FENCE,
+            events=events,
+        )
+        for vehicle in ("real", "twin")
+    }
+    signals = [
+        SignalTerms(
+            signal=signal,
+            vehicle=vehicle,
+            source="mocap",
+            limit_s=0.3,
+            required=vehicle == "real",
+            over_link=signal == "battery",
+        )
+        for vehicle in ("real", "twin")
+        for signal in SIGNALS
+    ]
+    return Judge(build_oracles(uses, contexts), Evidence(signals))
+
+
+def packed(taped: list[LoggedSample]) -> bytes:
+    packer = JudgeLogPacker()
+    return packer.header() + b"".join(packer.pack(sample) for sample in taped)
+
+
+def feed(judge: Judge, events: dict[str, float], sample: LoggedSample) -> None:
+    """Feed one sample as a flight does."""
+    match sample:
+        case PoseSample():
+            judge.pose(sample)
+        case StateSample():
+            judge.state(sample)
+        case LinkSample():
+            judge.heard(sample)
+        case ReportSample():
+            judge.report(sample)
+        case DoubtSample():
+            judge.doubt(sample)
+        case StageSample():
+            judge.stage(sample)
+        case Tick(t_s):
+            judge.tick(t_s)
+        case FenceSample():
+            judge.fence(sample)
+        case WorldEvent(t_s, name):
+            events[name] = t_s
+
+
+@settings(max_examples=40, deadline=None)
+@given(tapes())
+def test_judging_a_tape_is_judging_the_flight(taped: list[LoggedSample]) -> None:
+    events: dict[str, float] = {}
+    online = judge_of(events)
+    for sample in taped:
+        feed(online, events, sample)
+    again: dict[str, float] = {}
+    offline = judge_of(again)
+    played = judge_from_log(read_judge_log(io.BytesIO(packed(taped))), offline, again)
+    reached = {s.stage: s.t_s for s in taped if isinstance(s, StageSample)}
+    assert (played.end_s, played.stages) == (reached.get("end"), frozenset(reached))
+    assert offline.results(99.0) == online.results(99.0)
+    assert offline.flags == online.flags
+    assert offline.decisive == online.decisive
+    assert offline.evidence == online.evidence
+    assert again == events
+
+
+def test_every_oracle_is_on_the_tape() -> None:
+    assert {kind for kind, _ in USES} == set(registry)
+
+
+@settings(max_examples=50, deadline=None)
+@given(tapes())
+def test_a_tape_reads_back_what_was_written_and_a_cut_one_as_far_as_it_goes(
+    taped: list[LoggedSample],
+) -> None:
+    whole = packed(taped)
+    assert shown(list(read_judge_log(io.BytesIO(whole)))) == shown(taped)
+    if taped:
+        cut = list(read_judge_log(io.BytesIO(whole[:-1])))
+        assert shown(cut) == shown(taped[:-1])
+
+
+def shown(taped: list[LoggedSample]) -> list[str]:
+    """Return samples as text: one that is not finite equals none, not even itself."""
+    return [
+        f"{s.t_s} {s.vehicle} {plain_fence(s.fence)}" if isinstance(s, FenceSample) else repr(s)
+        for s in taped
+    ]
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", "does not begin with wil/judged/2"),
+        (b"t_s,vehicle\n", "does not begin with wil/judged/2"),
+        (packed([]) + msgpack.packb(["tick", "soon"]), "no sample before byte"),
+        (packed([]) + msgpack.packb(["stage", 1.0, "lunch", None]), "no stage 'lunch'"),
+        (packed([]) + msgpack.packb(["state", 1.0, "real"]), "KeyError"),
+        (packed([]) + msgpack.packb(5), "no sample before byte"),
+        (packed([]) + b"\xc1\xc1", "no sample before byte"),
+    ],
+)
+def test_what_is_no_tape_is_refused(data: bytes, said: str) -> None:
+    with pytest.raises(JudgeLogError, match=said):
+        list(read_judge_log(io.BytesIO(data)))

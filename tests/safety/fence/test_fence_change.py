@@ -1,0 +1,131 @@
+"""A fence is changed in flight: when it may be, and what the guard makes of it."""
+
+from typing import Any
+
+import pytest
+
+from safety.fence.areas import Circle
+from safety.fence.fence_change import refusal_of_change
+from safety.fence.geofence import Fence
+from safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings
+from safety.guard.core.guard_core import GuardCore
+from safety.guard.core.operator_command import OperatorCommand
+from safety.model.samples import FenceSample, PoseSample
+from tests.safety.oracles.oracle_rigs import build, pose, stage
+from vehicles.autopilots.autopilot import Target
+from vehicles.autopilots.px4 import Px4
+from worlds.frames import Pose, Vec3
+
+OLD = Fence.box(north_m=(-5, 5), east_m=(-5, 5), up_m=(-1, 5))
+NEW = Fence.box(north_m=(-1, 2), east_m=(-1, 1), up_m=(-1, 2))
+
+
+def why(at: Vec3, velocity: Vec3 = (0, 0, 0), *, keep_m: float = 0.0) -> str:
+    return refusal_of_change(NEW, (at, velocity), latency_s=0.5, braking_m_s2=2.5, keep_m=keep_m)
+
+
+@pytest.mark.parametrize(
+    ("said", "refusal"),
+    [
+        ("", why((0, 0, -1))),
+        ("it is 1.00 m outside of the fence's side", why((3, 0, -1))),
+        ("it is 1.00 m outside of the fence's ceiling", why((0, 0, -3))),
+        ("it cannot stop before the fence's side, 1.00 m away", why((1, 0, -1), (2, 0, 0))),
+        ("", why((1, 0, -1), (-0.5, 0, 0))),
+        ("it is 0.20 m from the fence's ceiling, nearer than 0.3 m", why((0, 0, -1.8), keep_m=0.3)),
+    ],
+)
+def test_whether_a_fence_may_be_changed(said: str, refusal: str) -> None:
+    assert refusal == said
+
+
+def test_a_vehicle_that_is_not_seen_keeps_its_fence() -> None:
+    core = core_of_two()
+    text = "anna: geofence: real: where it is was not seen within the last second"
+    assert told(core.propose_fences({"real": NEW}, "anna", 1.0)) == [("refused", text)]
+    core.position(place("real", 0.0, 1.0))
+    (proposed,) = told(core.propose_fences({"real": NEW}, "anna", 1.5))
+    wanted = "anna wants another fence for real; the old one holds until it is aboard"
+    assert proposed == ("proposed", wanted)
+    assert fence_of(core, "real") is OLD
+    assert told(core.propose_fences({"real": NEW}, "anna", 2.5)) == [("refused", text)]
+
+
+def place(name: str, north_m: float, t_s: float) -> PoseSample:
+    return PoseSample(t_s, name, Pose((north_m, 0, -1)), (0, 0, 0))
+
+
+def core_of_two() -> GuardCore:
+    vehicles = {
+        name: GuardedVehicle(autopilot=Px4(), target=Target(number), fence=OLD)
+        for number, name in enumerate(("real", "twin"), 1)
+    }
+    return GuardCore(vehicles=vehicles, settings=GuardSettings(keep_m=0.1))
+
+
+def told(outputs: tuple[object, ...]) -> list[tuple[str, str]]:
+    return [(o.kind, o.text) for o in outputs if isinstance(o, GuardEvent)]
+
+
+def fence_of(core: GuardCore, name: str) -> Fence | None:
+    return core._supervised_vehicles[name].vehicle.fence
+
+
+def test_the_guard_changes_all_fences_or_none() -> None:
+    core = core_of_two()
+    core.position(place("real", 0.0, 1.0))
+    core.position(place("twin", 3.0, 1.0))
+    both = {"real": NEW, "twin": NEW}
+    assert told(core.change_fences(both, "anna", 1.2)) == [
+        ("refused", "anna: geofence: twin: it is 1.00 m outside of the fence's side")
+    ]
+    assert fence_of(core, "real") is fence_of(core, "twin") is OLD
+    core.position(place("twin", 1.0, 1.3))
+    assert [kind for kind, _ in told(core.propose_fences(both, "anna", 1.4))] == ["proposed"]
+    assert fence_of(core, "real") is OLD
+    assert told(core.change_fences(both, "anna", 1.4)) == [
+        ("geofence", "anna changed the fence of real and twin")
+    ]
+    assert fence_of(core, "real") is fence_of(core, "twin") is NEW
+
+
+def test_who_lands_already_keeps_its_fence() -> None:
+    core = core_of_two()
+    core.position(place("real", 0.0, 1.0))
+    core.command(OperatorCommand("abort", "bert"), 1.1)
+    assert told(core.change_fences({"real": NEW}, "anna", 1.2)) == [
+        ("refused", "anna: geofence: all are landing")
+    ]
+    assert fence_of(core, "real") is OLD
+
+
+def test_the_new_fence_is_the_one_that_is_watched(pair: Any) -> None:
+    pair.fly(1.0)
+    small = Fence(inclusions=[Circle((0.0, 0.0), 1.0)], ceiling_up_m=9.0)
+    pair.apply(pair.core.change_fences({"real": small}, "anna", pair.t_s))
+    assert pair.kinds() == ["geofence"]
+    pair.vehicles["real"].north_m_s = 0.5
+    pair.fly(3.0)
+    assert pair.core.latched == "fence"
+
+
+def test_the_oracle_judges_by_the_fence_in_force() -> None:
+    judge = build("geofence")
+    window: dict[str, Any] = {"from": "takeoff"}
+    formula = build("stl", stl="always (fence_margin_m >= 0)", **window)
+    for oracle in (judge, formula):
+        stage(oracle, takeoff=0.0)
+        oracle.on_pose(pose(1.0, (3, 0, -1)))
+        oracle.on_fence(FenceSample(1.5, "real", NEW))
+        assert oracle.result(2.0).verdict == "PASS"
+        oracle.on_pose(pose(2.0, (3, 0, -1)))
+        assert oracle.result(2.0).verdict == "FAIL"
+        assert oracle.result(2.0).at_s == 2.0
+
+
+def test_an_area_of_an_oracle_is_not_the_operators_to_change() -> None:
+    judge = build("area", keep={"box": {"north_m": (-5, 5), "east_m": (-5, 5), "up_m": (-1, 5)}})
+    stage(judge, takeoff=0.0)
+    judge.on_fence(FenceSample(0.5, "real", NEW))
+    judge.on_pose(pose(1.0, (3, 0, -1)))
+    assert judge.result(2.0).verdict == "PASS"

@@ -1,0 +1,212 @@
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from safety.guard.core.events import ToGcs, ToOrchestrator, ToVehicle, decisive
+from safety.guard.core.operator_command import OperatorCommand
+from safety.model.samples import PoseSample
+from tests.safety.guard.guard_rigs import (
+    GCS,
+    abort,
+    make_pair,
+    mode_command,
+    setpoint,
+    to_orchestrator,
+)
+from vehicles.autopilots.autopilot import Mode, own_heartbeat
+from vehicles.poses.anchor import Anchor
+from worlds.frames import Pose
+
+
+def test_frames_pass_both_ways_while_all_is_well(pair: Any) -> None:
+    beat = pair.vehicles["real"].heartbeat()
+    assert pair.core.from_vehicle("real", beat, 2.0) == (ToOrchestrator("real", (beat,)),)
+    data = setpoint() + setpoint()
+    (out,) = pair.core.from_orchestrator("real", data, 2.0)
+    assert b"".join(out.frames) == data
+    assert len(out.frames) == 2
+    pair.fly(5.0)
+    assert pair.events == []
+    assert pair.vehicles["real"].heard == []
+
+
+def test_frames_cut_anywhere_go_out_whole_and_garbage_does_not(pair: Any) -> None:
+    data = b"noise" + setpoint() + b"\xfd\x09" + setpoint()
+    passed: list[bytes] = []
+    for byte in data:
+        passed += to_orchestrator(pair, "real", bytes([byte]))
+    assert len(passed) == 2
+    assert all(frame[0] == 0xFD for frame in passed)
+
+
+def test_a_ground_station_sees_and_is_heard(fake_vehicle: Any, rig: Any) -> None:
+    pair = make_pair(fake_vehicle, rig, gcs=True)
+    beat = pair.vehicles["real"].heartbeat()
+    outputs = pair.core.from_vehicle("real", beat, 2.0)
+    assert outputs == (ToOrchestrator("real", (beat,)), ToGcs("real", (beat,)))
+    asks = GCS.pack(own_heartbeat())
+    assert pair.core.from_gcs("real", asks, 2.0) == (ToVehicle("real", (asks,)),)
+    assert pair.core.latched is None
+
+
+def test_a_breach_is_foreseen_and_stops_both_inside(pair: Any) -> None:
+    pair.vehicles["real"].north_m_s = 2.0
+    pair.fly(3.0)
+    assert pair.core.latched == "fence"
+    event = next(event for event in pair.events if event.kind == "fence")
+    assert event.vehicle == "real"
+    assert "cannot stop before the fence's side" in event.text
+    assert pair.vehicles["real"].north_m < 5.0
+    pair.fly(20.0)
+    assert pair.core.all_down
+    outcome = decisive(event)
+    assert outcome is not None
+    assert outcome.kind == "FAIL"
+
+
+def test_a_breach_answers_in_the_same_call(pair: Any) -> None:
+    sample = PoseSample(pair.t_s, "twin", Pose((9, 0, -2)), (0, 0, 0))
+    outputs = pair.core.position(sample)
+    assert {out.name for out in outputs if isinstance(out, ToVehicle)} == {"real", "twin"}
+
+
+def test_the_fence_is_told_once_and_not_of_a_disarmed_vehicle(fake_vehicle: Any, rig: Any) -> None:
+    pair = make_pair(fake_vehicle, rig, real={"north_m": 50.0, "armed": False, "up_m": 0.0})
+    assert pair.kinds() == []
+    pair.vehicles["twin"].north_m = 50.0
+    pair.fly(10.0)
+    assert pair.kinds() == ["fence"]
+
+
+def sink(pair: Any) -> None:
+    """Have the estimate of real take the ground for deeper than it is, as PX4's does in SITL."""
+    sample = PoseSample(pair.t_s, "real", Pose((0, 0, 0.9)), (0, 0, 0.3))
+    pair.apply(pair.core.position(sample))
+
+
+def test_who_lands_is_not_held_to_the_floor(pair: Any) -> None:
+    real = pair.vehicles["real"]
+    to_orchestrator(pair, "real", mode_command(Mode.LAND))
+    real.mode = Mode.LAND
+    pair.fly(1.0)
+    sink(pair)
+    assert pair.core.latched is None
+    sideways = PoseSample(pair.t_s, "real", Pose((9, 0, 0.9)), (0, 0, 0))
+    pair.apply(pair.core.position(sideways))
+    assert pair.core.latched == "fence", "its sides hold"
+
+
+def test_who_stands_is_not_held_to_the_floor(fake_vehicle: Any, rig: Any) -> None:
+    pair = make_pair(fake_vehicle, rig, real={"up_m": 0.0})
+    sink(pair)
+    assert pair.core.latched is None
+
+
+def test_who_flies_is_held_to_the_floor(pair: Any) -> None:
+    sink(pair)
+    assert "real cannot stop before the fence's floor, 0.10 m away" in pair.events[-1].text
+
+
+def test_the_estimate_is_a_position_source_once_it_is_anchored(pair: Any) -> None:
+    pair.blind = True
+    message = mavlink.MAVLink_local_position_ned_message(0, 1.0, 0, -2, 0, 0, 0)
+    frame = pair.vehicles["real"].codec.pack(message)
+    pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.5))
+    assert pair.core.latched is None
+    pair.core.anchor("real", Anchor((9.0, 0.0, 0.0)))
+    pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.2))
+    assert pair.core.latched is None, "who knows better told a position just now"
+    pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.5))
+    assert pair.core.latched == "fence"
+
+
+def test_a_position_that_is_not_finite_moves_nothing(pair: Any) -> None:
+    for bad in (float("nan"), float("inf")):
+        sample = PoseSample(pair.t_s, "real", Pose((bad, 0, -2)), (0, 0, 0))
+        pair.apply(pair.core.position(sample))
+    assert pair.core.latched is None
+    assert pair.kinds() == ["pose"]
+
+
+def test_orchestrator_silence_lands_both_within_half_a_second(pair: Any) -> None:
+    def alive() -> None:
+        pair.apply(pair.core.orchestrator_alive(pair.t_s))
+
+    pair.fly(3.0, each=alive)
+    assert not pair.core.latched
+    killed_s = pair.t_s
+    pair.fly(20.0)
+    assert pair.core.latched == "silence"
+    first = pair.vehicles["real"].heard[0]
+    assert first[0] - killed_s <= 0.5
+    assert pair.core.all_down
+    pair.apply(pair.core.orchestrator_alive(pair.t_s))
+    assert pair.kinds() == ["silence", "heard"]
+    assert to_orchestrator(pair, "real", setpoint()) == ()
+
+
+def test_an_orchestrator_that_never_said_so_is_not_missed(pair: Any) -> None:
+    pair.fly(60.0)
+    assert pair.core.latched is None
+
+
+def test_a_lost_vehicle_lands_the_other_and_is_told_blindly(pair: Any) -> None:
+    pair.vehicles["real"].mute = True
+    pair.fly(20.0)
+    assert pair.core.latched == "lost"
+    assert not pair.vehicles["twin"].armed
+    assert "LAND" in pair.vehicles["real"].words()
+    assert not pair.core.all_down
+    pair.vehicles["real"].mute = False
+    pair.fly(5.0)
+    assert pair.core.all_down
+    assert pair.kinds() == ["lost", "heard"]
+
+
+def test_a_vehicle_is_heard_by_its_own_system_only(pair: Any) -> None:
+    pair.vehicles["real"].mute = True
+    stranger = pair.vehicles["twin"].heartbeat()
+
+    def talk() -> None:
+        pair.apply(pair.core.from_vehicle("real", stranger, pair.t_s))
+
+    pair.fly(5.0, each=talk)
+    assert pair.core.latched == "lost"
+
+
+def test_hold_and_resume(pair: Any) -> None:
+    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
+    pair.fly(5.0)
+    assert {v.mode for v in pair.vehicles.values()} == {Mode.HOLD}
+    assert to_orchestrator(pair, "real", setpoint()) == ()
+    assert pair.core.latched is None
+    pair.apply(pair.core.command(OperatorCommand("resume", "anna"), pair.t_s))
+    assert to_orchestrator(pair, "real", setpoint())
+    to_orchestrator(pair, "real", mode_command(Mode.GUIDED))
+    pair.fly(5.0)
+    assert pair.core.latched is None
+    assert pair.kinds() == ["hold", "dropped", "resume"]
+
+
+def test_abort_wins_over_hold_and_nothing_resumes_it(pair: Any) -> None:
+    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
+    pair.fly(1.0)
+    abort(pair)
+    pair.apply(pair.core.command(OperatorCommand("resume", "anna"), pair.t_s))
+    assert to_orchestrator(pair, "real", setpoint()) == ()
+    pair.fly(20.0)
+    assert pair.core.all_down
+    assert pair.kinds() == ["hold", "abort", "refused", "dropped"]
+
+
+def test_a_hold_after_an_abort_is_refused(pair: Any) -> None:
+    abort(pair)
+    for kind in ("hold", "resume"):
+        pair.apply(pair.core.command(OperatorCommand(kind, "anna"), pair.t_s))
+    assert pair.kinds() == ["abort", "refused", "refused"]
+    assert not pair.core.paused
+
+
+def test_a_resume_of_nothing_is_refused(pair: Any) -> None:
+    pair.apply(pair.core.command(OperatorCommand("resume", "anna"), pair.t_s))
+    assert pair.kinds() == ["refused"]

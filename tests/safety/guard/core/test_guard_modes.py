@@ -1,0 +1,164 @@
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from safety.guard.core.contingency import Phase
+from safety.guard.core.events import ToVehicle
+from tests.safety.guard.guard_rigs import (
+    DRIVER,
+    GCS,
+    abort,
+    command,
+    make_pair,
+    mode_command,
+    to_orchestrator,
+)
+from vehicles.autopilots.autopilot import Mode, Target, command_long
+from vehicles.autopilots.px4 import Px4
+
+
+def velocity(target: Target) -> Any:
+    return Px4().velocity_setpoint(target, t_boot_ms=0, velocity_ned_m_s=(1.0, 0.0, 0.0))
+
+
+def test_a_pilot_takes_over_and_the_guard_keeps_out(pair: Any) -> None:
+    real = pair.vehicles["real"]
+    real.mode = Mode.PILOT
+    pair.fly(1.1)
+    assert pair.core.latched == "takeover"
+    heard_before = len(real.heard)
+    pair.fly(20.0)
+    assert {word for _, word in real.heard[heard_before:]} == {"HEARTBEAT"}
+    assert len(real.heard) - heard_before == 20
+    assert not pair.vehicles["twin"].armed
+    assert to_orchestrator(pair, "real", mode_command(Mode.GUIDED)) == ()
+    param = DRIVER.pack(mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 5.0, 9))
+    assert to_orchestrator(pair, "real", param) == ()
+    assert pair.core.phases["real"] is Phase.PILOT
+    real.armed = False
+    pair.fly(2.6)
+    assert pair.core.all_down
+
+
+@pytest.mark.parametrize("every_s", [0.05, 0.4])
+def test_an_old_word_that_it_is_disarmed_ends_no_landing(pair: Any, every_s: float) -> None:
+    real = pair.vehicles["real"]
+    real.armed = False
+    replay = real.heartbeat()
+    real.armed = True
+    abort(pair)
+    while real.armed:
+        pair.apply(pair.core.from_vehicle("real", replay, pair.t_s))
+        assert not pair.core.all_down
+        assert "real" in pair.core.may_be_armed(pair.t_s)
+        assert pair.t_s < 60.0
+        pair.fly(every_s)
+    pair.fly(3.0)
+    assert pair.core.all_down
+    assert pair.core.may_be_armed(pair.t_s) == ()
+
+
+def test_a_pilot_takes_over_in_the_middle_of_a_landing(pair: Any) -> None:
+    abort(pair)
+    pair.fly(2.0)
+    real = pair.vehicles["real"]
+    real.mode = Mode.PILOT
+    pair.fly(0.1)
+    before = real.words().count("LAND")
+    pair.fly(10.0)
+    assert real.armed
+    assert real.words().count("LAND") == before
+
+
+def test_a_disarmed_vehicle_in_a_pilot_mode_is_no_takeover(fake_vehicle: Any, rig: Any) -> None:
+    pair = make_pair(fake_vehicle, rig, real={"mode": Mode.PILOT, "armed": False, "up_m": 0.0})
+    pair.fly(5.0)
+    assert pair.core.latched is None
+    pair.vehicles["real"].armed = True
+    pair.fly(1.1)
+    assert pair.core.latched == "takeover"
+
+
+@pytest.mark.parametrize(
+    ("frame", "takes"),
+    [
+        (mode_command(Mode.HOLD, GCS), True),
+        (command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, codec=GCS), True),
+        (command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, codec=GCS), True),
+        (GCS.pack(mavlink.MAVLink_set_mode_message(1, 1, 4)), True),
+        (command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148, codec=GCS), False),
+        (GCS.pack(mavlink.MAVLink_param_request_list_message(1, 1)), False),
+        (GCS.pack(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0)), False),
+        (GCS.pack(command_long(Target(2), mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 6)), False),
+        (GCS.pack(command_long(Target(0), mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 6)), True),
+        (GCS.pack(mavlink.MAVLink_set_mode_message(2, 1, 4)), False),
+        (GCS.pack(velocity(Target(1))), True),
+        (GCS.pack(velocity(Target(2))), False),
+    ],
+)
+def test_a_ground_station_takes_over_by_a_mode_command(
+    pair: Any, frame: bytes, takes: bool
+) -> None:
+    outputs = pair.core.from_gcs("real", frame, pair.t_s)
+    assert outputs[0] == ToVehicle("real", (frame,))
+    pair.apply(outputs)
+    assert (pair.core.latched == "takeover") == takes
+    assert (pair.core.phases["real"] is Phase.PILOT) == takes
+    pair.fly(20.0)
+    assert pair.vehicles["twin"].armed == (not takes)
+
+
+def test_a_failsafe_is_supervised_not_fought(pair: Any) -> None:
+    real = pair.vehicles["real"]
+    real.mode, real.critical, real.north_m_s = Mode.RTL, True, -0.5
+    pair.fly(5.0)
+    assert pair.core.latched == "failsafe"
+    assert pair.core.phases["real"] is Phase.SUPERVISE
+    assert set(real.words()) == {"HEARTBEAT"}
+    real.mode = Mode.LAND
+    pair.fly(20.0)
+    assert pair.core.all_down
+    # On the ground it is disarmed; until then nothing is asked of it.
+    told = [e.t_s for e in pair.events if e.vehicle == "real" and "on the ground" in e.text]
+    assert {word for t_s, word in real.heard if t_s < told[0]} == {"HEARTBEAT"}
+    event = next(event for event in pair.events if event.kind == "failsafe")
+    assert event.text == "real: its autopilot went from OFFBOARD to RTL by itself"
+
+
+def test_a_failsafe_during_the_guard_s_hold_is_supervised_too(fake_vehicle: Any, rig: Any) -> None:
+    pair = make_pair(fake_vehicle, rig, real={"ignores": frozenset({Mode.HOLD, Mode.LAND})})
+    abort(pair)
+    pair.fly(0.5)
+    pair.vehicles["real"].mode = Mode.RTL
+    pair.vehicles["real"].north_m_s = -0.5
+    pair.fly(0.1)
+    assert pair.core.phases["real"] is Phase.SUPERVISE
+    assert pair.kinds() == ["abort", "failsafe"]
+
+
+@pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL, Mode.HOLD])
+def test_a_mode_that_the_orchestrator_asked_for_is_no_failsafe(pair: Any, mode: Mode) -> None:
+    to_orchestrator(pair, "real", mode_command(mode))
+    pair.fly(1.1)
+    assert pair.vehicles["real"].mode is mode
+    assert pair.core.latched is None
+
+
+def test_a_whole_flight_of_the_orchestrator_s_is_not_disturbed(fake_vehicle: Any, rig: Any) -> None:
+    pair = make_pair(fake_vehicle, rig, real={"armed": False, "up_m": 0.0, "mode": Mode.HOLD})
+    real = pair.vehicles["real"]
+    to_orchestrator(pair, "real", command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0))
+    pair.fly(5.0)
+    real.mode = Mode.TAKEOFF
+    real.up_m = 2.0
+    pair.fly(8.0)
+    real.mode = Mode.HOLD
+    pair.fly(5.0)
+    to_orchestrator(pair, "real", mode_command(Mode.GUIDED))
+    pair.fly(10.0)
+    to_orchestrator(pair, "real", mode_command(Mode.LAND))
+    pair.fly(20.0)
+    assert not real.armed
+    assert pair.core.latched is None
+    assert pair.events == []

@@ -1,0 +1,309 @@
+"""Setpoints are held to their limits: properties of the limiter, and frames through the core."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from safety.fence.areas import Circle
+from safety.fence.geofence import Fence
+from safety.guard.core.events import GuardedVehicle, GuardEvent, ToVehicle
+from safety.guard.core.guard_core import GuardCore
+from safety.guard.core.setpoint_frames import read_setpoint, rewritten
+from safety.guard.core.setpoint_limiter import Motion, SetpointLimiter
+from safety.guard.core.setpoint_limits import SetpointLimits
+from safety.model.samples import PoseSample
+from tests.safety.guard.guard_rigs import DRIVER
+from vehicles.autopilots.ardupilot import ArduCopter
+from vehicles.autopilots.autopilot import Autopilot, Target
+from vehicles.autopilots.px4 import Px4
+from vehicles.mavlink.codec import Codec
+from vehicles.mavlink.framing import Frame, FrameSplitter, frame_header
+from vehicles.poses.anchor import Anchor
+from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+from worlds.frames import Pose, Vec3, norm, subtract
+
+FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(0, 4))
+LATENCY_S, BRAKING_M_S2 = 0.5, 2.5
+STANDING: Vec3 = (0.0, 0.0, 0.0)
+AT = Motion((0.0, 0.0, -2.0), STANDING)
+
+
+def limiter(**limits: Any) -> SetpointLimiter:
+    return SetpointLimiter(
+        limits=SetpointLimits(**limits),
+        fence=FENCE,
+        latency_s=LATENCY_S,
+        braking_m_s2=BRAKING_M_S2,
+    )
+
+
+def velocity_after(made: SetpointLimiter, asked: Vec3, motion: Motion | None = AT) -> Vec3:
+    given_, _ = made.limit(VelocitySetpoint(asked), motion, 0.0)
+    assert isinstance(given_, VelocitySetpoint)
+    return given_.velocity_ned_m_s
+
+
+def position_after(made: SetpointLimiter, asked: Vec3, motion: Motion | None = AT) -> Vec3:
+    given_, _ = made.limit(PositionSetpoint(asked), motion, 0.0)
+    assert isinstance(given_, PositionSetpoint)
+    return given_.position_ned_m
+
+
+component = st.floats(-20.0, 20.0)
+vectors = st.tuples(component, component, component)
+inside = st.tuples(st.floats(-2.6, 4.6), st.floats(-2.6, 2.6), st.floats(-3.6, -0.4))
+
+
+@given(vectors)
+def test_what_is_within_the_limits_is_not_touched(asked: Vec3) -> None:
+    made = limiter(speed_m_s=40.0, acceleration_m_s2=1000.0, floor_up_m=-500, ceiling_up_m=500)
+    setpoint = VelocitySetpoint(asked, yaw_rad=0.3)
+    assert made.limit(setpoint, AT, 0.0) == (setpoint, ())
+
+
+@given(vectors, st.floats(0.1, 5.0))
+def test_speed_is_cut_and_its_direction_kept(asked: Vec3, limit_m_s: float) -> None:
+    got = velocity_after(limiter(speed_m_s=limit_m_s), asked)
+    assert norm(got) <= limit_m_s + 2e-3
+    for axis in range(3):
+        assert got[axis] * norm(asked) == pytest.approx(asked[axis] * norm(got), abs=1e-6)
+
+
+@given(st.lists(st.tuples(vectors, st.floats(0.01, 0.4)), min_size=2, max_size=20))
+def test_what_is_asked_changes_no_faster_than_it_may(steps: list[tuple[Vec3, float]]) -> None:
+    made, t_s = limiter(acceleration_m_s2=2.0), 0.0
+    before: Vec3 | None = None
+    for asked, after_s in steps:
+        t_s += after_s
+        got, _ = made.limit(VelocitySetpoint(asked), AT, t_s)
+        assert isinstance(got, VelocitySetpoint)
+        if before is not None:
+            changed = norm(subtract(got.velocity_ned_m_s, before))
+            assert changed <= 2.0 * after_s + 2e-3
+        before = got.velocity_ned_m_s
+
+
+def test_after_a_pause_the_vehicle_s_own_motion_is_where_it_starts_from() -> None:
+    made = limiter(acceleration_m_s2=2.0)
+    moving = Motion((0.0, 0.0, -2.0), (3.0, 0.0, 0.0))
+    got, found = made.limit(VelocitySetpoint((3.5, 0.0, 0.0)), moving, 10.0)
+    assert (got, found) == (VelocitySetpoint((3.5, 0.0, 0.0)), ())
+
+
+@given(inside, vectors)
+def test_from_what_is_given_a_vehicle_can_stop_before_the_fence(place: Vec3, asked: Vec3) -> None:
+    got = velocity_after(limiter(inside_fence=True), asked, Motion(place, STANDING))
+    breach = FENCE.breached(place, got, latency_s=LATENCY_S, braking_m_s2=BRAKING_M_S2)
+    assert breach is None
+
+
+def test_a_vehicle_too_close_to_the_fence_may_go_back_and_no_closer() -> None:
+    made, close = limiter(inside_fence=True), Motion((4.9, 0.0, -2.0), STANDING)
+    assert velocity_after(made, (0.5, 0.0, 0.0), close) == STANDING
+    assert velocity_after(made, (-0.5, 0.0, 0.0), close) == (-0.5, 0.0, 0.0)
+    outside = Motion((6.0, 0.0, -2.0), STANDING)
+    assert velocity_after(made, (-0.5, 0.0, 0.0), outside) == (-0.5, 0.0, 0.0)
+    assert position_after(made, (0.0, 0.0, -2.0), outside) == (0.0, 0.0, -2.0)
+    assert position_after(made, (9.0, 0.0, -2.0), outside) == pytest.approx((6.0, 0.0, -2.0))
+
+
+@given(inside, vectors)
+def test_heights_are_kept_as_well(place: Vec3, asked: Vec3) -> None:
+    made = limiter(floor_up_m=0.0, ceiling_up_m=4.0, keep_m=0.3)
+    got = velocity_after(made, asked, Motion(place, STANDING))
+    assert got[:2] == asked[:2]
+    climb, up_m = -got[2], -place[2]
+    stops_m = up_m + climb * LATENCY_S + math.copysign(climb * climb / (2 * BRAKING_M_S2), climb)
+    assert 0.3 - 1e-2 <= stops_m <= 3.7 + 1e-2
+
+
+@given(inside, vectors)
+def test_a_way_ends_before_the_fence(place: Vec3, target: Vec3) -> None:
+    got = position_after(limiter(inside_fence=True), target, Motion(place, STANDING))
+    assert FENCE.margin_m(got) >= 0.3 - 0.02 or got == pytest.approx(place)
+
+
+def test_a_way_through_an_exclusion_ends_before_it() -> None:
+    fence = Fence(exclusions=[Circle((5.0, 0.0), 1.0)], floor_up_m=0.0)
+    made = SetpointLimiter(
+        limits=SetpointLimits(inside_fence=True), fence=fence, latency_s=0.5, braking_m_s2=2.5
+    )
+    given_, found = made.limit(PositionSetpoint((10.0, 0.0, -2.0)), AT, 0.0)
+    assert isinstance(given_, PositionSetpoint)
+    assert 3.69 < given_.position_ned_m[0] < 3.71
+    assert [one.what for one in found] == ["way towards the fence"]
+
+
+def test_a_far_position_is_drawn_near_by_the_speed_limit() -> None:
+    assert position_after(limiter(speed_m_s=0.8), (3.0, 0.0, -2.0)) == pytest.approx(
+        (0.8, 0.0, -2.0)
+    )
+
+
+def test_at_an_unknown_place_nothing_is_asked_that_a_place_would_limit() -> None:
+    made = limiter(inside_fence=True, ceiling_up_m=3.0)
+    assert velocity_after(made, (1.0, 0.0, 0.0), None) == STANDING
+    assert velocity_after(limiter(ceiling_up_m=3.0), (1.0, 0.0, -1.0), None) == (1.0, 0.0, 0.0)
+    assert made.limit(PositionSetpoint(STANDING), None, 0.0)[0] is None
+    assert position_after(limiter(ceiling_up_m=3.3), (0.0, 0.0, -9.0), None) == (0.0, 0.0, -3.0)
+
+
+# frames
+
+
+def frame_of(raw: bytes) -> Frame:
+    frame = frame_header(raw)
+    assert frame is not None
+    return frame
+
+
+def velocity_frame(autopilot: Autopilot, asked: Vec3, **heading: float) -> bytes:
+    message = autopilot.velocity_setpoint(
+        Target(1), t_boot_ms=4711, velocity_ned_m_s=asked, **heading
+    )
+    return DRIVER.pack(message)
+
+
+ANCHOR = Anchor((1.0, 2.0, -0.5), math.radians(30.0))
+
+
+@pytest.mark.parametrize("autopilot", [Px4(), ArduCopter()])
+@pytest.mark.parametrize("heading", [{}, {"yaw_rad": 0.4}, {"yaw_rate_rad_s": 0.2}])
+def test_a_frame_written_anew_differs_only_in_its_velocity(
+    autopilot: Autopilot, heading: dict[str, float]
+) -> None:
+    raw = velocity_frame(autopilot, (2.0, 1.0, 0.0), **heading)
+    frame = frame_of(raw)
+    asked = read_setpoint(frame, ANCHOR)
+    assert isinstance(asked, VelocitySetpoint)
+    world = ANCHOR.velocity((2.0, 1.0, 0.0))
+    assert asked.velocity_ned_m_s == pytest.approx(world)
+    north, east, down = asked.velocity_ned_m_s
+    half = replace(asked, velocity_ned_m_s=(north / 2.0, east / 2.0, down / 2.0))
+    again = rewritten(frame, half, ANCHOR)
+    (checked,) = FrameSplitter().feed(again)
+    assert (checked.seq, checked.system, checked.component) == (frame.seq, 245, 190)
+    reader = Codec(system_id=1, component_id=1)
+    (old,), (new,) = reader.parse(raw), reader.parse(again)
+    changed = {
+        name
+        for name in old.get_fieldnames()
+        if getattr(old, name) != pytest.approx(getattr(new, name), abs=1e-6)
+    }
+    assert changed == {"vx", "vy"}
+    assert (new.vx, new.vy) == (pytest.approx(1.0), pytest.approx(0.5))
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_positions_in_both_versions_of_mavlink(version: int) -> None:
+    message = Px4().position_setpoint(Target(1), t_boot_ms=1, position_ned_m=(3.0, 0.0, -1.0))
+    mav = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
+    raw = bytes(message.pack(mav, force_mavlink1=version == 1))
+    frame = frame_of(raw)
+    assert frame.version == version
+    again = rewritten(frame, PositionSetpoint((1.0, 0.0, -1.0)), None)
+    (checked,) = FrameSplitter().feed(again)
+    assert read_setpoint(checked, None) == PositionSetpoint((1.0, 0.0, -1.0))
+
+
+def local(mask: int, frame: int = 1, **fields: float) -> bytes:
+    names = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
+    values = [fields.get(name, 0.0) for name in names]
+    return DRIVER.pack(
+        mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, *values)
+    )
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        local(0b110000111000, 1),  # an acceleration
+        local(0b111111000111, 8),  # a velocity along the body
+        local(0b110111100011, 1),  # a height and a horizontal velocity
+        local(0b110111000111, 1, vx=math.nan),
+        local(0b110111111000, 1, z=math.inf),
+        DRIVER.pack(
+            mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1.0, 0, 0, 0], 0, 0, 0, 0.5)
+        ),
+    ],
+)
+def test_what_cannot_be_limited_is_not_passed(raw: bytes) -> None:
+    assert read_setpoint(frame_of(raw), None) is None
+    core = make_core(speed_m_s=1.0)
+    (event,) = core.from_orchestrator("real", raw, 0.0)
+    assert isinstance(event, GuardEvent)
+    assert event.kind == "limited"
+    assert event.text.endswith("is not passed")
+
+
+def make_core(**limits: Any) -> GuardCore:
+    vehicle = GuardedVehicle(
+        autopilot=Px4(), target=Target(1), fence=FENCE, limits=SetpointLimits(**limits)
+    )
+    return GuardCore(vehicles={"real": vehicle})
+
+
+def passed(core: GuardCore, raw: bytes, t_s: float) -> list[float]:
+    """Return the norths of the velocities that pass."""
+    reader = Codec(system_id=1, component_id=1)
+    frames = [
+        f
+        for o in core.from_orchestrator("real", raw, t_s)
+        if isinstance(o, ToVehicle)
+        for f in o.frames
+    ]
+    return [message.vx for frame in frames for message in reader.parse(frame)]
+
+
+def test_each_spell_of_limiting_is_told_at_its_begin_and_end() -> None:
+    core = make_core(speed_m_s=1.0)
+    events: list[GuardEvent] = []
+    for step in range(60):
+        t_s = step * 0.05
+        if step < 20:
+            asked = 2.0 + 0.1 * step
+            outputs = core.from_orchestrator("real", velocity_frame(Px4(), (asked, 0.0, 0.0)), t_s)
+            events += [one for one in outputs if isinstance(one, GuardEvent)]
+        events += [one for one in core.tick(t_s) if isinstance(one, GuardEvent)]
+    assert [(event.kind, event.vehicle, event.text) for event in events] == [
+        ("limited", "real", "real: speed limited from 2.00 to 1.00 m/s"),
+        (
+            "limited",
+            "real",
+            "real: speed limited from 3.90 to 1.00 m/s: 20 times, this the worst",
+        ),
+    ]
+
+
+def test_the_anchor_says_where_the_vehicle_s_north_is() -> None:
+    core = make_core(inside_fence=True)
+    core.anchor("real", Anchor((0.0, 0.0, 0.0), math.pi))
+    core.position(PoseSample(0.0, "real", Pose((4.0, 0.0, -2.0)), STANDING))
+    towards, away = (velocity_frame(Px4(), (v, 0.0, 0.0)) for v in (-3.0, 2.0))
+    (north,) = passed(core, towards, 0.1)
+    assert -0.56 < north < -0.53
+    assert passed(core, away, 0.2) == [pytest.approx(2.0)]
+
+
+def test_without_limits_every_byte_passes_as_it_came() -> None:
+    core = GuardCore(vehicles={"real": GuardedVehicle(autopilot=Px4(), target=Target(1))})
+    raw = velocity_frame(Px4(), (99.0, 0.0, 0.0))
+    assert core.from_orchestrator("real", raw, 0.0) == (ToVehicle("real", (raw,)),)
+
+
+@pytest.mark.parametrize("speed_m_s", [2.0, math.nextafter(2.0, 0.0)])
+def test_a_speed_at_its_limit_is_not_limited(speed_m_s: float) -> None:
+    asked = VelocitySetpoint((0.0, -speed_m_s, 0.0), yaw_rad=0.3)
+    assert limiter(speed_m_s=2.0).limit(asked, AT, 0.0) == (asked, ())
+
+
+def test_a_speed_above_its_limit_is_limited_and_reported() -> None:
+    got, (limiting,) = limiter(speed_m_s=2.0).limit(VelocitySetpoint((0.0, 2.01, 0.0)), AT, 0.0)
+    assert isinstance(got, VelocitySetpoint)
+    assert got.velocity_ned_m_s == pytest.approx((0.0, 2.0, 0.0))
+    assert (limiting.what, limiting.given) == ("speed", 2.0)

@@ -1,0 +1,52 @@
+"""A fake vehicle as a program: PORT SYSTEM UP_M LOG; lands by itself once nobody speaks to it."""
+
+import asyncio
+import math
+import os
+import signal
+import sys
+from pathlib import Path
+
+from tests.safety.conftest import STEP_S, FakeVehicle
+from vehicles.autopilots.autopilot import Mode
+from vehicles.links.link_strings import parse_link
+from vehicles.links.udp import UdpLink
+
+_LOST_S = 1.0
+
+
+async def fly(port: int, system: int, up_m: float, log: Path) -> None:
+    loop = asyncio.get_running_loop()
+    stop = asyncio.Event()
+    loop.add_signal_handler(signal.SIGTERM, stop.set)
+    loop.add_reader(0, lambda: stop.set() if not os.read(0, 100) else None)
+    vehicle = FakeVehicle(f"fake {system}", system=system, up_m=up_m)
+    heard_s = [math.inf]
+
+    def take(data: bytes, t_s: float) -> None:
+        if heard_s[0] == math.inf:
+            vehicle.heard.append((t_s, "HELLO"))
+        heard_s[0] = t_s
+        vehicle.receive((data,), t_s)
+
+    told = 0
+    link = UdpLink(address=parse_link(f"udpout://127.0.0.1:{port}"))
+    link.receive(take)
+    async with link:
+        with log.open("w") as words:
+            while not stop.is_set():
+                if loop.time() - heard_s[0] > _LOST_S and vehicle.mode is Mode.GUIDED:
+                    vehicle.mode, vehicle.critical = Mode.LAND, True
+                    words.write(f"{loop.time():.4f} FAILSAFE\n")
+                vehicle.step(loop.time())
+                link.write(vehicle.frames(loop.time()))
+                for t_s, word in vehicle.heard[told:]:
+                    words.write(f"{t_s:.4f} {word}\n")
+                told = len(vehicle.heard)
+                words.flush()
+                await asyncio.sleep(STEP_S)
+            words.write(f"{loop.time():.4f} END armed={vehicle.armed} up_m={vehicle.up_m:.2f}\n")
+
+
+if __name__ == "__main__":
+    asyncio.run(fly(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), Path(sys.argv[4])))

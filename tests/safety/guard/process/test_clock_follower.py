@@ -1,0 +1,157 @@
+"""The guard's clock follows a vehicle's: what it hears, what it says."""
+
+import asyncio
+import math
+from collections.abc import Callable
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from orchestrator.model.clock import run_virtual
+from safety.guard.process.clock_follower import ClockFollower, PaceSetup, boot_s_of
+from vehicles.clocks.sim_clock_controller import STEP_S, Segment
+from vehicles.links.memory import memory_pair
+from vehicles.mavlink.codec import Codec
+from vehicles.mavlink.framing import frame_header
+
+CODEC = {"real": Codec(system_id=1, component_id=1), "twin": Codec(system_id=2, component_id=1)}
+
+
+def attitude(boot_ms: int) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_attitude_message(boot_ms, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Wall:
+    """A wall clock that is moved by hand, and what a paced loop would be."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+        self.segment = Segment(1000.0, 1000.0, 1.0)
+        self.due: list[tuple[float, Callable[[], object]]] = []
+
+    def follow(self, segment: Segment) -> None:
+        self.segment = segment
+
+    def call_wall_later(self, delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:
+        self.due.append((self.now_s + delay_s, callback))
+        return asyncio.Handle(callback, (), asyncio.get_running_loop())
+
+    def pass_to(self, wall_s: float) -> None:
+        while self.due and self.due[0][0] <= wall_s:
+            self.now_s, callback = self.due.pop(0)
+            callback()
+        self.now_s = wall_s
+
+
+async def flown(
+    rates: dict[str, Callable[[float], float]], *, for_s: float, lead: str = "real"
+) -> tuple[Wall, list[tuple[str, str, str]], ClockFollower]:
+    """Fly simulators whose rates at each second of the wall's are given."""
+    wall, said = Wall(), list[tuple[str, str, str]]()
+    following = ClockFollower(
+        setup=PaceSetup(nominal=5.0, leader=lead, follows_us=False),
+        systems={"real": 1, "twin": 2},
+        loop=wall,
+        tell=lambda _: None,
+        trouble=lambda *words: said.append(words),
+        wall=lambda: wall.now_s,
+    )
+    ends = {}
+    for name in rates:
+        near, far = memory_pair(name=name)
+        tapped = following.tap(name, near)
+        tapped.receive(lambda *_: None)
+        await tapped.__aenter__()
+        await far.__aenter__()
+        ends[name] = far
+    boot_s = dict.fromkeys(rates, 20.0)
+    following.begin()
+    for step in range(round(for_s / 0.02)):
+        for name, rate in rates.items():
+            grown_s = rate(step * 0.02) * 0.02
+            boot_s[name] += grown_s
+            if grown_s:
+                ends[name].write(CODEC[name].pack(attitude(round(boot_s[name] * 1000))))
+        await asyncio.sleep(0.001)
+        wall.pass_to(1000.0 + step * 0.02)
+    return wall, said, following
+
+
+def test_the_clock_goes_as_fast_as_the_leader_and_says_how_fast() -> None:
+    wall, said, following = run_virtual(
+        flown({"real": lambda _: 3.7, "twin": lambda _: 3.7}, for_s=12.0)
+    )
+    assert said == []
+    assert wall.segment.rate == pytest.approx(3.7, rel=0.02)
+    assert following.pace == pytest.approx(3.7, rel=0.1)
+
+
+def test_a_leader_that_hangs_ends_the_run_and_time_goes_on() -> None:
+    wall, said, _ = run_virtual(flown({"real": lambda s: 5.0 if s < 4.0 else 0.0}, for_s=12.0))
+    ((name, trouble, text),) = said
+    assert (name, trouble) == ("real", "stalled")
+    assert "real stands still: its time has not grown for 5 s" in text
+    assert wall.segment.rate == pytest.approx(5.0, rel=0.05)
+
+
+def test_a_pair_that_attains_different_rates_is_told() -> None:
+    _, said, _ = run_virtual(flown({"real": lambda _: 5.0, "twin": lambda _: 4.5}, for_s=12.0))
+    ((name, trouble, text),) = said
+    assert (name, trouble) == ("twin", "apart")
+    assert "behind that of real: asked for 5 times real time they attain 4.5 and 5.0" in text
+
+
+def test_a_leader_that_waits_leaves_a_twin_that_does_not() -> None:
+    hesitates = {"real": lambda s: 0.0 if 5.0 < s < 7.0 else 5.0, "twin": lambda _: 5.0}
+    _, said, _ = run_virtual(flown(hesitates, for_s=12.0))
+    assert [(name, trouble) for name, trouble, _ in said] == [("twin", "apart")]
+    assert "ahead of" in said[0][2]
+
+
+def test_who_is_no_vehicle_of_ours_sets_no_clock() -> None:
+    async def heard() -> bool:
+        wall = Wall()
+        following = ClockFollower(
+            setup=PaceSetup(nominal=5.0, leader="real", follows_us=False),
+            systems={"real": 1},
+            loop=wall,
+            tell=lambda _: None,
+            trouble=lambda *_: None,
+            wall=lambda: wall.now_s,
+        )
+        near, far = memory_pair(name="real")
+        tapped = following.tap("real", near)
+        tapped.receive(lambda *_: None)
+        async with tapped, far:
+            following.begin()
+            for step in range(100):
+                far.write(CODEC["twin"].pack(attitude(step * 100)))
+                await asyncio.sleep(0.001)
+                wall.pass_to(1000.0 + step * STEP_S)
+        return wall.segment.rate == 1.0
+
+    assert run_virtual(heard())
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        attitude(123_456),
+        mavlink.MAVLink_attitude_message(123_456, *[0.0] * 6),
+        mavlink.MAVLink_local_position_ned_message(123_456, *[0.0] * 6),
+        mavlink.MAVLink_global_position_int_message(123_456, *[0] * 8),
+        mavlink.MAVLink_system_time_message(0, 123_456),
+        mavlink.MAVLink_system_time_message(1_700_000_000_000_000, 123_456),
+    ],
+    ids=lambda message: message.get_type(),
+)
+def test_the_stamp_of_a_message(message: mavlink.MAVLink_message) -> None:
+    frame = frame_header(CODEC["real"].pack(message))
+    assert frame is not None
+    assert math.isclose(boot_s_of(frame), 123.456)
+
+
+def test_a_stamp_of_zero_is_left_out_of_a_frame() -> None:
+    frame = frame_header(CODEC["real"].pack(mavlink.MAVLink_system_time_message(0, 0)))
+    assert frame is not None
+    assert boot_s_of(frame) == 0.0

@@ -1,0 +1,162 @@
+"""The links that the guard's process holds: made worse, gone dark, signed."""
+
+import asyncio
+import shutil
+import socket
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from safety.guard.core.events import GuardedVehicle
+from safety.guard.process.guard_config import GuardConfig, GuardConfigError, Guarded
+from safety.guard.process.remote_guard import RemoteGuard
+from tests.safety.guard.remote_rigs import ROOT, RemoteFlight, guard_config, until
+from vehicles.autopilots.autopilot import Target, own_heartbeat
+from vehicles.autopilots.px4 import Px4
+from vehicles.links.impairment import Bursts, Impairment, LinkOutage
+from vehicles.links.link import LinkError
+from vehicles.links.link_conditions import KeySource, LinkConditions
+from vehicles.links.link_strings import parse_link
+from vehicles.links.signed_link import SignedLink
+from vehicles.links.udp import UdpLink
+from vehicles.mavlink.codec import Codec
+from vehicles.mavlink.signing_key import key_from_environment
+
+KEY = "passphrase:of the test"
+
+
+@pytest.fixture(autouse=True)
+def _runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    folder = Path(tempfile.mkdtemp(prefix="wil-"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    yield
+    shutil.rmtree(folder)
+
+
+async def test_one_link_goes_dark_for_a_while_and_the_other_does_not(tmp_path: Path) -> None:
+    late = Impairment(latency_s=0.02)
+    conditions = LinkConditions(outgoing=late, incoming=late, may_go_dark=True)
+    async with RemoteFlight(tmp_path, conditions=conditions) as flight:
+        flight.guard.start_outage("real", 1.5)
+        await asyncio.sleep(0.3)
+        dark, twin = flight.heard["real"], flight.heard["twin"]
+        await asyncio.sleep(0.5)
+        assert flight.heard["real"] == dark
+        assert flight.heard["twin"] > twin
+        await until(lambda: flight.heard["real"] > dark)
+        flight.guard.bring_down("done")
+        assert await flight.guard.all_down(15.0)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def signed_charter(folder: Path, port: int) -> GuardConfig:
+    return GuardConfig(
+        run="test",
+        folder=str(folder),
+        epoch_s=time.time() - time.monotonic(),
+        vehicles={
+            "real": Guarded(
+                vehicle=GuardedVehicle(autopilot=Px4(), target=Target(1), attached=True),
+                link=f"udpin://127.0.0.1:{port}",
+                conditions=LinkConditions(signing=KeySource("environment", "WIL_TEST_KEY")),
+            )
+        },
+    )
+
+
+async def test_the_guard_signs_and_believes_only_what_is_signed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WIL_TEST_KEY", KEY)
+    port = free_port()
+    guard = RemoteGuard(guard_config=signed_charter(tmp_path, port))
+    inside: list[str] = []
+    ours = Codec(system_id=245, component_id=190)
+    link = guard.link("real")
+    link.receive(lambda data, _: inside.extend(m.get_type() for m in ours.parse(data)))
+    address = parse_link(f"udpout://127.0.0.1:{port}")
+    vehicle, stranger = (Codec(system_id=1, component_id=1) for _ in range(2))
+    signed = SignedLink(
+        link=UdpLink(address=address), key=key_from_environment("WIL_TEST_KEY"), utc_s=time.time()
+    )
+    answers: list[str] = []
+    signed.receive(lambda data, _: answers.extend(m.get_type() for m in vehicle.parse(data)))
+    async with link, guard:
+        async with UdpLink(address=address) as unsigned:
+            for _ in range(5):
+                unsigned.write(stranger.pack(own_heartbeat()))
+                await asyncio.sleep(0.02)
+        await asyncio.sleep(0.2)
+        assert inside == []
+        async with signed:
+            signed.write(vehicle.pack(own_heartbeat()))
+            await until(lambda: inside == ["HEARTBEAT"])
+            # Taken by a link that believes only what is signed, and answered there.
+            async with asyncio.timeout(20.0):
+                while "HEARTBEAT" not in answers:
+                    signed.write(vehicle.pack(own_heartbeat()))
+                    link.write(ours.pack(own_heartbeat()))
+                    await asyncio.sleep(0.1)
+    assert "of the test" not in (tmp_path / "guard.jsonl").read_text()
+
+
+async def test_a_key_that_is_not_there_is_named_and_nothing_begins(tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match=r"environment variable WIL_TEST_KEY.* is unset"):
+        async with RemoteGuard(guard_config=signed_charter(tmp_path, free_port())):
+            raise AssertionError("began without a key")
+
+
+_times = st.floats(0.0, 5.0)
+_chances = st.floats(0.0, 1.0)
+_impairments = st.builds(
+    Impairment,
+    latency_s=st.floats(1.0, 5.0),
+    jitter_s=st.floats(0.0, 1.0),
+    loss=_chances,
+    bursts=st.none() | st.builds(Bursts, length_s=st.floats(0.1, 5), gap_s=st.floats(0.1, 5)),
+    duplicate=_chances,
+    bandwidth_bit_s=st.none() | st.floats(100.0, 1e6),
+    blackouts=st.lists(st.builds(LinkOutage, _times, st.floats(0.1, 3.0))).map(tuple),
+)
+_conditions = st.builds(
+    LinkConditions,
+    outgoing=_impairments,
+    incoming=_impairments,
+    seed=st.lists(st.integers(0, 2**63), min_size=1).map(tuple),
+    signing=st.none() | st.builds(KeySource, st.sampled_from(["file", "environment"]), st.text()),
+    may_go_dark=st.booleans(),
+)
+
+
+@given(_conditions)
+def test_a_charter_carries_the_conditions_of_its_links(conditions: LinkConditions) -> None:
+    sent = guard_config(Path("/run"), conditions=conditions)
+    assert GuardConfig.unpacked(sent.packed()).vehicles["real"].conditions == conditions
+
+
+def test_a_charter_carries_the_spare_links() -> None:
+    sent = guard_config(Path("/run"))
+    spares = ("udpin://0.0.0.0:14550", "serial:///dev/ttyUSB0:57600")
+    real = replace(sent.vehicles["real"], link="udpin://0.0.0.0:14540", spares=spares)
+    there = GuardConfig.unpacked(replace(sent, vehicles={"real": real}).packed())
+    assert there.vehicles["real"].spares == spares
+
+
+def test_impossible_conditions_are_no_charter() -> None:
+    plain = msgspec.msgpack.decode(guard_config(Path("/run")).packed())
+    plain["vehicles"]["real"]["conditions"]["outgoing"]["loss"] = 2.0
+    with pytest.raises(GuardConfigError, match="loss is 2"):
+        GuardConfig.unpacked(msgspec.msgpack.encode(plain))

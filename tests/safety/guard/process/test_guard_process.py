@@ -1,0 +1,284 @@
+import asyncio
+import json
+import os
+import signal
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink import mavutil
+
+from safety.fence.geofence import Fence
+from safety.guard.core.contingency import Phase
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.operator.operator_socket import POINTER
+from safety.guard.process.orphaned_processes import reap_orphans, records, runtime_folder
+from safety.guard.process.remote_guard import RemoteGuard
+from tests.safety.guard.remote_rigs import (
+    ROOT,
+    RemoteFlight,
+    guard_config,
+    journal,
+    start_orchestrator,
+    until,
+    words,
+)
+from vehicles.links.link import LinkError
+from vehicles.processes.identity import ProcessId
+
+TOKEN = "of the test"  # noqa: S105 - opens nothing
+
+
+@pytest.fixture(autouse=True)
+def runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Keep records and sockets of tests apart from those of whoever flies on this machine."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    return short_folder / "wil-campaign"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made = tmp_path / "run"
+    made.mkdir()
+    return made
+
+
+def gone(pid: int) -> bool:
+    return ProcessId.of(pid) is None
+
+
+async def ask(folder: Path, *commands: dict[str, Any] | bytes) -> list[dict[str, Any]]:
+    path = json.loads((folder / POINTER).read_text())["socket"]
+    reader, writer = await asyncio.open_unix_connection(path)
+    answers = []
+    for command in commands:
+        line = command if isinstance(command, bytes) else json.dumps(command).encode()
+        writer.write(line + b"\n")
+        async with asyncio.timeout(2.0):
+            answers.append(json.loads(await reader.readline()))
+    writer.close()
+    await writer.wait_closed()
+    return answers
+
+
+async def test_frames_pass_both_ways_and_are_logged(folder: Path) -> None:
+    async with RemoteFlight(folder) as flight:
+        assert os.getsid(flight.guard.pid) == flight.guard.pid != os.getsid(0)
+        await until(lambda: len(flight.wire) >= 2)
+        name, t_s, _ = flight.wire[-1]
+        assert name in {"real", "twin"}
+        assert abs(asyncio.get_running_loop().time() - t_s) < 1.0
+        flight.guard.bring_down("done")
+        assert await flight.guard.all_down(10.0)
+        assert flight.guard.phases == {"real": Phase.DOWN, "twin": Phase.DOWN}
+    assert gone(flight.guard.pid)
+    assert all(map(gone, flight.pids.values()))
+    log: Any = mavutil.mavlink_connection(str(folder / "real.tlog"))
+    kinds = set()
+    while (message := log.recv_match()) is not None:
+        kinds.add((message.get_type(), message.get_srcSystem()))
+    log.close()
+    assert {("HEARTBEAT", 1), ("COMMAND_LONG", 245), ("COMMAND_LONG", 255)} <= kinds
+    assert not (folder / POINTER).exists()
+    assert not (folder / "guard.stderr").exists()
+
+
+async def test_a_position_outside_of_the_fence_brings_both_down(folder: Path) -> None:
+    async with RemoteFlight(folder) as flight:
+        flight.place("real", 0.0)
+        flight.place("real", 7.0)
+        assert await flight.guard.all_down(10.0)
+        assert flight.kinds() == ["fence"]
+    assert [word for _, word in words(folder, "twin")][-1] == "END armed=False up_m=0.00"
+
+
+def _last_is(flight: RemoteFlight, kind: str) -> bool:
+    return flight.kinds()[-1:] == [kind]
+
+
+async def test_fences_are_changed_in_flight_all_or_none(folder: Path) -> None:
+    wide = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-1, 6))
+    away = Fence.box(north_m=(20, 30), east_m=(-9, 9), up_m=(-1, 6))
+    async with RemoteFlight(folder) as flight:
+        for fences, kind in (
+            ({"real": wide, "twin": away}, "refused"),
+            ({"real": wide}, "geofence"),
+        ):
+            for name in ("real", "twin"):
+                flight.place(name, 0.0)
+            flight.guard.change_fences(fences, "anna")
+            await until(partial(_last_is, flight, kind))
+        flight.place("real", 4.0)
+        flight.place("real", 8.0)
+        flight.place("twin", 5.5)
+        assert await flight.guard.all_down(10.0)
+        assert flight.kinds() == ["refused", "geofence", "fence"]
+        (breach,) = [event for event in flight.guard.events if event.kind == "fence"]
+        assert breach.vehicle == "twin"
+
+
+async def test_killed_orchestrator(folder: Path, runtime: Path) -> None:
+    program, pids = await start_orchestrator(folder)
+    loop = asyncio.get_running_loop()
+    killed_s = loop.time()
+    program.kill()
+    await program.wait()
+    await until(lambda: all(gone(pid) for pid in pids.values()))
+    for name in ("real", "twin"):
+        heard = words(folder, name)
+        first_s = min(t_s for t_s, word in heard if word in {"HOLD", "ZERO"} and t_s > killed_s)
+        assert first_s - killed_s < 0.5
+        assert heard[-1][1] == "END armed=False up_m=0.00"
+        assert "FAILSAFE" not in [word for _, word in heard]
+    lines = journal(folder)
+    assert [line["event"] for line in lines].count("ended") == 2
+    assert ("guard", "silence") in [(line["event"], line.get("kind")) for line in lines]
+    assert lines[-1]["event"] == "end"
+    assert records(runtime) == ()
+
+
+async def test_stopped_orchestrator(folder: Path) -> None:
+    program, pids = await start_orchestrator(folder)
+    loop = asyncio.get_running_loop()
+    stopped_s = loop.time()
+    program.send_signal(signal.SIGSTOP)
+    await until(lambda: "LAND" in [word for _, word in words(folder, "twin")])
+    first_s = min(t_s for t_s, word in words(folder, "twin") if word == "HOLD")
+    assert first_s - stopped_s < 0.6
+    program.kill()
+    await program.wait()
+    await until(lambda: all(gone(pid) for pid in pids.values()))
+
+
+async def test_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path) -> None:
+    async with RemoteFlight(folder) as flight:
+        os.kill(flight.guard.pid, signal.SIGKILL)
+        await until(lambda: flight.kinds() == ["guard"], 1.0)
+        heard = dict(flight.heard)
+        assert await flight.guard.all_down(10.0)
+        assert not any(map(gone, flight.pids.values()))
+        assert all(flight.heard[name] > heard[name] for name in heard)
+        flight.guard.command(OperatorCommand("abort", "nobody hears this"))
+    assert all(map(gone, flight.pids.values()))
+    for name in ("real", "twin"):
+        assert "FAILSAFE" in [word for _, word in words(folder, name)]
+
+
+async def test_guard_that_says_nothing_is_taken_for_dead(folder: Path) -> None:
+    async with RemoteFlight(folder) as flight:
+        os.kill(flight.guard.pid, signal.SIGSTOP)
+        await until(lambda: flight.kinds() == ["guard"], 5.0)
+        assert await flight.guard.all_down(10.0)
+    assert gone(flight.guard.pid)
+    assert all(map(gone, flight.pids.values()))
+
+
+async def test_killed_vehicle_brings_the_other_down(folder: Path) -> None:
+    async with RemoteFlight(folder) as flight:
+        os.kill(flight.pids["real"], signal.SIGKILL)
+        assert await flight.guard.all_down(10.0)
+        assert flight.kinds() == ["lost"]
+        assert flight.guard.events[-1].vehicle == "twin"
+        ended = flight.guard.ended("real")
+        assert ended is not None
+        assert ended.exit_code == -signal.SIGKILL
+    assert words(folder, "twin")[-1][1] == "END armed=False up_m=0.00"
+
+
+async def test_both_killed_leave_nothing(folder: Path, runtime: Path) -> None:
+    program, pids = await start_orchestrator(folder)
+    os.kill(pids["guard"], signal.SIGSTOP)
+    program.kill()
+    await program.wait()
+    os.kill(pids["guard"], signal.SIGKILL)
+    await until(lambda: all(gone(pid) for pid in pids.values()))
+    assert len(records(runtime)) == 1
+    assert reap_orphans(runtime) == ()
+    assert records(runtime) == ()
+
+
+async def test_the_operators_socket(folder: Path) -> None:
+    async with RemoteFlight(folder) as flight:
+        hold, status, resume, again, no = await ask(
+            folder,
+            {"command": "hold", "who": "anna"},
+            {"command": "status", "who": "anna"},
+            {"command": "resume", "who": "anna"},
+            {"command": "resume", "who": "anna"},
+            b"not json",
+        )
+        assert (hold["ok"], status["held"], resume["ok"]) == (True, True, True)
+        assert (again["ok"], no["ok"]) == (False, False)
+        sent_s = asyncio.get_running_loop().time()
+        (abort,) = await ask(folder, {"command": "abort", "who": "anna"})
+        assert abort["latched"] == "abort"
+        assert await flight.guard.all_down(10.0)
+        assert flight.kinds() == ["hold", "resume", "abort"]
+        assert flight.guard.events[-1].t_s > sent_s
+    refused = [line["text"] for line in journal(folder) if line["event"] == "refused"]
+    assert refused == ["anna: resume: nothing is held", "not JSON"]
+
+
+async def test_the_socket_works_without_an_orchestrator(folder: Path) -> None:
+    program, pids = await start_orchestrator(folder)
+    program.send_signal(signal.SIGSTOP)
+    (answer,) = await ask(folder, {"command": "abort", "who": "anna"})
+    assert answer["ok"]
+    program.kill()
+    await program.wait()
+    await until(lambda: all(gone(pid) for pid in pids.values()))
+    said = [line["text"] for line in journal(folder) if line.get("kind") == "abort"]
+    assert said == ["aborted by anna"]
+
+
+async def test_socket_wants_its_token(folder: Path) -> None:
+    async with RemoteFlight(folder, token=TOKEN) as flight:
+        without, wrong = await ask(
+            folder,
+            {"command": "abort", "who": "eve"},
+            {"command": "abort", "who": "eve", "token": "guess"},
+        )
+        assert not without["ok"]
+        assert not wrong["ok"]
+        assert flight.kinds() == []
+        (right,) = await ask(folder, {"command": "abort", "who": "anna", "token": TOKEN})
+        assert right["ok"]
+
+
+async def test_a_guard_that_cannot_begin_says_why(folder: Path) -> None:
+    (folder / "real.tlog").write_text("in the way")
+    with pytest.raises(LinkError, match=r"real\.tlog"):
+        async with RemoteGuard(guard_config=guard_config(folder)):
+            pass
+
+
+async def test_a_program_that_cannot_start(folder: Path) -> None:
+    async with RemoteGuard(guard_config=guard_config(folder)) as guard:
+        with pytest.raises(LinkError, match="could not be started"):
+            await guard.start("real", [str(folder / "no such program")])
+
+
+@pytest.fixture
+def open_runtime(runtime: Path) -> None:
+    runtime.mkdir()
+    runtime.chmod(0o777)
+
+
+@pytest.mark.usefixtures("open_runtime")
+async def test_a_folder_of_sockets_that_others_may_write_to_is_refused(folder: Path) -> None:
+    with pytest.raises(LinkError, match="others may write there"):
+        async with RemoteGuard(guard_config=guard_config(folder)):
+            pass
+
+
+def test_a_runtime_folder_too_deep_for_sockets_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deep = tmp_path / ("d" * 100)
+    deep.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
+    folder = runtime_folder()
+    assert folder.name == f"wil-campaign-{os.getuid()}"
+    assert len(str(folder)) < 72

@@ -1,0 +1,159 @@
+"""What tests of the guard's process share; run as a program: an orchestrator to be killed."""
+
+import asyncio
+import json
+import sys
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any, Self
+
+from safety.fence.geofence import Fence
+from safety.guard.core.events import GuardedVehicle, GuardSettings
+from safety.guard.process.guard_config import GuardConfig, Guarded
+from safety.guard.process.remote_guard import RemoteGuard
+from safety.model.samples import PoseSample
+from vehicles.autopilots.autopilot import Target, command_long
+from vehicles.autopilots.px4 import Px4
+from vehicles.links.link_conditions import LinkConditions
+from vehicles.mavlink.codec import Codec
+from worlds.frames import Pose
+
+ROOT = Path(__file__).parents[3]
+SYSTEMS = {"real": 1, "twin": 2}
+FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))
+DRIVER = Codec(system_id=245, component_id=190)
+PATIENT = GuardSettings(orchestrator_silent_s=5.0)
+"""A test on a loaded machine may be silent for longer than an orchestrator may."""
+
+
+def guard_config(
+    folder: Path, *, conditions: LinkConditions | None = None, **more: Any
+) -> GuardConfig:
+    return GuardConfig(
+        run="test/wil/1",
+        folder=str(folder),
+        epoch_s=time.time() - time.monotonic(),
+        vehicles={
+            name: Guarded(
+                vehicle=GuardedVehicle(autopilot=Px4(), target=Target(system), fence=FENCE),
+                conditions=conditions or LinkConditions(),
+            )
+            for name, system in SYSTEMS.items()
+        },
+        **more,
+    )
+
+
+class RemoteFlight:
+    """A remote guard over two fake vehicles that are in the air; the test is the orchestrator."""
+
+    def __init__(self, folder: Path, *, up_m: float = 0.4, **charter_fields: Any) -> None:
+        self.folder = folder
+        self.guard = RemoteGuard(
+            guard_config=guard_config(folder, **{"settings": PATIENT, **charter_fields}),
+            record=lambda *row: self.wire.append(row),
+        )
+        self.up_m = up_m
+        self.wire: list[tuple[str, float, bytes]] = []
+        self.heard: dict[str, int] = dict.fromkeys(SYSTEMS, 0)
+        self.pids: dict[str, int] = {}
+
+    async def __aenter__(self) -> Self:
+        async with AsyncExitStack() as stack:
+            for name in SYSTEMS:
+                link = self.guard.link(name)
+                link.receive(self._hear(name))
+                await stack.enter_async_context(link)
+            await stack.enter_async_context(self.guard)
+            for name, system in SYSTEMS.items():
+                self.pids[name] = await self.guard.start(name, self._argv(name, system))
+            self._stream()
+            stack.callback(self._still)
+            await until(lambda: all(self.heard.values()))
+            await until(lambda: all(words(self.folder, name) for name in SYSTEMS))
+            self._stack = stack.pop_all()
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        await self._stack.aclose()
+
+    def _argv(self, name: str, system: int) -> list[str]:
+        program = [sys.executable, "-m", "tests.safety.guard.fake_vehicle_program"]
+        log = str(self.folder / f"{name}.words")
+        return [*program, str(self.guard.port(name)), str(system), str(self.up_m), log]
+
+    def _hear(self, name: str) -> Callable[[bytes, float], None]:
+        def hear(data: bytes, t_s: float) -> None:
+            self.heard[name] += 1
+
+        return hear
+
+    def _stream(self) -> None:
+        """Keep the vehicles from their own failsafe, as a driver does."""
+        for name in SYSTEMS:
+            self.send(name, 512)
+        self._timer = asyncio.get_running_loop().call_later(0.2, self._stream)
+
+    def _still(self) -> None:
+        self._timer.cancel()
+
+    def send(self, name: str, number: int = 512) -> None:
+        """Send a command that moves nothing."""
+        self.guard.link(name).write(DRIVER.pack(command_long(Target(SYSTEMS[name]), number)))
+
+    def place(self, name: str, north_m: float) -> None:
+        now_s = asyncio.get_running_loop().time()
+        sample = PoseSample(now_s, name, Pose((north_m, 0.0, -0.4)), (0.0, 0.0, 0.0))
+        self.guard.position(sample)
+
+    def kinds(self) -> list[str]:
+        return [e.kind for e in self.guard.events if e.kind not in {"action", "dropped"}]
+
+
+def words(folder: Path, name: str) -> list[tuple[float, str]]:
+    """Return what a fake vehicle heard, and when."""
+    lines = (folder / f"{name}.words").read_text().splitlines()
+    return [(float(t_s), word) for t_s, _, word in (line.partition(" ") for line in lines)]
+
+
+def journal(folder: Path) -> list[dict[str, Any]]:
+    """Return the lines of guard.jsonl."""
+    return [json.loads(line) for line in (folder / "guard.jsonl").read_text().splitlines()]
+
+
+async def until(condition: Callable[[], bool], timeout_s: float = 10.0) -> float:
+    """Wait until a condition holds; returns when."""
+    loop = asyncio.get_running_loop()
+    async with asyncio.timeout(timeout_s):
+        while not condition():  # noqa: ASYNC110 - other processes set no event of ours
+            await asyncio.sleep(0.01)
+    return loop.time()
+
+
+async def start_orchestrator(folder: Path) -> tuple[asyncio.subprocess.Process, dict[str, int]]:
+    """Start this file as a program; returns it and the process ids, once all are in the air."""
+    program = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "tests.safety.guard.remote_rigs",
+        str(folder),
+        stdout=asyncio.subprocess.PIPE,
+        cwd=ROOT,
+    )
+    assert program.stdout is not None
+    async with asyncio.timeout(20.0):
+        line = await program.stdout.readline()
+    return program, json.loads(line)
+
+
+async def _orchestrate(folder: Path, last: Callable[[], Awaitable[Any]]) -> None:
+    async with RemoteFlight(folder, up_m=0.6, settings=GuardSettings()) as flight:
+        sys.stdout.write(json.dumps({"guard": flight.guard.pid, **flight.pids}) + "\n")
+        sys.stdout.flush()
+        await last()
+
+
+if __name__ == "__main__":
+    asyncio.run(_orchestrate(Path(sys.argv[1]), asyncio.Event().wait))

@@ -1,0 +1,266 @@
+import asyncio
+from collections.abc import Coroutine
+from contextlib import AsyncExitStack
+from typing import Any, Self
+
+import pytest
+
+from orchestrator.model.clock import run_virtual
+from safety.fence.geofence import Fence
+from safety.guard.core.contingency import Phase
+from safety.guard.core.events import GuardedVehicle, GuardEvent
+from safety.guard.core.operator_command import OperatorCommand
+from safety.guard.local_guard import GuardLinks, LocalGuard
+from safety.model.samples import PoseSample
+from vehicles.autopilots.autopilot import Mode, Target
+from vehicles.autopilots.px4 import Px4
+from vehicles.links.memory import memory_pair
+from vehicles.mavlink.codec import Codec
+from vehicles.poses.anchor import Anchor
+from worlds.frames import Pose
+
+LATENCY_S = 0.003
+FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))
+DRIVER = Codec(system_id=245, component_id=190)
+NAMES = {"real": 1, "twin": 2}
+
+
+class Flight:
+    """Two fake PX4 behind the guard's shell; the test is the orchestrator."""
+
+    def __init__(self, make_vehicle: Any, **shell: Any) -> None:
+        self.log: list[tuple[str, float, bytes]] = []
+        self.heard: dict[str, list[bytes]] = {name: [] for name in NAMES}
+        self.told: list[GuardEvent] = []
+        self.vehicles: dict[str, Any] = {}
+        self.drivers: dict[str, Any] = {}
+        self.gcs, gcs_end = memory_pair(name="gcs")
+        self.gcs_heard: list[bytes] = []
+        self.gcs.receive(lambda data, _: self.gcs_heard.append(data))
+        self._ends: list[Any] = [self.gcs]
+        self._air: dict[str, Any] = {}
+        links: dict[str, GuardLinks] = {}
+        for name, system in NAMES.items():
+            self.vehicles[name] = make_vehicle(name, Px4(), system=system)
+            self._air[name], near = memory_pair(latency_s=LATENCY_S, name=name)
+            inner, self.drivers[name] = memory_pair(name=f"{name} guard")
+            self._air[name].receive(self._vehicle_receiver(name))
+            self.drivers[name].receive(self._driver_receiver(name))
+            self._ends += [self._air[name], self.drivers[name]]
+            links[name] = GuardLinks(near, inner, gcs_end if name == "real" else None)
+        self.shell = LocalGuard(
+            vehicles={
+                name: GuardedVehicle(
+                    autopilot=Px4(), target=Target(system), fence=FENCE, gcs=name == "real"
+                )
+                for name, system in NAMES.items()
+            },
+            links=links,
+            **{"record": lambda *row: self.log.append(row), **shell},
+        )
+        self.shell.on_event(self.told.append)
+
+    def _vehicle_receiver(self, name: str) -> Any:
+        return lambda data, t_s: self.vehicles[name].receive((data,), t_s)
+
+    def _driver_receiver(self, name: str) -> Any:
+        return lambda data, _: self.heard[name].append(data)
+
+    async def __aenter__(self) -> Self:
+        self._stack = AsyncExitStack()
+        for end in self._ends:
+            await self._stack.enter_async_context(end)
+        await self._stack.enter_async_context(self.shell)
+        self._live()
+        await asyncio.sleep(1.0)
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        self._timer.cancel()
+        await self._stack.aclose()
+
+    def _live(self) -> None:
+        loop = asyncio.get_running_loop()
+        for name, vehicle in self.vehicles.items():
+            vehicle.step(loop.time())
+            if data := vehicle.frames(loop.time()):
+                self._air[name].write(data)
+            self.shell.position(vehicle.sample(loop.time()))
+        self._timer = loop.call_later(0.05, self._live)
+
+    def setpoint(self, name: str) -> None:
+        message = Px4().velocity_setpoint(
+            Target(NAMES[name]), t_boot_ms=0, velocity_ned_m_s=(1.0, 0.0, 0.0)
+        )
+        self.drivers[name].write(DRIVER.pack(message))
+
+    def kinds(self) -> list[str]:
+        return [event.kind for event in self.told if event.kind != "action"]
+
+
+def fly(main: Coroutine[Any, Any, None]) -> None:
+    run_virtual(main)
+
+
+def test_bytes_pass_both_ways_and_are_recorded_frame_by_frame(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            flight.setpoint("real")
+            await asyncio.sleep(0.1)
+            assert flight.vehicles["real"].words() == ["SET_POSITION_TARGET_LOCAL_NED"]
+            assert flight.heard["real"]
+            assert b"".join(flight.gcs_heard) == b"".join(flight.heard["real"])
+            kinds = {(name, frame[5]) for name, _, frame in flight.log}
+            assert kinds == {("real", 1), ("real", 245), ("twin", 2)}
+            assert all(len(frame) == 12 + frame[1] for _, _, frame in flight.log)
+            times = [t_s for _, t_s, _ in flight.log]
+            assert times == sorted(times)
+
+    fly(main())
+
+
+def test_bring_down_lands_both_and_says_when(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            assert not await flight.shell.all_down(1.0)
+            flight.shell.bring_down("the twin never became ready")
+            assert await flight.shell.all_down(30.0)
+            assert asyncio.get_running_loop().time() < 15.0
+            assert not any(vehicle.armed for vehicle in flight.vehicles.values())
+            assert set(flight.shell.phases.values()) == {Phase.DOWN}
+            assert flight.kinds() == ["bring_down"]
+            assert flight.shell.events == flight.told
+
+    fly(main())
+
+
+def test_all_down_is_false_when_a_vehicle_does_not_come_down(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            flight.vehicles["real"].deaf = True
+            flight.shell.command(OperatorCommand("abort", "Ctrl-C"))
+            assert not await flight.shell.all_down(20.0)
+            flight.vehicles["real"].deaf = False
+            assert await flight.shell.all_down(20.0)
+
+    fly(main())
+
+
+def test_an_abort_is_at_the_vehicle_after_the_link_s_latency_alone(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            flight.setpoint("real")
+            await asyncio.sleep(0.01)
+            now_s = asyncio.get_running_loop().time()
+            flight.shell.command(OperatorCommand("abort", "anna"))
+            await asyncio.sleep(0.01)
+            t_s, word = flight.vehicles["real"].heard[1]
+            assert word == "ZERO"
+            assert t_s == pytest.approx(now_s + LATENCY_S)
+            flight.setpoint("real")
+            await asyncio.sleep(0.1)
+            assert "SET_POSITION_TARGET_LOCAL_NED" not in flight.vehicles["real"].words()[1:]
+
+    fly(main())
+
+
+def test_hold_and_resume_through_the_shell(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            flight.shell.command(OperatorCommand("hold", "anna"))
+            await asyncio.sleep(3.0)
+            assert {vehicle.mode for vehicle in flight.vehicles.values()} == {Mode.HOLD}
+            flight.shell.command(OperatorCommand("resume", "anna"))
+            flight.setpoint("real")
+            await asyncio.sleep(0.1)
+            assert flight.vehicles["real"].words()[-1] == "SET_POSITION_TARGET_LOCAL_NED"
+            assert flight.kinds() == ["hold", "resume"]
+
+    fly(main())
+
+
+def test_silence_of_an_orchestrator_task_that_was_killed(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+
+            async def beat() -> None:
+                while True:
+                    flight.shell.alive()
+                    await asyncio.sleep(0.1)
+
+            task = asyncio.create_task(beat(), name="heartbeat")
+            await asyncio.sleep(3.0)
+            assert flight.kinds() == []
+            task.cancel()
+            killed_s = asyncio.get_running_loop().time()
+            assert await flight.shell.all_down(30.0)
+            assert flight.kinds() == ["silence"]
+            silence = next(event for event in flight.told if event.kind == "silence")
+            assert silence.t_s - killed_s <= 0.5
+
+    fly(main())
+
+
+def test_a_fence_breach_by_position_and_by_anchored_estimate(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            flight.shell.anchor("real", Anchor((0.0, 0.0, 0.0)))
+            now_s = asyncio.get_running_loop().time()
+            flight.shell.position(PoseSample(now_s, "real", Pose((9, 0, -2)), (0, 0, 0)))
+            assert flight.kinds() == ["fence"]
+            assert await flight.shell.all_down(30.0)
+
+    fly(main())
+
+
+def test_a_log_that_cannot_be_written_does_not_stop_the_flight(fake_vehicle: Any) -> None:
+    def full(name: str, t_s: float, frame: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    async def main() -> None:
+        async with Flight(fake_vehicle, record=full) as flight:
+            flight.setpoint("real")
+            await asyncio.sleep(1.0)
+            assert flight.vehicles["real"].words() == ["SET_POSITION_TARGET_LOCAL_NED"]
+            flight.shell.command(OperatorCommand("abort", "anna"))
+            assert await flight.shell.all_down(30.0)
+            assert flight.kinds() == ["record", "abort"]
+
+    fly(main())
+
+
+def test_frames_leave_before_events_are_told(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            seen: list[int] = []
+            before = len(flight.log)
+            flight.shell.on_event(lambda _: seen.append(len(flight.log) - before))
+            flight.shell.command(OperatorCommand("abort", "anna"))
+            assert seen
+            assert min(seen) >= 4
+
+    fly(main())
+
+
+def test_ticks_keep_their_raster(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            flight.shell.command(OperatorCommand("abort", "anna"))
+            for vehicle in flight.vehicles.values():
+                vehicle.deaf = True
+            await asyncio.sleep(1.0)
+            mark = len(flight.log)
+            await asyncio.sleep(2.0)
+            ours = [
+                t_s for name, t_s, frame in flight.log[mark:] if name == "real" and frame[5] == 255
+            ]
+            ticks = sorted(set(ours))
+            assert len(ticks) == pytest.approx(40, abs=1)
+            assert all(abs(t_s * 20 - round(t_s * 20)) < 1e-6 for t_s in ticks)
+
+    fly(main())
+
+
+def test_vehicles_and_links_must_agree() -> None:
+    with pytest.raises(ValueError, match="differ"):
+        LocalGuard(vehicles={}, links={"real": GuardLinks(*memory_pair())})

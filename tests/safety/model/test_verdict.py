@@ -1,0 +1,107 @@
+import itertools
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from safety.model.oracle_results import OracleResult
+from safety.model.verdict import DecisiveEvent, DecisiveKind, decide
+
+KINDS: tuple[DecisiveKind, ...] = ("ERROR", "INVALID", "FAIL", "ABORTED")
+
+
+def result(
+    name: str, *, passed: bool, required: bool = True, at_s: float | None = None, detail: str = ""
+) -> OracleResult:
+    return OracleResult(
+        name=name,
+        vehicle="real",
+        required=required,
+        verdict="PASS" if passed else "FAIL",
+        actual=0.125,
+        limit=(None, 0.5),
+        unit="m",
+        margin=-0.1,
+        at_s=at_s,
+        detail=detail,
+    )
+
+
+def test_all_passed_is_pass() -> None:
+    decision = decide([], [result("a", passed=True)], end_s=9)
+    assert (decision.verdict, decision.reason, decision.also) == ("PASS", "", ())
+
+
+@pytest.mark.parametrize(("first", "second"), list(itertools.combinations(KINDS, 2)))
+def test_order_at_one_instant_and_in_time(first: DecisiveKind, second: DecisiveKind) -> None:
+    early, late = DecisiveEvent(3.0, second, "early"), DecisiveEvent(3.0, first, "late")
+    assert decide([early, late], [], end_s=9).verdict == first
+    late = DecisiveEvent(3.1, first, "late")
+    decision = decide([late, early], [], end_s=9)
+    assert (decision.verdict, decision.reason) == (second, "early")
+    assert decision.also == (late,)
+
+
+def test_a_required_oracle_fails_the_run_at_its_moment() -> None:
+    results = [
+        result("later", passed=False),
+        result("reported", passed=False, required=False, at_s=1.0),
+        result("first", passed=False, at_s=4.0, detail="touched gate.left"),
+    ]
+    decision = decide([DecisiveEvent(6.0, "ABORTED", "by hand")], results, end_s=9)
+    assert decision.verdict == "FAIL"
+    assert decision.reason == "first of real failed: touched gate.left"
+    assert [(event.t_s, event.kind, event.text) for event in decision.also] == [
+        (6.0, "ABORTED", "by hand"),
+        (9.0, "FAIL", "later of real failed: 0.125 m against [open, 0.5] m"),
+    ]
+
+
+def test_a_flag_is_not_told_twice() -> None:
+    flag = DecisiveEvent(2.0, "FAIL", "real touched gate.left", "collision/real")
+    decision = decide([flag], [result("collision", passed=False, at_s=3.0)], end_s=9)
+    assert (decision.reason, decision.also) == ("real touched gate.left", ())
+
+
+def test_a_flight_that_was_not_completed_never_passes() -> None:
+    decision = decide([], [result("a", passed=True)], end_s=9, completed=False)
+    assert (decision.verdict, decision.reason) == ("ERROR", "the flight was not completed")
+    abort = DecisiveEvent(2.0, "ABORTED", "by hand")
+    assert decide([abort], [], end_s=9, completed=False).verdict == "ABORTED"
+
+
+events = st.builds(
+    DecisiveEvent,
+    st.one_of(st.integers(0, 3).map(float), st.just(math.nan)),
+    st.sampled_from(KINDS),
+    st.sampled_from("abc"),
+)
+
+
+@given(st.lists(events, min_size=1, max_size=6), st.randoms(use_true_random=False))
+def test_the_order_in_which_events_are_told_does_not_matter(
+    told: list[DecisiveEvent], shuffler: object
+) -> None:
+    shuffled = list(told)
+    getattr(shuffler, "shuffle")(shuffled)  # noqa: B009 - hypothesis's random is untyped
+    one, other = decide(told, [], end_s=9), decide(shuffled, [], end_s=9)
+    assert one.verdict == other.verdict
+    assert one.verdict != "PASS"
+    assert len(one.also) == len(told) - 1
+
+
+def test_what_was_not_reached_comes_before_the_time_out_that_it_led_to() -> None:
+    timeout = DecisiveEvent(
+        40.0, "FAIL", "real was not done 40 s after its goal", "time_limit/real"
+    )
+    missed = OracleResult(
+        "reached", "real", True, "FAIL", None, 0.5, "m", None, None, "never flew through second"
+    )
+    found = decide([timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
+    assert found.source == "reached/real"
+    assert "never flew through second" in found.reason
+    assert [event.source for event in found.also] == ["time_limit/real"]
+    touched = DecisiveEvent(30.0, "FAIL", "real touched gate.left", "collision/real")
+    first = decide([touched, timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
+    assert first.source == "collision/real"

@@ -1,0 +1,189 @@
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from safety.model.oracle_results import Flag
+from safety.model.samples import PoseSample
+from safety.oracles import Oracle, OracleContext
+from tests.safety.oracles.oracle_rigs import ScriptedProbe, build, contact, numbers, pose, stage
+from worlds.clearance.clearance import BoxShape, Clearance, ClearanceProbe
+from worlds.frames import Pose
+from worlds.scene.scene import Scene, SceneObject
+from worlds.scene.shapes import gate, room
+
+
+def test_contact_is_flagged_once_per_episode_and_named() -> None:
+    touching = {
+        t: [("gate", "left", c), ("wall", "", 2.0)]
+        for t, c in [(3.0, 0.1), (4.0, -0.02), (5.0, -0.05), (6.0, 0.01), (7.0, 0.0), (8.0, 0.5)]
+    }
+    touching[9.0] = [("gate", "top", 0.0)]
+    judge, _ = contact(touching)
+    stage(judge, takeoff=1.0, at_height=2.0)
+    flags = [
+        flag for t_s in (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0) for flag in judge.on_pose(pose(t_s))
+    ]
+    assert [(f.t_s, f.text, f.decisive) for f in flags] == [
+        (4.0, "real touched gate.left", True),
+        (9.0, "real touched gate.top", True),
+    ]
+    result = judge.result(10.0)
+    assert numbers(result) == ("FAIL", 0.0, 0.0, 0.0, 5.0)
+    assert result.detail == "touched gate.left"
+
+
+def test_a_contact_that_ends_out_of_sight_is_a_new_one_next_time() -> None:
+    judge, _ = contact({3.0: [("post", "", 0.0)], 5.0: [("post", "", 0.0)]})
+    stage(judge, takeoff=1.0, at_height=2.0)
+    flags = [f for t_s in (3.0, 4.0, 5.0) for f in judge.on_pose(pose(t_s))]
+    assert [f.t_s for f in flags] == [3.0, 5.0]
+
+
+def test_no_contact_reports_the_smallest_clearance() -> None:
+    judge, probe = contact({2.0: [("gate", "left", 0.3)], 3.0: [("gate", "right", 0.2)]})
+    judge.on_pose(pose(0.0))
+    stage(judge, takeoff=1.0)
+    for t_s in (2.0, 3.0, 4.0):
+        judge.on_pose(pose(t_s))
+    result = judge.result(5.0)
+    assert numbers(result) == ("PASS", 0.2, 0.0, 0.2, 3.0)
+    assert result.detail == "closest to gate.right"
+    assert probe.asked == [(0.0, 2.0), (2.0, 3.0), (3.0, 4.0)]
+
+
+def test_the_ground_counts_between_at_height_and_land_only() -> None:
+    floor = [("cage", "floor", 0.0)]
+    judge, _ = contact(dict.fromkeys((2.0, 4.0, 6.0), floor))
+    stage(judge, takeoff=1.0)
+    assert not judge.on_pose(pose(2.0))
+    stage(judge, at_height=3.0)
+    assert [f.text for f in judge.on_pose(pose(4.0))] == ["real touched cage.floor"]
+    stage(judge, land=5.0)
+    assert not judge.on_pose(pose(6.0))
+
+
+def test_a_wall_counts_while_landing_too() -> None:
+    judge, _ = contact({4.0: [("cage", "north wall", 0.0)]})
+    stage(judge, takeoff=1.0, at_height=2.0, land=3.0)
+    assert judge.on_pose(pose(4.0))
+
+
+def test_named_ground_and_excluded_objects_do_not_count() -> None:
+    script = {2.0: [("pad", "", 0.0), ("net", "west", 0.0)], 4.0: [("net", "west", 0.0)]}
+    context = OracleContext(mode="wil", subject="real", vehicle="real", probe=ScriptedProbe(script))
+    judge = build("collision", context=context, ground=("pad",), exclude=("net",))
+    stage(judge, takeoff=1.0)
+    assert not judge.on_pose(pose(2.0))
+    stage(judge, at_height=3.0)
+    assert not judge.on_pose(pose(4.0))
+    assert judge.result(5.0).verdict == "PASS"
+
+
+def test_nothing_counts_before_takeoff_and_after_landing() -> None:
+    judge, probe = contact({0.5: [("gate", "left", 0.0)], 9.0: [("gate", "left", 0.0)]})
+    judge.on_pose(pose(0.5))
+    stage(judge, takeoff=1.0, at_height=2.0, land=3.0, landed=4.0)
+    judge.on_pose(pose(9.0))
+    assert not probe.asked
+    assert judge.result(9.0).detail == "no pose seen"
+
+
+@pytest.mark.parametrize(("clearance_m", "verdict"), [(0.1, "PASS"), (0.0999, "FAIL")])
+def test_clearance_holds_a_limit(clearance_m: float, verdict: str) -> None:
+    probe = ScriptedProbe({2.0: [("gate", "left", clearance_m)]})
+    context = OracleContext(mode="sim", subject="twin", vehicle="twin", probe=probe)
+    judge = build("clearance", context=context, min_m=0.1)
+    stage(judge, takeoff=1.0)
+    flags = judge.on_pose(PoseSample(2.0, "twin", Pose((0, 0, -1)), (0, 0, 0)))
+    assert bool(flags) == (verdict == "FAIL")
+    result = judge.result(3.0)
+    assert result.verdict == verdict
+    assert result.margin == pytest.approx(clearance_m - 0.1)
+
+
+def test_an_empty_world_is_passed_and_said_to_be() -> None:
+    judge, _ = contact({})
+    stage(judge, takeoff=1.0)
+    judge.on_pose(pose(2.0))
+    assert numbers(judge.result(3.0)) == ("PASS", None, 0.0, None, None)
+
+
+# Against the real probe
+
+
+def probed(inner_size_m: float) -> Oracle:
+    things = (
+        SceneObject(1, "cage", room(6, 6, 2.5), Pose.of(1.5, 0, 0)),
+        SceneObject(2, "gate", gate("square", inner_size_m, 0.1), Pose.of(3, 0, 1.2)),
+    )
+    probe = ClearanceProbe(Scene(things), BoxShape((0.15, 0.15, 0.05)))
+    context = OracleContext(mode="wil", subject="real", vehicle="real", probe=probe)
+    return build("collision", context=context)
+
+
+def through(judge: Oracle, east_m: float, *, step_m: float) -> list[Flag]:
+    stage(judge, takeoff=0.0)
+    flags = list(judge.on_pose(pose(0.0, (0, east_m, -0.05))))
+    flags += judge.on_pose(pose(0.9, (0, east_m, -1.2)))
+    stage(judge, at_height=0.95)
+    for i in range(round(4.0 / step_m) + 1):
+        flags += judge.on_pose(pose(1.0 + i * step_m, (i * step_m, east_m, -1.2)))
+    return flags
+
+
+@pytest.mark.parametrize("step_m", [0.01, 0.4, 4.0])
+def test_the_middle_of_a_gate_is_clear_by_its_half_size_less_the_vehicle_s(step_m: float) -> None:
+    judge = probed(1.0)
+    assert through(judge, 0.0, step_m=step_m) == []
+    result = judge.result(9.0)
+    assert result.verdict == "PASS"
+    # 0.5 m to the bar, 0.15 m of vehicle
+    assert result.margin == pytest.approx(0.35, abs=2e-3)
+
+
+@pytest.mark.parametrize("step_m", [0.01, 0.4, 4.0])
+def test_a_bar_of_the_gate_is_touched_however_coarse_the_samples(step_m: float) -> None:
+    judge = probed(1.0)
+    flags = through(judge, 0.45, step_m=step_m)
+    assert [flag.text for flag in flags] == ["real touched gate.right"]
+    # The bar is 0.1 m thick at 3 m, the vehicle 0.15 m before and behind its centre, at 1 m/s.
+    assert 3.8 - 1e-3 <= flags[0].t_s <= 4.2 + 1e-3
+    result = judge.result(9.0)
+    assert (result.verdict, result.actual, result.margin) == ("FAIL", 0.0, 0.0)
+
+
+def test_limits_given_to_the_probe_change_no_result() -> None:
+    # Only what is nearer than ever, or near an episode, is asked for: the answer must be the same
+    # as when all is asked for.
+    class Asking:
+        def __init__(self, probe: ClearanceProbe) -> None:
+            self.probe = probe
+
+        def sweep(self, *stretch: Any, below_m: object = None) -> tuple[Clearance, ...]:
+            return self.probe.sweep(*stretch)
+
+    frugal, full = probed(0.6), probed(0.6)
+    vars(full)["_probe"] = Asking(vars(full)["_probe"])
+    rng = np.random.default_rng(3)
+    # To and fro through the bars and beside them.
+    walks = [(3.0 + 0.8 * math.sin(i / 7), *rng.uniform(-0.5, 0.5, 2)) for i in range(250)]
+    flags: list[list[str]] = []
+    for judge in (frugal, full):
+        stage(judge, takeoff=0.0, at_height=0.5)
+        poses = [pose(1.0 + i, (n, float(e), float(d) - 1.2)) for i, (n, e, d) in enumerate(walks)]
+        flags.append([f.text for each in poses for f in judge.on_pose(each)])
+    assert flags[0] == flags[1]
+    assert len(flags[0]) > 5
+    assert frugal.result(999.0).actual == full.result(999.0).actual == 0.0
+
+
+def test_limits_given_to_the_probe_keep_the_smallest_clearance() -> None:
+    judge, east_m = probed(1.0), [0.1, 0.2, 0.05, 0.15]
+    stage(judge, takeoff=0.0, at_height=0.5)
+    for i, east in enumerate(east_m):
+        assert not judge.on_pose(pose(1.0 + i, (3.0, east, -1.2)))
+    # 0.2 m aside in the gate: 0.5 - 0.2 - 0.15
+    assert judge.result(9.0).actual == pytest.approx(0.15, abs=2e-3)
+    assert judge.result(9.0).at_s == pytest.approx(2.0, abs=1e-6)

@@ -1,0 +1,189 @@
+import math
+
+import pytest
+
+from safety.model.samples import LinkSample, PoseSample
+from safety.oracles import OracleContext, OracleError
+from tests.safety.oracles.oracle_rigs import build, fly, numbers, pose, stage, state
+from worlds.frames import Pose, Vec3
+
+
+def test_geofence_worst_margin_and_each_exit() -> None:
+    judge = build("geofence")
+    stage(judge, takeoff=1.0)
+    texts = fly(judge, (0, 0, -1), (3.8, 0, -1), (4.3, 0, -1), (4.4, 0, -1), (0, 0, -1), (0, 0, -3))
+    assert texts == ["real left the fence by its side", "real left the fence by its ceiling"]
+    result = judge.result(9.0)
+    assert result.verdict == "FAIL"
+    assert result.margin == result.actual == pytest.approx(-0.5)
+    assert result.at_s == 8.0
+
+
+def test_geofence_has_no_floor_near_the_ground() -> None:
+    judge = build("geofence")
+    stage(judge, takeoff=1.0)
+    assert fly(judge, (0, 0, 9)) == []
+    stage(judge, at_height=3.0)
+    assert fly(judge, (0, 0, 9), start_s=3.0) == ["real left the fence by its floor"]
+    stage(judge, land=5.0)
+    assert fly(judge, (0, 0, 9), start_s=5.0) == []
+    assert judge.result(9.0).at_s == 3.0
+
+
+def test_geofence_needs_a_fence() -> None:
+    with pytest.raises(OracleError, match="no geofence"):
+        build("geofence", context=OracleContext(mode="sim", subject="twin", vehicle="twin"))
+
+
+def test_altitude_band() -> None:
+    judge = build("altitude", min_m=0.5, max_m=2.0)
+    stage(judge, takeoff=1.0)
+    assert fly(judge, (0, 0, 0), (0, 0, -1.9)) == []
+    stage(judge, at_height=5.0)
+    assert fly(judge, (0, 0, -1), (0, 0, -0.4), (0, 0, -0.3), start_s=5.0) == [
+        "real is 0.40 m high"
+    ]
+    stage(judge, land=8.0)
+    assert fly(judge, (0, 0, 0), start_s=9.0) == []
+    result = judge.result(9.0)
+    assert (result.verdict, result.limit, result.at_s) == ("FAIL", (0.5, 2.0), 7.0)
+    assert result.margin == pytest.approx(-0.2)
+
+
+def test_altitude_with_one_limit() -> None:
+    judge = build("altitude", max_m=2.3)
+    stage(judge, takeoff=1.0)
+    fly(judge, (0, 0, -1.2))
+    result = judge.result(9.0)
+    assert (result.verdict, result.limit) == ("PASS", 2.3)
+    assert result.margin == pytest.approx(1.1)
+
+
+def test_faults_are_flagged_once_each() -> None:
+    judge = build("vehicle_fault")
+    judge.on_state(state(0.0, fault="before takeoff"))
+    stage(judge, takeoff=1.0)
+    judge.on_state(state(2.0))
+    assert [f.text for f in judge.on_state(state(3.0, fault="low battery"))] == [
+        "real: low battery"
+    ]
+    assert not judge.on_state(state(4.0, fault="low battery"))
+    assert judge.on_state(state(5.0, fault="EKF"))
+    result = judge.result(9.0)
+    assert (result.verdict, result.at_s, result.detail) == ("FAIL", 3.0, "low battery; EKF")
+
+
+def test_disarming_in_flight_is_a_fault_and_after_landing_is_not() -> None:
+    crashed, fine = build("vehicle_fault"), build("vehicle_fault")
+    for judge in (crashed, fine):
+        stage(judge, takeoff=1.0)
+        judge.on_state(state(2.0))
+    assert crashed.on_state(state(3.0, armed=False))
+    assert not fine.on_state(state(3.0, landed=True))
+    assert not fine.on_state(state(4.0, armed=False, landed=True))
+    assert crashed.result(5.0).detail == "disarmed in flight"
+    assert fine.result(5.0).verdict == "PASS"
+
+
+def test_a_link_gap_is_flagged_when_it_is_over() -> None:
+    judge = build("link", max_gap_s=1.0)
+    judge.on_heard(LinkSample(0.0, "real"))
+    stage(judge, takeoff=5.0)
+    for t_s in (5.2, 5.4, 6.4):
+        assert not judge.on_heard(LinkSample(t_s, "real"))
+    flags = judge.on_heard(LinkSample(8.4, "real"))
+    assert [(f.t_s, f.text) for f in flags] == [(8.4, "real was silent for 2.0 s, more than 1 s")]
+    assert not judge.on_heard(LinkSample(8.5, "real"))
+    result = judge.result(9.0)
+    assert result.verdict == "FAIL"
+    assert result.actual == pytest.approx(2.0)
+    assert result.at_s == 8.4
+    assert result.margin == pytest.approx(-1.0)
+
+
+def test_a_link_gap_that_does_not_end_is_no_flag_but_fails() -> None:
+    # Who never comes back is lost: an ERROR of the guard's, which a flag must not forestall.
+    judge = build("link", max_gap_s=1.0)
+    stage(judge, takeoff=0.0)
+    judge.on_heard(LinkSample(0.5, "real"))
+    assert not judge.on_tick(30.0)
+    assert judge.result(30.0).verdict == "FAIL"
+
+
+def test_silence_until_the_end_counts() -> None:
+    judge = build("link", max_gap_s=1.0)
+    stage(judge, takeoff=0.0)
+    judge.on_heard(LinkSample(0.5, "real"))
+    assert judge.result(1.2).verdict == "PASS"
+    assert judge.result(4.0).actual == 3.5
+
+
+def test_silence_after_landing_does_not_count() -> None:
+    judge = build("link", max_gap_s=1.0)
+    stage(judge, takeoff=0.0)
+    judge.on_heard(LinkSample(0.5, "real"))
+    stage(judge, land=0.7, landed=1.0)
+    assert numbers(judge.result(60.0)) == ("PASS", 0.5, 1.0, 0.5, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("armed", "landed", "detail"),
+    [
+        (False, True, ""),
+        (True, True, "still armed"),
+        (True, False, "still armed and not on the ground"),
+        (False, False, "not on the ground"),
+        (False, None, "never said whether it is on the ground"),
+    ],
+)
+def test_landed(armed: bool, landed: bool | None, detail: str) -> None:
+    judge = build("landed")
+    judge.on_state(state(1.0))
+    judge.on_state(state(2.0, armed=armed, landed=landed))
+    result = judge.result(3.0)
+    assert (result.verdict, result.detail) == ("FAIL" if detail else "PASS", detail)
+
+
+def twin(t_s: float, at: Vec3, velocity: Vec3 = (0, 0, 0)) -> PoseSample:
+    return PoseSample(t_s, "twin", Pose(at), velocity)
+
+
+def test_divergence_carries_the_older_pose_on() -> None:
+    judge = build("twin_divergence")
+    assert judge.watches == ("real", "twin")
+    stage(judge, takeoff=0.0)
+    judge.on_pose(pose(1.0, (0, 0, -1), (1, 0, 0)))
+    judge.on_pose(twin(1.5, (0.5, 0.3, -1)))
+    result = judge.result(2.0)
+    assert (result.verdict, result.required, result.margin) == ("PASS", False, None)
+    assert result.actual == pytest.approx(0.3)
+
+
+def test_divergence_with_a_limit() -> None:
+    judge = build("twin_divergence", max_m=0.5)
+    stage(judge, takeoff=0.0)
+    judge.on_pose(twin(1.0, (0, 0, -1)))
+    assert [f.text for f in judge.on_pose(pose(1.0, (0, 1, -1)))] == [
+        "real and twin are 1.00 m apart"
+    ]
+    stage(judge, land=2.0)
+    judge.on_pose(pose(3.0, (0, 9, -1)))
+    assert numbers(judge.result(4.0)) == ("FAIL", 1.0, 0.5, -0.5, 1.0)
+
+
+def test_a_value_that_is_not_finite_never_reaches_a_result() -> None:
+    judge = build("time_limit", limit_s=1)
+    result = judge.verdict(passed=True, actual=math.nan, margin=1.0)
+    assert (result.verdict, result.actual, result.margin) == ("INVALID", None, None)
+    assert "not finite" in result.detail
+
+
+def test_asking_for_a_result_changes_none() -> None:
+    judge = build("link", max_gap_s=1.0)
+    stage(judge, takeoff=0.0)
+    judge.on_heard(LinkSample(0.5, "real"))
+    assert judge.result(0.9).actual == 0.5
+    assert judge.result(2.0).actual == 1.5
+    # Heard at 0.8, as was learned later: the gap of 1.5 s never was.
+    judge.on_heard(LinkSample(0.8, "real"))
+    assert judge.result(0.8).actual == 0.5

@@ -1,0 +1,283 @@
+"""Speed, attitude, distance, area, estimator, battery, modes: each made to pass and to fail."""
+
+import math
+from typing import Any
+
+import pytest
+
+from safety.model.samples import PoseSample, StageSample, StateSample
+from safety.oracles import Oracle, OracleContext, OracleError
+from tests.safety.oracles.oracle_rigs import ScriptedProbe, build, fly, pose, stage
+from vehicles.autopilots.autopilot import Mode
+from worlds.frames import Pose, quat_from_euler
+
+NORTH_1 = (1.0, 0.0, -1.0)
+
+
+def moving(t_s: float, *velocity: float) -> PoseSample:
+    return pose(t_s, velocity=(velocity[0], velocity[1], velocity[2]))
+
+
+def leaning(t_s: float, roll_deg: float = 0.0, pitch_deg: float = 0.0) -> PoseSample:
+    q = quat_from_euler(math.radians(roll_deg), math.radians(pitch_deg), 2.0)
+    return PoseSample(t_s, "real", Pose((0, 0, -1), q), (0, 0, 0))
+
+
+def said(
+    t_s: float,
+    *,
+    mode: Mode = Mode.GUIDED,
+    percent: float | None = None,
+    volts: float | None = None,
+    estimator: str | None = None,
+) -> StateSample:
+    return StateSample(
+        t_s,
+        "real",
+        True,
+        mode,
+        mode.name,
+        battery_fraction=None if percent is None else percent / 100.0,
+        battery_v=volts,
+        estimator_fault=estimator,
+    )
+
+
+@pytest.mark.parametrize(
+    ("axis", "fastest"), [("total", 5.0), ("horizontal", 3.0), ("vertical", 4.0)]
+)
+def test_speed_is_judged_along_its_axis(axis: str, fastest: float) -> None:
+    judge = build("speed", max_m_s=2.0, axis=axis)
+    assert judge.on_pose(moving(0.5, 9.0, 0.0, 0.0)) == ()
+    stage(judge, takeoff=1.0)
+    assert judge.on_pose(moving(2.0, 0.0, 1.0, 0.5)) == ()
+    (flag,) = judge.on_pose(moving(3.0, 0.0, 3.0, 4.0))
+    assert flag.text == f"real flew {fastest:.2f} m/s"
+    result = judge.result(9.0)
+    assert (result.verdict, result.actual, result.limit) == ("FAIL", fastest, 2.0)
+    assert (result.margin, result.at_s, result.unit) == (2.0 - fastest, 3.0, "m/s")
+
+
+def test_a_least_speed_holds_in_the_air_only() -> None:
+    judge = build("speed", min_m_s=1.0)
+    stage(judge, takeoff=1.0)
+    assert judge.on_pose(moving(2.0, 0.0, 0.0, 0.0)) == ()
+    stage(judge, at_height=3.0)
+    assert judge.on_pose(moving(4.0, 1.5, 0.0, 0.0)) == ()
+    assert judge.result(4.0).margin == pytest.approx(0.5)
+    assert judge.on_pose(moving(5.0, 0.5, 0.0, 0.0))
+    stage(judge, land=6.0)
+    assert judge.on_pose(moving(7.0, 0.0, 0.0, 0.0)) == ()
+    assert judge.result(9.0).actual == 0.5
+
+
+def test_attitude_tells_the_angle_that_is_nearest_to_its_limit() -> None:
+    judge = build("attitude", max_roll_deg=20.0, max_pitch_deg=30.0)
+    stage(judge, takeoff=1.0)
+    assert judge.on_pose(leaning(2.0, roll_deg=-15.0)) == ()
+    assert judge.result(3.0).margin == pytest.approx(5.0)
+    (flag,) = judge.on_pose(leaning(3.0, pitch_deg=-31.0))
+    assert flag.text == "real had a pitch of 31.0 deg"
+    result = judge.result(9.0)
+    assert (result.verdict, result.limit) == ("FAIL", 30.0)
+    assert result.actual == pytest.approx(31.0)
+
+
+def test_tilt_is_the_angle_to_the_vertical() -> None:
+    judge = build("attitude", max_tilt_deg=35.0)
+    stage(judge, takeoff=1.0)
+    judge.on_pose(leaning(2.0, roll_deg=30.0))
+    assert judge.result(3.0).actual == pytest.approx(30.0)
+    assert judge.on_pose(leaning(3.0, roll_deg=30.0, pitch_deg=30.0))
+    assert judge.result(3.0).actual == pytest.approx(math.degrees(math.acos(0.75)))
+
+
+def distance_judge(script: dict[float, list[tuple[str, str, float]]], **limits: float) -> Oracle:
+    context = OracleContext(
+        mode="wil",
+        subject="real",
+        vehicle="real",
+        things=("person",),
+        probe_of={"person": ScriptedProbe(script)}.__getitem__,
+    )
+    judge = build("distance", context=context, object="person", **limits)
+    stage(judge, takeoff=0.0, at_height=1.0)
+    return judge
+
+
+def test_distance_between_limits() -> None:
+    near = {float(t): [("person", "", d)] for t, d in ((2, 2.5), (3, 1.5), (4, 5.5), (5, 3.0))}
+    judge = distance_judge(near, min_m=2.0, max_m=5.0)
+    flags = [flag.text for t in near for flag in judge.on_pose(pose(t))]
+    assert flags == ["real was 1.50 m from person"]
+    result = judge.result(9.0)
+    assert (result.verdict, result.actual, result.limit) == ("FAIL", 1.5, (2.0, 5.0))
+    assert (result.margin, result.at_s) == (-0.5, 3.0)
+
+
+def test_distance_may_have_one_limit() -> None:
+    near = {2.0: [("person", "", 0.5)], 3.0: [("person", "", 9.0)]}
+    close, far = distance_judge(near, min_m=1.0), distance_judge(near, max_m=8.0)
+    for t_s in near:
+        close.on_pose(pose(t_s))
+        far.on_pose(pose(t_s))
+    assert (close.result(4.0).actual, far.result(4.0).actual) == (0.5, 9.0)
+
+
+def test_distance_to_what_is_not_there_is_refused_with_what_was_meant() -> None:
+    context = OracleContext(
+        mode="wil",
+        subject="real",
+        vehicle="real",
+        things=("person",),
+        probe_of=lambda _: ScriptedProbe({}),
+    )
+    with pytest.raises(OracleError, match="no object 'persom'") as caught:
+        build("distance", context=context, object="persom", min_m=1.0)
+    assert (caught.value.key, caught.value.suggestion) == ("object", "person")
+
+
+def test_an_area_of_its_own() -> None:
+    keep = {"include": [{"circle": {"north_m": 0, "east_m": 0, "radius_m": 2}}], "up_m": (-1, 3)}
+    judge = build("area", keep=keep)
+    stage(judge, takeoff=1.0)
+    assert fly(judge, (0, 0, -1), (0, 2.5, -1)) == ["real left its area by its side"]
+    assert judge.result(9.0).margin == pytest.approx(-0.5)
+
+
+def test_an_estimator_that_lacks_something_once_fails() -> None:
+    judge = build("estimator")
+    judge.on_state(said(0.5, estimator="before"))
+    stage(judge, takeoff=1.0)
+    assert judge.on_state(said(2.0)) == ()
+    assert judge.result(2.0).verdict == "PASS"
+    (flag,) = judge.on_state(said(3.0, estimator="no height"))
+    assert flag.text == "real: no height"
+    assert judge.on_state(said(3.5, estimator="no height")) == ()
+    judge.on_state(said(4.0))
+    result = judge.result(9.0)
+    assert (result.verdict, result.actual, result.at_s) == ("FAIL", 1.0, 3.0)
+    assert result.detail == "no height"
+
+
+def test_an_estimator_may_be_unsound_for_a_while() -> None:
+    judge = build("estimator", max_unsound_s=1.0)
+    stage(judge, takeoff=1.0)
+    for t_s, fault in ((2.0, "no height"), (3.0, None), (4.0, "no velocity")):
+        assert judge.on_state(said(t_s, estimator=fault)) == ()
+    result = judge.result(4.5)
+    assert (result.verdict, result.margin) == ("PASS", 0.0)
+    # Nothing more is heard: the window's end shows how long it lasted.
+    assert [f.text for f in judge.on_stage(stage_sample(5.5))] == ["real: no velocity"]
+    assert judge.result(9.0).actual == 1.5
+
+
+def stage_sample(t_s: float) -> StageSample:
+    return StageSample(t_s, "landed")
+
+
+def test_battery_by_charge_and_by_voltage() -> None:
+    charge, voltage = build("battery", min_percent=20.0), build("battery", min_v=10.5)
+    for judge in (charge, voltage):
+        stage(judge, takeoff=1.0)
+        assert judge.on_state(said(2.0)) == ()
+        assert judge.result(2.0).detail == "it never told the state of its battery"
+    assert charge.on_state(said(3.0, percent=20.0, volts=9.0)) == ()
+    assert voltage.on_state(said(3.0, percent=5.0, volts=10.6)) == ()
+    assert charge.on_state(said(4.0, percent=19.0, volts=9.0))[0].text == "real: battery at 19 %"
+    assert voltage.on_state(said(4.0, volts=10.0))[0].text == "real: battery at 10 V"
+    assert charge.result(5.0).margin == pytest.approx(-1.0)
+    assert (voltage.result(5.0).margin, voltage.result(5.0).unit) == (-0.5, "V")
+
+
+def test_modes_that_are_not_allowed_are_flagged_each_time() -> None:
+    judge = build("modes")
+    judge.on_state(said(0.0, mode=Mode.HOLD))
+    stage(judge, takeoff=0.5, goal=1.0)
+    texts = [
+        flag.text
+        for t_s, mode in enumerate((Mode.GUIDED, Mode.HOLD, Mode.HOLD, Mode.GUIDED, Mode.PILOT))
+        for flag in judge.on_state(said(2.0 + t_s, mode=mode))
+    ]
+    assert texts == ["real was in HOLD (hold)", "real was in PILOT (pilot)"]
+    stage(judge, land=8.0)
+    assert judge.on_state(said(9.0, mode=Mode.LAND)) == ()
+    result = judge.result(9.0)
+    assert (result.verdict, result.actual, result.at_s) == ("FAIL", 3.0, 3.0)
+
+
+def test_modes_may_change_so_often() -> None:
+    judge = build("modes", allowed=("guided", "hold"), max_changes=1)
+    stage(judge, goal=1.0)
+    for t_s, mode in ((2.0, Mode.GUIDED), (3.0, Mode.HOLD)):
+        assert judge.on_state(said(t_s, mode=mode)) == ()
+    assert judge.result(4.0).margin == 0.0
+    assert judge.on_state(said(4.0, mode=Mode.GUIDED))
+    assert (judge.result(5.0).verdict, judge.result(5.0).margin) == ("FAIL", -1.0)
+
+
+# The terms that every oracle has.
+
+
+def window(first: str, last: str) -> dict[str, Any]:
+    return {"from": first, "to": last}
+
+
+def test_a_window_of_the_campaigns_own() -> None:
+    judge = build("altitude", max_m=2.0, **window("goal", "done"))
+    stage(judge, takeoff=1.0, at_height=2.0)
+    assert fly(judge, (0, 0, -3)) == []
+    stage(judge, goal=3.0)
+    assert fly(judge, (0, 0, -3), start_s=4.0) == ["real is 3.00 m high"]
+    stage(judge, done=5.0)
+    assert fly(judge, (0, 0, -1), (0, 0, -4), start_s=6.0) == []
+    assert judge.result(9.0).actual == 3.0
+
+
+def test_a_stage_that_is_skipped_closes_the_window_too() -> None:
+    judge = build("altitude", max_m=2.0, **window("goal", "done"))
+    stage(judge, takeoff=1.0, goal=3.0, land=4.0)
+    assert fly(judge, (0, 0, -3), start_s=5.0) == []
+    assert judge.result(9.0).detail == "no pose seen"
+
+
+@pytest.mark.parametrize(
+    ("given", "key"),
+    [({"from": "land", "to": "goal"}, "to"), ({"from": "land"}, "from"), ({"to": "goal"}, "to")],
+)
+def test_an_empty_window_is_refused(given: dict[str, Any], key: str) -> None:
+    kind = "time_limit"
+    with pytest.raises(OracleError, match="its window is empty") as caught:
+        build(kind, limit_s=1.0, **given)
+    assert caught.value.key == key
+
+
+def test_time_from_any_stage_to_any_other() -> None:
+    judge = build("time_limit", limit_s=5.0, **window("takeoff", "at_height"))
+    stage(judge, takeoff=1.0)
+    assert judge.on_tick(6.0) == ()
+    (flag,) = judge.on_tick(6.1)
+    assert (flag.t_s, flag.text) == (6.0, "real was not at height 5 s after the takeoff command")
+    stage(judge, land=7.0)
+    assert judge.result(8.0).detail == "never at height"
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "fast"),
+    [
+        ("altitude", {"max_m": 2.0}, False),
+        ("altitude", {"max_m": 2.0, "fail_fast": True}, True),
+        ("time_limit", {"limit_s": 2.0}, True),
+        ("time_limit", {"limit_s": 2.0, "fail_fast": False}, False),
+        ("time_limit", {"limit_s": 2.0, "required": False}, False),
+    ],
+)
+def test_fail_fast_where_the_campaign_says(kind: str, given: dict[str, Any], fast: bool) -> None:
+    assert build(kind, **given).terms.fail_fast is fast
+
+
+def test_what_only_the_end_shows_cannot_fail_fast() -> None:
+    context = OracleContext(mode="sim", subject="twin", vehicle="twin", target_ned_m=NORTH_1)
+    with pytest.raises(OracleError, match="only the end") as caught:
+        build("reached_position", context=context, tolerance_m=0.1, fail_fast=True)
+    assert caught.value.key == "fail_fast"

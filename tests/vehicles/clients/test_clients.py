@@ -1,0 +1,130 @@
+"""Programs of others fly the embedded vehicle: connect, parameters, fence, mission, goto, logs.
+
+Each is a real process on a real socket; the vehicle's clock goes some times faster than the wall's,
+so that none takes longer than it must.
+"""
+
+import asyncio
+import os
+import socket
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.process.process_settings import ProcessSettings
+
+HERE = Path(__file__).parent
+ROOT = Path(__file__).parents[3]
+SPEED = 8.0
+WITHIN_S = 100.0
+
+
+def free_port(kind: socket.SocketKind) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@asynccontextmanager
+async def vehicle(link: str, autopilot: str) -> AsyncIterator[None]:
+    settings = ProcessSettings(autopilot=autopilot, link=link, seed=1, speed=SPEED)  # type: ignore[arg-type]  # one of the two
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        await process.wait()
+
+
+async def flown_by(program: str, *arguments: str) -> str:
+    """Run a client to its end and return what it said."""
+    client = await asyncio.create_subprocess_exec(
+        *(sys.executable, str(HERE / program), *arguments),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        async with asyncio.timeout(WITHIN_S):
+            out, err = await client.communicate()
+    except TimeoutError:
+        client.kill()
+        out, err = await client.communicate()
+    assert client.returncode == 0, f"{out.decode()}\n{err.decode()}"
+    return out.decode()
+
+
+NORTH_M = 11.1
+"""Where the clients fly: 1e-4 degrees of latitude north."""
+_WITNESSED = (32, 245)
+"""LOCAL_POSITION_NED and EXTENDED_SYS_STATE."""
+
+
+def witness(url: str) -> dict[str, Any]:
+    """Listen to the vehicle by itself, once the client is gone; return its latest messages."""
+    link = mavutil.mavlink_connection(url, source_system=254, dialect="ardupilotmega")
+    try:
+        seen: dict[str, Any] = {}
+        for _ in range(400):
+            link.mav.heartbeat_send(6, 8, 0, 0, 0)
+            for number in _WITNESSED:
+                link.mav.command_long_send(1, 1, 511, 0, number, 100_000, 0, 0, 0, 0, 0)
+            message = link.recv_match(blocking=True, timeout=0.5)
+            if message is not None and message.get_srcComponent() == 1:
+                seen[message.get_type()] = message
+            if {"HEARTBEAT", "LOCAL_POSITION_NED", "EXTENDED_SYS_STATE"} <= seen.keys():
+                break
+        return seen
+    finally:
+        link.close()
+
+
+async def is_down_in_the_north(url: str) -> None:
+    """Require, of the vehicle itself, that it flew north and stands there disarmed."""
+    seen = await asyncio.to_thread(witness, url)
+    assert not seen["HEARTBEAT"].base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+    assert seen["EXTENDED_SYS_STATE"].landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
+    assert seen["LOCAL_POSITION_NED"].x == pytest.approx(NORTH_M, abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "over", "url"),
+    [("px4", "udp", "udpin://127.0.0.1:{}"), ("ardupilot", "tcp", "tcpout://127.0.0.1:{}")],
+)
+async def test_mavsdk(autopilot: str, over: str, url: str) -> None:
+    kind = socket.SOCK_DGRAM if over == "udp" else socket.SOCK_STREAM
+    port = free_port(kind)
+    link = f"udpout://127.0.0.1:{port}" if over == "udp" else f"tcpin://127.0.0.1:{port}"
+    async with vehicle(link, autopilot):
+        said = await flown_by("mavsdk_client.py", url.format(port), autopilot)
+        await is_down_in_the_north(f"{'udpin' if over == 'udp' else 'tcp'}:127.0.0.1:{port}")
+    assert "log of" in said
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "over", "url"),
+    [("px4", "tcp", "tcp:127.0.0.1:{}"), ("ardupilot", "udp", "udpin:127.0.0.1:{}")],
+)
+async def test_scripts_with_pymavlink(autopilot: str, over: str, url: str) -> None:
+    kind = socket.SOCK_DGRAM if over == "udp" else socket.SOCK_STREAM
+    port = free_port(kind)
+    link = f"udpout://127.0.0.1:{port}" if over == "udp" else f"tcpin://127.0.0.1:{port}"
+    async with vehicle(link, autopilot):
+        said = await flown_by("pymavlink_client.py", url.format(port), autopilot)
+        await is_down_in_the_north(f"{'udpin' if over == 'udp' else 'tcp'}:127.0.0.1:{port}")
+    assert "logs 1" in said
+
+
+async def test_mavproxy(tmp_path: Path) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    async with vehicle(f"tcpin://127.0.0.1:{port}", "ardupilot"):
+        await flown_by("mavproxy_client.py", f"tcp:127.0.0.1:{port}", "ardupilot", str(tmp_path))
+        await is_down_in_the_north(f"tcp:127.0.0.1:{port}")

@@ -1,0 +1,233 @@
+"""An autopilot's own fence is exchanged: offered, confirmed or put back, given back at the end."""
+
+import asyncio
+import shutil
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from orchestrator.model.clock import run_virtual
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.driver import Driver
+from vehicles.driver.onboard.fence_backup import restore_fence
+from vehicles.driver.onboard.fence_protocol import AutopilotFence, FenceCircle, Place
+from vehicles.driver.onboard.mission_protocol import MissionError
+from vehicles.driver.onboard.onboard_fence import OnboardFence
+from vehicles.embedded.physics.config import EmbeddedConfig
+from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.errors import ParameterError, VehicleError
+from vehicles.links.impaired import ImpairedLink
+from vehicles.links.impairment import Impairment
+from vehicles.links.memory import memory_pair
+
+BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+HOME = Place(47.397742, 8.545594)
+
+
+def around(radius_m: float, ceiling_m: float | None) -> AutopilotFence:
+    return AutopilotFence(areas=(FenceCircle(HOME, radius_m),), ceiling_m=ceiling_m)
+
+
+ITS_OWN, FIRST, SECOND = around(90.0, None), around(20.0, 12.0), around(10.0, 6.0)
+Script = Callable[["Rig"], Awaitable[Any]]
+
+
+class Rig:
+    """A vehicle that has a fence of its own, and a link that can go dark."""
+
+    def __init__(self, driver: Driver, vehicle: EmbeddedVehicle, link: ImpairedLink) -> None:
+        self.driver = driver
+        self.vehicle = vehicle
+        self.link = link
+
+    def kept(self, journal: Path | None = None) -> OnboardFence:
+        return OnboardFence(
+            fences=self.driver.onboard.fences,
+            parameters=self.driver.parameters,
+            autopilot=self.driver.identity.autopilot,
+            journal=journal,
+        )
+
+    @property
+    def radius_m(self) -> float:
+        (area,) = self.vehicle.autopilot.fence.areas
+        return area.radius_m  # type: ignore[union-attr]  # no polygon
+
+    @property
+    def has(self) -> tuple[float, float]:
+        """Return the radius and the ceiling that it keeps."""
+        px4 = self.driver.identity.autopilot == "px4"
+        ceiling = "GF_MAX_VER_DIST" if px4 else "FENCE_ALT_MAX"
+        return self.radius_m, self.vehicle.autopilot.parameters[ceiling]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        names = ("GF_MAX_VER_DIST", "GF_ACTION", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_ENABLE")
+        known = self.vehicle.autopilot.parameters
+        return {name: known[name] for name in names if name in known}
+
+
+def files(folder: Path) -> int:
+    return len(list(folder.iterdir()))
+
+
+def with_vehicle(autopilot: AutopilotName, script: Script) -> None:
+    async def run() -> None:
+        ours, theirs = memory_pair(latency_s=0.003)
+        link = ImpairedLink(
+            link=ours, outgoing=Impairment(), incoming=Impairment(), rng=np.random.default_rng(1)
+        )
+        config = EmbeddedConfig(autopilot=autopilot)
+        async with (
+            EmbeddedVehicle(config=config, link=theirs, seed=1) as vehicle,
+            Driver(name="real", link=link) as driver,
+        ):
+            await driver.identify(8.0)
+            await driver.onboard.fences.upload(ITS_OWN.areas)
+            await script(Rig(driver, vehicle, link))
+
+    run_virtual(run())
+
+
+@BOTH
+def test_what_is_put_back_is_as_before_the_offer(autopilot: AutopilotName) -> None:
+    async def script(rig: Rig) -> None:
+        before = rig.parameters
+        async with rig.kept() as kept:
+            await kept.put_back()
+            await kept.offer(FIRST)
+            assert rig.has == (20.0, 12.0)
+            await kept.put_back()
+            assert rig.radius_m == 90.0
+            assert rig.parameters == before
+            await kept.keep(FIRST)
+            await kept.offer(SECOND)
+            assert rig.has == (10.0, 6.0)
+            assert kept.unsettled
+            await kept.put_back()
+            assert rig.has == (20.0, 12.0)
+            assert not kept.unsettled
+        assert rig.radius_m == 90.0
+        assert rig.parameters == before
+
+    with_vehicle(autopilot, script)
+
+
+@BOTH
+@pytest.mark.parametrize("settled", [True, False])
+def test_its_own_is_given_back_after_changes(
+    autopilot: AutopilotName, settled: bool, tmp_path: Path
+) -> None:
+    async def script(rig: Rig) -> None:
+        before = rig.parameters
+        async with rig.kept(tmp_path) as kept:
+            await kept.keep(FIRST)
+            await kept.offer(SECOND)
+            if settled:
+                await kept.confirm()
+        assert rig.radius_m == 90.0
+        assert rig.parameters == before
+        assert files(tmp_path) == 0
+
+    with_vehicle(autopilot, script)
+
+
+@BOTH
+def test_after_a_kill_all_changes_are_set_back(autopilot: AutopilotName, tmp_path: Path) -> None:
+    async def script(rig: Rig) -> None:
+        before = rig.parameters
+        kept = rig.kept(tmp_path / "journals")
+        await kept.keep(FIRST)
+        await kept.offer(SECOND)
+        await kept.confirm()
+        # A copy is held by nobody, as the journals of a program that was killed.
+        left = tmp_path / "left"
+        shutil.copytree(tmp_path / "journals", left)
+        assert files(left) == 4
+        await rig.driver.parameters.restore_leftovers(left)
+        assert rig.parameters == before
+        fences, vehicle = rig.driver.onboard.fences, rig.driver.parameters.vehicle
+        assert not await restore_fence(left, fences=fences, vehicle="another")
+        assert rig.radius_m == 10.0
+        assert await restore_fence(left, fences=fences, vehicle=vehicle)
+        assert rig.radius_m == 90.0
+        assert files(left) == 0
+
+    with_vehicle(autopilot, script)
+
+
+@BOTH
+def test_a_fence_that_somebody_drew_since_is_left_alone(
+    autopilot: AutopilotName, tmp_path: Path
+) -> None:
+    async def script(rig: Rig) -> None:
+        fences = rig.driver.onboard.fences
+        await rig.kept(tmp_path / "journals").keep(FIRST)
+        shutil.copytree(tmp_path / "journals", tmp_path / "left")
+        await fences.upload(around(33.0, None).areas)
+        vehicle = rig.driver.parameters.vehicle
+        assert not await restore_fence(tmp_path / "left", fences=fences, vehicle=vehicle)
+        assert rig.radius_m == 33.0
+
+    with_vehicle(autopilot, script)
+
+
+def test_a_spoilt_note_is_told(tmp_path: Path) -> None:
+    (tmp_path / "000001.fence.json").write_text("{}")
+
+    async def script(rig: Rig) -> None:
+        with pytest.raises(MissionError, match=r"000001.fence.json is no note of a fence"):
+            await restore_fence(tmp_path, fences=rig.driver.onboard.fences, vehicle="x")
+
+    with_vehicle("px4", script)
+
+
+@BOTH
+def test_a_link_that_is_lost_in_the_middle(autopilot: AutopilotName) -> None:
+    async def script(rig: Rig) -> None:
+        kept = rig.kept()
+        await kept.keep(FIRST)
+        loop = asyncio.get_running_loop()
+        loop.call_later(0.01, rig.link.start_outage, 12.0)
+        with pytest.raises(MissionError, match="no answer"):
+            await kept.offer(SECOND)
+        with pytest.raises(VehicleError):
+            await kept.put_back()
+        assert kept.unsettled
+        await asyncio.sleep(12.0)
+        await kept.put_back()
+        assert rig.has == (20.0, 12.0)
+
+    with_vehicle(autopilot, script)
+
+
+@BOTH
+def test_an_offer_that_is_cancelled_can_be_put_back(autopilot: AutopilotName) -> None:
+    async def script(rig: Rig) -> None:
+        kept = rig.kept()
+        await kept.keep(FIRST)
+        for after_s in np.arange(0.002, 0.2, 0.012):
+            offer = asyncio.create_task(kept.offer(SECOND))
+            await asyncio.sleep(float(after_s))
+            offer.cancel()
+            await asyncio.wait([offer])
+            await kept.put_back()
+            assert rig.has == (20.0, 12.0), after_s
+
+    with_vehicle(autopilot, script)
+
+
+def test_a_parameter_that_is_refused_leaves_all_as_it_was() -> None:
+    async def script(rig: Rig) -> None:
+        kept = rig.kept()
+        await kept.keep(around(20.0, None))
+        rig.vehicle.autopilot.parameters._entries.pop("FENCE_ALT_MAX")
+        with pytest.raises(ParameterError, match="FENCE_ALT_MAX"):
+            await kept.offer(SECOND)
+        await kept.put_back()
+        assert rig.radius_m == 20.0
+
+    with_vehicle("ardupilot", script)

@@ -1,0 +1,289 @@
+"""Commands and parameters against a scripted peer: lost, refused, slow, of every type."""
+
+import asyncio
+import struct
+from collections.abc import Awaitable, Callable
+from functools import partial
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from orchestrator.model.clock import run_virtual
+from vehicles.autopilots.autopilot import Target, command_long
+from vehicles.driver.onboard.parameters import Parameters, decode_parameter, encode_parameter
+from vehicles.driver.session.commands import Commander
+from vehicles.driver.session.conditions import ConditionWaiter
+from vehicles.driver.session.repeater import Repeater
+from vehicles.driver.session.session import Session
+from vehicles.errors import CommandError, CommandTimeoutError, ParameterError
+
+PEER = Target(1, 1)
+TAKEOFF = mavlink.MAV_CMD_NAV_TAKEOFF
+
+
+def _run(
+    fake_pair: Callable[..., Any],
+    script: Callable[[Any, Session], Awaitable[Any]],
+    prepare: Callable[[Any], None] = lambda _: None,
+) -> tuple[Any, Any]:
+    """Run a script against the peer; return its result and the peer."""
+
+    async def fly() -> tuple[Any, Any]:
+        link, peer = fake_pair()
+        session = Session(link=link, own=Target(245, 190))
+        session.target = PEER
+        prepare(peer)
+        async with peer, link:
+            return await script(peer, session), peer
+
+    return run_virtual(fly())
+
+
+def _commander(session: Session) -> Commander:
+    return Commander(session=session, circumstances=lambda: "; it last said: Crash: Disarming")
+
+
+def test_an_accepted_command_is_sent_once(fake_pair: Callable[..., Any]) -> None:
+    async def script(peer: Any, session: Session) -> None:
+        await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
+
+    _, peer = _run(fake_pair, script)
+    assert [each.confirmation for each in peer.commands(TAKEOFF)] == [0]
+
+
+def test_lost_acks_are_asked_for_again_with_confirmation(fake_pair: Callable[..., Any]) -> None:
+    def prepare(peer: Any) -> None:
+        peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: (
+            peer.ack(message) if message.confirmation == 2 else None
+        )
+
+    async def script(peer: Any, session: Session) -> float:
+        await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
+        return asyncio.get_running_loop().time()
+
+    took_s, peer = _run(fake_pair, script, prepare)
+    assert [each.confirmation for each in peer.commands(TAKEOFF)] == [0, 1, 2]
+    assert took_s == pytest.approx(1.01)
+
+
+def test_no_answer_is_an_error_with_names(fake_pair: Callable[..., Any]) -> None:
+    def prepare(peer: Any) -> None:
+        peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: None
+
+    async def script(peer: Any, session: Session) -> None:
+        await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
+
+    with pytest.raises(CommandTimeoutError, match="MAV_CMD_NAV_TAKEOFF was not answered") as caught:
+        _run(fake_pair, script, prepare)
+    assert "Crash: Disarming" in str(caught.value)
+    assert caught.value.result == "none"
+
+
+def test_refusal_is_an_error_with_names(fake_pair: Callable[..., Any]) -> None:
+    def prepare(peer: Any) -> None:
+        peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: peer.ack(message, 2)
+
+    async def script(peer: Any, session: Session) -> None:
+        await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
+
+    with pytest.raises(CommandError, match="refused with MAV_RESULT_DENIED") as caught:
+        _run(fake_pair, script, prepare)
+    assert caught.value.command == "MAV_CMD_NAV_TAKEOFF"
+
+
+def test_refusal_of_a_repetition_is_no_error_when_it_is_done(fake_pair: Callable[..., Any]) -> None:
+    def prepare(peer: Any) -> None:
+        peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: (
+            peer.ack(message, 4) if message.confirmation else None
+        )
+
+    async def script(peer: Any, session: Session) -> list[str]:
+        results = []
+        for done in (True, False):
+            try:
+                await _commander(session).run(
+                    command_long(PEER, TAKEOFF, 0.0), done_anyway=partial(bool, done)
+                )
+                results.append("fine")
+            except CommandError as error:
+                results.append(error.result)
+        return results
+
+    assert _run(fake_pair, script, prepare)[0] == ["fine", "MAV_RESULT_FAILED"]
+
+
+def test_progress_gives_time(fake_pair: Callable[..., Any]) -> None:
+    def reply(peer: Any, message: Any) -> None:
+        peer.ack(message, 5)
+        asyncio.get_running_loop().call_later(7.0, peer.ack, message)
+
+    def prepare(peer: Any) -> None:
+        peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = reply
+
+    async def script(peer: Any, session: Session) -> float:
+        await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
+        return asyncio.get_running_loop().time()
+
+    took_s, peer = _run(fake_pair, script, prepare)
+    assert took_s > 7.0
+    assert len(peer.commands(TAKEOFF)) == 1
+
+
+def test_a_temporary_rejection_is_tried_again(fake_pair: Callable[..., Any]) -> None:
+    def prepare(peer: Any) -> None:
+        peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: peer.ack(
+            message, 0 if message.confirmation == 1 else 1
+        )
+
+    async def script(peer: Any, session: Session) -> None:
+        await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
+
+    assert len(_run(fake_pair, script, prepare)[1].commands(TAKEOFF)) == 2
+
+
+def test_acks_for_others_do_not_count(fake_pair: Callable[..., Any]) -> None:
+    def prepare(peer: Any) -> None:
+        peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: peer.say(
+            mavlink.MAVLink_command_ack_message(TAKEOFF, 0, 0, 0, 255, 190)
+        )
+
+    async def script(peer: Any, session: Session) -> None:
+        await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
+
+    with pytest.raises(CommandTimeoutError):
+        _run(fake_pair, script, prepare)
+
+
+def test_the_same_command_waits_its_turn_or_says_so(fake_pair: Callable[..., Any]) -> None:
+    async def script(peer: Any, session: Session) -> int:
+        commander = _commander(session)
+        first = commander.begin(command_long(PEER, TAKEOFF, 0.0))
+        with pytest.raises(CommandError, match="still waiting"):
+            commander.begin(command_long(PEER, TAKEOFF, 0.0))
+        await first
+        await asyncio.gather(*(commander.run(command_long(PEER, TAKEOFF, 0.0)) for _ in range(3)))
+        return len(peer.commands(TAKEOFF))
+
+    assert _run(fake_pair, script)[0] == 4
+
+
+REAL, INT32, INT8, UINT16 = 9, 6, 2, 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"), [(REAL, 2.5), (INT32, -2), (INT32, 121212), (INT8, -3), (UINT16, 65535)]
+)
+@pytest.mark.parametrize("bytewise", [True, False])
+def test_parameters_are_set_and_read_back(
+    fake_pair: Callable[..., Any], kind: int, value: float, bytewise: bool
+) -> None:
+    def prepare(peer: Any) -> None:
+        peer.parameters["SOME_PARAM"] = (encode_parameter(1, kind, bytewise=bytewise), kind)
+
+    async def script(peer: Any, session: Session) -> Any:
+        parameters = Parameters(session=session)
+        parameters.use_bytewise(bytewise)
+        assert await parameters.get("SOME_PARAM") == 1
+        await parameters.set("SOME_PARAM", value)
+        return await parameters.get("SOME_PARAM")
+
+    back, peer = _run(fake_pair, script, prepare)
+    assert back == value
+    assert isinstance(back, float if kind == REAL else int)
+    if bytewise and kind == INT32:
+        raw = struct.pack("<f", peer.parameters["SOME_PARAM"][0])
+        assert struct.unpack("<i", raw)[0] == value
+
+
+@given(st.integers(-(2**22), 2**31 - 2**24))
+def test_whole_numbers_survive_as_bytes(value: int) -> None:
+    # Beyond these, the bytes are a signalling NaN, which a float register may change.
+    wire = encode_parameter(value, INT32, bytewise=True)
+    assert (
+        decode_parameter(struct.unpack("<f", struct.pack("<f", wire))[0], INT32, bytewise=True)
+        == value
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "words"),
+    [(INT8, 300, "does not fit"), (INT32, 1.5, "not whole"), (UINT16, -1, "does not fit")],
+)
+def test_values_that_do_not_fit_are_refused(
+    fake_pair: Callable[..., Any], kind: int, value: float, words: str
+) -> None:
+    def prepare(peer: Any) -> None:
+        peer.parameters["SOME_PARAM"] = (1.0, kind)
+
+    async def script(peer: Any, session: Session) -> None:
+        await Parameters(session=session).set("SOME_PARAM", value)
+
+    with pytest.raises(ParameterError, match=f"SOME_PARAM.*{words}"):
+        _run(fake_pair, script, prepare)
+
+
+def test_a_parameter_that_stays_as_it_was_is_an_error(fake_pair: Callable[..., Any]) -> None:
+    def prepare(peer: Any) -> None:
+        peer.parameters["READ_ONLY"] = (1.0, REAL)
+        peer.replies["PARAM_SET"] = lambda peer, message: peer.say(
+            mavlink.MAVLink_param_value_message(b"READ_ONLY", 1.0, REAL, 1, 0)
+        )
+
+    async def script(peer: Any, session: Session) -> None:
+        await Parameters(session=session).set("READ_ONLY", 3.0)
+
+    with pytest.raises(ParameterError, match="READ_ONLY did not take"):
+        _run(fake_pair, script, prepare)
+
+
+def test_unknown_parameters_are_an_error_soon(fake_pair: Callable[..., Any]) -> None:
+    async def script(peer: Any, session: Session) -> None:
+        await Parameters(session=session).get("NO_SUCH_PARAM")
+
+    with pytest.raises(ParameterError, match="no answer about parameter NO_SUCH_PARAM"):
+        _run(fake_pair, script)
+
+    def prepare(peer: Any) -> None:
+        peer.replies["PARAM_REQUEST_READ"] = lambda peer, message: peer.say(
+            mavlink.MAVLink_param_error_message(245, 190, b"NO_SUCH_PARAM", -1, 1)
+        )
+
+    with pytest.raises(ParameterError, match="DOES_NOT_EXIST"):
+        _run(fake_pair, script, prepare)
+
+
+def test_a_repeater_keeps_its_grid() -> None:
+    async def tick() -> list[float]:
+        loop = asyncio.get_running_loop()
+        times: list[float] = []
+        await asyncio.sleep(0.35)
+        repeater = Repeater(period_s=0.1, action=lambda: times.append(loop.time()))
+        repeater.start()
+        repeater.start()
+        await asyncio.sleep(0.55)
+        repeater.stop()
+        assert not repeater.running
+        await asyncio.sleep(1.0)
+        return times
+
+    assert run_virtual(tick()) == pytest.approx([0.35, 0.45, 0.55, 0.65, 0.75, 0.85])
+
+
+def test_changes_wake_who_waits_and_time_out() -> None:
+    async def wait() -> tuple[bool, bool, float]:
+        changes, box = ConditionWaiter(), [0]
+        loop = asyncio.get_running_loop()
+
+        def put() -> None:
+            box[0] = 1
+            changes.notify()
+
+        loop.call_later(1.0, put)
+        came = await changes.until(lambda: box[0] == 1, 5.0)
+        never = await changes.until(lambda: box[0] == 2, 0.5)
+        return came, never, loop.time()
+
+    assert run_virtual(wait()) == (True, False, 1.5)

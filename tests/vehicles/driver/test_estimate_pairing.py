@@ -1,0 +1,81 @@
+"""Positions and attitudes paired in the vehicle's time; long texts put together."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vehicles.driver.estimate_pairing import EstimatePairing
+from vehicles.driver.session.statustext import StatustextPieces
+from vehicles.driver.vehicle_state import LocalEstimate
+from worlds.frames import Pose, quat_from_euler
+
+HERE = (1.0, 2.0, -3.0)
+STILL = (0.0, 0.0, 0.0)
+
+
+def _yaw(yaw_rad: float) -> tuple[float, float, float, float]:
+    return quat_from_euler(0.0, 0.0, yaw_rad)
+
+
+def test_same_moment_pairs_in_either_order() -> None:
+    pairing = EstimatePairing()
+    assert pairing.attitude(1.0, _yaw(0.1)) is None
+    assert pairing.position(1.0, HERE, STILL) == (LocalEstimate(1.0, Pose(HERE, _yaw(0.1)), STILL),)
+    assert pairing.position(1.02, HERE, STILL) == ()
+    assert pairing.attitude(1.02, _yaw(0.2)) == LocalEstimate(1.02, Pose(HERE, _yaw(0.2)), STILL)
+
+
+def test_a_position_between_attitudes_gets_the_one_in_between() -> None:
+    pairing = EstimatePairing()
+    pairing.attitude(1.0, _yaw(0.0))
+    assert pairing.position(1.01, HERE, STILL) == ()
+    estimate = pairing.attitude(1.02, _yaw(0.2))
+    assert estimate is not None
+    assert estimate.pose.yaw_rad == pytest.approx(0.1)
+    # One that comes late still finds its place among those that are kept.
+    (late,) = pairing.position(1.005, HERE, STILL)
+    assert late.pose.yaw_rad == pytest.approx(0.05)
+
+
+def test_when_attitudes_stop_the_last_serves_for_a_while() -> None:
+    pairing = EstimatePairing(max_age_s=0.2)
+    pairing.attitude(1.0, _yaw(0.3))
+    assert pairing.position(1.1, HERE, STILL) == ()
+    (first,) = pairing.position(1.3, HERE, STILL)
+    assert (first.boot_s, first.pose.q_wxyz) == (1.1, _yaw(0.3))
+    assert pairing.position(1.4, HERE, STILL) == ()
+    assert pairing.dropped == 1
+
+
+def test_without_attitudes_there_are_no_estimates() -> None:
+    pairing = EstimatePairing()
+    assert all(pairing.position(t * 0.1, HERE, STILL) == () for t in range(10))
+    assert pairing.dropped == 9
+
+
+def test_attitudes_out_of_order_are_skipped_and_a_restart_starts_anew() -> None:
+    pairing = EstimatePairing()
+    pairing.attitude(100.0, _yaw(0.1))
+    assert pairing.attitude(99.99, _yaw(0.5)) is None
+    (estimate,) = pairing.position(100.0, HERE, STILL)
+    assert estimate.pose.q_wxyz == _yaw(0.1)
+    pairing.attitude(0.5, _yaw(0.7))
+    (estimate,) = pairing.position(0.5, HERE, STILL)
+    assert estimate.pose.q_wxyz == _yaw(0.7)
+
+
+@given(st.text(alphabet="abc xyz.", min_size=1, max_size=240))
+def test_long_texts_are_joined(text: str) -> None:
+    pieces = StatustextPieces()
+    parts = [text[at : at + 50] for at in range(0, len(text), 50)]
+    if len(parts[-1]) == 50:
+        parts.append("")
+    results = [pieces.add(part, 7, number) for number, part in enumerate(parts)]
+    assert results == [None] * (len(parts) - 1) + [text.strip()]
+
+
+def test_short_texts_pass_and_lost_pieces_do_not_mix() -> None:
+    pieces = StatustextPieces()
+    assert pieces.add("Armed by external command\t", 0, 0) == "Armed by external command"
+    assert pieces.add("a" * 50, 3, 0) is None
+    assert pieces.add("the end of another", 4, 1) == "the end of another"

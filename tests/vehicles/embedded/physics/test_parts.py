@@ -1,0 +1,284 @@
+"""The vehicle's parts by themselves: values in, values out."""
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vehicles.embedded.physics.airframe import Airframe, aircraft_root, aircraft_xml
+from vehicles.embedded.physics.battery import Battery
+from vehicles.embedded.physics.controller import Controller, Gains, Target
+from vehicles.embedded.physics.estimator import Estimator
+from vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
+from vehicles.embedded.physics.noise import GaussMarkov
+from vehicles.embedded.physics.plant import Plant, PlantError
+from vehicles.embedded.physics.states import AT_REST, STOPPED, TruthSample
+from vehicles.embedded.profile import ProfileError, list_profiles, load_profile
+from worlds.files.documents import BadInput
+from worlds.frames import Pose, angle_between
+
+AIRFRAME = Airframe()
+NOMINAL, CAGE = load_profile("nominal"), load_profile("cage")
+HOVER = (AIRFRAME.hover_thrust_n,) * 4
+finite = st.floats(-100.0, 100.0)
+
+
+def plant(
+    *, yaw_rad: float = 0.0, factors: tuple[float, float, float, float] = (1, 1, 1, 1)
+) -> Plant:
+    return Plant(
+        airframe=AIRFRAME,
+        motor_lag_s=0.05,
+        motor_factors=factors,
+        latitude_deg=47.4,
+        longitude_deg=8.5,
+        altitude_m=488.0,
+        yaw_rad=yaw_rad,
+        rate_hz=250,
+    )
+
+
+# Airframe and physics.
+
+
+def test_the_aircraft_file_is_xml_with_four_motors_and_legs() -> None:
+    root = ET.fromstring(aircraft_xml(AIRFRAME, motor_lag_s=0.05))  # noqa: S314 - our own text
+    assert len(root.findall("ground_reactions/contact")) == 4
+    assert len(root.findall("external_reactions/force")) == 4
+    weight = root.findtext("mass_balance/emptywt")
+    assert weight is not None
+    assert float(weight) == AIRFRAME.mass_kg
+
+
+def test_equal_aircraft_share_a_folder_and_a_spoilt_one_is_mended() -> None:
+    root = aircraft_root(AIRFRAME, motor_lag_s=0.0512)
+    assert aircraft_root(AIRFRAME, motor_lag_s=0.0512) == root
+    assert aircraft_root(AIRFRAME, motor_lag_s=0.0513) != root
+    file = root / "aircraft" / "quadx" / "quadx.xml"
+    file.write_text("half a fi", encoding="utf-8")
+    aircraft_root(AIRFRAME, motor_lag_s=0.0512)
+    assert file.read_text(encoding="utf-8") == aircraft_xml(AIRFRAME, motor_lag_s=0.0512)
+
+
+def scaled(factor: float) -> tuple[float, float, float, float]:
+    """Return a share of the thrusts that hover."""
+    a, b, c, d = HOVER
+    return (factor * a, factor * b, factor * c, factor * d)
+
+
+def test_stands_still_with_its_heading() -> None:
+    p = plant(yaw_rad=-2.5)
+    for _ in range(500):
+        p.step(STOPPED)
+    motion = p.motion()
+    assert p.on_ground()
+    assert motion.position_ned_m == pytest.approx((0, 0, 0), abs=1e-3)
+    assert motion.euler_rad == pytest.approx((0, 0, -2.5), abs=1e-3)
+    assert motion.specific_force_m_s2 == pytest.approx((0, 0, -9.8), abs=0.05)
+
+
+def test_hover_thrust_hovers_and_more_climbs() -> None:
+    p = plant()
+    for _ in range(250):
+        p.step(scaled(1.2))
+    north, east, down = p.motion().position_ned_m
+    # 0.2 g for a second less the motors' lag.
+    assert -1.0 < down < -0.6
+    assert (north, east) == pytest.approx((0, 0), abs=0.01)
+    assert not p.on_ground()
+
+
+@pytest.mark.parametrize(
+    ("motors", "axis", "sign"),
+    [((0, 3), 0, -1), ((1, 2), 0, 1), ((0, 2), 1, 1), ((1, 3), 1, -1), ((0, 1), 2, 1)],
+)
+def test_each_motor_turns_it_the_right_way(motors: tuple[int, int], axis: int, sign: int) -> None:
+    p = plant()
+    thrusts = list(scaled(1.3))
+    for _ in range(100):
+        p.step((thrusts[0], thrusts[1], thrusts[2], thrusts[3]))
+    for motor in motors:
+        thrusts[motor] *= 1.1
+    for _ in range(25):
+        p.step((thrusts[0], thrusts[1], thrusts[2], thrusts[3]))
+    assert p.motion().rates_rad_s[axis] * sign > 0.1
+
+
+def test_wind_carries_it_along() -> None:
+    p = plant()
+    for _ in range(100):
+        p.step(scaled(1.3))
+    p.set_wind((0.0, 3.0, 0.0))
+    for _ in range(100):
+        p.step(HOVER)
+    assert p.motion().velocity_ned_m_s[1] > 0.02
+    assert abs(p.motion().velocity_ned_m_s[0]) < 0.005
+
+
+def test_a_failed_motor_gives_nothing() -> None:
+    p = plant()
+    for _ in range(100):
+        p.step(scaled(1.3))
+    p.fail_motor(0)
+    for _ in range(50):
+        p.step(HOVER)
+    assert max(map(abs, p.motion().rates_rad_s)) > 1.0
+
+
+def test_numbers_that_are_none_are_an_error() -> None:
+    p = plant()
+    for _ in range(10):
+        p.step((math.nan, 0.0, 0.0, 0.0))
+    with pytest.raises(PlantError, match="finite"):
+        p.motion()
+
+
+# Controller.
+
+
+@given(
+    target=st.tuples(finite, finite, finite),
+    velocity=st.tuples(finite, finite, finite),
+    yaw=st.floats(-3.0, 3.0),
+)
+def test_thrusts_stay_within_the_motors(
+    target: tuple[float, float, float], velocity: tuple[float, float, float], yaw: float
+) -> None:
+    controller = Controller(airframe=AIRFRAME, gains=Gains(), dt_s=0.004)
+    now = AT_REST._replace(velocity_ned_m_s=velocity)
+    for _ in range(20):
+        thrusts = controller.run(now, Target(target, yaw_rad=yaw))
+        assert all(0.0 <= thrust <= AIRFRAME.max_thrust_n + 1e-9 for thrust in thrusts)
+
+
+@given(velocity=st.tuples(finite, finite, finite))
+def test_velocity_setpoints_stay_within_the_limits(velocity: tuple[float, float, float]) -> None:
+    controller = Controller(airframe=AIRFRAME, gains=Gains(), dt_s=0.004)
+    controller.run(AT_REST, Target((None, None, None), velocity, 0.0, speed_m_s=(2.0, 1.0, 0.5)))
+    north, east, down = controller.velocity_setpoint_ned_m_s
+    assert math.hypot(north, east) <= 2.0 + 1e-9
+    assert -1.0 <= down <= 0.5
+    # Cut short, not turned aside.
+    assert east * velocity[0] - north * velocity[1] == pytest.approx(0.0, abs=1e-6)
+    assert north * velocity[0] + east * velocity[1] >= 0.0
+
+
+# Profiles and noise.
+
+
+def test_both_profiles_are_there_and_say_why() -> None:
+    assert list_profiles() == ("cage", "nominal")
+    assert not any(NOMINAL.air.sigma_m_s)
+    assert any(CAGE.air.sigma_m_s)
+    folder = Path(load_profile.__code__.co_filename).parent / "profiles"
+    for name in list_profiles():
+        numbers = 0
+        for line in (folder / f"{name}.yaml").read_text(encoding="utf-8").splitlines():
+            numbers += line.strip().startswith("#")
+        assert numbers > 5
+
+
+def test_a_wrong_profile_is_reported_at_the_place_of_each_fault(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError, match="there are cage, nominal") as unknown:
+        load_profile("caeg")
+    assert unknown.value.suggestion == "cage"
+    file = tmp_path / "mine.yaml"
+    cage = (Path(load_profile.__code__.co_filename).parent / "profiles/cage.yaml").read_text()
+    wrong = cage.replace("lag_s: 0.06", 'lag_s: "0.06"').replace("spread: 0.02", "spred: 0.02")
+    file.write_text(wrong, encoding="utf-8")
+    with pytest.raises(BadInput) as error:
+        load_profile(file, shown_as="mine.yaml")
+    lag, spread = error.value.problems
+    assert lag.headline == (
+        "mine.yaml:14:10: must be a number, is the text '0.06' (leave out the quotes)"
+    )
+    assert spread.headline == "mine.yaml:16:3: unknown key 'spred'; did you mean 'spread'?"
+    file.write_bytes(b"\xff\xfe: [")
+    with pytest.raises(BadInput, match=r"mine\.yaml:1:1: is not UTF-8"):
+        load_profile(file)
+
+
+def test_gauss_markov_noise_has_its_spread_and_its_time() -> None:
+    walk = GaussMarkov(
+        sigma=(0.5, 0.0, 2.0), time_constant_s=2.0, dt_s=0.04, rng=np.random.default_rng(5)
+    )
+    walked = np.array([walk.advance() for _ in range(200_000)])
+    values = walked[:, 0]
+    assert walked[:, 2].std() == pytest.approx(2.0, rel=0.05)
+    assert not walked[:, 1].any()
+    assert values.std() == pytest.approx(0.5, rel=0.05)
+    assert values.mean() == pytest.approx(0.0, abs=0.03)
+    lag = 50
+    correlation = float(np.corrcoef(values[:-lag], values[lag:])[0, 1])
+    assert correlation == pytest.approx(math.exp(-lag * 0.04 / 2.0), abs=0.05)
+
+
+def test_silent_noise_draws_nothing() -> None:
+    rng = np.random.default_rng(5)
+    walk = GaussMarkov(sigma=(0.0, 0.0, 0.0), time_constant_s=2.0, dt_s=0.04, rng=rng)
+    state = rng.bit_generator.state
+    assert walk.advance() == (0.0, 0.0, 0.0)
+    assert rng.bit_generator.state == state
+
+
+def test_the_estimate_is_late_and_starts_at_its_origin() -> None:
+    noise = NOMINAL.estimator.model_copy(
+        update={"delay_s": 0.02, "velocity_sigma_m_s": (0.0, 0.0), "position_sigma_m": (0.0, 0.0)}
+    )
+    estimator = Estimator(noise=noise, rate_hz=250, rng=np.random.default_rng(1))
+    for step in range(100):
+        estimate = estimator.estimate(AT_REST._replace(position_ned_m=(step * 0.004, 0.0, 0.0)))
+    # Five steps late.
+    assert estimate.position_ned_m[0] == pytest.approx((99 - 5) * 0.004)
+    noisy = Estimator(noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(1))
+    assert noisy.estimate(AT_REST).position_ned_m == pytest.approx((0, 0, 0), abs=0.02)
+
+
+def test_the_estimate_wanders_as_the_profile_says() -> None:
+    estimator = Estimator(noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(3))
+    velocities = [estimator.estimate(AT_REST).velocity_ned_m_s for _ in range(250 * 400)]
+    across, down = CAGE.estimator.velocity_sigma_m_s
+    spread = np.array(velocities[::10]).std(axis=0)
+    assert spread == pytest.approx([across, across, down], rel=0.25)
+
+
+def test_motion_capture_is_noisy_and_late() -> None:
+    feed = MotionCaptureFeed(
+        noise=CAGE.mocap, source="real", physics_hz=250, rng=np.random.default_rng(1)
+    )
+    readings: list[Any] = []
+    feed.add(readings.append)
+    pose = Pose.of(1.0, 2.0, 3.0, yaw_rad=0.4)
+    truths = [TruthSample(0.01 * k, pose, (0, 0, 0), False, False) for k in range(2000)]
+    for truth in truths:
+        feed.take(truth)
+    feed.deliver(0.005)
+    assert readings == []
+    feed.deliver(100.0)
+    assert [reading.t_s for reading in readings] == [truth.t_s for truth in truths]
+    offsets = np.array([r.pose.position_ned_m for r in readings]) - pose.position_ned_m
+    assert offsets.std(axis=0) == pytest.approx([0.001] * 3, rel=0.1)
+    angles = [angle_between(pose.q_wxyz, r.pose.q_wxyz) for r in readings]
+    assert np.mean(angles) == pytest.approx(math.radians(0.2) * 1.6, rel=0.1)
+
+
+def test_the_battery_drains_sags_and_fades() -> None:
+    battery = Battery(profile=CAGE.battery, hover_thrust_n=4.9)
+    full = battery.charge
+    assert full.remaining == 1.0
+    assert battery.thrust_factor == 1.0
+    for _ in range(600):
+        battery.drain(4.9, 1.0)
+    # Ten minutes of hover at 6.5 A out of 2700 mAh.
+    assert battery.charge.remaining == pytest.approx(1.0 - (6.5 + 0.3) * 600 / 3.6 / 2700)
+    assert battery.charge.voltage_v < full.voltage_v - 0.5
+    assert 0.8 < battery.thrust_factor < 1.0
+    battery.set_remaining(0.0)
+    assert battery.charge.remaining == 0.0
+    battery.drain(4.9, 10.0)
+    assert battery.charge.remaining == 0.0

@@ -1,0 +1,160 @@
+"""Vehicles in processes of their own; the wall clock runs, so these tests are few and short."""
+
+import asyncio
+import os
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from tests.vehicles.embedded.embedded_process import EmbeddedProcess
+from vehicles.embedded.process.embedded_launch import FeedClient
+from vehicles.embedded.process.embedded_process import main
+from vehicles.embedded.process.injected_faults import Fault
+from vehicles.embedded.process.process_settings import ProcessSettings, Start
+from vehicles.links.link import LinkError
+from vehicles.links.link_strings import parse_link
+from vehicles.links.udp import UdpLink
+from vehicles.mavlink.codec import Codec
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+async def gone(pid: int) -> bool:
+    for _ in range(100):
+        if not alive(pid):
+            return True
+        await asyncio.sleep(0.05)
+    return False
+
+
+async def test_lives_beside_us_and_ends_with_the_context() -> None:
+    port = free_port()
+    link = UdpLink(address=parse_link(f"udpin://127.0.0.1:{port}"))
+    codec = Codec(system_id=255, component_id=190)
+    heard: list[str] = []
+    link.receive(lambda data, _: heard.extend(m.get_type() for m in codec.parse(data)))
+    settings = ProcessSettings(
+        autopilot="px4",
+        link=f"udpout://127.0.0.1:{port}",
+        seed=1,
+        profile="cage",
+        source="twin",
+        start=Start(north_m=1.5, up_m=0.2, yaw_deg=90.0),
+    )
+    async with link, EmbeddedProcess(settings=settings) as process:
+        truths: list[float] = []
+        sources: set[str] = set()
+        process.feed.on_truth(lambda sample: truths.append(sample.t_s), 10)
+        process.feed.on_mocap(lambda reading: sources.add(reading.source))
+        await asyncio.sleep(0.6)
+        assert "HEARTBEAT" in heard
+        assert sources == {"twin"}
+        assert 4 <= len(truths) <= 8
+        # Its clock is the clock of this machine.
+        assert truths[-1] == pytest.approx(asyncio.get_running_loop().time(), abs=0.2)
+        truth = process.feed.truth()
+        assert truth is not None
+        assert truth.pose.position_ned_m == pytest.approx((1.5, 0.0, -0.2), abs=0.01)
+        assert process.pid is not None
+        pid = process.pid
+        process.feed.notify("start", 1.0)
+        process.feed.fault(Fault("mute"))
+        await asyncio.sleep(0.1)
+        heard.clear()
+        await asyncio.sleep(0.3)
+        assert heard == []
+    assert process.exit_code == 0
+    assert not alive(pid)
+
+
+async def test_a_kill_fault_ends_it() -> None:
+    settings = ProcessSettings(
+        autopilot="ardupilot", link=f"udpout://127.0.0.1:{free_port()}", seed=1
+    )
+    async with EmbeddedProcess(settings=settings) as process:
+        assert process.pid is not None
+        process.feed.fault(Fault("kill"))
+        async with asyncio.timeout(5.0):
+            while process.exit_code is None:  # noqa: ASYNC110 - another process has no event
+                await asyncio.sleep(0.02)
+    assert process.exit_code == 0
+
+
+async def test_what_it_cannot_do_is_said() -> None:
+    settings = ProcessSettings(
+        autopilot="px4", link="udpout://127.0.0.1:14999", seed=1, profile="cafe"
+    )
+    with pytest.raises(LinkError, match="no profile 'cafe'"):
+        async with EmbeddedProcess(settings=settings):
+            pytest.fail("it started")
+    settings = settings.model_copy(update={"profile": "cage", "link": "memory://"})
+    with pytest.raises(LinkError, match="did not start"):
+        async with EmbeddedProcess(settings=settings):
+            pytest.fail("it started")
+
+
+PARENT = """
+import asyncio, sys
+from tests.vehicles.embedded.embedded_process import EmbeddedProcess
+from vehicles.embedded.process.process_settings import ProcessSettings
+
+async def main():
+    link = "udpout://127.0.0.1:" + sys.argv[1]
+    settings = ProcessSettings(autopilot="px4", link=link, seed=1)
+    async with EmbeddedProcess(settings=settings) as process:
+        print(process.pid, flush=True)
+        await asyncio.sleep(60)
+
+asyncio.run(main())
+"""
+
+
+async def test_it_does_not_outlive_a_parent_that_is_killed() -> None:
+    parent = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", PARENT, str(free_port()), stdout=subprocess.PIPE
+    )
+    assert parent.stdout is not None
+    pid = int(await asyncio.wait_for(parent.stdout.readline(), 20.0))
+    assert alive(pid)
+    parent.send_signal(signal.SIGKILL)
+    await parent.wait()
+    assert await gone(pid)
+
+
+async def test_a_taken_feed_port_is_an_error() -> None:
+    async with FeedClient(source="real") as first:
+        with pytest.raises(LinkError, match="feed udp"):
+            async with FeedClient(source="real", port=first.port):
+                pytest.fail("it opened")
+
+
+async def test_garbage_on_the_feed_is_counted() -> None:
+    async with FeedClient(source="real") as client:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            stranger.sendto(b"hello", ("127.0.0.1", client.port))
+        async with asyncio.timeout(2.0):
+            while client.garbage == 0:  # noqa: ASYNC110 - a counter has no event
+                await asyncio.sleep(0.01)
+        assert client.truth() is None
+
+
+def test_settings_that_cannot_be_read_are_exit_2(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    assert main(["{"]) == 2
+    assert main(['{"autopilot": "betaflight", "link": "x", "seed": 1}']) == 2
+    assert "betaflight" in capsys.readouterr().err

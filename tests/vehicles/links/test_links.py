@@ -1,0 +1,223 @@
+"""Links: order and latency in memory, sockets over UDP."""
+
+import asyncio
+import socket
+from types import SimpleNamespace
+from typing import Self
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from orchestrator.model.clock import run_virtual
+from vehicles.links.link import LinkError, TellsTrouble
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import LinkAddress, parse_link
+from vehicles.links.memory import memory_pair
+from vehicles.links.udp import UdpLink
+from vehicles.mavlink.codec import Codec
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.08])
+def test_memory_keeps_order_and_latency(latency_s: float) -> None:
+    async def fly() -> list[tuple[bytes, float]]:
+        ours, theirs = memory_pair(latency_s=latency_s)
+        arrived: list[tuple[bytes, float]] = []
+        theirs.receive(lambda data, t_s: arrived.append((data, t_s)))
+        async with ours, theirs:
+            for number in range(100):
+                ours.write(bytes([number]))
+                if number % 10 == 9:
+                    await asyncio.sleep(0.01)
+            await asyncio.sleep(1.0)
+        return arrived
+
+    arrived = run_virtual(fly())
+    assert [data[0] for data, _ in arrived] == list(range(100))
+    for number, (_, t_s) in enumerate(arrived):
+        assert t_s == pytest.approx(number // 10 * 0.01 + latency_s, abs=1e-9)
+
+
+def test_memory_loses_what_is_written_to_a_closed_end() -> None:
+    async def fly() -> list[bytes]:
+        ours, theirs = memory_pair(latency_s=0.1)
+        arrived: list[bytes] = []
+        theirs.receive(lambda data, _: arrived.append(data))
+        async with ours:
+            ours.write(b"nobody there")
+            async with theirs:
+                ours.write(b"under way when it closes")
+            async with theirs:
+                ours.write(b"heard")
+                await asyncio.sleep(1.0)
+        ours.write(b"we are closed")
+        return arrived
+
+    assert run_virtual(fly()) == [b"heard"]
+
+
+def test_memory_refuses_negative_latency() -> None:
+    with pytest.raises(ValueError, match="latency_s"):
+        memory_pair(latency_s=-0.1)
+
+
+async def test_udp_answers_whom_it_heard() -> None:
+    port = _free_port()
+    listening = open_link(parse_link(f"udpin://127.0.0.1:{port}"))
+    speaking = open_link(parse_link(f"udpout://127.0.0.1:{port}"))
+    heard: asyncio.Queue[tuple[bytes, float]] = asyncio.Queue()
+    answered: asyncio.Queue[tuple[bytes, float]] = asyncio.Queue()
+    listening.receive(lambda data, t_s: heard.put_nowait((data, t_s)))
+    speaking.receive(lambda data, t_s: answered.put_nowait((data, t_s)))
+    async with listening, speaking:
+        listening.write(b"to nobody yet")
+        before_s = asyncio.get_running_loop().time()
+        speaking.write(b"hello")
+        data, t_s = await asyncio.wait_for(heard.get(), 5.0)
+        assert data == b"hello"
+        assert before_s <= t_s <= asyncio.get_running_loop().time()
+        listening.write(b"answer")
+        assert (await asyncio.wait_for(answered.get(), 5.0))[0] == b"answer"
+    speaking.write(b"closed links lose bytes and do not raise")
+
+
+class Heard:
+    """A udpin link on a clock of the test's, what it handed on, wrote to whom, and told."""
+
+    def __init__(self, *, signed: bool = False) -> None:
+        self.now_s = 10.0
+        self.heard: list[bytes] = []
+        self.sent: list[int] = []
+        self.told: list[str] = []
+        self.link = UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=0), signed=signed)
+        self.link.receive(lambda data, _: self.heard.append(data))
+        self.link.on_rival(self.told.append)
+
+    async def __aenter__(self) -> Self:
+        await self.link.__aenter__()
+        self.link._loop = SimpleNamespace(time=lambda: self.now_s)  # type: ignore[assignment]
+        self.link._transport.sendto = lambda _, addr: self.sent.append(addr[1])  # type: ignore[method-assign, union-attr]
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        await self.link.__aexit__(None, None, None)
+
+    def say(self, port: int, data: bytes) -> None:
+        self.link.datagram_received(data, ("127.0.0.1", port))
+
+    def answered(self) -> list[int]:
+        """Write, and return the ports that it went to."""
+        self.sent.clear()
+        self.link.write(b"to whom?")
+        return list(self.sent)
+
+
+def _heartbeat(system: int) -> bytes:
+    codec = Codec(system_id=system, component_id=1)
+    return codec.pack(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3))
+
+
+async def test_who_speaks_in_the_name_of_another_is_told_and_not_believed() -> None:
+    async with Heard() as there:
+        for _ in range(30):
+            there.now_s += 0.1
+            there.say(1001, _heartbeat(1))
+            there.say(1002, _heartbeat(1))
+            assert there.answered() == [1001]
+        assert there.heard == [_heartbeat(1)] * 30
+        (said,) = there.told
+        assert said == (
+            "system 1 speaks from 127.0.0.1:1002 as well as from 127.0.0.1:1001; two vehicles "
+            "have one system id, and only the latter is believed"
+        )
+        assert list(there.link.rivals.values()) == there.told
+
+
+async def test_a_vehicle_that_speaks_from_another_port_after_a_silence_is_the_same() -> None:
+    async with Heard() as there:
+        there.say(1001, _heartbeat(1))
+        there.now_s += 1.6
+        there.say(1002, _heartbeat(1))
+        assert there.answered() == [1002]
+        assert (len(there.heard), there.told) == (2, [])
+
+
+async def test_a_ground_station_that_spoke_first_keeps_nothing_from_the_vehicle() -> None:
+    async with Heard() as there:
+        there.say(1001, _heartbeat(255))
+        there.say(1002, _heartbeat(1))
+        assert there.answered() == [1001, 1002]
+        there.now_s += 30.0
+        there.say(1001, _heartbeat(255))
+        assert there.answered() == [1001, 1002]  # a vehicle that is not heard may hear us
+
+
+async def test_a_flood_does_not_take_the_place_of_a_vehicle_in_a_blackout() -> None:
+    async with Heard() as there:
+        there.say(1001, _heartbeat(1))
+        for _ in range(30):
+            there.now_s += 1.0
+            for number in range(2, 20):
+                there.say(2000 + number, _heartbeat(number))
+        assert 1001 in there.answered()
+
+
+async def test_a_flood_from_many_places_is_heard_and_not_written_to() -> None:
+    async with Heard() as there:
+        there.say(1001, _heartbeat(1))
+        for number in range(2, 200):
+            there.say(2000 + number, _heartbeat(number))
+        assert len(there.heard) == 199
+        assert len(there.answered()) == 4
+        assert there.sent[0] == 1001
+
+
+async def test_with_signatures_everybody_is_heard_for_they_settle_who_is_believed() -> None:
+    async with Heard(signed=True) as there:
+        there.say(1002, _heartbeat(1))
+        there.say(1001, _heartbeat(1))
+        assert (len(there.heard), there.answered(), there.told) == (2, [1002, 1001], [])
+
+
+async def test_udp_busy_port_says_so() -> None:
+    port = _free_port()
+    async with UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=port)):
+        with pytest.raises(LinkError, match=f"{port} is taken"):
+            await UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=port)).__aenter__()
+    async with UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=port)) as again:
+        assert again.local_port == port
+
+
+async def test_udp_unknown_host_says_so() -> None:
+    link = UdpLink(address=LinkAddress("udpout", host="no-such-host.invalid", port=14540))
+    with pytest.raises(LinkError, match="unknown"):
+        await link.__aenter__()
+
+
+async def test_udp_foreign_address_says_so() -> None:
+    link = UdpLink(address=LinkAddress("udpin", host="192.0.2.1", port=14540))
+    with pytest.raises(LinkError, match="no address of this machine"):
+        await link.__aenter__()
+
+
+async def test_udp_remembers_a_refused_connection() -> None:
+    link = UdpLink(address=LinkAddress("udpout", host="127.0.0.1", port=_free_port()))
+    assert isinstance(link, TellsTrouble)
+    async with link:
+        link.write(b"anybody?")
+        for _ in range(100):
+            if link.trouble:
+                break
+            await asyncio.sleep(0.01)
+        assert "refused" in link.trouble.lower()
+
+
+def test_memory_has_two_ends() -> None:
+    with pytest.raises(LinkError, match="memory_pair"):
+        open_link(parse_link("memory://"))

@@ -1,0 +1,129 @@
+"""Motion scripts: where things are, when they start, and how far they went."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from worlds.frames import Pose, Vec3, angle_between, norm, subtract
+from worlds.scene.motion import TURN_RATE_RAD_S, Motion, StartAt, StartOn, Waypoint
+
+BEGIN = Pose.of(0, 0, 1)
+L_WAY = (Waypoint((4.0, 0.0, -1.0), 2.0), Waypoint((4.0, 3.0, -1.0), 1.0, math.pi / 2))
+times = st.floats(-5.0, 60.0)
+coordinate = st.floats(-5.0, 5.0)
+waypoints = st.builds(
+    Waypoint,
+    st.tuples(coordinate, coordinate, coordinate),
+    st.floats(0.1, 5.0),
+    st.none() | st.floats(-3.0, 3.0),
+)
+motions = st.builds(
+    Motion,
+    st.just(BEGIN),
+    st.lists(waypoints, min_size=1, max_size=4).map(tuple),
+    st.builds(StartAt, st.floats(0.0, 3.0)) | st.builds(StartOn, st.just("go"), st.floats(0, 2)),
+    st.booleans(),
+)
+EVENTS = {"go": 1.5}
+
+
+def place(motion: Motion, t_s: float, events: dict[str, float] | None = None) -> Vec3:
+    return motion.pose_at(t_s, events or {}).position_ned_m
+
+
+def test_it_goes_at_each_ways_speed_and_then_stays() -> None:
+    motion = Motion(BEGIN, L_WAY, StartAt(2.0))
+    assert place(motion, 0.0) == place(motion, 2.0) == BEGIN.position_ned_m
+    assert place(motion, 3.0) == pytest.approx((2.0, 0.0, -1.0))
+    assert place(motion, 4.0) == pytest.approx((4.0, 0.0, -1.0))
+    assert place(motion, 5.5) == pytest.approx((4.0, 1.5, -1.0))
+    assert place(motion, 99.0) == pytest.approx((4.0, 3.0, -1.0))
+    assert motion.duration_s == pytest.approx(5.0)
+
+
+def test_it_turns_on_the_way_and_keeps_its_heading_else() -> None:
+    motion = Motion(BEGIN, L_WAY)
+    assert motion.pose_at(1.0, {}).yaw_rad == pytest.approx(0.0)
+    assert motion.pose_at(3.5, {}).yaw_rad == pytest.approx(math.pi / 4)
+    assert motion.pose_at(9.0, {}).yaw_rad == pytest.approx(math.pi / 2)
+
+
+def test_it_turns_on_the_spot_when_it_has_nowhere_to_go() -> None:
+    motion = Motion(BEGIN, (Waypoint(BEGIN.position_ned_m, 1.0, math.pi / 2),))
+    assert motion.duration_s == pytest.approx(math.pi / 2 / TURN_RATE_RAD_S)
+    assert motion.pose_at(99.0, {}).yaw_rad == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize("way_m", [1e-25, 1e-6, 0.1])
+def test_a_way_too_short_for_its_turn_is_gone_more_slowly(way_m: float) -> None:
+    motion = Motion(BEGIN, (Waypoint((way_m, 0.0, -1.0), 4.0, math.pi / 2),))
+    assert motion.duration_s == pytest.approx(math.pi / 2 / TURN_RATE_RAD_S)
+    assert motion.pose_at(0.25, {}).yaw_rad == pytest.approx(math.pi / 4)
+
+
+def test_a_round_may_be_as_short_as_it_likes() -> None:
+    motion = Motion(BEGIN, (Waypoint((1e-12, 0.0, -1.0), 1.0),), loop=True)
+    assert motion.travel(0.0, 100.0, {}).length_m == pytest.approx(100.0)
+
+
+def test_it_waits_for_its_event_and_the_delay() -> None:
+    motion = Motion(BEGIN, L_WAY, StartOn("seen", 0.5))
+    assert place(motion, 50.0) == BEGIN.position_ned_m
+    assert place(motion, 50.0, {"other": 1.0}) == BEGIN.position_ned_m
+    assert place(motion, 11.0, {"seen": 10.0}) == pytest.approx((1.0, 0.0, -1.0))
+
+
+def test_a_loop_leads_back_and_round() -> None:
+    motion = Motion(BEGIN, (Waypoint((2.0, 0.0, -1.0), 1.0),), loop=True)
+    assert place(motion, 3.0) == pytest.approx((1.0, 0.0, -1.0))
+    assert place(motion, 4.0) == pytest.approx((0.0, 0.0, -1.0))
+    assert place(motion, 401.5) == pytest.approx((1.5, 0.0, -1.0))
+
+
+def test_going_nowhere_is_rest() -> None:
+    motion = Motion(BEGIN, (Waypoint(BEGIN.position_ned_m, 1.0),), loop=True)
+    assert place(motion, 7.0) == BEGIN.position_ned_m
+    assert motion.is_even(0.0, 9.0, {})
+
+
+@given(motions, times, st.floats(0.0, 20.0))
+def test_travel_bounds_the_way_and_the_turn(motion: Motion, t_s: float, dt_s: float) -> None:
+    first, last = motion.pose_at(t_s, EVENTS), motion.pose_at(t_s + dt_s, EVENTS)
+    travel = motion.travel(t_s, t_s + dt_s, EVENTS)
+    way_m = norm(subtract(last.position_ned_m, first.position_ned_m))
+    assert way_m <= travel.length_m + 1e-6
+    assert angle_between(first.q_wxyz, last.q_wxyz) <= travel.turn_rad + 1e-5
+
+
+@given(motions, times, st.floats(0.0, 5.0), st.floats(0.0, 5.0))
+def test_travel_adds_up(motion: Motion, t_s: float, a_s: float, b_s: float) -> None:
+    whole = motion.travel(t_s, t_s + a_s + b_s, EVENTS)
+    parts = [
+        motion.travel(t_s, t_s + a_s, EVENTS),
+        motion.travel(t_s + a_s, t_s + a_s + b_s, EVENTS),
+    ]
+    assert whole.length_m == pytest.approx(sum(part.length_m for part in parts), abs=1e-6)
+    assert whole.turn_rad == pytest.approx(sum(part.turn_rad for part in parts), abs=1e-6)
+
+
+@given(motions, times, st.floats(0.0, 3.0), st.floats(0.0, 1.0))
+def test_even_motion_is_a_straight_line(
+    motion: Motion, t_s: float, dt_s: float, fraction: float
+) -> None:
+    if motion.is_even(t_s, t_s + dt_s, EVENTS):
+        first, last = motion.pose_at(t_s, EVENTS), motion.pose_at(t_s + dt_s, EVENTS)
+        middle = motion.pose_at(t_s + fraction * dt_s, EVENTS)
+        expected = first.interpolate(last, fraction)
+        gap = norm(subtract(middle.position_ned_m, expected.position_ned_m))
+        assert gap < 1e-6
+        assert angle_between(middle.q_wxyz, expected.q_wxyz) < 1e-6
+
+
+def test_even_motion_ends_at_a_corner() -> None:
+    motion = Motion(BEGIN, (*L_WAY[:1], Waypoint((4.0, 3.0, -1.0), 1.0)))
+    assert motion.is_even(0.5, 1.9, {})
+    assert not motion.is_even(1.9, 2.1, {})
+    assert not motion.is_even(-0.1, 0.1, {})
+    assert motion.is_even(50.0, 60.0, {})

@@ -1,0 +1,1 @@
+"""Which injected messages an autopilot acts on, as it is set up; pure."""

@@ -1,0 +1,62 @@
+"""The questions of honest injection, for both autopilots; pure."""
+
+from collections.abc import Mapping
+
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.autopilots.injection_support.ardupilot_rules import ARDUPILOT
+from vehicles.autopilots.injection_support.px4_rules import PX4
+from vehicles.autopilots.injection_support.rules import (
+    Ignored,
+    Rules,
+    Setpoints,
+    Situation,
+    Thing,
+    broken_rules,
+    parameters_in,
+)
+
+_RULES: Mapping[AutopilotName, Rules] = {"ardupilot": ARDUPILOT, "px4": PX4}
+_GUIDED: Mapping[AutopilotName, str] = {"ardupilot": "GUIDED", "px4": "OFFBOARD"}
+_LANDING: frozenset[Thing] = frozenset({"landing_target"})
+
+
+def matters_in_flight(thing: Thing) -> bool:
+    """Return whether a thing matters while the goal is flown, rather than at the landing."""
+    return thing not in _LANDING
+
+
+def flown_mode(autopilot: AutopilotName, thing: Thing) -> str:
+    """Return the mode of a run in which a thing matters, by the autopilot's own name."""
+    return "LAND" if thing in _LANDING else _GUIDED[autopilot]
+
+
+def injection_faults(
+    autopilot: AutopilotName,
+    thing: Thing,
+    parameters: Mapping[str, float],
+    mode: str,
+    *,
+    setpoints: Setpoints = "velocity",
+    unbooted: frozenset[str] = frozenset(),
+) -> tuple[Ignored, ...]:
+    """Return every reason why an injected thing would be ignored; empty when it is acted on.
+
+    parameters: all that the autopilot reported. mode: that it will fly in, by its own name.
+    setpoints: what the autonomy sends in guided flight. unbooted: parameters set since it booted.
+    """
+    situation = Situation(parameters, mode, setpoints, unbooted)
+    return broken_rules(_RULES[autopilot], thing, situation)
+
+
+def unsupported_injection(autopilot: AutopilotName, thing: Thing) -> tuple[Ignored, ...]:
+    """Return the reasons that no parameter mends, for the mode of a run in which it matters.
+
+    So that a file can be refused before any vehicle is there.
+    """
+    reasons = injection_faults(autopilot, thing, {}, flown_mode(autopilot, thing))
+    return tuple(reason for reason in reasons if reason.parameter is None)
+
+
+def parameters_to_ask(autopilot: AutopilotName, thing: Thing) -> tuple[str, ...]:
+    """Return the parameters that decide whether a thing is acted on, each once."""
+    return parameters_in(_RULES[autopilot], thing)

@@ -1,0 +1,1 @@
+"""Rendered cameras, and what a camera does to an image."""

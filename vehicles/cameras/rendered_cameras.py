@@ -1,0 +1,305 @@
+"""Rendered cameras: one that takes pictures by itself, and one that answers for a pose.
+
+Where pictures come from is a PictureSource: our renderer, or a simulator in another process. A
+heavy job goes through `Compute`: inline under virtual time, in a thread under the wall clock.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from vehicles.cameras.camera_effects import (
+    NO_STREAK,
+    NOISE_ROLL_PX,
+    CameraEffects,
+    CameraQuality,
+    Streak,
+    streak_px,
+)
+from vehicles.errors import VehicleError
+from vehicles.poses.pose_history import PoseHistory
+from vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage, Source
+from worlds.camera import CameraMount, Intrinsics
+from worlds.frames import Pose
+
+__all__ = [
+    "CameraQuality",
+    "Compute",
+    "ImageSource",
+    "NoImageError",
+    "OnDemandCamera",
+    "RenderedCamera",
+    "RenderedImage",
+    "inline",
+    "next_tick",
+    "sleep_until",
+]
+
+MAX_POSE_AGE_S = 0.25
+"""A vehicle whose pose is older than this has no camera any more, rather than a frozen one."""
+
+MAX_JITTER_SIGMA = 3.0
+
+T = TypeVar("T")
+
+
+class NoImageError(VehicleError):
+    """A source gave no picture this time: it was late, refused, or wrong."""
+
+
+class RenderedImage(Protocol):
+    """What a source makes: colours, and depth and ids where they were asked for."""
+
+    @property
+    def image_bgr(self) -> BgrImage:
+        """Return (height, width, 3) uint8."""
+
+    @property
+    def depth_m(self) -> DepthImage | None:
+        """Return (height, width) float32 along the optical axis, inf where nothing is."""
+
+    @property
+    def object_ids(self) -> IdImage | None:
+        """Return (height, width) uint8, 0 for the background."""
+
+
+class ImageSource(Protocol):
+    """Makes a picture of a world from a pose at a time."""
+
+    def picture(
+        self,
+        camera_pose: Pose,
+        intrinsics: Intrinsics,
+        t_s: float,
+        *,
+        want_depth: bool = False,
+        want_ids: bool = False,
+    ) -> RenderedImage:
+        """Return a picture of its own: the caller keeps it. Raises NoPictureError."""
+
+
+class Compute(Protocol):
+    """Runs a job that takes long, and awaits it."""
+
+    def __call__(self, job: Callable[[], T], /) -> Awaitable[T]:
+        """Return what the job returns."""
+
+
+async def inline(job: Callable[[], T], /) -> T:
+    """Run a job here and now, as virtual time wants it; `asyncio.to_thread` is the other way."""
+    return job()
+
+
+@dataclass(frozen=True, slots=True)
+class _Exposure:
+    seq: int
+    t_s: float
+    due_s: float
+    camera_pose: Pose
+    streak_px: Streak
+    noise_roll_px: tuple[int, int]
+
+
+class RenderedCamera:
+    """A camera on a vehicle that delivers pictures by itself, at its rate, as good as it is.
+
+    history: where the body truly was. Exposures have their middle at the start + k / rate_hz; one
+    that cannot be taken (no pose, or the last picture is not ready) is left out, and its
+    number with it. A picture is delivered `latency_s`, with jitter, after the middle of its
+    exposure, in order, and never before the shutter closed. pose_delay_s: how long after the
+    exposure its pose is looked up, for poses that arrive late. on_missing: told why, when the
+    source gave no picture; that exposure is left out.
+    """
+
+    def __init__(
+        self,
+        *,
+        source: ImageSource,
+        history: PoseHistory,
+        intrinsics: Intrinsics,
+        rate_hz: float,
+        side: Source,
+        rng: np.random.Generator,
+        mount: CameraMount | None = None,
+        quality: CameraQuality | None = None,
+        compute: Compute = inline,
+        pose_delay_s: float = 0.0,
+        on_missing: Callable[[str], None] | None = None,
+    ) -> None:
+        self._on_missing = on_missing
+        self._source = source
+        self._history = history
+        self._intrinsics = intrinsics
+        self._rate_hz = rate_hz
+        self._side: Source = side
+        self._rng = rng
+        self._mount = mount or CameraMount()
+        self._quality = quality or CameraQuality()
+        self._effects = CameraEffects(self._quality, intrinsics, rng)
+        self._compute = compute
+        self._pose_delay_s = pose_delay_s
+        self.left_out = 0
+
+    async def run(self, deliver: Callable[[CameraReading], None]) -> None:
+        """Take and deliver pictures until cancelled; what `deliver` raises ends it."""
+        ready: asyncio.Queue[tuple[float, CameraReading]] = asyncio.Queue()
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._expose(ready), name=f"{self._side} camera exposures")
+            tasks.create_task(_hand_over(ready, deliver), name=f"{self._side} camera delivery")
+
+    async def _expose(self, ready: asyncio.Queue[tuple[float, CameraReading]]) -> None:
+        start_s, seq, earliest_s = asyncio.get_running_loop().time(), 0, 0.0
+        shutter_s = self._quality.exposure_s / 2.0 + self._pose_delay_s
+        while True:
+            t_s = start_s + seq / self._rate_hz
+            await sleep_until(t_s + shutter_s)
+            exposure = self._exposure(seq, t_s, earliest_s)
+            if exposure is None:
+                self.left_out += 1
+            else:
+                earliest_s = exposure.due_s
+                await self._expose_one(exposure, ready)
+            behind_s = asyncio.get_running_loop().time() - shutter_s - start_s
+            following = max(seq + 1, next_tick(behind_s, self._rate_hz))
+            self.left_out += following - seq - 1
+            seq = following
+
+    async def _expose_one(
+        self, exposure: _Exposure, ready: asyncio.Queue[tuple[float, CameraReading]]
+    ) -> None:
+        try:
+            ready.put_nowait((exposure.due_s, await self._take(exposure)))
+        except NoImageError as error:
+            self.left_out += 1
+            if self._on_missing is not None:
+                self._on_missing(str(error))
+
+    def _exposure(self, seq: int, t_s: float, earliest_s: float) -> _Exposure | None:
+        """Return what is drawn for one exposure; None when the body's pose is not known."""
+        jitter = float(np.clip(self._rng.standard_normal(), -MAX_JITTER_SIGMA, MAX_JITTER_SIGMA))
+        down, right = (int(n) for n in self._rng.integers(0, NOISE_ROLL_PX + 1, 2))
+        half_s = self._quality.exposure_s / 2.0
+        delay_s = max(half_s, self._quality.latency_s + jitter * self._quality.jitter_s)
+        pose = self._camera_pose(t_s)
+        if pose is None:
+            return None
+        streak = self._streak(t_s, half_s) if half_s > 0.0 else NO_STREAK
+        due_s = max(t_s + delay_s, earliest_s)
+        return _Exposure(seq, t_s, due_s, pose, streak, (down, right))
+
+    def _streak(self, t_s: float, half_s: float) -> Streak:
+        start, end = self._camera_pose(t_s - half_s), self._camera_pose(t_s + half_s)
+        if start is None or end is None:
+            return NO_STREAK
+        return streak_px(start, end, self._intrinsics)
+
+    def _camera_pose(self, t_s: float) -> Pose | None:
+        found = self._history.at(t_s)
+        if found.pose is None or found.gap_s > MAX_POSE_AGE_S:
+            return None
+        return self._mount.camera_pose(found.pose)
+
+    async def _take(self, exposure: _Exposure) -> CameraReading:
+        def job() -> BgrImage:
+            raw = self._source.picture(exposure.camera_pose, self._intrinsics, exposure.t_s)
+            return self._effects.apply(
+                raw.image_bgr, streak_px=exposure.streak_px, noise_roll_px=exposure.noise_roll_px
+            )
+
+        return CameraReading(
+            t_s=exposure.t_s,
+            arrived_s=exposure.due_s,
+            seq=exposure.seq,
+            source=self._side,
+            image_bgr=await self._compute(job),
+            intrinsics=self._intrinsics,
+            # Of the twin it is known, and tells how well its picture is registered.
+            camera_pose=exposure.camera_pose if self._side == "twin" else None,
+        )
+
+
+class OnDemandCamera:
+    """The twin's camera when it is asked: a picture from a given body pose, with no faults.
+
+    mount: of the camera whose picture it is to match, so that of the real vehicle.
+    """
+
+    def __init__(
+        self,
+        *,
+        source: ImageSource,
+        intrinsics: Intrinsics,
+        mount: CameraMount | None = None,
+        side: Source = "twin",
+        compute: Compute = inline,
+    ) -> None:
+        self._source = source
+        self._intrinsics = intrinsics
+        self._mount = mount or CameraMount()
+        self._side: Source = side
+        self._compute = compute
+        self._seq = 0
+
+    async def ask(
+        self, body: Pose, t_s: float, *, want_depth: bool = False, want_ids: bool = False
+    ) -> CameraReading:
+        """Return the picture from a body's pose (world frame) of the world as it is at t_s.
+
+        Raises NoPictureError.
+        """
+        camera_pose = self._mount.camera_pose(body)
+        seq, self._seq = self._seq, self._seq + 1
+
+        def job() -> RenderedImage:
+            return self._source.picture(
+                camera_pose, self._intrinsics, t_s, want_depth=want_depth, want_ids=want_ids
+            )
+
+        picture = await self._compute(job)
+        return CameraReading(
+            t_s=t_s,
+            arrived_s=asyncio.get_running_loop().time(),
+            seq=seq,
+            source=self._side,
+            image_bgr=picture.image_bgr,
+            intrinsics=self._intrinsics,
+            depth_m=picture.depth_m,
+            object_ids=picture.object_ids,
+            camera_pose=camera_pose,
+        )
+
+
+def next_tick(elapsed_s: float, rate_hz: float) -> int:
+    """Return the number of the first tick k / rate_hz that is not over yet."""
+    return int(np.ceil(elapsed_s * rate_hz - 1e-6))
+
+
+async def sleep_until(t_s: float) -> None:
+    """Sleep to a time of the run clock, exactly; at once when it is past."""
+    loop = asyncio.get_running_loop()
+    if t_s <= loop.time():
+        return
+    reached: asyncio.Future[None] = loop.create_future()
+    timer = loop.call_at(t_s, _set_result, reached)
+    try:
+        await reached
+    finally:
+        timer.cancel()
+
+
+def _set_result(reached: asyncio.Future[None]) -> None:
+    if not reached.done():
+        reached.set_result(None)
+
+
+async def _hand_over(
+    ready: asyncio.Queue[tuple[float, CameraReading]], deliver: Callable[[CameraReading], None]
+) -> None:
+    """Deliver each picture when it is due, stamped with the time at which it truly was."""
+    while True:
+        due_s, reading = await ready.get()
+        await sleep_until(due_s)
+        deliver(replace(reading, arrived_s=asyncio.get_running_loop().time()))

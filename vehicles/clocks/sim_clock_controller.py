@@ -1,0 +1,246 @@
+"""How the scaled clock follows a simulation's own time; pure.
+
+A simulator that was asked for ten times real time may reach seven, and another figure a moment
+later. Its `time_boot_ms` says what it reached. The run clock is a chain of straight pieces over the
+wall's time: each begins where the one before it is, so that the clock never goes back and never
+jumps, and its slope is led to where the simulator's time is.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+STEP_S = 0.05
+"""How often a piece is laid, in the wall's seconds."""
+STALL_S = 5.0
+"""A simulator whose time stands still for so long by the wall's clock hangs."""
+APART_S = 1.0
+"""Clocks that came so far apart do not belong to one flight."""
+
+_WINDOW_S = 1.0
+_SAMPLE_S = 0.02
+_ENOUGH_S = 0.3
+_AHEAD_S = (0.06, 0.3)
+"""Without a word of the simulation time runs on for so long by the wall's clock, not longer: three
+times what is between its words, but at least and at most so long."""
+_AHEAD_WORDS = 3.0
+_SETTLING_S = 0.5
+"""Within which a difference is made good."""
+_SLEW = 4.0
+"""By how many times the nominal pace the slope may change within a second."""
+_FASTEST = 2.0
+_KEEPS_UP = 0.97
+_STEPS_TO_STALL = round(STALL_S / STEP_S / 2)
+"""Of our own steps: a machine that was asleep has stalled no simulator."""
+_BASE_S = 2.0
+_LASTS_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A straight piece of the run clock: from `run_s` at `wall_s` (CLOCK_MONOTONIC) with a slope.
+
+    rate: run seconds for each of the wall's, 0 or more. holds_s: beyond so much of the wall's time
+    the clock stands, for whoever steers it has not been heard of; infinite where it goes on.
+    """
+
+    wall_s: float
+    run_s: float
+    rate: float
+    holds_s: float = math.inf
+
+    def at(self, wall_s: float) -> float:
+        """Return the run clock's time."""
+        return self.run_s + max(0.0, min(wall_s - self.wall_s, self.holds_s)) * self.rate
+
+
+class BootTrack:
+    """What a vehicle's time since boot is against the wall's, from stamps that come late at times.
+
+    Of the stamps of a few milliseconds the last one counts: what waited in a buffer comes at once.
+    """
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[float, float]] = deque()
+        self._began_s = -math.inf
+        self._grew_s: float | None = None
+        self.first_s: float | None = None
+        self.reboots = 0
+
+    @property
+    def known(self) -> bool:
+        """Return whether its rate can be told."""
+        samples = self._samples
+        return len(samples) > 2 and samples[-1][0] - samples[0][0] >= _ENOUGH_S
+
+    @property
+    def newest_s(self) -> float:
+        """Return the newest stamp. Raises IndexError before the first."""
+        return self._samples[-1][1]
+
+    @property
+    def ahead_s(self) -> float:
+        """Return for how long its time may be taken to go on without a word of it."""
+        samples = self._samples
+        if len(samples) < 2:
+            return _AHEAD_S[1]
+        between_s = (samples[-1][0] - samples[0][0]) / (len(samples) - 1)
+        return min(max(_AHEAD_WORDS * between_s, _AHEAD_S[0]), _AHEAD_S[1])
+
+    def still_s(self, wall_s: float) -> float:
+        """Return for how long by the wall's clock its time has not grown."""
+        return 0.0 if self._grew_s is None else wall_s - self._grew_s
+
+    def heard(self, wall_s: float, boot_s: float) -> None:
+        """Take a stamp that came at a time of the wall's clock."""
+        if self._samples and boot_s < self._samples[-1][1] - 1.0:
+            self._samples.clear()
+            self._began_s, self.first_s = -math.inf, None
+            self.reboots += 1
+        if self._samples and boot_s <= self._samples[-1][1]:
+            return
+        if self.first_s is None:
+            self.first_s = wall_s
+        self._grew_s = wall_s
+        if wall_s - self._began_s < _SAMPLE_S:
+            self._samples[-1] = (wall_s, boot_s)
+        else:
+            self._began_s = wall_s
+            self._samples.append((wall_s, boot_s))
+        while wall_s - self._samples[0][0] > _WINDOW_S:
+            self._samples.popleft()
+
+    def line(self, wall_s: float) -> tuple[float, float]:
+        """Return its time at a time of the wall's clock, and its rate: a least-squares line."""
+        count = len(self._samples)
+        mean_w = sum(w for w, _ in self._samples) / count
+        mean_b = sum(b for _, b in self._samples) / count
+        spread = sum((w - mean_w) ** 2 for w, _ in self._samples)
+        rate = sum((w - mean_w) * (b - mean_b) for w, b in self._samples) / spread
+        return mean_b + (wall_s - mean_w) * rate, rate
+
+
+class SimClockController:
+    """Lays the pieces of the run clock behind the vehicle that leads it.
+
+    nominal: the pace that was asked for. follows_us: the vehicle runs on the run clock itself, as
+    fast as its machine can: then the clock goes at the nominal pace while it keeps up. Until
+    `begin` the clock is the wall's.
+    """
+
+    def __init__(self, *, nominal: float, follows_us: bool) -> None:
+        self._nominal = nominal
+        self._follows_us = follows_us
+        self._segment = Segment(0.0, 0.0, 1.0)
+        self._offset_s: float | None = None
+        self._reboots = 0
+        self._steps_still = 0
+        self._cruise = nominal
+        self._laid: deque[tuple[float, float]] = deque()
+        self.stalled = False
+        self.track = BootTrack()
+
+    @property
+    def segment(self) -> Segment:
+        """Return the piece that holds now."""
+        return self._segment
+
+    @property
+    def locked(self) -> bool:
+        """Return whether the clock follows the vehicle by now."""
+        return self._offset_s is not None
+
+    def begin(self, segment: Segment) -> None:
+        """Go on from a piece: where the clock is."""
+        self._segment = segment
+
+    def step(self, wall_s: float) -> Segment:
+        """Return the next piece; to be called every `STEP_S` of the wall's time."""
+        last = self._segment
+        run_s, dt_s = last.at(wall_s), max(0.0, wall_s - last.wall_s)
+        self._laid.append((wall_s, run_s))
+        while wall_s - self._laid[0][0] > _WINDOW_S:
+            self._laid.popleft()
+        wanted = min(max(self._wanted_rate(wall_s, run_s), 0.0), self._fastest())
+        most = _SLEW * self._nominal * min(dt_s, 2.0 * STEP_S)
+        # Who is quiet may hang, and what waits for it must not run out meanwhile.
+        least = 0.0 if self._quiet(wall_s) else last.rate - most
+        rate = min(max(wanted, least), last.rate + most)
+        self._segment = Segment(wall_s, run_s, rate)
+        return self._segment
+
+    def _quiet(self, wall_s: float) -> bool:
+        return self.locked and not self.stalled and self.track.still_s(wall_s) > self.track.ahead_s
+
+    def _fastest(self) -> float:
+        return self._nominal if self._follows_us else _FASTEST * self._nominal
+
+    def _wanted_rate(self, wall_s: float, run_s: float) -> float:
+        track = self.track
+        if track.reboots != self._reboots:
+            self._reboots, self._offset_s = track.reboots, None
+        if self.stalled:
+            return self._cruise
+        still_s = track.still_s(wall_s)
+        self._steps_still = self._steps_still + 1 if still_s > STEP_S else 0
+        if still_s > STALL_S and self._steps_still >= _STEPS_TO_STALL:
+            self.stalled = True
+            return self._cruise
+        if not track.known and self._offset_s is None:
+            return self._segment.rate
+        if track.known:
+            boot_s, rate = track.line(wall_s)
+        else:
+            boot_s, rate = track.newest_s + still_s * self._cruise, self._cruise
+        if self._offset_s is None:
+            self._offset_s = run_s - boot_s
+        quiet, ahead_s = self._quiet(wall_s), track.ahead_s
+        if not quiet:
+            self._cruise = min(max(rate, 0.1), self._fastest())
+        target_s = self._offset_s + min(boot_s, track.newest_s + ahead_s * self._cruise)
+        forward = 0.0 if quiet else self._forward(rate)
+        return forward + (target_s - run_s) / _SETTLING_S
+
+    def _forward(self, rate: float) -> float:
+        if not self._follows_us:
+            return rate
+        (begin_s, from_s), (end_s, to_s) = self._laid[0], self._laid[-1]
+        ours = (to_s - from_s) / (end_s - begin_s) if end_s > begin_s else 0.0
+        return self._nominal if rate >= _KEEPS_UP * ours else rate
+
+
+class ClockDivergence:
+    """Whether a vehicle's time stays with the run clock.
+
+    By how much it is off counts from a moment after both were known; what is made good within a
+    second is let go.
+    """
+
+    def __init__(self) -> None:
+        self._base_s: float | None = None
+        self._since_s: float | None = None
+        self._apart_from_s: float | None = None
+        self._reboots = 0
+        self.off_s = 0.0
+
+    def look(self, track: BootTrack, *, wall_s: float, run_s: float) -> bool:
+        """Return whether it has come apart by more than `APART_S` for good."""
+        if track.reboots != self._reboots or not track.known:
+            self._reboots = track.reboots
+            self._base_s = self._since_s = self._apart_from_s = None
+            return False
+        if self._since_s is None:
+            self._since_s = wall_s
+        if wall_s - self._since_s < _BASE_S:
+            return False
+        # A vehicle that is not heard any more is as old as its last word.
+        boot_s, rate = track.line(wall_s)
+        boot_s = min(boot_s, track.newest_s + track.ahead_s * rate)
+        if self._base_s is None:
+            self._base_s = boot_s - run_s
+        self.off_s = boot_s - run_s - self._base_s
+        if abs(self.off_s) <= APART_S:
+            self._apart_from_s = None
+        elif self._apart_from_s is None:
+            self._apart_from_s = wall_s
+        return self._apart_from_s is not None and wall_s - self._apart_from_s >= _LASTS_S

@@ -1,0 +1,347 @@
+"""A vehicle's clock on the run clock, from TIMESYNC; pure.
+
+An answer that was asked for at t0 and came at t1 was stamped somewhere in between, whatever the
+latency of either way: so each exchange bounds the offset from both sides, the shorter its round
+trip the better. All bounds of the last seconds are intersected, each widened with its age by as
+much as the drift is unknown: a minimum filter of both ways at once (the idea of RFC 5905, 11.2,
+and of Marzullo's intersection). The bound that remains is the uncertainty.
+
+MAVLink: a TIMESYNC with tc1 = 0 asks and carries our time in ts1; the answer carries the
+vehicle's time in tc1 and ours in ts1. PX4 and ArduPilot answer with nanoseconds since boot, the
+epoch of time_boot_ms; where an autopilot's epochs differ, arrival times tell by how much. A
+simulated autopilot's clock advances by whole steps (4 ms in PX4's): its stamps are that much
+too old at most, which the greatest common divisor of the stamps shows.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+_OFFSET_WINDOW_S = 5.0
+_JUMP_S = 0.05
+"""An exchange that contradicts the mapping by more is a jump of the vehicle's clock..."""
+_CONTRADICTIONS_TO_RESET = 3
+"""... once so many have said so in succession."""
+_LONGEST_STEP_NS = 20_000_000
+_SHORTEST_STEP_NS = 500_000
+"""Common divisors below this are the resolution of a running clock."""
+_STAMPS_TO_TELL_STEPS = 4
+"""Fewer stamps may have a large common divisor by chance."""
+_SHORTEST_DRIFT_SPAN_S = 0.5
+_EARLY_SLACK_S = 0.05
+"""Telemetry that seems to arrive before its stamp by more than this..."""
+_LATEST_PLAUSIBLE_S = 1.0
+"""... or after it by more than this has another epoch."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEstimate:
+    """How a vehicle's clock relates to the run clock, for the record.
+
+    offset_s: vehicle minus run clock, at the newest exchange. drift_ppm: how much faster the
+    vehicle's clock runs. uncertainty_s: bound of the offset's error. resets: how often the
+    vehicle's clock jumped.
+    """
+
+    offset_s: float
+    drift_ppm: float
+    uncertainty_s: float
+    exchanges: int
+    resets: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Exchange:
+    sent_s: float
+    received_s: float
+    remote_ns: int
+
+    @property
+    def remote_s(self) -> float:
+        return self.remote_ns * 1e-9
+
+    @property
+    def round_trip_s(self) -> float:
+        return self.received_s - self.sent_s
+
+    @property
+    def middle_s(self) -> float:
+        return (self.sent_s + self.received_s) / 2.0
+
+
+class ClockMap:
+    """Maps a vehicle's clock to the run clock from TIMESYNC exchanges, however asymmetric.
+
+    max_drift bounds how far apart the rates of the clocks can be: crystals differ by 1e-4,
+    simulators that claim real time by a hundredth. While that and a steady drift hold, the error
+    of `run_time` is within `uncertainty_s`.
+    """
+
+    def __init__(self, *, window_s: float = 20.0, max_drift: float = 0.02) -> None:
+        self._window_s = window_s
+        self._max_drift = max_drift
+        self._exchanges: deque[_Exchange] = deque()
+        self._step_ns = 0
+        self._rate = 1.0
+        self._run_s = 0.0
+        self._remote_s = 0.0
+        self._uncertainty_s = math.inf
+        self._half_round_trip_s = 0.0
+        self._contradictions = 0
+        self._count = 0
+        self.resets = 0
+
+    @property
+    def known(self) -> bool:
+        """Return whether there was an exchange at all."""
+        return bool(self._exchanges)
+
+    @property
+    def uncertainty_s(self) -> float:
+        """Return the bound in seconds of the error of `run_time` now; infinite when unknown."""
+        return self._uncertainty_s
+
+    def add(self, *, t_sent_s: float, t_received_s: float, remote_ns: int) -> None:
+        """Take one exchange: when we asked, when the answer came (run clock), and what it said.
+
+        Raises ValueError when the answer came before the question.
+        """
+        if not t_received_s >= t_sent_s:
+            raise ValueError(f"answered at {t_received_s} s what was asked at {t_sent_s} s")
+        new = _Exchange(t_sent_s, t_received_s, remote_ns)
+        if self._has_jumped(new):
+            self._exchanges.clear()
+            self._step_ns = 0
+            self._contradictions = 0
+            self.resets += 1
+        elif self._contradictions:
+            return
+        self._count += 1
+        self._step_ns = math.gcd(self._step_ns, remote_ns)
+        self._exchanges.append(new)
+        while new.sent_s - self._exchanges[0].sent_s > self._window_s:
+            self._exchanges.popleft()
+        self._refit()
+
+    def run_time(self, remote_s: float) -> float:
+        """Return the run clock's time of a moment on the vehicle's clock.
+
+        Raises ValueError before the first exchange.
+        """
+        self._check_known()
+        return self._run_s + (remote_s - self._remote_s) * self._rate
+
+    def remote_time(self, t_s: float) -> float:
+        """Return the vehicle's time at a moment of the run clock; inverse of `run_time`."""
+        self._check_known()
+        return self._remote_s + (t_s - self._run_s) / self._rate
+
+    @property
+    def half_round_trip_s(self) -> float:
+        """Return half the shortest round trip of the window."""
+        return self._half_round_trip_s
+
+    def estimate(self) -> ClockEstimate:
+        """Return the mapping in figures. Raises ValueError before the first exchange."""
+        self._check_known()
+        return ClockEstimate(
+            offset_s=self._remote_s - self._run_s,
+            drift_ppm=(1.0 / self._rate - 1.0) * 1e6,
+            uncertainty_s=self._uncertainty_s,
+            exchanges=self._count,
+            resets=self.resets,
+        )
+
+    def _check_known(self) -> None:
+        if not self._exchanges:
+            raise ValueError("no TIMESYNC was answered yet")
+
+    def _has_jumped(self, new: _Exchange) -> bool:
+        """Return whether the vehicle's clock was set or restarted since the last exchange."""
+        if not self._exchanges:
+            return False
+        last = self._exchanges[-1]
+        if new.sent_s > last.received_s and new.remote_ns < last.remote_ns:
+            return True
+        apart_s = abs(self.run_time(new.remote_s) - new.middle_s)
+        agreed_s = new.round_trip_s / 2.0 + self._uncertainty_s + _JUMP_S
+        self._contradictions = self._contradictions + 1 if apart_s > agreed_s else 0
+        return self._contradictions >= _CONTRADICTIONS_TO_RESET
+
+    def _step_s(self) -> float:
+        """Return by how much stamps may be too old: the steps in which the clock advances."""
+        if self._step_ns < _SHORTEST_STEP_NS or len(self._exchanges) < _STAMPS_TO_TELL_STEPS:
+            return 0.0
+        return min(self._step_ns, _LONGEST_STEP_NS) * 1e-9
+
+    def _refit(self) -> None:
+        """Intersect the bounds on run minus remote time, all moved to the newest exchange."""
+        step_s = self._step_s()
+        self._rate, rate_error = self._fitted_rate(step_s)
+        self._half_round_trip_s = min(map(_round_trip, self._exchanges)) / 2.0
+        newest = self._exchanges[-1]
+        at_s = newest.remote_s
+        low, high = -math.inf, math.inf
+        for each in reversed(self._exchanges):
+            if newest.sent_s - each.sent_s > _OFFSET_WINDOW_S:
+                break
+            age_s = at_s - each.remote_s
+            moved_s, blur_s = age_s * self._rate, abs(age_s) * rate_error
+            low = max(low, each.sent_s - step_s + moved_s - blur_s)
+            high = min(high, each.received_s + moved_s + blur_s)
+        self._remote_s = at_s
+        self._run_s = (low + high) / 2.0
+        self._uncertainty_s = (high - low) / 2.0
+        if low > high:
+            # The clock does not run steadily, or stamps late: by how much at least, this shows.
+            self._uncertainty_s = self._half_round_trip_s + (low - high) / 2.0
+
+    def _fitted_rate(self, step_s: float) -> tuple[float, float]:
+        """Return run seconds per vehicle second, and the bound of its error."""
+        first, last = self._exchanges[0].remote_s, self._exchanges[-1].remote_s
+        if last - first < _SHORTEST_DRIFT_SPAN_S:
+            return 1.0, self._max_drift
+        third = (last - first) / 3.0
+        early = (each for each in self._exchanges if each.remote_s <= first + third)
+        late = (each for each in self._exchanges if each.remote_s >= last - third)
+        old, new = min(early, key=_round_trip), min(late, key=_round_trip)
+        span_s = new.remote_s - old.remote_s
+        rate = (new.middle_s - old.middle_s) / span_s
+        error = ((old.round_trip_s + new.round_trip_s) / 2.0 + step_s) / span_s
+        low = max(rate - error, 1.0 - self._max_drift)
+        high = min(rate + error, 1.0 + self._max_drift)
+        if low > high:
+            # Beyond the bound that was given: believe what is measured.
+            return rate, error
+        return (low + high) / 2.0, (high - low) / 2.0
+
+
+def _round_trip(exchange: _Exchange) -> float:
+    return exchange.round_trip_s
+
+
+class _LeastDelay:
+    """The least of the values that came in the last `span_s` to twice that."""
+
+    def __init__(self, span_s: float) -> None:
+        self._span_s = span_s
+        self._since_s = -math.inf
+        self._current = math.inf
+        self._previous = math.inf
+
+    def add(self, value: float, now_s: float) -> None:
+        if now_s - self._since_s > self._span_s:
+            self._since_s, self._previous, self._current = now_s, self._current, value
+        elif value < self._current:
+            self._current = value
+
+    @property
+    def value(self) -> float:
+        return min(self._current, self._previous)
+
+
+class VehicleClock:
+    """Maps time_boot of a vehicle's telemetry to the run clock, and back.
+
+    Feed it what was asked and answered by TIMESYNC, and stamps of telemetry as they arrive. Until
+    an answer comes, and where TIMESYNC has another epoch than time_boot, the least delay of
+    arrivals stands in for what is missing, and `uncertainty_s` says so.
+    """
+
+    def __init__(self, *, own_id: int = 0, max_drift: float = 0.02) -> None:
+        self._own_id = own_id
+        self._max_drift = max_drift
+        self._map = ClockMap(max_drift=max_drift)
+        self._asked: dict[int, float] = {}
+        self._raw_delay = _LeastDelay(5.0)
+        self._mapped_delay = _LeastDelay(5.0)
+        self._epoch_shift_s = 0.0
+        self._newest_boot_s = -math.inf
+        self.reboots = 0
+
+    def ask(self, t_s: float) -> int:
+        """Return the ts1 of a TIMESYNC that is sent now."""
+        stamp = round(t_s * 1e9) // 1000 * 1000 + self._own_id % 1000
+        # 0 in tc1 means a question: an answer to a stamp of 0 would look like one to a repeater.
+        stamp = max(stamp, 1)
+        self._asked[stamp] = t_s
+        if len(self._asked) > 32:
+            del self._asked[next(iter(self._asked))]
+        return stamp
+
+    def answered(self, *, tc1: int, ts1: int, arrived_s: float) -> bool:
+        """Take a TIMESYNC that came; return whether it was an answer to a question of ours."""
+        t_sent_s = self._asked.pop(ts1, None) if tc1 != 0 else None
+        if t_sent_s is None:
+            return False
+        if arrived_s < t_sent_s:
+            # The arrival was stamped by another process, whose scaled clock was just slowed down.
+            return True
+        resets = self._map.resets
+        self._map.add(t_sent_s=t_sent_s, t_received_s=arrived_s, remote_ns=tc1)
+        if self._map.resets != resets:
+            self._mapped_delay = _LeastDelay(5.0)
+        return True
+
+    def stamped(self, boot_s: float, arrived_s: float) -> float:
+        """Take a telemetry stamp as it arrives; return its time on the run clock.
+
+        Never later than its arrival.
+        """
+        if boot_s < self._newest_boot_s - 1.0:
+            self._restart()
+        self._newest_boot_s = max(self._newest_boot_s, boot_s)
+        self._raw_delay.add(arrived_s - boot_s, arrived_s)
+        if self._map.known:
+            self._mapped_delay.add(self._map.remote_time(arrived_s) - boot_s, arrived_s)
+            self._judge_epoch()
+        return min(self.run_time(boot_s), arrived_s)
+
+    def run_time(self, boot_s: float) -> float:
+        """Return the run clock's time of a moment in seconds since boot.
+
+        Raises ValueError when nothing is known of the clock.
+        """
+        if self._map.known:
+            return self._map.run_time(boot_s + self._epoch_shift_s)
+        if self._raw_delay.value == math.inf:
+            raise ValueError("neither TIMESYNC nor telemetry told the vehicle's time yet")
+        return boot_s + self._raw_delay.value
+
+    def boot_time(self, t_s: float) -> float:
+        """Return the seconds since boot at a moment of the run clock; 0 when unknown."""
+        if self._map.known:
+            return self._map.remote_time(t_s) - self._epoch_shift_s
+        return t_s - self._raw_delay.value if self._raw_delay.value < math.inf else 0.0
+
+    @property
+    def synchronised(self) -> bool:
+        """Return whether TIMESYNC was answered."""
+        return self._map.known
+
+    @property
+    def uncertainty_s(self) -> float | None:
+        """Return the bound of the mapping's error; None while only arrivals are known."""
+        if not self._map.known:
+            return None
+        shift_error_s = self._map.half_round_trip_s if self._epoch_shift_s else 0.0
+        return self._map.uncertainty_s + shift_error_s
+
+    def estimate(self) -> ClockEstimate | None:
+        """Return the mapping in figures; None while only arrivals are known."""
+        return self._map.estimate() if self._map.known else None
+
+    def _judge_epoch(self) -> None:
+        least_s = self._mapped_delay.value
+        early_s = -(self._map.uncertainty_s + _EARLY_SLACK_S)
+        same_epoch = early_s <= least_s <= _LATEST_PLAUSIBLE_S
+        self._epoch_shift_s = 0.0 if same_epoch else least_s - self._map.half_round_trip_s
+
+    def _restart(self) -> None:
+        self.reboots += 1
+        self._newest_boot_s = -math.inf
+        self._map = ClockMap(max_drift=self._max_drift)
+        self._asked.clear()
+        self._raw_delay = _LeastDelay(5.0)
+        self._mapped_delay = _LeastDelay(5.0)
+        self._epoch_shift_s = 0.0

@@ -1,0 +1,13 @@
+"""Which voices a driver can have, by name."""
+
+from typing import Literal
+
+from vehicles.driver.command_backend import CommandBackend, FrameBackend
+from vehicles.mavsdk.mavsdk_backend import MavsdkBackend
+
+DriverName = Literal["mavlink", "mavsdk"]
+
+
+def command_backend_of(driver: DriverName, *, name: str) -> CommandBackend:
+    """Return who speaks for the driver of a vehicle; name: of the vehicle, for messages."""
+    return MavsdkBackend(name=name) if driver == "mavsdk" else FrameBackend()

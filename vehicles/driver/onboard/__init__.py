@@ -1,0 +1,1 @@
+"""What is on board a vehicle: parameters, missions, fences, logs, GPS receiver."""

@@ -1,0 +1,99 @@
+"""Files that say what is to be put back after a crash, each locked while its writer lives.
+
+A lock that is free tells the next start that nobody will come back for what the file says.
+"""
+
+import fcntl
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+
+class CrashSafeFile:
+    """A numbered JSON file, locked as long as this lives; document: what it holds."""
+
+    def __init__(self, path: Path, handle: int, document: Any) -> None:
+        self.path = path
+        self.document = document
+        self._handle: int | None = handle
+
+    @classmethod
+    def write(cls, folder: Path, suffix: str, document: Mapping[str, object]) -> Self:
+        """Write one, on the disk when this returns. Raises OSError."""
+        folder.mkdir(parents=True, exist_ok=True)
+        number = (
+            max((_number(path, suffix) for path in crash_safe_files(folder, suffix)), default=0) + 1
+        )
+        half = folder / f"{number:06d}{suffix}.{os.getpid()}.tmp"
+        handle = os.open(half, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        # The lock goes with the file through its renaming.
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.write(handle, json.dumps(document).encode())
+        os.fsync(handle)
+        path = _is_linked(half, folder, number, suffix)
+        half.unlink()
+        _sync_folder(folder)
+        return cls(path, handle, document)
+
+    @classmethod
+    def take(cls, path: Path) -> Self | None:
+        """Return one that nobody holds; None when somebody does or it is gone.
+
+        Raises ValueError when it is no JSON.
+        """
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        except FileNotFoundError:
+            return None
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return cls(path, handle, json.loads(path.read_text(encoding="utf-8")))
+        except (BlockingIOError, FileNotFoundError):
+            os.close(handle)
+            return None
+        except BaseException:
+            os.close(handle)
+            raise
+
+    def remove(self) -> None:
+        """Remove the file: there is nothing to put back any more."""
+        self.path.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Give up the lock."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+
+
+def crash_safe_files(folder: Path, suffix: str) -> list[Path]:
+    """Return the files of one kind in a folder, newest first."""
+    files = folder.glob(f"*{suffix}")
+    return sorted(files, key=lambda path: _number(path, suffix), reverse=True)
+
+
+def _number(path: Path, suffix: str) -> int:
+    text = path.name.removesuffix(suffix)
+    return int(text) if text.isdecimal() else 0
+
+
+def _is_linked(half: Path, folder: Path, number: int, suffix: str) -> Path:
+    """Give a file the first free number; one that another run took meanwhile stays its own."""
+    while True:
+        path = folder / f"{number:06d}{suffix}"
+        try:
+            os.link(half, path)
+        except FileExistsError:
+            number += 1
+        else:
+            return path
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

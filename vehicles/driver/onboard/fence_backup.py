@@ -1,0 +1,81 @@
+"""The fence that an autopilot had before ours, noted in a file for the start after a crash."""
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import astuple, fields, replace
+from pathlib import Path
+from typing import Any
+
+from vehicles.driver.onboard.crash_safe_file import CrashSafeFile, crash_safe_files
+from vehicles.driver.onboard.fence_protocol import FenceProtocol
+from vehicles.driver.onboard.mission_protocol import MissionError, MissionItem
+from vehicles.driver.onboard.parameter_backup import PARAMETERS_SUFFIX
+
+FENCE_SUFFIX = ".fence.json"
+_SCHEMA = 1
+
+
+def back_up_fence(
+    folder: Path, vehicle: str, *, own: Sequence[MissionItem], ours: Sequence[MissionItem]
+) -> CrashSafeFile:
+    """Note which fence a vehicle had, before `ours` takes its place. Raises MissionError."""
+    document = {
+        "schema": _SCHEMA,
+        "vehicle": vehicle,
+        "own": [astuple(item) for item in own],
+        "ours": [astuple(item) for item in ours],
+    }
+    try:
+        return CrashSafeFile.write(folder, FENCE_SUFFIX, document)
+    except OSError as error:
+        raise MissionError(
+            f"the note of its fence in {folder} cannot be written ({error.strerror}); without it "
+            "the vehicle would keep ours after a crash"
+        ) from error
+
+
+async def restore_fence(folder: Path, *, fences: FenceProtocol, vehicle: str) -> bool:
+    """Give a vehicle the fence back that runs which were killed have replaced.
+
+    Returns whether it got one. A fence that is not ours is somebody's, and is left alone. Notes of
+    runs that live, and of other vehicles, are left too. Raises MissionError; the note is kept then.
+    """
+    given = False
+    for path in crash_safe_files(folder, FENCE_SUFFIX):
+        try:
+            note = CrashSafeFile.take(path)
+            if note is None:
+                continue
+            with contextlib.closing(note):
+                if note.document["vehicle"] != vehicle:
+                    continue
+                own, ours = _items(note.document["own"]), _items(note.document["ours"])
+                if _is_same_fence(ours, await fences.items()):
+                    await fences.restore(own)
+                    given = True
+                note.remove()
+        except (ValueError, KeyError, TypeError) as error:
+            raise MissionError(
+                f"{path} is no note of a fence; look at it, and remove it"
+            ) from error
+    return given
+
+
+def waiting_backups(folder: Path) -> tuple[Path, ...]:
+    """Return the files in a folder that say what has still to be put back, of every kind."""
+    return (*crash_safe_files(folder, PARAMETERS_SUFFIX), *crash_safe_files(folder, FENCE_SUFFIX))
+
+
+def _items(rows: Sequence[Sequence[Any]]) -> tuple[MissionItem, ...]:
+    names = [field.name for field in fields(MissionItem)]
+    made = [MissionItem(**dict(zip(names, row, strict=True))) for row in rows]
+    four = [(*map(float, item.params),) for item in made]
+    return tuple(
+        replace(item, params=(a, b, c, d)) for item, (a, b, c, d) in zip(made, four, strict=True)
+    )
+
+
+def _is_same_fence(sent: Sequence[MissionItem], now: Sequence[MissionItem]) -> bool:
+    return len(sent) == len(now) and all(
+        one.agrees(other) for one, other in zip(sent, now, strict=True)
+    )

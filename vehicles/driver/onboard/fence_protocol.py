@@ -1,0 +1,192 @@
+"""The autopilot's own fence: its areas and its parameters, uploaded and read back.
+
+Items 5000 to 5004: https://mavlink.io/en/services/mission.html#fence. Parameters: AC_Fence of
+ArduPilot (FENCE_*), geofence_params.c of PX4 (GF_*).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.driver.onboard.mission_protocol import (
+    ItemList,
+    MissionError,
+    MissionItem,
+    MissionProtocol,
+)
+from vehicles.driver.onboard.parameter_backup import ParameterValue
+
+FenceAction = Literal["report", "hold", "land", "rtl"]
+
+_INCLUSION = mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+_EXCLUSION = mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION
+_CIRCLE_INCLUSION = mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
+_CIRCLE_EXCLUSION = mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION
+_ARDUPILOT_ACTIONS: dict[FenceAction, int] = {"report": 0, "rtl": 1, "land": 2, "hold": 4}
+_PX4_ACTIONS: dict[FenceAction, int] = {"report": 1, "hold": 2, "rtl": 3, "land": 5}
+_ALTITUDE_BIT, _AREAS_BIT = 1, 4
+"""FENCE_TYPE: the highest altitude; polygons and circles."""
+_DEGREES = 1e-7
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place on WGS-84, in degrees."""
+
+    latitude_deg: float
+    longitude_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class FencePolygon:
+    """An area that must not be left, or (inside=False) not be entered."""
+
+    corners: tuple[Place, ...]
+    inside: bool = True
+
+    def __post_init__(self) -> None:
+        if len(self.corners) < 3:
+            raise ValueError(f"a fence's polygon has 3 corners or more, not {len(self.corners)}")
+
+
+@dataclass(frozen=True, slots=True)
+class FenceCircle:
+    """A round area; `inside` as of a polygon."""
+
+    centre: Place
+    radius_m: float
+    inside: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.radius_m < math.inf:
+            raise ValueError(f"a fence's circle has a radius above 0, not {self.radius_m} m")
+
+
+FenceArea = FencePolygon | FenceCircle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotFence:
+    """A fence for the autopilot itself to keep.
+
+    ceiling_m: above home; None for no ceiling. action: what it does on a breach.
+    """
+
+    areas: tuple[FenceArea, ...] = ()
+    ceiling_m: float | None = None
+    action: FenceAction = "land"
+
+    def __post_init__(self) -> None:
+        if not self.areas and self.ceiling_m is None:
+            raise ValueError("a fence has areas, a ceiling, or both")
+        if self.ceiling_m is not None and not 0.0 < self.ceiling_m < math.inf:
+            raise ValueError(f"a fence's ceiling is above 0 m, not {self.ceiling_m} m")
+
+
+def fence_items(areas: Sequence[FenceArea]) -> tuple[MissionItem, ...]:
+    """Return the items that draw areas."""
+    items: list[MissionItem] = []
+    for area in areas:
+        if isinstance(area, FenceCircle):
+            command = _CIRCLE_INCLUSION if area.inside else _CIRCLE_EXCLUSION
+            items.append(_item(command, area.radius_m, area.centre))
+        else:
+            command = _INCLUSION if area.inside else _EXCLUSION
+            items += [_item(command, float(len(area.corners)), each) for each in area.corners]
+    return tuple(items)
+
+
+def fence_areas(items: Sequence[MissionItem]) -> tuple[FenceArea, ...]:
+    """Return the areas that items draw; return points are left out. Raises MissionError."""
+    areas: list[FenceArea] = []
+    at = 0
+    while at < len(items):
+        item = items[at]
+        taken = 1
+        if item.command in {_INCLUSION, _EXCLUSION}:
+            taken = round(item.params[0])
+            corners = items[at : at + taken]
+            if taken < 3 or len(corners) < taken or {c.command for c in corners} != {item.command}:
+                raise MissionError(f"fence item {at} begins a polygon that is not whole")
+            areas.append(FencePolygon(tuple(map(_place, corners)), item.command == _INCLUSION))
+        elif item.command in {_CIRCLE_INCLUSION, _CIRCLE_EXCLUSION}:
+            inside = item.command == _CIRCLE_INCLUSION
+            areas.append(FenceCircle(_place(item), item.params[0], inside))
+        elif item.command != mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT:
+            raise MissionError(f"fence item {at} has command {item.command}, which draws no fence")
+        at += taken
+    return tuple(areas)
+
+
+def fence_parameters(autopilot: AutopilotName, fence: AutopilotFence) -> dict[str, ParameterValue]:
+    """Return the parameters that make an autopilot keep a fence, in the order to set them in.
+
+    Bounds come before what makes them count, so that nothing is breached meanwhile in flight; set
+    back in reverse, the fence is off before its bounds change.
+    """
+    if autopilot == "px4":
+        # GF_MAX_*_DIST are distances from home; 0 is off.
+        return {
+            "GF_MAX_HOR_DIST": 0.0,
+            "GF_MAX_VER_DIST": fence.ceiling_m or 0.0,
+            "GF_ACTION": _PX4_ACTIONS[fence.action],
+        }
+    kinds = (_AREAS_BIT if fence.areas else 0) | (_ALTITUDE_BIT if fence.ceiling_m else 0)
+    parameters: dict[str, ParameterValue] = {}
+    if fence.ceiling_m is not None:
+        parameters["FENCE_ALT_MAX"] = fence.ceiling_m
+    return parameters | {
+        "FENCE_TYPE": kinds,
+        "FENCE_ACTION": _ARDUPILOT_ACTIONS[fence.action],
+        "FENCE_ENABLE": 1,
+    }
+
+
+class FenceProtocol:
+    """Uploads, reads back and removes the areas of the autopilot's own fence."""
+
+    def __init__(self, *, missions: MissionProtocol) -> None:
+        self._missions = missions
+
+    async def upload(self, areas: Sequence[FenceArea]) -> None:
+        """Send areas in place of those it has, and read them back.
+
+        Raises MissionError; PX4 refuses a fence that excludes its home or is breached at once.
+        """
+        if areas:
+            await self._missions.upload(ItemList.FENCE, fence_items(areas))
+        else:
+            await self._missions.clear(ItemList.FENCE)
+
+    async def read(self) -> tuple[FenceArea, ...]:
+        """Return the areas that it has. Raises MissionError."""
+        return fence_areas(await self._missions.download(ItemList.FENCE))
+
+    async def items(self) -> tuple[MissionItem, ...]:
+        """Return what it has as it travels, to be put back by `restore`. Raises MissionError."""
+        return await self._missions.download(ItemList.FENCE)
+
+    async def restore(self, items: Sequence[MissionItem]) -> None:
+        """Put back what `items` gave, and read it back. Raises MissionError."""
+        if items:
+            await self._missions.upload(ItemList.FENCE, items)
+        else:
+            await self._missions.clear(ItemList.FENCE)
+
+
+def _item(command: int, first: float, place: Place) -> MissionItem:
+    return MissionItem(
+        command=command,
+        frame=mavlink.MAV_FRAME_GLOBAL,
+        params=(first, 0.0, 0.0, 0.0),
+        x=round(place.latitude_deg / _DEGREES),
+        y=round(place.longitude_deg / _DEGREES),
+    )
+
+
+def _place(item: MissionItem) -> Place:
+    return Place(item.x * _DEGREES, item.y * _DEGREES)

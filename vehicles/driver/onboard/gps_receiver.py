@@ -1,0 +1,65 @@
+"""What the vehicle's GPS receiver says of its fix, asked for when it is needed: GPS_RAW_INT."""
+
+import asyncio
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.autopilot import command_long
+from vehicles.driver.session.session import Session
+
+_ASK_AGAIN_S = 0.5
+_UNKNOWN_HDOP = 0xFFFF
+_UNKNOWN_COUNT = 0xFF
+
+
+@dataclass(frozen=True, slots=True)
+class GpsFix:
+    """The fix of a GPS receiver; what it does not know is None.
+
+    kind: GPS_FIX_TYPE: 0 no receiver, 1 no fix, 2 without height, 3 and more with height. hdop:
+    dilution of the horizontal position, no unit.
+    """
+
+    kind: int
+    satellites: int | None
+    hdop: float | None
+
+
+class GpsReceiver:
+    """Asks the autopilot for its GPS receiver's fix."""
+
+    def __init__(self, *, session: Session) -> None:
+        self._session = session
+        self._newest: GpsFix | None = None
+        self._came = asyncio.Event()
+        session.on(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, self._take)
+
+    async def fix(self, timeout_s: float) -> GpsFix | None:
+        """Return the fix as it is now; None when nothing is said of it within `timeout_s`."""
+        target = self._session.target
+        if target is None:
+            return None
+        message = command_long(
+            target, mavlink.MAV_CMD_REQUEST_MESSAGE, float(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT)
+        )
+        self._came.clear()
+        for _ in range(max(1, round(timeout_s / _ASK_AGAIN_S))):
+            self._session.send(message)
+            try:
+                async with asyncio.timeout(_ASK_AGAIN_S):
+                    await self._came.wait()
+            except TimeoutError:
+                continue
+            return self._newest
+        return None
+
+    def _take(self, message: Any, _t_s: float) -> None:
+        seen, hdop = message.satellites_visible, message.eph
+        self._newest = GpsFix(
+            kind=message.fix_type,
+            satellites=None if seen == _UNKNOWN_COUNT else seen,
+            hdop=None if hdop == _UNKNOWN_HDOP else hdop * 0.01,
+        )
+        self._came.set()

@@ -1,0 +1,280 @@
+"""The mission protocol from our side: lists of items uploaded, read back, and cleared.
+
+https://mavlink.io/en/services/mission.html
+"""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.driver.session.session import Session
+from vehicles.errors import VehicleError
+from vehicles.mavlink.names import enum_name
+
+_ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
+WORDS_S = 0.3
+"""How long is waited for the words of a refusal: STATUSTEXT comes after it."""
+_PARAM_TOLERANCE = 1e-4
+_PLACE_TOLERANCE = 1
+"""PX4 keeps degrees as doubles: what comes back may be one unit (1e-7 degrees) off."""
+
+
+class MissionError(VehicleError):
+    """A list of items that was refused, or came back otherwise than it was sent."""
+
+
+class UnsureError(MissionError):
+    """All items were taken, and whether they were accepted is not known."""
+
+
+class ItemList(IntEnum):
+    """Which list: MAV_MISSION_TYPE."""
+
+    MISSION = mavlink.MAV_MISSION_TYPE_MISSION
+    FENCE = mavlink.MAV_MISSION_TYPE_FENCE
+    RALLY = mavlink.MAV_MISSION_TYPE_RALLY
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionItem:
+    """One item as it travels: x and y are 1e-7 degrees in global frames, else 1e-4 m; z in metres.
+
+    command is its MAV_CMD, frame its MAV_FRAME.
+    """
+
+    command: int
+    frame: int = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
+    params: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    x: int = 0
+    y: int = 0
+    z: float = 0.0
+    autocontinue: bool = True
+
+    def agrees(self, other: "MissionItem") -> bool:
+        """Return whether an autopilot that was given one may give back the other."""
+        return (
+            self.command == other.command
+            and abs(self.x - other.x) <= _PLACE_TOLERANCE
+            and abs(self.y - other.y) <= _PLACE_TOLERANCE
+            and _near(self.z, other.z)
+            and all(map(_near, self.params, other.params))
+        )
+
+
+class MissionProtocol:
+    """Reads and writes the vehicle's lists of items, one operation at a time.
+
+    An unanswered message goes out again every `timeout_s`, `tries` times. circumstances: words
+    that are added to errors (the last STATUSTEXTs).
+    """
+
+    def __init__(
+        self,
+        *,
+        session: Session,
+        circumstances: Callable[[], str] = str,
+        timeout_s: float = 0.7,
+        tries: int = 6,
+    ) -> None:
+        self._session = session
+        self._circumstances = circumstances
+        self._timeout_s = timeout_s
+        self._tries = tries
+        self._home_first = False
+        self._turn = asyncio.Lock()
+        self._inbox: asyncio.Queue[Any] | None = None
+        for message_id in (
+            mavlink.MAVLINK_MSG_ID_MISSION_ACK,
+            mavlink.MAVLINK_MSG_ID_MISSION_COUNT,
+            mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT,
+            mavlink.MAVLINK_MSG_ID_MISSION_REQUEST,
+            mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
+        ):
+            session.on(message_id, self._on_message)
+
+    def use_home_first(self, home_first: bool) -> None:
+        """Say whether item 0 of a mission is the vehicle's home and not ours (ArduPilot)."""
+        self._home_first = home_first
+
+    async def upload(self, which: ItemList, items: Sequence[MissionItem]) -> None:
+        """Send a whole list, and read it back.
+
+        Raises MissionError when it is refused or comes back otherwise, with the vehicle's words.
+        """
+        sent = list(items)
+        doubt: MissionError | None = None
+        async with self._turn:
+            home = which is ItemList.MISSION and self._home_first and bool(items)
+            try:
+                await self._send_list(which, [_HOME, *sent] if home else sent)
+            except UnsureError as error:
+                doubt = error
+        difference = _difference(sent, await self.download(which))
+        if difference:
+            raise doubt or self._error(which, difference)
+
+    async def download(self, which: ItemList) -> tuple[MissionItem, ...]:
+        """Return a whole list. Raises MissionError."""
+        async with self._turn:
+            self._inbox = asyncio.Queue()
+            try:
+                items = await self._read_list(which)
+            finally:
+                self._inbox = None
+        return items[1:] if which is ItemList.MISSION and self._home_first else items
+
+    async def clear(self, which: ItemList) -> None:
+        """Empty a list. Raises MissionError."""
+        async with self._turn:
+            message = self._message(mavlink.MAVLink_mission_clear_all_message, mission_type=which)
+
+            def taken(answer: Any) -> bool:
+                return bool(answer.get_type() == "MISSION_ACK")
+
+            self._inbox = asyncio.Queue()
+            try:
+                await self._check(which, await self._ask(which, message, taken))
+            finally:
+                self._inbox = None
+
+    async def _send_list(self, which: ItemList, items: list[MissionItem]) -> None:
+        last = self._message(
+            mavlink.MAVLink_mission_count_message, count=len(items), mission_type=which
+        )
+        reached = 0
+        self._inbox = asyncio.Queue()
+        try:
+            while True:
+                try:
+                    answer = await self._ask(which, last, lambda _: True)
+                    if answer.get_type() == "MISSION_ACK":
+                        # An acknowledgement of something earlier may still be under way.
+                        if answer.type == _ACCEPTED and reached < len(items):
+                            continue
+                        await self._check(which, answer)
+                        return
+                except MissionError as error:
+                    if reached < len(items):
+                        raise
+                    # Its last word comes only once: when that is lost, it is silent or refuses
+                    # the last item, which is sent again.
+                    raise UnsureError(str(error)) from error
+                if "REQUEST" in answer.get_type() and answer.seq < len(items):
+                    reached = max(reached, answer.seq + 1)
+                    last = self._item(which, answer.seq, items[answer.seq])
+        finally:
+            self._inbox = None
+
+    async def _read_list(self, which: ItemList) -> tuple[MissionItem, ...]:
+        question = self._message(mavlink.MAVLink_mission_request_list_message, mission_type=which)
+        answer = await self._ask(which, question, lambda each: each.get_type() == "MISSION_COUNT")
+        items: list[MissionItem] = []
+        for number in range(answer.count):
+            question = self._message(
+                mavlink.MAVLink_mission_request_int_message, seq=number, mission_type=which
+            )
+
+            def is_it(each: Any, number: int = number) -> bool:
+                return bool(each.get_type() == "MISSION_ITEM_INT" and each.seq == number)
+
+            items.append(_read_item(await self._ask(which, question, is_it)))
+        done = self._message(
+            mavlink.MAVLink_mission_ack_message, type=_ACCEPTED, mission_type=which
+        )
+        self._session.send(done)
+        return tuple(items)
+
+    async def _ask(self, which: ItemList, message: Any, fits: Callable[[Any], bool]) -> Any:
+        """Send a message until an answer of this list comes that fits."""
+        if self._inbox is None:
+            raise RuntimeError("an operation reads its answers from an inbox")
+        loop = asyncio.get_running_loop()
+        for _ in range(self._tries):
+            self._session.send(message)
+            deadline_s = loop.time() + self._timeout_s
+            try:
+                async with asyncio.timeout_at(deadline_s):
+                    while True:
+                        answer = await self._inbox.get()
+                        if answer.mission_type == which and fits(answer):
+                            return answer
+                        if answer.get_type() == "MISSION_ACK":
+                            await self._check(which, answer)
+            except TimeoutError:
+                continue
+        raise self._error(which, f"no answer to {message.get_type()}, sent {self._tries} times")
+
+    async def _check(self, which: ItemList, ack: Any) -> None:
+        if ack.mission_type == which and ack.type != _ACCEPTED:
+            await asyncio.sleep(WORDS_S)
+            name = enum_name("MAV_MISSION_RESULT", ack.type)
+            raise self._error(which, f"it was refused with {name}")
+
+    def _error(self, which: ItemList, what: str) -> MissionError:
+        where = f"{self._session.link.name}: {which.name.lower()}"
+        return MissionError(f"{where}: {what}{self._circumstances()}")
+
+    def _message(self, kind: Any, **fields: Any) -> Any:
+        target = self._session.target
+        if target is None:
+            raise MissionError(f"{self._session.link.name}: no vehicle was identified yet")
+        return kind(target_system=target.system, target_component=target.component, **fields)
+
+    def _item(self, which: ItemList, number: int, item: MissionItem) -> Any:
+        first, second, third, fourth = item.params
+        return self._message(
+            mavlink.MAVLink_mission_item_int_message,
+            seq=number,
+            frame=item.frame,
+            command=item.command,
+            current=0,
+            autocontinue=int(item.autocontinue),
+            param1=first,
+            param2=second,
+            param3=third,
+            param4=fourth,
+            x=item.x,
+            y=item.y,
+            z=item.z,
+            mission_type=which,
+        )
+
+    def _on_message(self, message: Any, _t_s: float) -> None:
+        if self._inbox is not None and message.target_system in {0, self._session.own.system}:
+            self._inbox.put_nowait(message)
+
+
+_HOME = MissionItem(command=mavlink.MAV_CMD_NAV_WAYPOINT, frame=mavlink.MAV_FRAME_GLOBAL)
+
+
+def _read_item(message: Any) -> MissionItem:
+    return MissionItem(
+        command=message.command,
+        frame=message.frame,
+        params=(message.param1, message.param2, message.param3, message.param4),
+        x=message.x,
+        y=message.y,
+        z=message.z,
+        autocontinue=bool(message.autocontinue),
+    )
+
+
+def _difference(sent: Sequence[MissionItem], back: Sequence[MissionItem]) -> str:
+    """Return in words how a list that came back differs; empty when it agrees."""
+    if len(back) != len(sent):
+        return f"{len(sent)} items were sent, and it holds {len(back)}"
+    for number, (mine, its) in enumerate(zip(sent, back, strict=True)):
+        if not mine.agrees(its):
+            return f"item {number} came back as {its}, sent was {mine}"
+    return ""
+
+
+def _near(mine: float, its: float) -> bool:
+    # NaN means "not given", and comes back as itself or as 0.
+    if mine != mine:  # noqa: PLR0124 - so is NaN told
+        return its != its or its == 0.0  # noqa: PLR0124 - as above
+    return abs(mine - its) <= _PARAM_TOLERANCE * max(1.0, abs(mine))

@@ -1,0 +1,42 @@
+"""What is on board of the vehicle: its parameters, missions, fences, logs, GPS receiver."""
+
+from collections.abc import Callable
+
+from vehicles.autopilots.autopilot import Autopilot, AutopilotName
+from vehicles.driver.onboard.fence_protocol import FenceProtocol
+from vehicles.driver.onboard.gps_receiver import GpsReceiver
+from vehicles.driver.onboard.mission_protocol import MissionProtocol
+from vehicles.driver.onboard.parameters import Parameters
+from vehicles.driver.onboard.vehicle_logs import VehicleLogs
+from vehicles.driver.session.identity import Identity
+from vehicles.driver.session.session import Session
+
+_LOG_SUFFIX: dict[AutopilotName, str] = {"px4": ".ulg", "ardupilot": ".bin"}
+
+
+class Onboard:
+    """Parameters, missions, fences, logs and GPS of one vehicle; usable once it is identified.
+
+    missions, logs: None for those that speak by the session.
+    """
+
+    def __init__(
+        self,
+        *,
+        session: Session,
+        circumstances: Callable[[], str],
+        missions: MissionProtocol | None = None,
+        logs: VehicleLogs | None = None,
+    ) -> None:
+        self.parameters = Parameters(session=session)
+        self.missions = missions or MissionProtocol(session=session, circumstances=circumstances)
+        self.fences = FenceProtocol(missions=self.missions)
+        self.logs = logs or VehicleLogs(session=session)
+        self.satellites = GpsReceiver(session=session)
+
+    def identified(self, autopilot: Autopilot, identity: Identity) -> None:
+        """Take note of whose they are, and of how this autopilot does it."""
+        self.parameters.use_bytewise(autopilot.parameters_bytewise)
+        self.parameters.use_identity(f"{autopilot.name} {identity.system_id} {identity.uid}")
+        self.missions.use_home_first(autopilot.name == "ardupilot")
+        self.logs.use_suffix(_LOG_SUFFIX[autopilot.name])

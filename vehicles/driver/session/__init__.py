@@ -1,0 +1,1 @@
+"""The MAVLink session with one vehicle: link, identity, commands, time."""

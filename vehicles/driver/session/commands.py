@@ -1,0 +1,182 @@
+"""Commands with their acknowledgements: sent again when lost, refused with words."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.driver.session.session import Session
+from vehicles.errors import CommandError, CommandTimeoutError
+from vehicles.mavlink.names import command_name, result_name
+
+_PROGRESS_TIMEOUT_S = 10.0
+"""How long a command that said IN_PROGRESS may then say nothing."""
+_LAST_WAIT = 3.0
+"""So many times longer is the wait after the last try: a radio's round trip may be a second."""
+
+_LOOK_S, _LOOKS = 0.1, 12
+"""How long what a refused repetition was for is looked out for: a state is told 5 times a second,
+and a takeoff begins a second after its command."""
+_URGENT = 2
+"""So many times more often goes an urgent command: still above a bad radio's round trip."""
+
+
+@dataclass(slots=True)
+class _Pending:
+    message: Any
+    future: asyncio.Future[None]
+    done_anyway: Callable[[], bool] | None
+    every_s: float
+    tries: int
+    timer: asyncio.TimerHandle | None = None
+    sent: int = 1
+    last_result: int | None = None
+
+
+class Commander:
+    """Sends COMMAND_LONGs and waits for their COMMAND_ACKs.
+
+    An unanswered command goes out again every `ack_timeout_s` with its confirmation counted up,
+    `tries` times in all, with a longer wait after the last; so does one that was rejected
+    temporarily. circumstances: gives words that are added to errors (the last STATUSTEXTs).
+    """
+
+    def __init__(
+        self,
+        *,
+        session: Session,
+        circumstances: Callable[[], str],
+        ack_timeout_s: float = 0.5,
+        tries: int = 6,
+    ) -> None:
+        self._session = session
+        self._circumstances = circumstances
+        self._ack_timeout_s = ack_timeout_s
+        self._tries = tries
+        self._pending: dict[int, _Pending] = {}
+        self._turns: dict[int, asyncio.Lock] = {}
+        self._failure: Exception | None = None
+        session.on(mavlink.MAVLINK_MSG_ID_COMMAND_ACK, self._on_ack)
+
+    async def run(self, message: Any, *, done_anyway: Callable[[], bool] | None = None) -> None:
+        """Send a command and return once it is accepted.
+
+        done_anyway: whether what the command is for has happened; asked when a repetition is
+        refused, because the acknowledgement of the first may have been lost. Raises CommandError
+        when refused, CommandTimeoutError when never answered.
+        """
+        async with self._turns.setdefault(message.command, asyncio.Lock()):
+            await self.begin(message, done_anyway=done_anyway)
+
+    def begin(
+        self, message: Any, *, done_anyway: Callable[[], bool] | None = None, urgent: bool = False
+    ) -> asyncio.Future[None]:
+        """Send a command now, before returning; the future is its acceptance (as in `run`).
+
+        urgent: sent again twice as often, and as long: another vehicle does the same now. Raises
+        CommandError when the same command is still waiting for its answer, and what `fail` was
+        given.
+        """
+        if self._failure is not None:
+            raise self._failure
+        if message.command in self._pending:
+            name = command_name(message.command)
+            raise CommandError(
+                f"{name} is still waiting for its answer", command=name, result="none"
+            )
+        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        hurry = _URGENT if urgent else 1
+        every_s, tries = self._ack_timeout_s / hurry, self._tries * hurry
+        pending = _Pending(message, future, done_anyway, every_s, tries)
+        self._pending[message.command] = pending
+        future.add_done_callback(lambda _: self._remove_pending(pending))
+        self._session.send(message)
+        self._await_answer(pending, every_s)
+        return future
+
+    def fail(self, error: Exception) -> None:
+        """Raise an error for all that is pending, and for all that comes."""
+        self._failure = error
+        for pending in list(self._pending.values()):
+            if not pending.future.done():
+                pending.future.set_exception(error)
+
+    def close(self) -> None:
+        """Give up what is pending."""
+        for pending in list(self._pending.values()):
+            pending.future.cancel()
+
+    def _remove_pending(self, pending: _Pending) -> None:
+        if pending.timer is not None:
+            pending.timer.cancel()
+        if self._pending.get(pending.message.command) is pending:
+            del self._pending[pending.message.command]
+
+    def _await_answer(self, pending: _Pending, timeout_s: float) -> None:
+        if pending.timer is not None:
+            pending.timer.cancel()
+        loop = asyncio.get_running_loop()
+        pending.timer = loop.call_later(timeout_s, self._fail_unanswered, pending)
+
+    def _fail_unanswered(self, pending: _Pending) -> None:
+        if pending.future.done():
+            return
+        if pending.sent >= pending.tries:
+            self._fail(pending)
+            return
+        pending.message.confirmation = min(pending.sent, 255)
+        pending.sent += 1
+        self._session.send(pending.message)
+        last = pending.sent >= pending.tries
+        self._await_answer(pending, self._ack_timeout_s * _LAST_WAIT if last else pending.every_s)
+
+    def _on_ack(self, ack: Any, _t_s: float) -> None:
+        pending = self._pending.get(ack.command)
+        # 0: an autopilot that speaks MAVLink 1, or answers everybody.
+        if pending is None or ack.target_system not in {0, self._session.own.system}:
+            return
+        pending.last_result = ack.result
+        if ack.result == mavlink.MAV_RESULT_ACCEPTED:
+            self._accept(pending)
+        elif ack.result == mavlink.MAV_RESULT_IN_PROGRESS:
+            self._await_answer(pending, _PROGRESS_TIMEOUT_S)
+        elif ack.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED and pending.sent < pending.tries:
+            self._await_answer(pending, self._ack_timeout_s)
+        else:
+            self._refuse(pending, _LOOKS if pending.sent > 1 else 0)
+
+    def _refuse(self, pending: _Pending, looks: int) -> None:
+        """Take a refusal; that of a repetition may only say that the first is under way."""
+        if pending.future.done():
+            return
+        if pending.sent > 1 and pending.done_anyway is not None and pending.done_anyway():
+            self._accept(pending)
+        elif looks == 0 or pending.done_anyway is None:
+            self._fail(pending)
+        else:
+            if pending.timer is not None:
+                pending.timer.cancel()
+            loop = asyncio.get_running_loop()
+            pending.timer = loop.call_later(_LOOK_S, self._refuse, pending, looks - 1)
+
+    def _accept(self, pending: _Pending) -> None:
+        if not pending.future.done():
+            pending.future.set_result(None)
+
+    def _fail(self, pending: _Pending) -> None:
+        if pending.future.done():
+            return
+        name = command_name(pending.message.command)
+        where = f"{self._session.link.name}: "
+        if pending.last_result is None:
+            text = f"{where}{name} was not answered, sent {pending.sent} times"
+            error: CommandError = CommandTimeoutError(
+                text + self._circumstances(), command=name, result="none"
+            )
+        else:
+            result = result_name(pending.last_result)
+            text = f"{where}{name} was refused with {result}"
+            error = CommandError(text + self._circumstances(), command=name, result=result)
+        pending.future.set_exception(error)

@@ -1,0 +1,46 @@
+"""Waiting for something to become true."""
+
+import asyncio
+from collections.abc import Callable
+
+
+class ConditionWaiter:
+    """Wakes who waits for a condition, whenever somebody says that something changed."""
+
+    def __init__(self) -> None:
+        self._failure: Exception | None = None
+        self._waiting: list[tuple[Callable[[], bool], asyncio.Future[None]]] = []
+
+    def notify(self) -> None:
+        """Look at the conditions anew."""
+        for condition, future in self._waiting:
+            if not future.done() and condition():
+                future.set_result(None)
+
+    def fail(self, error: Exception) -> None:
+        """Raise an error in all who wait, and who will: nothing can be waited for any more."""
+        self._failure = error
+        for _, future in self._waiting:
+            if not future.done():
+                future.set_exception(error)
+
+    async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for the condition; return whether it came true within `timeout_s`.
+
+        Raises what `fail` was given.
+        """
+        if self._failure is not None:
+            raise self._failure
+        if condition():
+            return True
+        future = asyncio.get_running_loop().create_future()
+        entry = (condition, future)
+        self._waiting.append(entry)
+        try:
+            async with asyncio.timeout(timeout_s):
+                await future
+        except TimeoutError:
+            return False
+        finally:
+            self._waiting.remove(entry)
+        return True

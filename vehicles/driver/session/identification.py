@@ -1,0 +1,108 @@
+"""Finding the vehicle on a link, and asking who it is."""
+
+import asyncio
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.autopilot import Autopilot, Target
+from vehicles.driver.session.conditions import ConditionWaiter
+from vehicles.driver.session.identity import (
+    Identity,
+    Wanted,
+    age_fault,
+    describe_misfits,
+    fitting,
+    identity_of,
+)
+from vehicles.driver.session.session import Session
+from vehicles.errors import IdentifyError
+from vehicles.links.link import TellsTrouble
+
+_ASK_AGAIN_S = 0.5
+
+
+async def find_vehicle(
+    session: Session, changes: ConditionWaiter, *, wanted: Wanted, timeout_s: float
+) -> tuple[Target, Autopilot]:
+    """Return the first vehicle on the link that we can fly, and the strategy for it.
+
+    Raises IdentifyError when none was heard in time, with what was heard instead.
+    """
+
+    def note(_message: Any, _t_s: float) -> None:
+        changes.notify()
+
+    session.on(mavlink.MAVLINK_MSG_ID_HEARTBEAT, note)
+    try:
+        await changes.until(lambda: fitting(session.heard, wanted) is not None, timeout_s)
+    finally:
+        session.off(mavlink.MAVLINK_MSG_ID_HEARTBEAT, note)
+    found = fitting(session.heard, wanted)
+    if found is None:
+        raise IdentifyError(_received_text(session, wanted, timeout_s))
+    return found
+
+
+async def request_identity(
+    session: Session,
+    changes: ConditionWaiter,
+    *,
+    autopilot: Autopilot,
+    target: Target,
+    timeout_s: float,
+) -> Identity:
+    """Return the identity that the vehicle gives when asked for AUTOPILOT_VERSION.
+
+    From then on the session hears this vehicle only. Raises IdentifyError when it does not
+    answer.
+    """
+    answers: list[Any] = []
+
+    def take(message: Any, _t_s: float) -> None:
+        answers.append(message)
+        changes.notify()
+
+    loop = asyncio.get_running_loop()
+    deadline_s = loop.time() + timeout_s
+    session.target = target
+    session.on(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, take)
+    try:
+        while not answers and (left_s := deadline_s - loop.time()) > 0:
+            question = autopilot.ask_message(target, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+            session.send(question)
+            await changes.until(lambda: bool(answers), min(_ASK_AGAIN_S, left_s))
+    finally:
+        session.off(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, take)
+    if not answers:
+        session.target = None
+        raise IdentifyError(
+            f"{session.link.name}: {autopilot.label}, system {target.system}, sends heartbeats but "
+            "does not answer what we send; is its link one-way, or does a router drop our system "
+            f"id {session.own.system}?"
+        )
+    identity = identity_of(autopilot, target, session.heard[target], answers[0])
+    if fault := age_fault(identity):
+        session.target = None
+        raise IdentifyError(f"{session.link.name}: {fault}")
+    return identity
+
+
+def _received_text(session: Session, wanted: Wanted, timeout_s: float) -> str:
+    name, codec = session.link.name, session.codec
+    awaited = f"{name}: no {wanted} within {timeout_s:g} s: "
+    if session.heard:
+        return awaited + describe_misfits(session.heard, wanted)
+    if codec.bytes_seen == 0:
+        trouble = session.link.trouble if isinstance(session.link, TellsTrouble) else ""
+        said = f" ({trouble})" if trouble else ""
+        return (
+            f"{awaited}nothing was heard{said}; check that the vehicle runs and that it sends to "
+            "this address and port"
+        )
+    if codec.garbage_bytes >= codec.bytes_seen / 2:
+        return (
+            f"{awaited}{codec.bytes_seen} bytes came, and they are not MAVLink; wrong port or "
+            "wrong baud rate?"
+        )
+    return f"{awaited}MAVLink came, but no heartbeat; is the autopilot still starting?"

@@ -1,0 +1,152 @@
+"""Who is at the other end: from AUTOPILOT_VERSION and heartbeats; pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.autopilot import Autopilot, AutopilotName, Target
+from vehicles.autopilots.registry import MULTICOPTERS, autopilot_of
+from vehicles.driver.session.session import ReceivedMessage
+from vehicles.mavlink.names import enum_name
+
+_OLDEST: dict[AutopilotName, tuple[int, int]] = {"ardupilot": (4, 3), "px4": (1, 14)}
+"""PX4 1.14 and ArduCopter 4.3 send and take what the strategies use; flown is with 1.18 and 4.7."""
+_PX4_SITL_UID = 0x4954414C44494E4F
+_RELEASES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
+"""FIRMWARE_VERSION_TYPE, the lowest byte of flight_sw_version."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """An identified vehicle.
+
+    version: (major, minor, patch); version_text adds the kind of release ("4.7.0-dev").
+    uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex. simulation: whether it has no
+    board; then its uid is not its own (PX4's is a constant and the system id, ArduPilot's that of
+    the machine).
+    """
+
+    autopilot: AutopilotName
+    system_id: int
+    component_id: int
+    vehicle_type: str
+    version: tuple[int, int, int]
+    version_text: str
+    git_hash: str
+    uid: str
+    capabilities: int
+    simulation: bool
+
+
+def identity_of(
+    autopilot: Autopilot, target: Target, heard: ReceivedMessage, version: Any
+) -> Identity:
+    """Return the identity that a heartbeat and an AUTOPILOT_VERSION tell together."""
+    packed = version.flight_sw_version
+    numbers = (packed >> 24 & 0xFF, packed >> 16 & 0xFF, packed >> 8 & 0xFF)
+    release = _RELEASES.get(packed & 0xFF, str(packed & 0xFF))
+    text = ".".join(map(str, numbers)) + (f"-{release}" if release else "")
+    uid2 = bytes(version.uid2)
+    return Identity(
+        autopilot=autopilot.name,
+        system_id=target.system,
+        component_id=target.component,
+        vehicle_type=_type_name(heard.vehicle_type),
+        version=numbers,
+        version_text=text,
+        git_hash=_git_hash(bytes(version.flight_custom_version)),
+        uid=uid2.hex() if any(uid2) else f"{version.uid:016x}",
+        capabilities=version.capabilities,
+        simulation=_is_simulation(autopilot.name, version, target.system),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Whom we look for on a link; None for any."""
+
+    autopilot: AutopilotName | None = None
+    system_id: int | None = None
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        which = f"{self.autopilot or 'PX4 or ArduPilot'} multicopter"
+        return which if self.system_id is None else f"{which} with system id {self.system_id}"
+
+
+def fitting(
+    heard: Mapping[Target, ReceivedMessage], wanted: Wanted
+) -> tuple[Target, Autopilot] | None:
+    """Return the first vehicle heard that we can fly and that is of the wanted kind."""
+    for target, each in heard.items():
+        strategy = autopilot_of(each.autopilot)
+        if strategy is None or each.vehicle_type not in MULTICOPTERS or each.mavlink_version < 2:
+            continue
+        if wanted.autopilot in {None, strategy.name} and wanted.system_id in {None, target.system}:
+            return target, strategy
+    return None
+
+
+def age_fault(identity: Identity) -> str:
+    """Return in words that an autopilot is older than we know how to fly; empty otherwise."""
+    oldest = _OLDEST[identity.autopilot]
+    if identity.version[:2] >= oldest or identity.version == (0, 0, 0):
+        return ""
+    return (
+        f"it runs {identity.autopilot} {identity.version_text}, and {oldest[0]}.{oldest[1]} is the "
+        "oldest that is supported; update its firmware"
+    )
+
+
+def same_vehicle(one: Identity, other: Identity) -> bool:
+    """Return whether two identities are of one vehicle: by an id that only one board has."""
+    shared = one.simulation or other.simulation or not one.uid.strip("0")
+    return one.uid == other.uid and not shared
+
+
+def describe_misfits(heard: Mapping[Target, ReceivedMessage], wanted: Wanted) -> str:
+    """Return in words why none of those heard fits."""
+    lines = [_misfit(target, each, wanted) for target, each in heard.items()]
+    if all(each.vehicle_type == mavlink.MAV_TYPE_GCS for each in heard.values()):
+        systems = ", ".join(str(target.system) for target in heard)
+        return f"heartbeats of system {systems} only: this is a ground station's port"
+    return "; ".join(lines)
+
+
+def _misfit(target: Target, heard: ReceivedMessage, wanted: Wanted) -> str:
+    who = f"system {target.system} component {target.component}"
+    kind = _type_name(heard.vehicle_type)
+    strategy = autopilot_of(heard.autopilot)
+    if heard.vehicle_type == mavlink.MAV_TYPE_GCS:
+        return f"{who} is a ground station"
+    if strategy is None:
+        autopilot = enum_name("MAV_AUTOPILOT", heard.autopilot)
+        return f"{who} is a {kind} with {autopilot}, which is neither PX4 nor ArduPilot"
+    if heard.vehicle_type not in MULTICOPTERS:
+        return f"{who} is a {kind} of {strategy.name}, and only multicopters are flown"
+    if heard.mavlink_version < 2:
+        return f"{who} speaks MAVLink 1 only; set its port to MAVLink 2"
+    if wanted.autopilot not in {None, strategy.name}:
+        return f"{who} is {strategy.name}, and {wanted.autopilot} was asked for"
+    return f"{who} is a {kind} of {strategy.name}"
+
+
+def _is_simulation(autopilot: AutopilotName, version: Any, system_id: int) -> bool:
+    # Boards of ArduPilot say which they are; its simulation has none.
+    if autopilot == "ardupilot":
+        return bool(version.board_version == 0 and version.vendor_id == 0)
+    # PX4 adds the system id less one (mavlink_main.cpp).
+    return bool(version.uid in {_PX4_SITL_UID, _PX4_SITL_UID + system_id - 1})
+
+
+def _type_name(vehicle_type: int) -> str:
+    return enum_name("MAV_TYPE", vehicle_type).removeprefix("MAV_TYPE_").lower()
+
+
+def _git_hash(raw: bytes) -> str:
+    # ArduPilot writes the hash as text, PX4 as a little-endian number.
+    if all(48 <= byte < 127 for byte in raw):
+        return raw.decode("ascii")
+    return raw[::-1].hex()

@@ -1,0 +1,125 @@
+"""The MAVLink conversation with one vehicle over one link."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.autopilot import Target
+from vehicles.links.link import Link
+from vehicles.mavlink.codec import Codec
+from vehicles.mavlink.framing import Frame
+
+Handler = Callable[[Any, float], None]
+"""Takes a message and the run clock's time of its arrival."""
+
+PayloadHandler = Callable[[bytes, float], None]
+"""Takes a message's payload, trailing zeros missing, and the time of its arrival."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedMessage:
+    """Who sent heartbeats: the last one, when it came, and in which MAVLink."""
+
+    heartbeat: Any
+    t_s: float
+    mavlink_version: int
+
+    @property
+    def autopilot(self) -> int:
+        """Return its MAV_AUTOPILOT."""
+        return int(self.heartbeat.autopilot)
+
+    @property
+    def vehicle_type(self) -> int:
+        """Return its MAV_TYPE."""
+        return int(self.heartbeat.type)
+
+
+class Session:
+    """Packs what we send and hands what the vehicle sends to those who asked for it.
+
+    Messages that nobody asked for are not decoded. Until `target` is set, heartbeats of all
+    systems are noted in `heard` and handed on; afterwards only the target's messages are. speak:
+    says a message for us; None to write its frame to the link.
+    """
+
+    def __init__(
+        self, *, link: Link, own: Target, speak: Callable[[Any], None] | None = None
+    ) -> None:
+        self.link = link
+        self._speak = self._write if speak is None else speak
+        self.own = own
+        self.target: Target | None = None
+        self.heard: dict[Target, ReceivedMessage] = {}
+        self.last_heard_s: float | None = None
+        self.codec = Codec(system_id=own.system, component_id=own.component)
+        self.on_arrival: Callable[[float], None] | None = None
+        """Called with the time of each arrival of the target, before its messages."""
+        self._handlers: dict[int, list[Handler]] = {}
+        self._payload_handlers: dict[int, list[PayloadHandler]] = {}
+        link.receive(self.received)
+
+    def speak_plainly(self) -> None:
+        """Write frames from now on: whoever spoke for us is gone."""
+        self._speak = self._write
+
+    def on(self, message_id: int, handler: Handler) -> None:
+        """Have a message of the vehicle handed to `handler`."""
+        self._handlers.setdefault(message_id, []).append(handler)
+
+    def on_payload(self, message_id: int, handler: PayloadHandler) -> None:
+        """Have the payload of a frequent message handed to `handler`, not decoded."""
+        self._payload_handlers.setdefault(message_id, []).append(handler)
+
+    def off(self, message_id: int, handler: Handler) -> None:
+        """No longer hand the message to `handler`."""
+        handlers = [each for each in self._handlers.get(message_id, ()) if each != handler]
+        if handlers:
+            self._handlers[message_id] = handlers
+        else:
+            self._handlers.pop(message_id, None)
+
+    def send(self, message: Any) -> None:
+        """Send a message."""
+        self._speak(message)
+
+    def received(self, data: bytes, t_s: float) -> None:
+        """Take bytes of the link."""
+        target = self.target
+        for frame in self.codec.split(data):
+            if target is None:
+                self._note(frame, t_s)
+            elif frame.system == target.system and frame.component == target.component:
+                if t_s != self.last_heard_s:
+                    if self.on_arrival is not None:
+                        self.on_arrival(t_s)
+                    self.last_heard_s = t_s
+                self._hand_on(frame, t_s)
+
+    def _write(self, message: Any) -> None:
+        self.link.write(self.codec.pack(message))
+
+    def _note(self, frame: Frame, t_s: float) -> None:
+        if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            return
+        message = self.codec.decode(frame)
+        if message is None:
+            return
+        self.heard[Target(frame.system, frame.component)] = ReceivedMessage(
+            message, t_s, frame.version
+        )
+        for handler in self._handlers.get(frame.message_id, ()):
+            handler(message, t_s)
+
+    def _hand_on(self, frame: Frame, t_s: float) -> None:
+        for payload_handler in self._payload_handlers.get(frame.message_id, ()):
+            payload_handler(frame.payload, t_s)
+        handlers = self._handlers.get(frame.message_id)
+        if handlers is None:
+            return
+        message = self.codec.decode(frame)
+        if message is not None:
+            for handler in handlers:
+                handler(message, t_s)

@@ -1,0 +1,64 @@
+"""Setpoints on the wire, and the stream that keeps a vehicle still until somebody flies it."""
+
+import asyncio
+from typing import Any
+
+from vehicles.autopilots.autopilot import Autopilot, Target
+from vehicles.clocks.timesync import VehicleClock
+from vehicles.driver.session.repeater import Repeater
+from vehicles.driver.session.session import Session
+from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+
+_STILL = VelocitySetpoint((0.0, 0.0, 0.0))
+
+
+class SetpointSender:
+    """Sends setpoints of the autopilot's local frame, stamped in the vehicle's time.
+
+    A setpoint is sent once: whoever flies renews it, so that the autopilot's own time-out acts
+    when that one dies. Only standing still is repeated, from `keep_still` to the next `send`.
+    """
+
+    def __init__(
+        self, *, session: Session, clock: VehicleClock, autopilot: Autopilot, target: Target
+    ) -> None:
+        self._session = session
+        self._clock = clock
+        self._autopilot = autopilot
+        self._target = target
+        period_s = 1.0 / autopilot.setpoint_rate_hz
+        self._still = Repeater(period_s=period_s, action=lambda: self._write(_STILL))
+
+    def send(self, setpoint: Setpoint) -> None:
+        """Send a setpoint, and no longer keep the vehicle still."""
+        self._still.stop()
+        self._write(setpoint)
+
+    def keep_still(self) -> None:
+        """Stream zero velocity until `send` or `stop`."""
+        self._still.start()
+
+    def stop(self) -> None:
+        """Send nothing more by ourselves."""
+        self._still.stop()
+
+    def _write(self, setpoint: Setpoint) -> None:
+        now_s = asyncio.get_running_loop().time()
+        t_boot_ms = max(0, int(self._clock.boot_time(now_s) * 1e3))
+        message: Any
+        if isinstance(setpoint, PositionSetpoint):
+            message = self._autopilot.position_setpoint(
+                self._target,
+                t_boot_ms=t_boot_ms,
+                position_ned_m=setpoint.position_ned_m,
+                yaw_rad=setpoint.yaw_rad,
+            )
+        else:
+            message = self._autopilot.velocity_setpoint(
+                self._target,
+                t_boot_ms=t_boot_ms,
+                velocity_ned_m_s=setpoint.velocity_ned_m_s,
+                yaw_rad=setpoint.yaw_rad,
+                yaw_rate_rad_s=setpoint.yaw_rate_rad_s,
+            )
+        self._session.send(message)

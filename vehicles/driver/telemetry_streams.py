@@ -1,0 +1,81 @@
+"""The telemetry plan: asked of the autopilot, and looked after that it comes."""
+
+from functools import partial
+
+from vehicles.autopilots.autopilot import Autopilot, MessageRate, Target
+from vehicles.driver.session.session import Session
+from vehicles.mavlink.names import message_name
+
+_SLACK = 3.0
+"""A message counts as away after so many of its periods, and at least a second."""
+_LEAST_RATE = 0.5
+"""What comes less often than this part of its rate was asked for in vain: the request was lost, and
+the autopilot sends it at a rate of its own."""
+_SHORTEST_LOOK_S = 1.0
+
+
+class TelemetryStreams:
+    """Asks for each line of a plan, and knows which of them do not come.
+
+    The requests go out all at once and their acknowledgements are not awaited: on a slow radio
+    that would take seconds, and an acknowledged message that does not come helps nobody.
+    """
+
+    def __init__(
+        self,
+        *,
+        session: Session,
+        autopilot: Autopilot,
+        target: Target,
+        plan: tuple[MessageRate, ...],
+    ) -> None:
+        self._session = session
+        self._autopilot = autopilot
+        self._target = target
+        self._plan = plan
+        self._last_s: dict[int, float] = {}
+        self._counts = dict.fromkeys((line.message_id for line in plan), 0)
+        self._counts_then = dict(self._counts)
+        self._looked_s: float | None = None
+        for line in plan:
+            session.on_payload(line.message_id, partial(self._on_message, line.message_id))
+
+    def ask(self) -> None:
+        """Ask for the whole plan."""
+        for line in self._plan:
+            self._session.send(self._autopilot.ask_interval(self._target, line))
+
+    def ask_missing(self, now_s: float) -> None:
+        """Ask again for what does not come, or came too seldom since this was called last."""
+        looked_s = now_s if self._looked_s is None else self._looked_s
+        for line in self._plan:
+            if self._missing_streams(line, now_s) or self._slow_streams(line, now_s - looked_s):
+                self._session.send(self._autopilot.ask_interval(self._target, line))
+        if self._looked_s is None or now_s - looked_s >= _SHORTEST_LOOK_S:
+            self._looked_s = now_s
+            self._counts_then = dict(self._counts)
+
+    def missing(self, now_s: float) -> tuple[str, ...]:
+        """Return the names of the required messages that do not come."""
+        return tuple(
+            message_name(line.message_id)
+            for line in self._plan
+            if line.required and self._missing_streams(line, now_s)
+        )
+
+    def rate_hz(self, message_id: int) -> float:
+        """Return how often a message was asked for; 0 when it was not."""
+        return next((line.rate_hz for line in self._plan if line.message_id == message_id), 0.0)
+
+    def _missing_streams(self, line: MessageRate, now_s: float) -> bool:
+        last_s = self._last_s.get(line.message_id)
+        return last_s is None or now_s - last_s > max(1.0, _SLACK / line.rate_hz)
+
+    def _slow_streams(self, line: MessageRate, elapsed_s: float) -> bool:
+        came = self._counts[line.message_id] - self._counts_then[line.message_id]
+        wanted = line.rate_hz * elapsed_s
+        return elapsed_s >= _SHORTEST_LOOK_S and wanted >= 2.0 and came < _LEAST_RATE * wanted
+
+    def _on_message(self, message_id: int, _payload: bytes, t_s: float) -> None:
+        self._last_s[message_id] = t_s
+        self._counts[message_id] += 1

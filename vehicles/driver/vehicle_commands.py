@@ -1,0 +1,51 @@
+"""What a vehicle is told to do: modes, arming, takeoff, termination."""
+
+import asyncio
+from collections.abc import Callable
+
+from vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from vehicles.driver.session.commands import Commander
+
+Done = Callable[[], bool]
+"""Says whether what an order is for has happened, though its acknowledgement was lost."""
+
+
+class VehicleCommands:
+    """Gives a vehicle its orders, each a COMMAND_LONG; awaiting one is its acceptance.
+
+    All raise CommandError when refused, CommandTimeoutError when never answered.
+    """
+
+    def __init__(self, *, commander: Commander, autopilot: Autopilot, target: Target) -> None:
+        self.commander = commander
+        self.autopilot = autopilot
+        self.target = target
+
+    async def set_mode(self, mode: Mode, done: Done) -> None:
+        """Ask for HOLD, GUIDED, LAND or RTL."""
+        message = self.autopilot.set_mode(self.target, mode)
+        await self.commander.run(message, done_anyway=done)
+
+    async def arm(self, done: Done) -> None:
+        """Arm, with all of the autopilot's checks."""
+        await self.commander.run(self.autopilot.arm(self.target), done_anyway=done)
+
+    async def disarm(self, done: Done) -> None:
+        """Disarm on the ground."""
+        await self.commander.run(self.autopilot.disarm(self.target), done_anyway=done)
+
+    def begin_takeoff(
+        self, altitude_m: float, *, ground_amsl_m: float | None, done: Done
+    ) -> asyncio.Future[None]:
+        """Send the takeoff command now; the future is its acceptance.
+
+        ground_amsl_m: see `Autopilot.takeoff`.
+        """
+        message = self.autopilot.takeoff(
+            self.target, altitude_m=altitude_m, ground_amsl_m=ground_amsl_m
+        )
+        return self.commander.begin(message, done_anyway=done, urgent=True)
+
+    async def terminate(self) -> None:
+        """Stop the motors at once, in the air too."""
+        await self.commander.run(self.autopilot.terminate(self.target))

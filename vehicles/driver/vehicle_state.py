@@ -1,0 +1,116 @@
+"""What a driver tells of its vehicle: a snapshot, estimates, and events.
+
+What is made many times a second is a named tuple: a frozen dataclass takes two to four times as
+long.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from vehicles.autopilots.autopilot import Mode
+from worlds.frames import Pose, Vec3
+
+Landed = Literal["unknown", "on_ground", "in_air", "taking_off", "landing"]
+"""MAV_LANDED_STATE."""
+
+LANDED_STATES: tuple[Landed, ...] = ("unknown", "on_ground", "in_air", "taking_off", "landing")
+
+ReportName = Literal["heartbeat", "landed_state", "battery", "estimator"]
+"""What a vehicle says of its state in messages of their own."""
+
+EventKind = Literal[
+    "mode",
+    "armed",
+    "disarmed",
+    "landed_state",
+    "text",
+    "failsafe",
+    "failsafe_over",
+    "fault",
+    "fault_over",
+    "link_lost",
+    "link_back",
+    "reboot",
+]
+
+
+class LocalEstimate(NamedTuple):
+    """The autopilot's estimate in its own local frame, at seconds since its boot."""
+
+    boot_s: float
+    pose: Pose
+    velocity_ned_m_s: Vec3
+
+
+class EstimateSample(NamedTuple):
+    """The autopilot's estimate in the world frame.
+
+    t_s: the moment it is for, by mapped clocks. arrived_s: when it reached us. Both are on the
+    run clock. boot_s: the same moment on the vehicle's clock.
+    """
+
+    t_s: float
+    arrived_s: float
+    boot_s: float
+    pose: Pose
+    velocity_ned_m_s: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class StatusText:
+    """A STATUSTEXT; severity by MAV_SEVERITY (0 emergency to 7 debug)."""
+
+    t_s: float
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """SYS_STATUS's battery; what the autopilot does not know is None."""
+
+    voltage_v: float | None
+    remaining: float | None
+    """0 to 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleEvent:
+    """Something that happened, when we learned of it (run clock).
+
+    text: for people ("OFFBOARD", "Armed by external command"). mode: of kind "mode", what it
+    means. asked: of kind "mode", whether it is the mode that we last asked for. duration_s: of
+    kind "link_back", how long nothing was heard. severity: of kind "text", its MAV_SEVERITY.
+    """
+
+    t_s: float
+    kind: EventKind
+    text: str
+    mode: Mode | None = None
+    asked: bool = False
+    duration_s: float | None = None
+    severity: int | None = None
+
+
+class VehicleState(NamedTuple):
+    """The vehicle as last heard; never changes, a new one replaces it.
+
+    last_heard_s: when a byte of it last came (run clock); None before. custom_mode and
+    system_status as in HEARTBEAT. estimate: None until the vehicle is anchored in the world.
+    local: the same in the autopilot's own frame. faults: what is wrong with its estimator.
+    """
+
+    last_heard_s: float | None = None
+    link_up: bool = False
+    armed: bool = False
+    mode: Mode = Mode.OTHER
+    mode_name: str = ""
+    custom_mode: int | None = None
+    system_status: int = 0
+    landed: Landed = "unknown"
+    failsafe: bool = False
+    faults: tuple[str, ...] = ()
+    estimate: EstimateSample | None = None
+    local: LocalEstimate | None = None
+    battery: Battery | None = None
+    texts: tuple[StatusText, ...] = ()

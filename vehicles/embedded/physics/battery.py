@@ -1,0 +1,53 @@
+"""The battery: charge out with the motors' current, voltage that sags, thrust that fades."""
+
+from typing import NamedTuple
+
+from vehicles.embedded.profile import Battery as BatteryProfile
+
+_SECONDS_PER_HOUR = 3600.0
+_IDLE_CURRENT_A = 0.3
+
+
+class Charge(NamedTuple):
+    """What a battery monitor shows."""
+
+    voltage_v: float
+    current_a: float
+    consumed_mah: float
+    remaining: float
+    """Part of the capacity, 0 to 1."""
+
+
+class Battery:
+    """A pack that is drained in proportion to thrust."""
+
+    def __init__(self, *, profile: BatteryProfile, hover_thrust_n: float) -> None:
+        self._profile = profile
+        self._amperes_per_newton = profile.hover_current_a / hover_thrust_n
+        self._used_mah = 0.0
+        self.charge = self._battery_reading(0.0)
+        """The present reading."""
+        self.thrust_factor = self._thrust_left()
+        """What is left of thrust at equal throttle, 1 when full."""
+
+    def drain(self, thrust_n: float, dt_s: float) -> None:
+        """Take out what the motors use for this collective thrust."""
+        current_a = _IDLE_CURRENT_A + thrust_n * self._amperes_per_newton
+        self._used_mah += current_a * dt_s / _SECONDS_PER_HOUR * 1000.0
+        self.charge = self._battery_reading(current_a)
+        self.thrust_factor = self._thrust_left()
+
+    def set_remaining(self, remaining: float) -> None:
+        """Set the charge (0 to 1), for tests and fault runs."""
+        self._used_mah = (1.0 - remaining) * self._profile.capacity_mah
+        self.charge = self._battery_reading(self.charge.current_a)
+        self.thrust_factor = self._thrust_left()
+
+    def _thrust_left(self) -> float:
+        return 1.0 - self._profile.thrust_loss * (1.0 - self.charge.remaining)
+
+    def _battery_reading(self, current_a: float) -> Charge:
+        p = self._profile
+        remaining = max(0.0, 1.0 - self._used_mah / p.capacity_mah)
+        rest_v = p.empty_v + (p.full_v - p.empty_v) * remaining
+        return Charge(rest_v - current_a * p.resistance_ohm, current_a, self._used_mah, remaining)

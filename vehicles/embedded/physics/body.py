@@ -1,0 +1,171 @@
+"""The vehicle's body: physics, air, battery, estimate, and the world around it; no MAVLink."""
+
+import math
+
+import numpy as np
+
+from vehicles.embedded.physics.battery import Battery
+from vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
+from vehicles.embedded.physics.estimator import Estimator
+from vehicles.embedded.physics.noise import GaussMarkov
+from vehicles.embedded.physics.plant import Plant
+from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts, TruthSample
+from worlds.frames import Pose, Vec3, add, quat_from_euler, rotate
+
+PHYSICS_HZ = 250
+_AIR_HZ = 25
+_CONTACT_HZ = 50
+_NEAR_M = 0.5
+"""Above this height over the start no leg can touch the flat ground, even upside down."""
+_WRECK_HEIGHT_M = 0.15
+"""Half the body's width: tilted far over below this height, a propeller strikes the ground."""
+_WRECK_COSINE = 0.5
+_STILL = 2e-3
+"""m/s and rad/s below which a disarmed vehicle on its legs counts as resting."""
+
+
+class Body:
+    """What flies: stepped 250 times a second with thrusts, gives estimates and truth."""
+
+    def __init__(
+        self, *, config: EmbeddedConfig, seed: int, surroundings: ContactWorld | None
+    ) -> None:
+        profile, airframe = config.profile, config.airframe
+        motors_rng, air_rng, estimator_rng = (
+            np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
+        )
+        spread = (motors_rng.standard_normal(4) * profile.motors.spread).tolist()
+        heading = config.start.yaw_rad if config.heading_rad is None else config.heading_rad
+        self._start = config.start.position_ned_m
+        self._turn_rad = config.start.yaw_rad - heading
+        self._turn = quat_from_euler(0.0, 0.0, self._turn_rad)
+        self._plant = Plant(
+            airframe=airframe,
+            motor_lag_s=profile.motors.lag_s,
+            motor_factors=(1 + spread[0], 1 + spread[1], 1 + spread[2], 1 + spread[3]),
+            latitude_deg=config.latitude_deg,
+            longitude_deg=config.longitude_deg,
+            altitude_m=config.altitude_m - config.start.position_ned_m[2],
+            yaw_rad=heading,
+            rate_hz=PHYSICS_HZ,
+        )
+        self._air = GaussMarkov(
+            sigma=profile.air.sigma_m_s,
+            time_constant_s=profile.air.time_constant_s,
+            dt_s=1.0 / _AIR_HZ,
+            rng=air_rng,
+        )
+        self._still_air = not any(profile.air.sigma_m_s)
+        self._estimator = Estimator(noise=profile.estimator, rate_hz=PHYSICS_HZ, rng=estimator_rng)
+        self.battery = Battery(profile=profile.battery, hover_thrust_n=4 * airframe.hover_thrust_n)
+        self._surroundings = surroundings
+        self._checked: tuple[Pose, float] | None = None
+        self._steps = 0
+        self._resting_steps = 0
+        self._wrecked = False
+        self.truth = self._plant.motion()
+        """The true motion, relative to the start, in the earth's north."""
+        self._pose: Pose | None = None
+        self.touching = True
+        self.contact: str | None = None
+        self.motors_stopped = True
+
+    def step(self, thrusts: Thrusts, t_s: float) -> Motion:
+        """Advance one step with these commands and return the new estimate."""
+        if self.contact is not None:
+            thrusts = STOPPED
+        self.motors_stopped = thrusts == STOPPED
+        self._steps += 1
+        if self._steps % (PHYSICS_HZ // _AIR_HZ) == 0:
+            self.battery.drain(sum(thrusts), 1.0 / _AIR_HZ)
+            if not self._still_air:
+                north, east, down = self._air.advance()
+                self._plant.set_wind((north, east, down))
+        if not self._is_resting():
+            factor, plant = self.battery.thrust_factor, self._plant
+            a, b, c, d = thrusts
+            plant.step((a * factor, b * factor, c * factor, d * factor))
+            self.truth = truth = plant.motion()
+            self._pose = None
+            height_m = -truth.position_ned_m[2]
+            self.touching = height_m < _NEAR_M and plant.on_ground()
+            if height_m < _WRECK_HEIGHT_M and _is_tilted(truth):
+                self._wreck()
+        if self._steps % (PHYSICS_HZ // _CONTACT_HZ) == 0:
+            self._look_around(t_s)
+        return self._estimator.estimate(self.truth)
+
+    def pose(self) -> Pose:
+        """Return the true pose in the world's local frame."""
+        pose = self._pose
+        if pose is None:
+            truth = self.truth
+            roll, pitch, yaw = truth.euler_rad
+            pose = self._pose = Pose(
+                add(self._start, self._to_world(truth.position_ned_m)),
+                quat_from_euler(roll, pitch, yaw + self._turn_rad),
+            )
+        return pose
+
+    def sample(self, t_s: float) -> TruthSample:
+        """Return the truth for who judges."""
+        return TruthSample(
+            t_s,
+            self.pose(),
+            self._to_world(self.truth.velocity_ned_m_s),
+            self.touching,
+            self.motors_stopped,
+            self.contact,
+            self.truth.rates_rad_s,
+            self.truth.specific_force_m_s2,
+            self._plant.thrusts(),
+        )
+
+    def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
+        """Let one motor give only this part of its thrust from now on."""
+        self._plant.fail_motor(index, factor=factor)
+
+    def _to_world(self, vector: Vec3) -> Vec3:
+        return rotate(self._turn, vector) if self._turn_rad else vector
+
+    def _is_resting(self) -> bool:
+        """Return whether nothing can move it: motors stopped, on its legs, still for a while.
+
+        The physics of a vehicle that stands and waits is skipped; readiness may take 40 s.
+        """
+        truth = self.truth
+        if self._wrecked:
+            return True
+        if not (self.motors_stopped and self.touching):
+            self._resting_steps = 0
+            return False
+        if self._resting_steps < PHYSICS_HZ:
+            fastest = max(map(math.fabs, truth.velocity_ned_m_s + truth.rates_rad_s))
+            self._resting_steps = self._resting_steps + 1 if fastest < _STILL else 0
+            return False
+        return True
+
+    def _wreck(self) -> None:
+        """Come to rest where it lies: legs alone do not carry what has turned over.
+
+        The ground is then what it has touched.
+        """
+        self._wrecked = self.touching = self.motors_stopped = True
+        self.contact = self.contact or "ground"
+        still = (0.0, 0.0, 0.0)
+        self.truth = self.truth._replace(velocity_ned_m_s=still, rates_rad_s=still)
+
+    def _look_around(self, t_s: float) -> None:
+        if self._surroundings is None or self.contact is not None:
+            return
+        pose = self.pose()
+        flies = not (self.motors_stopped and self.touching)
+        if self._checked is not None and flies:
+            before, t_before_s = self._checked
+            self.contact = self._surroundings.contact(before, t_before_s, pose, t_s)
+        self._checked = (pose, t_s)
+
+
+def _is_tilted(motion: Motion) -> bool:
+    roll, pitch, _ = motion.euler_rad
+    return math.cos(roll) * math.cos(pitch) < _WRECK_COSINE

@@ -1,0 +1,62 @@
+"""How one embedded vehicle is set up."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol, runtime_checkable
+
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.profile import Profile, load_profile
+from vehicles.readings import Source
+from worlds.frames import Pose
+
+AutopilotKind = Literal["px4", "ardupilot"]
+
+
+class ContactWorld(Protocol):
+    """The physical things around a vehicle."""
+
+    def contact(self, pose_0: Pose, t_0: float, pose_1: Pose, t_1: float) -> str | None:
+        """Return what the vehicle touches on its way between two poses (world frame); or None."""
+
+
+@runtime_checkable
+class EventListener(ContactWorld, Protocol):
+    """Surroundings that move: they start when they are told."""
+
+    def notify(self, event: str, t_s: float) -> None:
+        """Take note that an event happened at t_s (run clock)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EmbeddedConfig:
+    """An embedded vehicle: who it is, where it stands, in what air.
+
+    start: where it stands in the world's local frame (position, heading). heading_rad: what its
+    compass shows there, when the world's north is not the earth's; None for the same.
+    latitude_deg, longitude_deg, altitude_m: of the world's origin, WGS-84 and above sea level.
+    parameters: values that replace the autopilot's defaults. full_streams: send what a real one
+    sends by itself, rather than what a run needs. uid, uid2: None for the SITL constants.
+    """
+
+    autopilot: AutopilotKind
+    profile: Profile = field(default_factory=lambda: load_profile("nominal"))
+    source: Source = "real"
+    system_id: int = 1
+    start: Pose = field(default_factory=lambda: Pose((0.0, 0.0, 0.0)))
+    heading_rad: float | None = None
+    latitude_deg: float = 47.397742
+    longitude_deg: float = 8.545594
+    altitude_m: float = 488.0
+    airframe: Airframe = field(default_factory=Airframe)
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    full_streams: bool = False
+    uid: int | None = None
+    uid2: bytes | None = None
+    never_ready: bool = False
+    """A fault: the autopilot's checks never pass."""
+    refuse_arm: str | None = None
+    """A fault: arming is refused with this reason."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.system_id <= 255:
+            raise ValueError(f"system_id is {self.system_id}: MAVLink has 1 to 255")

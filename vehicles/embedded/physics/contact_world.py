@@ -1,0 +1,57 @@
+"""The physical things round an embedded vehicle: those of its world's scene."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from vehicles.embedded.physics.airframe import Airframe
+from worlds.clearance.clearance import ClearanceProbe
+from worlds.files.documents import Document, parse
+from worlds.frames import Pose
+from worlds.scene.parts import BoxShape
+from worlds.scene.scene import Scene
+from worlds.world_file.world import Mode, Which, World
+
+_NEAR_M = 0.05
+"""Only contact matters here: what is farther away than a step's way is not measured exactly."""
+
+
+def body_of(airframe: Airframe) -> BoxShape:
+    """Return the box that an airframe fills: half extents forward, right, down in metres."""
+    half_m = airframe.body_width_m / 2.0
+    return BoxShape((half_m, half_m, airframe.body_height_m / 2.0))
+
+
+class SceneContactWorld:
+    """The things of a scene as a body feels them; the ground it stands on is no contact."""
+
+    def __init__(self, *, scene: Scene, body: BoxShape) -> None:
+        self._probe = ClearanceProbe(scene, body, floors=False, within_m=_NEAR_M)
+        self._events: dict[str, float] = {}
+
+    def notify(self, event: str, t_s: float) -> None:
+        """Take note that an event happened at t_s (run clock): what moves may start now."""
+        self._events[event] = t_s
+
+    def contact(self, pose_0: Pose, t_0: float, pose_1: Pose, t_1: float) -> str | None:
+        """Return the first thing touched on the way between two poses (world frame), or None."""
+        swept = self._probe.sweep(pose_0, t_0, pose_1, t_1, self._events)
+        touched = [one for one in swept if one.clearance_m <= 0.0]
+        first = min(touched, key=lambda one: one.at_s, default=None)
+        return None if first is None else f"{first.object_name}.{first.part_name}".rstrip(".")
+
+
+def as_argument(world: Document, mode: Mode, which: Which) -> str:
+    """Return what `from_argument` makes the same surroundings of, in another process."""
+    return json.dumps({"path": str(world.path), "mode": mode, "which": which, "world": world.data})
+
+
+def from_argument(argument: str) -> SceneContactWorld:
+    """Return the surroundings of a world given as text. Raises BadInput, ValueError."""
+    given: Mapping[str, object] = json.loads(argument)
+    path = Path(str(given["path"]))
+    document = parse(json.dumps(given["world"]).encode(), name=path.name, path=path)
+    mode: Mode = given["mode"]  # type: ignore[assignment]  # written by as_argument
+    which: Which = given["which"]  # type: ignore[assignment]  # written by as_argument
+    scene = World.parse(document).scene(mode, which)
+    return SceneContactWorld(scene=scene, body=body_of(Airframe()))

@@ -1,0 +1,76 @@
+"""A motion-capture feed: the true pose with white noise, at its rate, some time later."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from vehicles.embedded.physics.states import TruthSample
+from vehicles.embedded.profile import MotionCapture
+from vehicles.readings import PoseReading, Source
+from vehicles.tasks import Contained
+from worlds.frames import Pose, quat_from_euler, quat_multiply
+
+_LISTENER = Contained("a listener to motion capture")
+_BLOCK = 128
+"""How many samples' noise is drawn at once: drawing is dear, one by one."""
+
+
+class MotionCaptureFeed:
+    """Takes truth, gives readings; `t_s` of a reading is when it was true."""
+
+    def __init__(
+        self, *, noise: MotionCapture, source: Source, physics_hz: int, rng: np.random.Generator
+    ) -> None:
+        self._noise = noise
+        self._source = source
+        self._physics_hz = physics_hz
+        self._rng = rng
+        self._normals: list[list[float]] = []
+        self._under_way: deque[tuple[float, TruthSample, Pose]] = deque()
+        self._callbacks: list[Callable[[PoseReading], None]] = []
+        across, down = noise.position_sigma_m
+        angle_rad = math.radians(noise.attitude_sigma_deg)
+        self._sigma = (across, across, down, angle_rad, angle_rad, angle_rad)
+        self._noisy = any(self._sigma)
+
+    def add(self, callback: Callable[[PoseReading], None]) -> None:
+        """Give the readings to one more."""
+        self._callbacks.append(callback)
+
+    def is_due(self, step: int) -> bool:
+        """Return whether this physics step is seen by the cameras."""
+        if not self._callbacks:
+            return False
+        # Whole numbers: the k-th picture is taken at the first step not before k / rate.
+        rate_hz, physics_hz = self._noise.rate_hz, self._physics_hz
+        return step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
+
+    def take(self, truth: TruthSample) -> None:
+        """See the vehicle."""
+        pose = truth.pose
+        if self._noisy:
+            if not self._normals:
+                self._normals = (self._rng.standard_normal((_BLOCK, 6)) * self._sigma).tolist()
+            x, y, z, roll, pitch, yaw = self._normals.pop()
+            north, east, down = pose.position_ned_m
+            pose = Pose(
+                (north + x, east + y, down + z),
+                quat_multiply(pose.q_wxyz, quat_from_euler(roll, pitch, yaw)),
+            )
+        self._under_way.append((truth.t_s + self._noise.latency_s, truth, pose))
+
+    @property
+    def next_due_s(self) -> float | None:
+        """Return when the next reading arrives; None when none is under way."""
+        return self._under_way[0][0] if self._under_way else None
+
+    def deliver(self, now_s: float) -> None:
+        """Give what has arrived by now."""
+        while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
+            _, truth, pose = self._under_way.popleft()
+            reading = PoseReading(truth.t_s, now_s, self._source, pose, truth.velocity_ned_m_s)
+            for callback in self._callbacks:
+                with _LISTENER:
+                    callback(reading)

@@ -1,0 +1,174 @@
+"""The physics of one quadrotor: JSBSim, stepped; thrust commands in, true motion out."""
+
+import math
+import os
+from collections.abc import Callable
+from typing import Any
+
+from vehicles.embedded.physics.airframe import MOTORS, Airframe, aircraft_root
+from vehicles.embedded.physics.states import Motion, Thrusts
+from worlds.frames import Vec3, wrap_pi
+
+os.environ.setdefault("JSBSIM_DEBUG", "0")
+
+import jsbsim  # it reads JSBSIM_DEBUG when imported
+
+_METRES_PER_FOOT = 0.3048
+_TURBULENCE_NONE = 0.0
+
+
+class PlantError(Exception):
+    """The physics cannot go on; says in which quantity."""
+
+
+class _Silent(jsbsim.FGLogger):
+    """Takes JSBSim's messages and drops them: it writes to stdout otherwise."""
+
+    def set_level(self, level: object) -> None:
+        pass
+
+    def file_location(self, filename: object, line: object) -> None:
+        pass
+
+    def message(self, message: object) -> None:
+        pass
+
+    def format(self, format: object) -> None:  # noqa: A002  # JSBSim's name
+        pass
+
+    def flush(self) -> None:
+        pass
+
+
+class Plant:
+    """One JSBSim quadrotor that stands on flat ground, its heading and place given.
+
+    `motor_factors` multiply the commanded thrusts: the spread between motors. Positions are NED
+    metres from where it stands after settling.
+    """
+
+    def __init__(
+        self,
+        *,
+        airframe: Airframe,
+        motor_lag_s: float,
+        motor_factors: Thrusts,
+        latitude_deg: float,
+        longitude_deg: float,
+        altitude_m: float,
+        yaw_rad: float,
+        rate_hz: int,
+    ) -> None:
+        jsbsim.set_logger(_Silent())
+        root = aircraft_root(airframe, motor_lag_s=motor_lag_s)
+        fdm = self._fdm = jsbsim.FGFDMExec(str(root))
+        fdm.set_debug_level(0)
+        if not fdm.load_model("quadx"):
+            raise PlantError(f"JSBSim does not take the aircraft below {root}")
+        self._factors = list(motor_factors)
+        self._dt_s = 1.0 / rate_hz
+        self._start(airframe, latitude_deg, longitude_deg, altitude_m, yaw_rad)
+        self._bind()
+        self._zero: Vec3 = (0.0, 0.0, 0.0)
+        self._settle()
+
+    def step(self, thrusts: Thrusts) -> None:
+        """Advance by one step with these commands, in newtons per motor."""
+        factors = self._factors
+        commands = self._commands
+        commands[0](thrusts[0] * factors[0])
+        commands[1](thrusts[1] * factors[1])
+        commands[2](thrusts[2] * factors[2])
+        commands[3](thrusts[3] * factors[3])
+        self._run()
+
+    def motion(self) -> Motion:
+        """Return the true motion. Raises PlantError when a number is not finite."""
+        n, e, u, vn, ve, vd, roll, pitch, yaw, p, q, r, x, y, z = [get() for get in self._moves]
+        if not math.isfinite(n + e + u + vn + ve + vd + roll + pitch + yaw + p + q + r):
+            raise PlantError(
+                f"the physics left the finite numbers: position {(n, e, u)} ft, "
+                f"velocity {(vn, ve, vd)} ft/s, attitude {(roll, pitch, yaw)}, rates {(p, q, r)}"
+            )
+        zero = self._zero
+        return Motion(
+            (
+                n * _METRES_PER_FOOT - zero[0],
+                e * _METRES_PER_FOOT - zero[1],
+                -u * _METRES_PER_FOOT - zero[2],
+            ),
+            (vn * _METRES_PER_FOOT, ve * _METRES_PER_FOOT, vd * _METRES_PER_FOOT),
+            (roll, pitch, wrap_pi(yaw)),
+            (p, q, r),
+            (x * _METRES_PER_FOOT, y * _METRES_PER_FOOT, z * _METRES_PER_FOOT),
+        )
+
+    def thrusts(self) -> Thrusts:
+        """Return what each motor gives now, in newtons: behind its command by the lag."""
+        a, b, c, d = self._given
+        return (a(), b(), c(), d())
+
+    def on_ground(self) -> bool:
+        """Return whether a leg touches the ground."""
+        a, b, c, d = self._wheels
+        return bool(a() > 0.0 or b() > 0.0 or c() > 0.0 or d() > 0.0)
+
+    def set_wind(self, wind_ned_m_s: Vec3) -> None:
+        """Set the movement of the air, towards north, east and down."""
+        for blow, speed in zip(self._wind, wind_ned_m_s, strict=True):
+            blow(speed / _METRES_PER_FOOT)
+
+    def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
+        """Let one motor give only this part of its commanded thrust from now on."""
+        self._factors[index] = factor
+
+    def _start(
+        self, airframe: Airframe, latitude_deg: float, longitude_deg: float, altitude_m: float,
+        yaw_rad: float,
+    ) -> None:  # fmt: skip
+        fdm = self._fdm
+        fdm.set_dt(self._dt_s)
+        standing_m = airframe.leg_height_m - airframe.hover_thrust_n / airframe.leg_stiffness_n_m
+        fdm["ic/lat-geod-deg"] = latitude_deg
+        fdm["ic/long-gc-deg"] = longitude_deg
+        fdm["ic/terrain-elevation-ft"] = altitude_m / _METRES_PER_FOOT
+        fdm["ic/psi-true-deg"] = math.degrees(yaw_rad) % 360.0
+        fdm["ic/h-agl-ft"] = standing_m / _METRES_PER_FOOT
+        fdm["atmosphere/turb-type"] = _TURBULENCE_NONE
+        if not fdm.run_ic():
+            raise PlantError("JSBSim does not start from the initial conditions")
+
+    def _bind(self) -> None:
+        """Look up once what is read and written in each step."""
+        manager = self._fdm.get_property_manager()
+
+        def nodes(*names: str) -> list[Any]:
+            found = [manager.get_node(name) for name in names]
+            if any(node is None for node in found):
+                raise PlantError(f"JSBSim lacks a property of {names}")
+            return found
+
+        def getters(*names: str) -> list[Callable[[], float]]:
+            return [node.get_double_value for node in nodes(*names)]
+
+        def setters(*names: str) -> list[Callable[[float], object]]:
+            return [node.set_double_value for node in nodes(*names)]
+
+        self._run = self._fdm.run
+        self._commands = setters(*(f"fcs/motor{i}-cmd-n" for i in range(MOTORS)))
+        self._given = getters(*(f"fcs/motor{i}-n" for i in range(MOTORS)))
+        self._moves = getters(
+            *(f"position/from-start-neu-{axis}-ft" for axis in "neu"),
+            *(f"velocities/v-{axis}-fps" for axis in ("north", "east", "down")),
+            *(f"attitude/{angle}-rad" for angle in ("phi", "theta", "psi")),
+            *(f"velocities/{axis}-rad_sec" for axis in "pqr"),
+            *(f"accelerations/a-pilot-{axis}-ft_sec2" for axis in "xyz"),
+        )
+        self._wheels = getters(*(f"gear/unit[{i}]/WOW" for i in range(4)))
+        self._wind = setters(*(f"atmosphere/wind-{axis}-fps" for axis in ("north", "east", "down")))
+
+    def _settle(self) -> None:
+        """Let the legs find their rest, then count positions from there."""
+        for _ in range(round(0.5 / self._dt_s)):
+            self.step((0.0, 0.0, 0.0, 0.0))
+        self._zero = self.motion().position_ned_m

@@ -1,0 +1,185 @@
+"""One embedded vehicle in its own process, under the wall clock; see `launch` for its parent."""
+
+import asyncio
+import gc
+import importlib
+import os
+import signal
+import sys
+from collections.abc import Callable
+from typing import Any, cast
+
+from pydantic import ValidationError
+
+from vehicles.clocks.paced_loop import PacedLoop
+from vehicles.clocks.sim_clock_controller import Segment
+from vehicles.embedded.physics.config import ContactWorld
+from vehicles.embedded.physics.states import TruthSample
+from vehicles.embedded.process.feed import (
+    FeedError,
+    Kind,
+    Notice,
+    decode,
+    encode,
+    mocap_datagram,
+    pace_of,
+    truth_datagram,
+)
+from vehicles.embedded.process.injected_faults import FaultError, parse_fault
+from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings
+from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.links.link import LinkError
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import parse_link
+from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
+from vehicles.readings import PoseReading
+from worlds.files.documents import BadInput
+
+BAD_SETTINGS, FAILED = 2, 1
+"""Exit codes; 0 after SIGTERM, SIGINT, a kill fault, or the end of stdin."""
+
+
+class FeedEnd(asyncio.DatagramProtocol):
+    """The vehicle's end of the feed."""
+
+    def __init__(self, *, vehicle: EmbeddedVehicle, stop: asyncio.Event) -> None:
+        self._vehicle = vehicle
+        self._stop = stop
+        self._transport: asyncio.DatagramTransport | None = None
+        self._seq = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take the socket."""
+        self._transport = cast("asyncio.DatagramTransport", transport)
+
+    def datagram_received(self, data: bytes, addr: object) -> None:  # noqa: ARG002 - asyncio's
+        """Take an event or a fault; anything else is said on stderr and dropped."""
+        try:
+            datagram = decode(data)
+            if isinstance(datagram, Notice):
+                self._take(datagram)
+        except (FeedError, FaultError) as error:
+            sys.stderr.write(f"feed: {error}\n")
+
+    def error_received(self, exc: Exception) -> None:
+        """Go on: a parent that does not listen is no reason to fall."""
+
+    def send_truth(self, sample: TruthSample) -> None:
+        """Send a truth sample."""
+        self._send(encode(truth_datagram(sample, self._seq)))
+
+    def send_mocap(self, reading: PoseReading) -> None:
+        """Send a motion-capture reading."""
+        self._send(encode(mocap_datagram(reading, self._seq)))
+
+    def _send(self, data: bytes) -> None:
+        self._seq += 1
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.sendto(data)
+
+    def _take(self, notice: Notice) -> None:
+        if notice.kind is Kind.EVENT:
+            self._vehicle.notify(notice.text, notice.t_us / 1e6)
+            return
+        if notice.kind is Kind.PACE:
+            _go_on(pace_of(notice.text))
+            return
+        fault = parse_fault(notice.text)
+        if fault.name == "kill":
+            self._stop.set()
+        elif fault.name == "motor":
+            self._vehicle.fail_motor(fault.motor, factor=fault.factor)
+        else:
+            self._vehicle.mute(muted=fault.name == "mute")
+
+
+async def fly(settings: ProcessSettings, stop: asyncio.Event) -> None:
+    """Run the vehicle until `stop` is set. Raises LinkError, BadInput, or what stopped it."""
+    vehicle = EmbeddedVehicle(
+        config=settings.config(),
+        link=open_link(parse_link(settings.link)),
+        seed=settings.seed,
+        surroundings=_contact_world(settings.surroundings),
+    )
+    vehicle.on_fault(stop.set)
+    feed = FeedEnd(vehicle=vehicle, stop=stop)
+    transport: asyncio.BaseTransport | None = None
+    if settings.feed_port:
+        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+            lambda: feed, remote_addr=(settings.feed_host, settings.feed_port)
+        )
+        vehicle.on_truth(feed.send_truth, settings.truth_hz)
+        vehicle.on_mocap(feed.send_mocap)
+    try:
+        async with vehicle:
+            # What is loaded by now lives as long as the process: the collector need not look.
+            gc.freeze()
+            await stop.wait()
+    finally:
+        if transport is not None:
+            transport.close()
+
+
+def main(arguments: list[str]) -> int:
+    """Run until told to end; the one argument is the settings as JSON. Return the exit code."""
+    if len(arguments) != 1:
+        sys.stderr.write("usage: python -m vehicles.embedded SETTINGS_JSON\n")
+        return BAD_SETTINGS
+    try:
+        settings = ProcessSettings.model_validate_json(arguments[0])
+    except ValidationError as error:
+        sys.stderr.write(f"{error}\n")
+        return BAD_SETTINGS
+    try:
+        if settings.end_with_parent:
+            die_with_parent(signal.SIGTERM)
+        with asyncio.Runner(loop_factory=lambda: PacedLoop(settings.speed)) as runner:
+            runner.run(_await_stop(settings))
+    except (LinkError, BadInput, ValueError, UnsupportedSystemError) as error:
+        sys.stderr.write(f"{error}\n")
+        return FAILED
+    return 0
+
+
+def _go_on(segment: Segment) -> None:
+    loop = asyncio.get_running_loop()
+    if isinstance(loop, PacedLoop):
+        loop.follow(segment)
+
+
+async def _await_stop(settings: ProcessSettings) -> None:
+    loop, stop = asyncio.get_running_loop(), asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.set)
+    if settings.end_with_stdin:
+        loop.add_reader(sys.stdin.fileno(), _on_stdin, stop.set)
+    errors: list[BaseException] = []
+
+    def failed(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Take what a callback raised: a vehicle of which nothing more is known must not fly on."""
+        error = context.get("exception")
+        errors.append(error or RuntimeError(str(context.get("message"))))
+        stop.set()
+
+    loop.set_exception_handler(failed)
+    await fly(settings, stop)
+    if errors:
+        raise errors[0]
+
+
+def _on_stdin(stop: Callable[[], None]) -> None:
+    if not os.read(sys.stdin.fileno(), 4096):
+        asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
+        stop()
+
+
+def _contact_world(surround: ContactWorldSettings | None) -> ContactWorld | None:
+    """Return who knows the physical things. Raises ValueError when it cannot be had."""
+    if surround is None:
+        return None
+    module, _, name = surround.use.partition(":")
+    try:
+        factory = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"surroundings {surround.use} cannot be had: {error}") from error
+    return cast("ContactWorld", factory(surround.argument))

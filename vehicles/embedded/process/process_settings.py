@@ -1,0 +1,85 @@
+"""What a vehicle in a process of its own is told: one JSON argument."""
+
+import math
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from vehicles.embedded.physics.config import AutopilotKind, EmbeddedConfig
+from vehicles.embedded.profile import load_profile
+from worlds.frames import Pose
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Start(_Part):
+    """Where it stands in the world."""
+
+    north_m: float = 0.0
+    east_m: float = 0.0
+    up_m: float = 0.0
+    yaw_deg: float = 0.0
+
+
+class ContactWorldSettings(_Part):
+    """Who knows the physical things: `module:function`, called with the argument."""
+
+    use: str = Field(pattern=r"^[\w.]+:\w+$")
+    argument: str = ""
+
+
+class ProcessSettings(_Part):
+    """A vehicle on a link of its own, with its feed.
+
+    link: a link string, seen from the vehicle (udpout://127.0.0.1:14540). feed_host, feed_port:
+    where truth and motion capture are sent; 0 for no feed. speed: how many times real time its
+    clock runs, if the machine can. end_with_stdin: end when the pipe on stdin closes.
+    end_with_parent: end when the process that started it ends; not where others hold the pipe as
+    well, so that its failsafes can act.
+    """
+
+    autopilot: AutopilotKind
+    link: str
+    seed: int
+    profile: str = "nominal"
+    source: Literal["real", "twin"] = "real"
+    system_id: int = Field(default=1, ge=1, le=255)
+    start: Start = Start()
+    latitude_deg: float = 47.397742
+    longitude_deg: float = 8.545594
+    altitude_m: float = 488.0
+    parameters: dict[str, float] = {}
+    full_streams: bool = False
+    uid: int | None = None
+    feed_host: str = "127.0.0.1"
+    feed_port: int = Field(default=0, ge=0, le=65535)
+    truth_hz: float = Field(default=50.0, gt=0.0, le=250.0)
+    surroundings: ContactWorldSettings | None = None
+    speed: float = Field(default=1.0, gt=0.0, le=100.0)
+    end_with_stdin: bool = False
+    end_with_parent: bool = True
+    never_ready: bool = False
+    refuse_arm: str | None = None
+
+    def config(self) -> EmbeddedConfig:
+        """Return the vehicle's configuration. Raises ProfileError, BadInput."""
+        start = self.start
+        return EmbeddedConfig(
+            autopilot=self.autopilot,
+            profile=load_profile(self.profile),
+            source=self.source,
+            system_id=self.system_id,
+            start=Pose.of(
+                start.north_m, start.east_m, start.up_m, yaw_rad=math.radians(start.yaw_deg)
+            ),
+            latitude_deg=self.latitude_deg,
+            longitude_deg=self.longitude_deg,
+            altitude_m=self.altitude_m,
+            parameters=self.parameters,
+            full_streams=self.full_streams,
+            uid=self.uid,
+            never_ready=self.never_ready,
+            refuse_arm=self.refuse_arm,
+        )

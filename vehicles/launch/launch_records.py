@@ -1,0 +1,58 @@
+"""Notes of what was started, in files: processes orphaned by a crash are found by them."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+
+from vehicles.processes.identity import ProcessId, boot_id, working_in
+
+RECORD = "wil-launch.json"
+
+
+@dataclass(frozen=True, slots=True)
+class LaunchRecord:
+    """One start: what, where, the supervisor that runs it, and for whom."""
+
+    label: str
+    folder: str
+    supervisor: ProcessId
+    owner: ProcessId
+    boot_id: str
+    command: tuple[str, ...]
+    cleanup: tuple[str, ...]
+
+    def write(self) -> None:
+        """Write it into its folder, whole or not at all."""
+        file = Path(self.folder) / RECORD
+        half = file.with_suffix(".tmp")
+        half.write_bytes(msgspec.json.encode(self))
+        half.replace(file)
+
+    @property
+    def left_over(self) -> bool:
+        """Return whether it still runs, and who started it does not."""
+        return self.boot_id == boot_id() and not self.owner.lives and bool(self.survivors())
+
+    def survivors(self) -> tuple[ProcessId, ...]:
+        """Return its processes that live: the supervisor, or else what works in its folder."""
+        if self.boot_id != boot_id():
+            return ()
+        if self.supervisor.lives:
+            return (self.supervisor,)
+        return tuple(working_in(Path(self.folder)))
+
+
+def find_orphans(root: Path) -> tuple[LaunchRecord, ...]:
+    """Return what was started in folders below `root`, still runs, and belongs to nobody."""
+    return tuple(record for record in _records(root) if record.left_over)
+
+
+def _records(root: Path) -> Iterator[LaunchRecord]:
+    for file in sorted(root.rglob(RECORD)):
+        # A record that a crash cut, or that is not ours, names no process.
+        with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
+            record = msgspec.json.decode(file.read_bytes(), type=LaunchRecord)
+            yield replace(record, folder=str(file.parent))

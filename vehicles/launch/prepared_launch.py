@@ -1,0 +1,133 @@
+"""A simulator that can be started: its folder, its instance and what to start, all taken."""
+
+import asyncio
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from vehicles.launch.instances import Instance, take_instance
+from vehicles.launch.launch_plan import Launch, LaunchError, LaunchPlan
+from vehicles.launch.launch_records import RECORD, LaunchRecord
+from vehicles.launch.simulator_output import Output
+from vehicles.processes.child import run_briefly
+from vehicles.processes.identity import ProcessId, boot_id
+from vehicles.processes.supervisor import supervised
+
+_LOOK_S = 0.05
+
+
+class PreparedLaunch:
+    """Takes what a simulator needs, as a context manager; closing gives it back.
+
+    folder: becomes its scratch folder, made new; its output goes to `output.txt` there. Raises
+    LaunchError when something is missing, before anything is started.
+    """
+
+    def __init__(
+        self, *, launch: Launch, folder: Path, system_id: int, locks: Path | None = None
+    ) -> None:
+        launch.check()
+        try:
+            folder.mkdir(parents=True)
+        except OSError as error:
+            raise LaunchError(
+                f"{launch.label}: scratch folder {folder}: {error.strerror}"
+            ) from error
+        self.folder = folder
+        self._instance: Instance = take_instance(launch, locks=locks)
+        try:
+            self.plan: LaunchPlan = launch.plan(
+                instance=self._instance.number, system_id=system_id, folder=folder
+            )
+            for name, content in self.plan.files.items():
+                (folder / name).write_text(content, encoding="utf-8")
+        except BaseException:
+            self._instance.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def output(self) -> Path:
+        """Return the file that holds what it printed."""
+        return self.folder / "output.txt"
+
+    def command(self, *, parent: int, grace_s: float) -> tuple[str, ...]:
+        """Return the command that starts it under a supervisor; for the arguments see there."""
+        # The supervisor opens it anew; who looks for it before that finds it empty.
+        self.output.touch()
+        return supervised(self.plan.argv, parent=parent, grace_s=grace_s, folder=str(self.folder))
+
+    def note(self, pid: int) -> None:
+        """Write down that it runs, so that orphans of it are found; pid: of its supervisor."""
+        LaunchRecord(
+            label=self.plan.label,
+            folder=str(self.folder),
+            supervisor=ProcessId.of(pid) or ProcessId(pid, 0),
+            owner=ProcessId.own(),
+            boot_id=boot_id(),
+            command=self.plan.argv,
+            cleanup=self.plan.cleanup,
+        ).write()
+
+    async def until_ready(self, end: "asyncio.Future[int | None]", *, ready_s: float) -> None:
+        """Wait until it says that it runs. Raises LaunchError with its last lines.
+
+        end: done when its process has ended, with the exit code.
+        """
+        plan, output, complaints = self.plan, Output(self.output), list[str]()
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + ready_s
+        while True:
+            gone = end.done()
+            for line in output.new_lines(ended=gone):
+                if any(mark in line for mark in plan.fatal):
+                    raise LaunchError(f"{plan.label} does not start: {line}{self.where()}")
+                if any(mark in line for mark in plan.ready):
+                    return
+                if any(mark in line for mark in plan.complaints):
+                    complaints.append(line)
+            if gone:
+                raise self.died(end.result(), output)
+            if loop.time() >= deadline_s:
+                said = "; ".join(complaints) or output.last_output or "it printed nothing"
+                raise LaunchError(
+                    f"{plan.label} is not ready after {ready_s:g} s: {said}{self.where()}"
+                )
+            # Whichever comes first: the next look, or its end.
+            await asyncio.wait({end}, timeout=_LOOK_S)
+
+    def died(self, exit_code: int | None, output: Output | None = None) -> LaunchError:
+        """Return the error of one that ended, with what it printed last."""
+        if output is None:
+            output = Output(self.output)
+            output.new_lines(ended=True)
+        words = output.last_output or "it printed nothing"
+        code = exit_code
+        how = f"signal {code - 128}" if code is not None and code > 128 else f"exit code {code}"
+        return LaunchError(
+            f"{self.plan.label} ended with {how}; it last printed:\n{words}\n{self.where()}"
+        )
+
+    def where(self) -> str:
+        """Return in words where all is that it printed."""
+        return f" (all that it printed is in {self.output})"
+
+    async def clean_up(self) -> None:
+        """Remove what remains of one that has ended."""
+        if self.plan.cleanup:
+            await run_briefly(self.plan.cleanup)
+        (self.folder / RECORD).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Give the instance back."""
+        self._instance.close()

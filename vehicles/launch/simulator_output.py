@@ -1,0 +1,41 @@
+"""What a simulator prints: read from the file that it writes, line by line as it grows."""
+
+import re
+from collections import deque
+from pathlib import Path
+
+_TAIL_LINES = 15
+_COLOURS = re.compile(rb"\x1b\[[0-9;]*[A-Za-z]")
+
+
+class Output:
+    """The lines of a growing file, without colours; a line is one when its end has come."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._offset = 0
+        self._rest = b""
+        self._tail: deque[str] = deque(maxlen=_TAIL_LINES)
+
+    def new_lines(self, *, ended: bool = False) -> list[str]:
+        """Return the lines that came since the last call.
+
+        ended: nobody writes any more, so that what has no end of line is a line too.
+        """
+        with self._path.open("rb") as file:
+            file.seek(self._offset)
+            data = file.read()
+        self._offset += len(data)
+        *whole, self._rest = (self._rest + data).split(b"\n")
+        if ended and self._rest:
+            whole.append(self._rest)
+            self._rest = b""
+        lines = [_COLOURS.sub(b"", line).decode(errors="replace").strip() for line in whole]
+        lines = [line for line in lines if line]
+        self._tail.extend(lines)
+        return lines
+
+    @property
+    def last_output(self) -> str:
+        """Return the last lines."""
+        return "\n".join(self._tail)

@@ -1,0 +1,92 @@
+"""What is put round the link to a vehicle: the signature, and a bad radio made on purpose."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from vehicles.links.impaired import ImpairedLink
+from vehicles.links.impairment import Impairment
+from vehicles.links.link import Link
+from vehicles.links.redundant import RedundantLink
+from vehicles.links.signed_link import SignedLink
+from vehicles.mavlink.signing_key import SigningKey, key_from_environment, key_from_file
+
+_FLAWLESS = Impairment()
+
+
+@dataclass(frozen=True, slots=True)
+class KeySource:
+    """Where the signing key is: a file's path, or an environment variable's name; never the key."""
+
+    kind: Literal["file", "environment"]
+    name: str
+
+    def key(self) -> SigningKey:
+        """Return the key. Raises SigningKeyError."""
+        if self.kind == "file":
+            return key_from_file(Path(self.name))
+        return key_from_environment(self.name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkConditions:
+    """How a link is treated between us and the vehicle.
+
+    outgoing, incoming: what is done to the frames of each way. seed: of all luck in it. signing:
+    where the key is; None for unsigned frames.
+    """
+
+    outgoing: Impairment = field(default_factory=Impairment)
+    incoming: Impairment = field(default_factory=Impairment)
+    seed: tuple[int, ...] = (0,)
+    signing: KeySource | None = None
+    may_go_dark: bool = False
+    """Whether it is blacked out at a moment of the flight, not known yet."""
+
+    @property
+    def impaired(self) -> bool:
+        """Return whether frames fare worse than on the bare link."""
+        return self.may_go_dark or (self.outgoing, self.incoming) != (_FLAWLESS, _FLAWLESS)
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionedLink:
+    """A link in its conditions. impaired: what blacks it out; None where it is not impaired."""
+
+    link: Link
+    impaired: ImpairedLink | None = None
+
+
+def under_conditions(
+    link: Link,
+    conditions: LinkConditions,
+    *,
+    utc_s: float,
+    spares: Sequence[Link] = (),
+    told: Callable[[str], None] | None = None,
+) -> ConditionedLink:
+    """Return a link under conditions: what is signed is impaired afterwards, as on the air.
+
+    utc_s: what time it is (UTC, seconds since 1970). spares: links to the same vehicle that stand
+    by, unimpaired; told: gets in words that another of them is flown by. Raises SigningKeyError.
+    """
+    impaired: ImpairedLink | None = None
+    if conditions.impaired:
+        link = impaired = ImpairedLink(
+            link=link,
+            outgoing=conditions.outgoing,
+            incoming=conditions.incoming,
+            rng=np.random.default_rng(list(conditions.seed)),
+        )
+    links = [link, *spares]
+    if conditions.signing is not None:
+        key = conditions.signing.key()
+        links = [
+            SignedLink(link=one, key=key, utc_s=utc_s, link_id=number)
+            for number, one in enumerate(links)
+        ]
+    together = RedundantLink(links=links, told=told) if spares else links[0]
+    return ConditionedLink(together, impaired)

@@ -1,0 +1,35 @@
+"""From a link's address to the link."""
+
+from vehicles.links.link import Link, LinkError
+from vehicles.links.link_strings import LinkAddress
+from vehicles.links.reconnection import BackOff
+from vehicles.links.serial import SerialLink
+from vehicles.links.tcp import TcpInLink, TcpOutLink
+from vehicles.links.udp import UdpLink
+
+_SOON = BackOff(first_s=0.1, longest_s=0.5)
+"""For what is being started: it does not boot before somebody connects (ArduPilot's SITL)."""
+
+
+def open_link(address: LinkAddress, *, patient: bool = False, signed: bool = False) -> Link:
+    """Return the link of an address, not yet entered.
+
+    patient: who listens there is only going to be started. signed: what comes is believed by its
+    signature, wherever it comes from.
+    Raises LinkError for memory://, whose two ends are made at once.
+    """
+    match address.kind:
+        case "udpin" | "udpout":
+            return UdpLink(address=address, signed=signed)
+        case "tcpout":
+            if patient:
+                return TcpOutLink(address=address, back_off=_SOON, patient=True)
+            return TcpOutLink(address=address)
+        case "tcpin":
+            return TcpInLink(address=address)
+        case "serial":
+            return SerialLink(address=address)
+        case "memory":
+            raise LinkError(
+                "memory:// links have two ends in one process; memory_pair() makes both at once"
+            )

@@ -1,0 +1,119 @@
+"""Link strings: one syntax, and a suggestion for the spellings of other tools."""
+
+import difflib
+import re
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from vehicles.links.link import LinkError
+
+LinkKind = Literal["udpin", "udpout", "tcpin", "tcpout", "serial", "memory"]
+
+_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
+_USUAL_BAUD = 57600
+"""Telemetry radios (SiK) come set to it."""
+_HOST_PORT = re.compile(r"(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^:/\[\]\s]+):(?P<port>\d{1,5})")
+_DEVICE_BAUD = re.compile(r"(?P<device>\S+):(?P<baud>\d+)")
+_FOREIGN_NET = re.compile(
+    r"(?P<kind>udpin|udpout|udp|udpbcast|udpci|tcp|tcpin|tcpout):(?://)?"
+    r"(?P<host>\[[0-9A-Fa-f:.]+\]|[^:/\[\]\s]*):(?P<port>\d{1,5})/?"
+)
+_FOREIGN_SERIAL = re.compile(
+    r"(?:serial:)?/*(?P<device>/dev/[^:,\s]+|/?COM\d+|tty\w+)(?:[:,](?P<baud>\d+))?"
+)
+_FOREIGN_KIND: dict[str, LinkKind] = {
+    "udp": "udpin",
+    "udpbcast": "udpout",
+    "udpci": "udpin",
+    "tcp": "tcpout",
+}
+
+
+class LinkAddressError(LinkError, ValueError):
+    """A link string that cannot be read; says how it should read."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkAddress:
+    """Where a link leads: host and port of a network link, device and baud of a serial one."""
+
+    kind: LinkKind
+    host: str = ""
+    port: int = 0
+    device: str = ""
+    baud: int = 0
+
+    def __str__(self) -> str:
+        """Return the link string."""
+        if self.kind == "memory":
+            return "memory://"
+        if self.kind == "serial":
+            return f"serial://{self.device}:{self.baud}"
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.kind}://{host}:{self.port}"
+
+
+def parse_link(text: str) -> LinkAddress:
+    """Return the address that a link string names.
+
+    `udpin://host:port` (we listen), `udpout://host:port` (we speak first), `tcpout://`,
+    `tcpin://`, `serial:///dev/ttyACM0:921600`, `memory://`. Raises LinkAddressError, with the
+    string that was probably meant.
+    """
+    kind_text, mark, rest = text.partition("://")
+    if not mark or kind_text not in _KINDS:
+        raise _unreadable(text)
+    kind: LinkKind = kind_text
+    if kind == "memory":
+        return LinkAddress("memory")
+    if kind == "serial":
+        return _serial(text, rest)
+    match = _HOST_PORT.fullmatch(rest)
+    if match is None:
+        raise _unreadable(text, f"{kind}:// wants host:port")
+    port = int(match["port"])
+    if not 1 <= port <= 65535:
+        raise _unreadable(text, f"port {port} is not within 1..65535")
+    return LinkAddress(kind, host=match["host"].strip("[]"), port=port)
+
+
+def _serial(text: str, rest: str) -> LinkAddress:
+    match = _DEVICE_BAUD.fullmatch(rest)
+    if match is None:
+        raise _unreadable(text, "serial:// wants device:baud")
+    baud = int(match["baud"])
+    if not 1200 <= baud <= 12_000_000:
+        raise _unreadable(text, f"no serial port runs at {baud} baud")
+    return LinkAddress("serial", device=match["device"], baud=baud)
+
+
+def _unreadable(text: str, why: str = "") -> LinkAddressError:
+    suggestion = _suggestion(text)
+    meant = f"; did you mean {suggestion}?" if suggestion else ""
+    forms = "" if suggestion else " (like udpin://0.0.0.0:14540 or serial:///dev/ttyACM0:57600)"
+    reason = f": {why}" if why else ""
+    return LinkAddressError(f"link {text!r} cannot be read{reason}{meant}{forms}")
+
+
+def _suggestion(text: str) -> str:
+    if match := _FOREIGN_NET.fullmatch(text.strip()):
+        name = match["kind"]
+        kind = _FOREIGN_KIND.get(name, name)
+        return _if_readable(f"{kind}://{match['host'] or '0.0.0.0'}:{match['port']}")  # noqa: S104 - what the foreign spelling means
+    if match := _FOREIGN_SERIAL.fullmatch(text.strip()):
+        device = match["device"]
+        device = f"/dev/{device}" if device.startswith("tty") else device
+        return _if_readable(f"serial://{device}:{match['baud'] or _USUAL_BAUD}")
+    kind, mark, rest = text.strip().partition("://")
+    near = difflib.get_close_matches(kind.lower(), _KINDS, n=1)
+    return _if_readable(f"{near[0]}://{rest}") if mark and near and near[0] != kind else ""
+
+
+def _if_readable(text: str) -> str:
+    kind, _, rest = text.partition("://")
+    if kind == "memory":
+        return text
+    if kind == "serial":
+        return text if _DEVICE_BAUD.fullmatch(rest) else ""
+    match = _HOST_PORT.fullmatch(rest)
+    return text if match and 1 <= int(match["port"]) <= 65535 else ""

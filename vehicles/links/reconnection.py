@@ -1,0 +1,116 @@
+"""Having a lost link again: waits that grow, and a word to people once per loss and return."""
+
+import asyncio
+import logging
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from vehicles.links.link import LinkError
+from vehicles.tasks import start, stop
+
+_log = logging.getLogger(__name__)
+
+_STEADY_S = 5.0
+_WAS_THERE_S = 0.25
+_FLAPS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class BackOff:
+    """How long to wait before each try: twice as long as before, up to `longest_s`."""
+
+    first_s: float = 0.2
+    longest_s: float = 3.0
+
+    def after(self, failures: int) -> float:
+        """Return the wait before the next try."""
+        return min(self.first_s * 2.0 ** min(failures, 30), self.longest_s)
+
+
+class Reconnection:
+    """Tries to have a link again in a task of its own until it has, or is stopped.
+
+    again: opens the link; raises LinkError when it cannot. A loss is logged once, and once when
+    the link is back. Of a link that flaps the third loss says so, and nothing more is logged until
+    it has stayed for `_STEADY_S`. A link that is lost as soon as it is there counts as one that
+    could not be had: waits grow; one that stays for a while is tried for at once, for a vehicle may
+    be flying by it.
+    """
+
+    def __init__(
+        self, *, name: str, again: Callable[[], Awaitable[None]] | None, back_off: BackOff
+    ) -> None:
+        self._name = name
+        self._again = again
+        self._back_off = back_off
+        self._task: asyncio.Task[None] | None = None
+        self._lost_s: float | None = None
+        self._back_s: float | None = None
+        self._steady: asyncio.TimerHandle | None = None
+        self._unsteady = 0
+        self._failures = 0
+        self.trouble = ""
+        """Why it is lost, or why it could not be had again; empty while it is there."""
+        self.losses = 0
+
+    def lost(self, why: str) -> None:
+        """Note that the link is gone, and begin to try."""
+        if self._lost_s is not None:
+            return
+        self._lost_s = now_s = asyncio.get_running_loop().time()
+        stayed_s = math.inf if self._back_s is None else now_s - self._back_s
+        self._failures = self._failures + 1 if stayed_s < _WAS_THERE_S else 0
+        self._forget_steady()
+        self._unsteady = self._unsteady + 1 if stayed_s < _STEADY_S else 1
+        self.losses += 1
+        self.trouble = why
+        if self._unsteady < _FLAPS:
+            _log.warning("%s: lost (%s)", self._name, why)
+        elif self._unsteady == _FLAPS:
+            said = "%s: lost (%s), again: it flaps; no more of it until it stays for %g s"
+            _log.warning(said, self._name, why, _STEADY_S)
+        if self._again is not None:
+            self._task = start(self._try(self._again), name=f"{self._name}: again")
+
+    def back(self) -> None:
+        """Note that the link is there again."""
+        if self._lost_s is None:
+            return
+        loop = asyncio.get_running_loop()
+        self._back_s, gap_s = loop.time(), loop.time() - self._lost_s
+        self._lost_s = None
+        self.trouble = ""
+        if self._unsteady < _FLAPS:
+            _log.warning("%s: back after %.1f s", self._name, gap_s)
+        else:
+            self._steady = loop.call_later(_STEADY_S, self._is_steady)
+
+    async def stop(self) -> None:
+        """Try no more."""
+        task, self._task = self._task, None
+        self._lost_s = None
+        self._forget_steady()
+        if task is not None:
+            await stop(task)
+
+    def _is_steady(self) -> None:
+        _log.warning("%s: back, and stays; it was lost %d times", self._name, self._unsteady)
+        self._unsteady, self._steady = 0, None
+
+    def _forget_steady(self) -> None:
+        if self._steady is not None:
+            self._steady.cancel()
+            self._steady = None
+
+    async def _try(self, again: Callable[[], Awaitable[None]]) -> None:
+        while True:
+            await asyncio.sleep(self._back_off.after(self._failures))
+            try:
+                await again()
+            except LinkError as error:
+                self.trouble = str(error).removeprefix(f"{self._name}: ")
+                self._failures += 1
+            else:
+                self.back()
+                return

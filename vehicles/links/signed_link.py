@@ -1,0 +1,96 @@
+"""A link that signs what goes out and lets in only what is signed: where signing ends."""
+
+import asyncio
+from types import TracebackType
+from typing import Self
+
+from vehicles.links.link import Link, Receiver, TellsTrouble
+from vehicles.mavlink.framing import Frame, FrameSplitter
+from vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
+from vehicles.mavlink.signing_key import SigningKey
+
+
+class SignedLink:
+    """Wraps the link to a vehicle that wants MAVLink 2 signing; inside, frames are unsigned.
+
+    utc_s: what time it is (UTC, seconds since 1970) when the link is made; from there it goes on
+    with the loop's clock. link_id tells several links with one key apart. newest: the last
+    timestamp of an earlier link with this key, where the wall clock may have been set back.
+    """
+
+    def __init__(
+        self, *, link: Link, key: SigningKey, utc_s: float, link_id: int = 0, newest: int = 0
+    ) -> None:
+        self._link = link
+        self._signer = Signer(key=key, link_id=link_id, newest=newest)
+        self._start = ticks_of_utc(utc_s)
+        self._start_s: float | None = None
+        self._receiver: Receiver | None = None
+        self._inward = FrameSplitter()
+        self._outward = FrameSplitter()
+        link.receive(self._on_bytes)
+
+    @property
+    def name(self) -> str:
+        """Return the name of the wrapped link."""
+        return self._link.name
+
+    @property
+    def counts(self) -> SigningCounts:
+        """Return how many frames were signed, accepted, and refused for what."""
+        return self._signer.counts
+
+    @property
+    def newest(self) -> int:
+        """Return the last timestamp, for the next link with this key."""
+        return self._signer.newest
+
+    @property
+    def trouble(self) -> str:
+        """Return what was refused, in words, and the wrapped link's trouble."""
+        inner = self._link.trouble if isinstance(self._link, TellsTrouble) else ""
+        refused = str(self.counts)
+        said = f"refused for its signature: {refused} frames" if refused else ""
+        return "; ".join(words for words in (said, inner) if words)
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set who is handed what arrives and is believed."""
+        self._receiver = receiver
+
+    def write(self, data: bytes) -> None:
+        """Sign the frames and send them in one piece."""
+        frames = self._outward.feed(data)
+        now = self._now()
+        signed = [self._signer.sign(frame, now) for frame in frames]
+        if whole := b"".join([raw for raw in signed if raw is not None]):
+            self._link.write(whole)
+
+    async def __aenter__(self) -> Self:
+        """Open the wrapped link. Raises LinkError."""
+        self._start_s = asyncio.get_running_loop().time()
+        await self._link.__aenter__()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the wrapped link."""
+        await self._link.__aexit__(kind, error, trace)
+
+    def _on_bytes(self, data: bytes, t_s: float) -> None:
+        now = self._now()
+        believed = [self._checked_frame(frame, now) for frame in self._inward.feed(data)]
+        if self._receiver is not None and (whole := b"".join(believed)):
+            self._receiver(whole, t_s)
+
+    def _checked_frame(self, frame: Frame, now: int) -> bytes:
+        return self._signer.check(frame, now) or b""
+
+    def _now(self) -> int:
+        if self._start_s is None:
+            return self._start
+        elapsed_s = asyncio.get_running_loop().time() - self._start_s
+        return self._start + round(elapsed_s * TICKS_PER_S)

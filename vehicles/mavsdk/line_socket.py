@@ -1,0 +1,61 @@
+"""The socket to a mavsdk process, message by message, without ever waiting."""
+
+import asyncio
+import socket
+from collections.abc import Callable
+from typing import Self, cast
+
+from vehicles.mavsdk.messages import FromProcess, ToProcess, from_process, to_process
+from vehicles.processes.codec import FrameReader, MessageError, framed
+
+_LONGEST_QUEUE_BYTES = 4 << 20
+"""A process that does not read is seen to hang long before; a mission of thousands fits in."""
+
+
+class LineSocket(asyncio.Protocol):
+    """Writes messages and hands on those that come; what is none is counted in `garbage`."""
+
+    def __init__(self, take: Callable[[FromProcess], None]) -> None:
+        self._take = take
+        self._frames = FrameReader()
+        self._transport: asyncio.Transport | None = None
+        self.garbage = 0
+
+    @classmethod
+    async def on(cls, end: socket.socket, take: Callable[[FromProcess], None]) -> Self:
+        """Return one on this socket, which it closes."""
+        loop = asyncio.get_running_loop()
+        end.setblocking(False)
+        _, lines = await loop.create_connection(lambda: cls(take), sock=end)
+        return lines
+
+    def write(self, message: ToProcess) -> None:
+        """Write a message; to an end that is gone, or reads nothing, it is lost."""
+        transport, frame = self._transport, framed(to_process.encode(message))
+        if transport is None or transport.is_closing():
+            return
+        if transport.get_write_buffer_size() + len(frame) <= _LONGEST_QUEUE_BYTES:
+            transport.write(frame)
+
+    def close(self) -> None:
+        """Close the socket."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Keep the transport (asyncio calls this)."""
+        self._transport = cast("asyncio.Transport", transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's
+        """Forget the transport (asyncio calls this); that the process died is told by its exit."""
+        self._transport = None
+
+    def data_received(self, data: bytes) -> None:
+        """Hand on whole messages (asyncio calls this)."""
+        for packet in self._frames.feed(data):
+            try:
+                message = from_process.decode(packet)
+            except MessageError:
+                self.garbage += 1
+                continue
+            self._take(message)

@@ -1,0 +1,84 @@
+"""A driver's voice by mavsdk."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from vehicles.autopilots.autopilot import Autopilot, Target
+from vehicles.driver.command_backend import FailureListener
+from vehicles.driver.onboard.onboard import Onboard
+from vehicles.driver.session.commands import Commander
+from vehicles.driver.session.session import Session
+from vehicles.driver.vehicle_commands import VehicleCommands
+from vehicles.errors import IdentifyError
+from vehicles.links.link import Link
+from vehicles.mavsdk.mavsdk_client import MavsdkClient, RefusedError
+from vehicles.mavsdk.mavsdk_commands import MavsdkCommands
+from vehicles.mavsdk.mavsdk_onboard import MavsdkLogs, MavsdkMissions
+from vehicles.mavsdk.message_fields import fields_json
+from vehicles.mavsdk.messages import Choose
+from vehicles.mavsdk.relayed_link import RelayedLink
+
+_FIND_S = 5.0
+"""mavsdk knows a system once it has heard a heartbeat of it; those come once a second."""
+
+
+class MavsdkBackend:
+    """Everything that the vehicle is told is said by mavsdk, in a process of its own.
+
+    name: of the vehicle, for messages. Wall clock only; one voice, process and instance of mavsdk
+    for each vehicle. The driver's own ids must be mavsdk's: 245 and 190, which are its default.
+    """
+
+    sends_heartbeats = True
+
+    def __init__(self, *, name: str) -> None:
+        self._name = name
+        self.client = MavsdkClient(name=name)
+
+    @property
+    def speak(self) -> Callable[[Any], None]:
+        """Return what has mavsdk say a message by MavlinkDirect."""
+        return self._send_message
+
+    def join(self, link: Link) -> Link:
+        """Return the link with mavsdk on it."""
+        return RelayedLink(link=link, client=self.client)
+
+    def on_failure(self, listener: FailureListener) -> None:
+        """Call `listener` once when mavsdk's process has died or hangs."""
+        self.client.on_failure(listener)
+
+    async def found(self, target: Target, timeout_s: float) -> None:
+        """Have mavsdk speak to this system. Raises IdentifyError when it does not find it."""
+        del timeout_s  # A heartbeat has come already: mavsdk has as long as two more take.
+        make = partial(Choose, system_id=target.system, within_s=_FIND_S)
+        try:
+            await self.client.order(make, f"system {target.system}", 2.0 * _FIND_S)
+        except RefusedError as error:
+            raise IdentifyError(
+                f"{self._name}: system {target.system} is heard, but mavsdk does not find it "
+                f"({error.result})"
+            ) from error
+
+    def orders(
+        self, *, commander: Commander, autopilot: Autopilot, target: Target
+    ) -> VehicleCommands:
+        """Return orders by mavsdk's Action where it is sound."""
+        return MavsdkCommands(
+            client=self.client, commander=commander, autopilot=autopilot, target=target
+        )
+
+    def onboard(self, *, session: Session, circumstances: Callable[[], str]) -> Onboard:
+        """Return missions, fences and logs by mavsdk's plugins."""
+        return Onboard(
+            session=session,
+            circumstances=circumstances,
+            missions=MavsdkMissions(
+                client=self.client, session=session, circumstances=circumstances
+            ),
+            logs=MavsdkLogs(client=self.client, session=session),
+        )
+
+    def _send_message(self, message: Any) -> None:
+        self.client.say(message.get_type(), fields_json(message))

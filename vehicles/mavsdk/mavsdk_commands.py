@@ -1,0 +1,64 @@
+"""Orders by mavsdk's `Action`, as far as it is sound; the rest are commands by MavlinkDirect."""
+
+from functools import partial
+
+from vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from vehicles.driver.session.commands import Commander
+from vehicles.driver.vehicle_commands import Done, VehicleCommands
+from vehicles.errors import CommandError, CommandTimeoutError
+from vehicles.mavsdk.mavsdk_client import MavsdkClient, RefusedError
+from vehicles.mavsdk.messages import Act, Action
+
+_TRIES = 2
+_WITHIN_S = 6.0
+"""mavsdk asks four times, half a second apart, and gives up."""
+_MODES: dict[Mode, Action] = {
+    Mode.HOLD: "hold",
+    Mode.LAND: "land",
+    Mode.RTL: "return_to_launch",
+}
+
+
+class MavsdkCommands(VehicleCommands):
+    """Holds, lands, returns, disarms and terminates by `Action`.
+
+    Not so arming (`Action.arm` can abort the process), takeoff (`Action.takeoff` goes to a height
+    that is a parameter of PX4, and blocks the next vehicle's), and the guided mode (`Offboard`
+    repeats the last setpoint by itself, for good).
+    """
+
+    def __init__(
+        self, *, client: MavsdkClient, commander: Commander, autopilot: Autopilot, target: Target
+    ) -> None:
+        super().__init__(commander=commander, autopilot=autopilot, target=target)
+        self._client = client
+
+    async def set_mode(self, mode: Mode, done: Done) -> None:
+        """Ask for HOLD, GUIDED, LAND or RTL."""
+        if mode in _MODES:
+            await self._act(_MODES[mode], done)
+        else:
+            await super().set_mode(mode, done)
+
+    async def disarm(self, done: Done) -> None:
+        """Disarm on the ground."""
+        await self._act("disarm", done)
+
+    async def terminate(self) -> None:
+        """Stop the motors at once, in the air too."""
+        await self._act("terminate", lambda: False)
+
+    async def _act(self, action: Action, done: Done) -> None:
+        """Have `Action` do it; what timed out and is not seen done, once more."""
+        for last in (*[False] * (_TRIES - 1), True):
+            try:
+                await self._client.order(partial(Act, action=action), f"Action.{action}", _WITHIN_S)
+            except RefusedError as error:
+                if done():
+                    return
+                late = error.result == "TIMEOUT"
+                if late and not last:
+                    continue
+                kind = CommandTimeoutError if late else CommandError
+                raise kind(str(error), command=action, result=error.result) from error
+            return

@@ -1,0 +1,100 @@
+"""Missions, fences and logs by mavsdk's plugins; parameters stay ours, by MavlinkDirect."""
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from vehicles.driver.onboard.mission_protocol import (
+    WORDS_S,
+    ItemList,
+    MissionItem,
+    MissionProtocol,
+    UnsureError,
+)
+from vehicles.driver.onboard.vehicle_logs import LogEntry, LogError, VehicleLogs
+from vehicles.driver.session.session import Session
+from vehicles.mavsdk.mavsdk_client import MavsdkClient, RefusedError
+from vehicles.mavsdk.messages import Download, FetchLog, ListLogs, Upload
+
+_LIST_S = 60.0
+_LOGS_S, _LOG_S = 30.0, 1800.0
+
+
+class MavsdkMissions(MissionProtocol):
+    """Uploads and reads lists by `MissionRaw`, and compares what came back as ever.
+
+    When mavsdk is gone, by the session: what was put aboard has to be taken back.
+
+    It empties them by MISSION_CLEAR_ALL: `MissionRaw` clears missions only, and takes no empty
+    fence.
+    """
+
+    def __init__(
+        self, *, client: MavsdkClient, session: Session, circumstances: Callable[[], str]
+    ) -> None:
+        super().__init__(session=session, circumstances=circumstances)
+        self._client = client
+
+    async def _send_list(self, which: ItemList, items: list[MissionItem]) -> None:
+        if self._client.failed:
+            await super()._send_list(which, items)
+            return
+        make = partial(Upload, which=which, items=tuple(items))
+        try:
+            await self._client.order(make, f"{which.name.lower()} upload", _LIST_S)
+        except RefusedError as error:
+            if error.result == "TIMEOUT":
+                raise UnsureError(str(error)) from error
+            await asyncio.sleep(WORDS_S)
+            raise self._error(which, f"it was refused: mavsdk says {error.result}") from error
+
+    async def _read_list(self, which: ItemList) -> tuple[MissionItem, ...]:
+        if self._client.failed:
+            return await super()._read_list(which)
+        make = partial(Download, which=which)
+        try:
+            done = await self._client.order(make, f"{which.name.lower()} download", _LIST_S)
+        except RefusedError as error:
+            raise self._error(which, f"not read back: mavsdk says {error.result}") from error
+        return done.items
+
+
+class MavsdkLogs(VehicleLogs):
+    """Lists and fetches logs by `LogFiles`; when mavsdk is gone, by the session."""
+
+    def __init__(self, *, client: MavsdkClient, session: Session) -> None:
+        super().__init__(session=session)
+        self._client = client
+
+    async def _entries(self) -> tuple[LogEntry, ...]:
+        if self._client.failed:
+            return await super()._entries()
+        try:
+            return (await self._client.order(ListLogs, "list of logs", _LOGS_S)).logs
+        except RefusedError as error:
+            raise LogError(str(error)) from error
+
+    async def _fetch_to(
+        self, entry: LogEntry, half: Path, progress: Callable[[int], None] | None
+    ) -> None:
+        if self._client.failed:
+            await super()._fetch_to(entry, half, progress)
+            return
+
+        def told(part: float) -> None:
+            if progress is not None:
+                progress(int(part * entry.size_bytes))
+
+        # mavsdk writes no file that is there.
+        await asyncio.to_thread(half.unlink, missing_ok=True)
+        make = partial(FetchLog, entry=entry, path=str(half), within_s=_LOG_S)
+        try:
+            await self._client.order(make, f"log {entry.number}", _LOG_S + 10.0, told)
+        except RefusedError as error:
+            raise LogError(str(error)) from error
+        size_bytes = (await asyncio.to_thread(half.stat)).st_size
+        if size_bytes != entry.size_bytes:
+            raise LogError(
+                f"log {entry.number}: {size_bytes} of {entry.size_bytes} bytes came by mavsdk"
+            )

@@ -1,0 +1,111 @@
+"""A link that mavsdk hears too, and by which what mavsdk says goes out.
+
+Its bytes go over a socket of loopback, as from vehicle to ground station: mavsdk reads and writes
+there in threads of its own, and no Python stands in its way.
+"""
+
+import asyncio
+from types import TracebackType
+from typing import Self, cast
+
+from vehicles.links.link import Link, LinkError, Receiver
+from vehicles.mavsdk.mavsdk_client import MavsdkClient
+
+_HOST = "127.0.0.1"
+
+
+class RelayedLink(asyncio.DatagramProtocol):
+    """Hands on what comes by `link` to its receiver and to mavsdk; wall clock only.
+
+    Opening it opens the link and starts mavsdk; closing ends both. Only mavsdk's own socket is
+    heard, the first that speaks.
+    """
+
+    def __init__(self, *, link: Link, client: MavsdkClient) -> None:
+        self._link = link
+        self._client = client
+        self._receiver: Receiver | None = None
+        self._transport: asyncio.DatagramTransport | None = None
+        self._peer: tuple[str, int] | None = None
+        link.receive(self._on_datagram)
+
+    @property
+    def name(self) -> str:
+        """Return the name of the link."""
+        return self._link.name
+
+    @property
+    def trouble(self) -> str:
+        """Return what the link complains about; empty when about nothing."""
+        return str(getattr(self._link, "trouble", ""))
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set who is handed what arrives."""
+        self._receiver = receiver
+
+    def write(self, data: bytes) -> None:
+        """Send bytes beside mavsdk's."""
+        self._link.write(data)
+
+    async def __aenter__(self) -> Self:
+        """Open the link, and mavsdk on it. Raises LinkError."""
+        await self._link.__aenter__()
+        try:
+            await self._open()
+        except BaseException:
+            await self._close()
+            await self._link.__aexit__(None, None, None)
+            raise
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End mavsdk and close the link."""
+        try:
+            await self._close()
+        finally:
+            await self._link.__aexit__(kind, error, trace)
+
+    async def _open(self) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            await loop.create_datagram_endpoint(lambda: self, local_addr=(_HOST, 0))
+        except OSError as error:
+            raise LinkError(f"{self.name}: no port for mavsdk on {_HOST}: {error}") from error
+        if self._transport is None:
+            raise LinkError(f"{self.name}: the port for mavsdk closed at once")
+        port = self._transport.get_extra_info("sockname")[1]
+        await self._client.start(f"udpout://{_HOST}:{port}")
+
+    async def _close(self) -> None:
+        await self._client.end()
+        if self._transport is not None:
+            self._transport.close()
+            self._transport = None
+            # The transport closes its socket one turn later.
+            await asyncio.sleep(0)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Keep the transport (asyncio calls this)."""
+        # Python 3.11's own datagram transport is no subclass of DatagramTransport.
+        self._transport = cast("asyncio.DatagramTransport", transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        """Send on what mavsdk says (asyncio calls this)."""
+        if self._peer is None:
+            self._peer = addr
+        if addr == self._peer:
+            self._link.write(data)
+
+    def error_received(self, exc: Exception) -> None:
+        """Go on: that mavsdk has ended is told by its process."""
+
+    def _on_datagram(self, data: bytes, t_s: float) -> None:
+        if self._receiver is not None:
+            self._receiver(data, t_s)
+        if self._peer is not None and self._transport is not None:
+            self._transport.sendto(data, self._peer)

@@ -1,0 +1,193 @@
+"""Sensors that run: at their rate by themselves, or when they are asked from a pose."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from vehicles.cameras.rendered_cameras import Compute, ImageSource, inline, next_tick, sleep_until
+from vehicles.readings import CameraReading, DepthReading, PoseReading, Reading, Source
+from vehicles.sensors.depth import DepthSensor
+from vehicles.sensors.timing import Timing
+from vehicles.sensors.truth import Truth
+from vehicles.sensors.truth_history import TruthHistory
+from worlds.camera import CameraMount, Intrinsics
+from worlds.frames import Pose
+
+Deliver = Callable[[Reading], None]
+
+TRUTH_DELAY_S = 0.01
+"""How long after a tick its truth is looked up: by then the samples around it have come."""
+
+
+class Sensor(Protocol):
+    """What makes readings of the truth; see the models beside this."""
+
+    def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> Reading:
+        """Return the reading of t_s."""
+
+
+class Stream(Protocol):
+    """A sensor of a vehicle that delivers by itself."""
+
+    async def run(self, deliver: Deliver) -> None:
+        """Deliver readings until cancelled; what `deliver` raises ends it."""
+
+
+class OnDemand(Protocol):
+    """A sensor of the twin that answers for a pose."""
+
+    async def ask(
+        self, body: Pose, t_s: float, *, want_depth: bool = False, want_ids: bool = False
+    ) -> Reading:
+        """Return the reading from a body's pose (world frame) of the world as it is at t_s."""
+
+
+class SensorStream:
+    """A sensor that feels the truth of its vehicle at start + k / rate_hz.
+
+    A reading is delivered when its sensor says, in order, and never before it was made; one whose
+    truth is not known is left out, and its number with it.
+    """
+
+    def __init__(
+        self,
+        *,
+        sensor: Sensor,
+        track: TruthHistory,
+        rate_hz: float,
+        rng: np.random.Generator,
+        compute: Compute = inline,
+    ) -> None:
+        self._sensor = sensor
+        self._track = track
+        self._rate_hz = rate_hz
+        self._rng = rng
+        self._compute = compute
+        self.left_out = 0
+
+    async def run(self, deliver: Deliver) -> None:
+        """Sample and deliver until cancelled; what `deliver` raises ends it."""
+        ready: asyncio.Queue[Reading] = asyncio.Queue()
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._sense(ready), name="sensor samples")
+            tasks.create_task(_hand_over(ready, deliver), name="sensor delivery")
+
+    async def _sense(self, ready: asyncio.Queue[Reading]) -> None:
+        loop = asyncio.get_running_loop()
+        start_s, tick = loop.time(), 0
+        while True:
+            t_s = start_s + tick / self._rate_hz
+            await sleep_until(t_s + TRUTH_DELAY_S)
+            truth = self._track.at(t_s)
+            if truth is None:
+                self.left_out += 1
+            else:
+                ready.put_nowait(replace(await self._on_sample(truth, t_s), seq=tick))
+            behind_s = loop.time() - TRUTH_DELAY_S - start_s
+            following = max(tick + 1, next_tick(behind_s, self._rate_hz))
+            self.left_out += following - tick - 1
+            tick = following
+
+    async def _on_sample(self, truth: Truth, t_s: float) -> Reading:
+        return await self._compute(lambda: self._sensor.sample(truth, t_s, self._rng))
+
+
+async def _hand_over(ready: asyncio.Queue[Reading], deliver: Deliver) -> None:
+    """Deliver each reading when it is due, stamped with the time at which it truly was."""
+    loop = asyncio.get_running_loop()
+    while True:
+        reading = await ready.get()
+        await sleep_until(reading.arrived_s)
+        deliver(replace(reading, arrived_s=loop.time()))
+
+
+class PoseStream:
+    """Motion capture as a sensor: takes what is captured, at most at its rate, and numbers it."""
+
+    def __init__(
+        self, *, listen: Callable[[Callable[[PoseReading], None]], None], rate_hz: float | None
+    ) -> None:
+        self._listen = listen
+        self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
+        self._due_s = 0.0
+        self._seq = 0
+
+    async def run(self, deliver: Deliver) -> None:
+        """Deliver until cancelled; what `deliver` raises ends it."""
+        captured: asyncio.Queue[PoseReading] = asyncio.Queue()
+        self._listen(captured.put_nowait)
+        while True:
+            reading = await captured.get()
+            if reading.t_s < self._due_s - 1e-6:
+                continue
+            self._due_s = max(self._due_s + self._period_s, reading.t_s)
+            self._seq += 1
+            deliver(replace(reading, seq=self._seq - 1))
+
+
+class RenderedDepth:
+    """A depth camera whose distances are rendered. timing: when its pictures are delivered."""
+
+    def __init__(
+        self,
+        *,
+        source: ImageSource,
+        intrinsics: Intrinsics,
+        mount: CameraMount,
+        side: Source,
+        sensor: DepthSensor,
+        timing: Timing,
+    ) -> None:
+        self._source = source
+        self._intrinsics = intrinsics
+        self._mount = mount
+        self._side: Source = side
+        self._sensor = sensor
+        self._timing = timing
+
+    def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> DepthReading:
+        """Return the depth picture of t_s."""
+        camera_pose = self._mount.camera_pose(truth.pose)
+        picture = self._source.picture(
+            camera_pose, self._intrinsics, t_s, want_depth=True, want_ids=True
+        )
+        seen = CameraReading(
+            t_s=t_s,
+            arrived_s=self._timing.arrival_s(t_s, rng),
+            seq=0,
+            source=self._side,
+            image_bgr=picture.image_bgr,
+            intrinsics=self._intrinsics,
+            depth_m=picture.depth_m,
+            object_ids=picture.object_ids,
+            camera_pose=camera_pose,
+        )
+        return self._sensor.sample(seen, rng)
+
+
+class OnDemandSensor:
+    """A sensor of the twin that answers at once, from any pose; still, so it feels no motion."""
+
+    def __init__(
+        self, *, sensor: Sensor, rng: np.random.Generator, compute: Compute = inline
+    ) -> None:
+        self._sensor = sensor
+        self._rng = rng
+        self._compute = compute
+        self._seq = 0
+
+    async def ask(
+        self,
+        body: Pose,
+        t_s: float,
+        *,
+        want_depth: bool = False,  # noqa: ARG002 - a camera's; what others know they always tell
+        want_ids: bool = False,  # noqa: ARG002 - the same
+    ) -> Reading:
+        """Return the reading from a body's pose (world frame) of the world as it is at t_s."""
+        seq, self._seq = self._seq, self._seq + 1
+        reading = await self._compute(lambda: self._sensor.sample(Truth(body), t_s, self._rng))
+        return replace(reading, arrived_s=asyncio.get_running_loop().time(), seq=seq)

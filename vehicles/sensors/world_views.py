@@ -1,0 +1,52 @@
+"""What sensors see of a world: pictures and what rays meet, with what moves where it is."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from vehicles.cameras.rendered_cameras import RenderedImage
+from vehicles.sensors.beams import Directions, RayHits
+from worlds.camera import Intrinsics
+from worlds.frames import Pose, matrix_from_quat
+from worlds.rays.raycast import RayCaster
+from worlds.render.renderer import Renderer
+from worlds.scene.scene import Scene
+
+
+class WorldImages:
+    """Pictures of one scene, with what moves in it where it is at the time."""
+
+    def __init__(self, *, scene: Scene, events: Mapping[str, float]) -> None:
+        self._renderer = Renderer(scene)
+        self._events = events
+
+    def picture(
+        self,
+        camera_pose: Pose,
+        intrinsics: Intrinsics,
+        t_s: float,
+        *,
+        want_depth: bool = False,
+        want_ids: bool = False,
+    ) -> RenderedImage:
+        """Return a picture from a camera's pose (FRD axes, world frame) at a time."""
+        return self._renderer.render(
+            camera_pose, intrinsics, t_s, self._events, want_depth=want_depth, want_ids=want_ids
+        )
+
+
+class WorldRays:
+    """What the beams of ranging sensors meet in one scene; its tree is built at the first."""
+
+    def __init__(self, *, scene: Scene, events: Mapping[str, float]) -> None:
+        self._scene = scene
+        self._events = events
+        self._caster: RayCaster | None = None
+
+    def __call__(self, sensor: Pose, directions_frd: Directions, t_s: float) -> RayHits:
+        """Return what beams meet at t_s. sensor: its pose (FRD axes, world frame)."""
+        if self._caster is None:
+            self._caster = RayCaster(self._scene)
+        directions_ned = directions_frd @ matrix_from_quat(sensor.q_wxyz).T
+        hits = self._caster.cast(sensor.position_ned_m, directions_ned, t_s, self._events)
+        return RayHits(hits.ranges_m.astype(np.float32), hits.object_ids)

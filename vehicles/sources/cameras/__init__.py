@@ -1,0 +1,1 @@
+"""Live and recorded cameras: images from devices, streams and files."""

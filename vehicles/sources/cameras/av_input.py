@@ -1,0 +1,168 @@
+"""How FFmpeg is asked to open an address, and its complaints in words."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import av
+
+from vehicles.sources.camera_source import SourceError
+from worlds.camera import Intrinsics
+
+AvKind = Literal["rtsp", "rtp", "v4l2", "file"]
+
+_LOW_DELAY: Mapping[str, str] = {
+    # The first picture's data is waited for, and no more: latency that is gathered while probing
+    # stays for good.
+    "probesize": "32",
+    "analyzeduration": "0",
+    "flags": "low_delay",
+}
+_NETWORK: Mapping[str, str] = {
+    **_LOW_DELAY,
+    # A queue holds all back while it waits for what was lost, and takes the numbers of a sender
+    # that starts anew for old ones. What comes out of order counts as lost.
+    "reorder_queue_size": "0",
+    # For a thread that has to wait; the operating system grants at most net.core.rmem_max.
+    "buffer_size": "4194304",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class AvInput:
+    """What `av.open` is called with. sdp: text of the session that stands for the address."""
+
+    kind: AvKind
+    url: str
+    format: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+    sdp: str | None = None
+
+    def session(self) -> str | None:
+        """Return the session's text, from its file if it has one. Raises SourceError."""
+        if self.sdp is None and self.format == "sdp":
+            return _read_sdp(self.url)
+        return self.sdp
+
+
+def av_input(
+    address: str,
+    *,
+    intrinsics: Intrinsics | None = None,
+    rate_hz: float | None = None,
+    rtsp_transport: Literal["tcp", "udp"] = "tcp",
+    v4l2_format: str | None = None,
+) -> AvInput:
+    """Return how to open `rtsp://...`, `rtp://HOST:PORT`, `*.sdp`, `/dev/video*`, or a file.
+
+    `rtp://` takes H.264 with dynamic payload type 96, as sent by `orchestrator.delivery`, by
+    GStreamer's rtph264pay and by most drones; anything else is described by an SDP file.
+    intrinsics, rate_hz, v4l2_format: what a V4L2 device is asked for. Raises SourceError.
+    """
+    if address.startswith(("rtsp://", "rtsps://")):
+        return AvInput("rtsp", address, None, {**_NETWORK, "rtsp_transport": rtsp_transport})
+    if address.startswith("rtp://"):
+        return _rtp(address, _default_sdp(address))
+    if address.endswith(".sdp"):
+        return _rtp(address, None)
+    device = address.removeprefix("v4l2://")
+    if device.startswith("/dev/"):
+        return AvInput("v4l2", device, "v4l2", _v4l2_options(intrinsics, rate_hz, v4l2_format))
+    return AvInput("file", address)
+
+
+def shown(address: str) -> str:
+    """Return an address without its password."""
+    return re.sub(r"(?<=://)([^/@:]*):[^/@]*@", r"\1:***@", address)
+
+
+def _rtp(address: str, sdp: str | None) -> AvInput:
+    return AvInput("rtp", address, "sdp", {**_NETWORK, "protocol_whitelist": "file,udp,rtp"}, sdp)
+
+
+def _default_sdp(address: str) -> str:
+    match = re.fullmatch(r"rtp://([^:/@]+):(\d{1,5})/?", address)
+    if match is None or not 0 < int(match[2]) < 65536:
+        raise SourceError(f"{address}: is not rtp://HOST:PORT, as in rtp://127.0.0.1:5600")
+    lines = (
+        "v=0",
+        f"o=- 0 0 IN IP4 {match[1]}",
+        "s=video",
+        f"c=IN IP4 {match[1]}",
+        "t=0 0",
+        f"m=video {match[2]} RTP/AVP 96",
+        "a=rtpmap:96 H264/90000",
+        "a=fmtp:96 packetization-mode=1",
+    )
+    return "\r\n".join(lines) + "\r\n"
+
+
+def _read_sdp(path: str) -> str:
+    try:
+        return Path(path).read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        said = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise SourceError(
+            f"{path}: the session description cannot be read: {said}; whoever sends the stream "
+            "writes it"
+        ) from error
+
+
+def _v4l2_options(
+    intrinsics: Intrinsics | None, rate_hz: float | None, v4l2_format: str | None
+) -> dict[str, str]:
+    options: dict[str, str] = {}
+    if intrinsics is not None:
+        options["video_size"] = f"{intrinsics.width_px}x{intrinsics.height_px}"
+    if rate_hz is not None:
+        options["framerate"] = f"{rate_hz:g}"
+    if v4l2_format is not None:
+        options["input_format"] = v4l2_format
+    return options
+
+
+_REMEDIES: tuple[tuple[type[Exception], str], ...] = (
+    (FileNotFoundError, "there is no such file or device; check the path"),
+    (PermissionError, "no permission; for a camera, join the group `video` and log in again"),
+    (
+        ConnectionRefusedError,
+        "nothing listens there; start the camera or its server, and check host and port",
+    ),
+    (TimeoutError, "no answer came in time; check host, port and network"),
+    (av.error.InvalidDataError, "is not video that can be decoded; play it with ffplay to see"),
+    (av.error.HTTPUnauthorizedError, "asks for a user and password: rtsp://USER:PASSWORD@HOST/..."),
+    (av.error.HTTPForbiddenError, "refuses this user; check user and password"),
+    (av.error.HTTPNotFoundError, "has no such stream; check the path after the host"),
+    (IsADirectoryError, "is a folder; name a file in it, or use it as a folder of images"),
+)
+
+
+def nothing_came(address: str) -> SourceError:
+    """Return the error for an address from which no picture came in time."""
+    return SourceError(
+        f"{shown(address)}: no picture came in time; check that it is sent to this host and port"
+    )
+
+
+def no_key_frame(address: str) -> SourceError:
+    """Return the error for a stream that came, and in which nothing can be decoded."""
+    return SourceError(
+        f"{shown(address)}: video comes, and no key picture that decoding can start from; let "
+        "the sender send one every second (keyint, GOP, I-frame interval), or wait longer"
+    )
+
+
+def opening_error(address: str, error: Exception) -> SourceError:
+    """Return FFmpeg's complaint as a message that says what to do."""
+    name = shown(address)
+    if isinstance(error, av.error.ExitError):
+        return nothing_came(address)
+    for kind, remedy in _REMEDIES:
+        if isinstance(error, kind):
+            return SourceError(f"{name}: {remedy}")
+    said = getattr(error, "strerror", None) or str(error)
+    busy = "resource busy" in said.lower() or "address already in use" in said.lower()
+    remedy = "another program uses it; end that program" if busy else "check host, port and path"
+    return SourceError(f"{name}: cannot be opened: {said}; {remedy}")

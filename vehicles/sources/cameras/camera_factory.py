@@ -1,0 +1,52 @@
+"""Live cameras by their address."""
+
+from typing import Literal
+
+from vehicles.readings import Source
+from vehicles.sources.camera_source import SourceError
+from vehicles.sources.cameras.av_grabber import AvGrabber
+from vehicles.sources.cameras.av_input import av_input, shown
+from vehicles.sources.cameras.live_camera import LiveCamera
+from worlds.camera import Intrinsics
+
+
+def live_camera(
+    address: str,
+    *,
+    intrinsics: Intrinsics,
+    side: Source = "real",
+    latency_s: float = 0.0,
+    rate_hz: float | None = None,
+    open_timeout_s: float = 5.0,
+    stall_timeout_s: float = 2.0,
+    rtsp_transport: Literal["tcp", "udp"] = "tcp",
+    v4l2_format: str | None = None,
+) -> LiveCamera:
+    """Return the camera behind `rtsp://...`, `rtp://HOST:PORT`, `*.sdp` or `/dev/video*`.
+
+    latency_s: middle of the exposure to arrival of the quickest picture (`wil-campaign
+    calibrate`). rate_hz: asked of a V4L2 device, and by which exposures that never came are
+    counted; None when the rate varies. Wall clock only. Raises SourceError for another address.
+    """
+    source = av_input(
+        address,
+        intrinsics=intrinsics,
+        rate_hz=rate_hz,
+        rtsp_transport=rtsp_transport,
+        v4l2_format=v4l2_format,
+    )
+    if source.kind == "file":
+        raise SourceError(
+            f"{shown(address)}: is no live camera; those are rtsp://..., rtp://HOST:PORT, "
+            "FILE.sdp and /dev/videoN; a video file is a recording"
+        )
+    return LiveCamera(
+        name=shown(address),
+        grabber=AvGrabber(source=source, open_timeout_s=open_timeout_s),
+        intrinsics=intrinsics,
+        side=side,
+        latency_s=latency_s,
+        rate_hz=rate_hz,
+        open_timeout_s=open_timeout_s,
+        stall_timeout_s=stall_timeout_s,
+    )

@@ -1,0 +1,114 @@
+"""From a bare picture to a reading: time, number, size; pure."""
+
+import numpy as np
+
+from vehicles.readings import BgrImage, CameraReading, Source
+from vehicles.sources.arrival_clock import ArrivalClock
+from vehicles.sources.camera_source import ImageChangedError, SourceCounts, SourceError
+from worlds.camera import Intrinsics
+
+
+class Stamper:
+    """Numbers and times the pictures of one camera, and refuses those of another size.
+
+    rate_hz: exposures a second, when the camera keeps it; then exposures that never came are
+    counted by the gaps in the stamps. None: every picture that comes counts one.
+    """
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        side: Source,
+        intrinsics: Intrinsics,
+        clock: ArrivalClock | None = None,
+        rate_hz: float | None = None,
+    ) -> None:
+        self._name = name
+        self._side: Source = side
+        self._intrinsics = intrinsics
+        self._clock = clock or ArrivalClock()
+        self._rate_hz = rate_hz
+        self._seq = -1
+        self._last_s: float | None = None
+        self._left_out = 0
+        self.missed = 0
+
+    def left_out(self) -> None:
+        """Tell of an exposure that came, and is not handed on: its number is used up."""
+        self._left_out += 1
+
+    def reading(
+        self, image_bgr: BgrImage, *, stamp_s: float | None, arrived_s: float
+    ) -> CameraReading | None:
+        """Return the reading of a picture; None for one that is not newer than the last.
+
+        stamp_s: on the sender's clock. Raises PictureChangedError.
+        """
+        resets = self._clock.resets
+        t_s = self._clock.run_time(stamp_s, arrived_s)
+        restarted = self._clock.resets != resets
+        return self.reading_at(image_bgr, t_s=t_s, arrived_s=arrived_s, restarted=restarted)
+
+    def reading_at(
+        self, image_bgr: BgrImage, *, t_s: float, arrived_s: float, restarted: bool = False
+    ) -> CameraReading | None:
+        """Return the reading of a picture whose exposure is known on the run clock.
+
+        restarted: the gap before it says nothing. None for a picture that is not newer than the
+        last. Raises PictureChangedError.
+        """
+        check_size(self._name, image_bgr, self._intrinsics)
+        if self._last_s is not None and t_s <= self._last_s:
+            self._left_out += 1
+            return None
+        self._seq += self._exposures_since(t_s, restarted=restarted)
+        self._last_s, self._left_out = t_s, 0
+        return CameraReading(
+            t_s=t_s,
+            arrived_s=arrived_s,
+            seq=self._seq,
+            source=self._side,
+            image_bgr=image_bgr,
+            intrinsics=self._intrinsics,
+            rendered=False,
+        )
+
+    def _exposures_since(self, t_s: float, *, restarted: bool) -> int:
+        known = 1 + self._left_out
+        if self._rate_hz is None or self._last_s is None or restarted:
+            return known
+        by_time = max(known, round((t_s - self._last_s) * self._rate_hz))
+        self.missed += by_time - known
+        return by_time
+
+
+def check_size(name: str, image_bgr: BgrImage, intrinsics: Intrinsics) -> None:
+    """Raise PictureChangedError unless a picture has the size that the intrinsics are for."""
+    height, width = image_bgr.shape[:2]
+    if (width, height) == (intrinsics.width_px, intrinsics.height_px):
+        return
+    expected = f"{intrinsics.width_px}x{intrinsics.height_px}"
+    raise ImageChangedError(
+        f"{name}: a picture of {width}x{height} came, and the camera's intrinsics are for "
+        f"{expected}; set the camera to {expected}, or calibrate it at {width}x{height}"
+    )
+
+
+def check_image(name: str, image_bgr: object) -> BgrImage:
+    """Return a decoded picture as (height, width, 3) uint8. Raises SourceError for any other."""
+    if (
+        not isinstance(image_bgr, np.ndarray)
+        or image_bgr.dtype != np.uint8
+        or image_bgr.ndim != 3
+        or image_bgr.shape[2] != 3
+    ):
+        raise SourceError(f"{name}: is no colour picture of 8 bits")
+    return image_bgr
+
+
+def counted(
+    stamper: Stamper, *, delivered: int, dropped: int = 0, damaged: int = 0
+) -> SourceCounts:
+    """Return the counts of a source that uses a stamper."""
+    return SourceCounts(delivered, dropped, stamper.missed, damaged)

@@ -1,0 +1,129 @@
+"""Recordings: a video file, a folder of images."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+
+from vehicles.sources.camera_source import SourceError
+from vehicles.sources.cameras.av_input import opening_error
+from vehicles.sources.cameras.frame_stamps import check_image
+from vehicles.sources.cameras.recorded_camera import Still
+
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
+
+
+class VideoFile:
+    """The pictures of a video file, by their own time stamps; a PictureFile."""
+
+    def __init__(self, *, path: Path) -> None:
+        self._path = path
+        self._container: Any = None
+        self._frames: Any = None
+        self._first_s: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Return its path."""
+        return str(self._path)
+
+    def open(self) -> None:
+        """Open the file. Raises SourceError."""
+        try:
+            self._container = av.open(str(self._path))
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            raise opening_error(self.name, error) from error
+        if not self._container.streams.video:
+            raise SourceError(f"{self.name}: has no video in it; is it sound alone?")
+        stream = self._container.streams.video[0]
+        # Same pictures whatever the machine: some decoders conceal by thread.
+        stream.codec_context.thread_count = 1
+        self._frames = self._container.decode(stream)
+
+    def next(self) -> Still | None:
+        """Return the next picture. Raises SourceError for a broken file."""
+        try:
+            frame = next(self._frames, None)
+        except av.error.FFmpegError as error:
+            raise SourceError(f"{self.name}: is broken: {error.strerror}") from error
+        if frame is None:
+            return None
+        self._check(frame)
+        if self._first_s is None:
+            self._first_s = frame.time
+        return Still(frame.time - self._first_s, frame.to_ndarray(format="bgr24"))
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._container is not None:
+            self._container.close()
+
+    def _check(self, frame: Any) -> None:
+        if frame.is_corrupt:
+            raise SourceError(
+                f"{self.name}: is broken at {frame.time} s; copy it anew, or cut it before"
+            )
+        if frame.time is None:
+            raise SourceError(
+                f"{self.name}: its pictures have no times; wrap it: "
+                "ffmpeg -r RATE -i IN -c copy OUT.mp4"
+            )
+        if frame.rotation:
+            raise SourceError(
+                f"{self.name}: is marked as turned by {frame.rotation} degrees, as phones do; "
+                "write it upright: ffmpeg -i IN OUT.mp4"
+            )
+
+
+class ImageFolder:
+    """The images of a folder in the order of their names, at a rate; a PictureFile.
+
+    Numbers in names count as numbers: `9.png` comes before `10.png`.
+    """
+
+    def __init__(self, *, path: Path, rate_hz: float) -> None:
+        if not 0.0 < rate_hz < 1e4:
+            raise SourceError(f"{path}: a rate of {rate_hz} Hz; it must be positive")
+        self._path = path
+        self._rate_hz = rate_hz
+        self._images: list[Path] = []
+        self._index = 0
+
+    @property
+    def name(self) -> str:
+        """Return its path."""
+        return str(self._path)
+
+    def open(self) -> None:
+        """List the images. Raises SourceError."""
+        try:
+            entries = list(self._path.iterdir())
+        except OSError as error:
+            raise SourceError(f"{self.name}: {error.strerror}; name a folder of images") from error
+        images = [entry for entry in entries if entry.suffix.lower() in IMAGE_SUFFIXES]
+        if not images:
+            kinds = ", ".join(sorted(IMAGE_SUFFIXES))
+            raise SourceError(f"{self.name}: has no image in it ({kinds})")
+        self._images = sorted(images, key=lambda image: _natural(image.name))
+
+    def next(self) -> Still | None:
+        """Return the next image. Raises SourceError for one that cannot be read."""
+        if self._index >= len(self._images):
+            return None
+        path, offset_s = self._images[self._index], self._index / self._rate_hz
+        self._index += 1
+        image_bgr = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        if image_bgr is None:
+            raise SourceError(f"{path}: cannot be read as an image; remove it from the folder")
+        return Still(offset_s, check_image(str(path), image_bgr))
+
+    def close(self) -> None:
+        """Forget the list."""
+        self._images = []
+
+
+def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
+    parts = re.findall(r"\d+|\D+", name)
+    return tuple((0, int(part), part) if part.isdigit() else (1, 0, part) for part in parts)

@@ -1,0 +1,251 @@
+"""Live cameras: a thread grabs pictures, the event loop hands them on.
+
+A device or a network stream can block for long, and decoding takes milliseconds: both happen in
+a thread of the source's own. Between the thread and the loop lie at most a few pictures: the
+oldest makes way.
+"""
+
+import asyncio
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Literal, Protocol, Self
+
+from vehicles.readings import BgrImage, CameraReading, Source
+from vehicles.sources.arrival_clock import ArrivalClock
+from vehicles.sources.camera_source import SourceCounts, SourceError, SourceStalledError
+from vehicles.sources.cameras.frame_stamps import Stamper, counted
+from worlds.camera import Intrinsics
+
+_LONGEST_GRAB_S = 2.0
+"""After being told to stop, a grabber that hangs longer than this is left behind."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grabbed:
+    """What a grabber got. image_bgr: None for an exposure that came broken. stamp_s: its own."""
+
+    image_bgr: BgrImage | None
+    stamp_s: float | None
+
+
+class Grabber(Protocol):
+    """Gets pictures from a device or a stream; blocking; used by one thread."""
+
+    def open(self) -> None:
+        """Open. Raises SourceError."""
+
+    def grab(self) -> Grabbed | None:
+        """Return the next picture; None when none came within a fraction of a second.
+
+        Raises SourceError when there will be none any more.
+        """
+
+    def close(self) -> None:
+        """Close; called once, also after an `open` that failed."""
+
+
+@dataclass(frozen=True, slots=True)
+class _ArrivedImage:
+    grabbed: Grabbed
+    arrived_s: float
+
+
+class _Handoff:
+    """What lies between the thread and the loop."""
+
+    def __init__(self, depth: int, wake: Callable[[], None]) -> None:
+        self._lock = threading.Lock()
+        self._waiting: deque[_ArrivedImage] = deque()
+        self._depth = depth
+        self._wake = wake
+        self._surplus = 0
+        self.error: SourceError | None = None
+        self.opened = False
+
+    def put(self, item: _ArrivedImage) -> None:
+        with self._lock:
+            if len(self._waiting) >= self._depth:
+                self._waiting.popleft()
+                self._surplus += 1
+            self._waiting.append(item)
+        self._wake()
+
+    def end(self, error: SourceError) -> None:
+        self.error = error
+        self._wake()
+
+    def ready(self) -> None:
+        self.opened = True
+        self._wake()
+
+    def take(self) -> tuple[_ArrivedImage | None, int]:
+        """Return the oldest one worth having, and how many before it made way."""
+        with self._lock:
+            surplus, self._surplus = self._surplus, 0
+            return (self._waiting.popleft() if self._waiting else None), surplus
+
+
+class LiveCamera:
+    """A live camera over a grabber; a CameraSource.
+
+    latency_s: from the middle of the exposure to the arrival of the quickest picture, as
+    calibrated. rate_hz: what the camera keeps, to count what never came; None when it varies.
+    open_timeout_s, stall_timeout_s: how long the first and each further picture is waited for.
+    depth: how many pictures may wait for whoever iterates.
+    """
+
+    kind: Literal["live"] = "live"
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        grabber: Grabber,
+        intrinsics: Intrinsics,
+        side: Source = "real",
+        latency_s: float = 0.0,
+        rate_hz: float | None = None,
+        open_timeout_s: float = 5.0,
+        stall_timeout_s: float = 2.0,
+        depth: int = 2,
+    ) -> None:
+        self.name = name
+        self.intrinsics = intrinsics
+        self._grabber = grabber
+        self._open_timeout_s = open_timeout_s
+        self._stall_timeout_s = stall_timeout_s
+        self._depth = depth
+        self._stamper = Stamper(
+            name=name,
+            side=side,
+            intrinsics=intrinsics,
+            clock=ArrivalClock(latency_s=latency_s),
+            rate_hz=rate_hz,
+        )
+        self._stop = threading.Event()
+        self._delivered = 0
+        self._dropped = 0
+        self._damaged = 0
+
+    @property
+    def counts(self) -> SourceCounts:
+        """Return what became of the exposures so far."""
+        return counted(
+            self._stamper, delivered=self._delivered, dropped=self._dropped, damaged=self._damaged
+        )
+
+    async def __aenter__(self) -> Self:
+        """Start the thread and wait until it has opened. Raises SourceError."""
+        loop = asyncio.get_running_loop()
+        self._loop = loop
+        self._awake = asyncio.Event()
+        self._handoff = _Handoff(self._depth, self._wake)
+        self._thread = threading.Thread(
+            target=self._run, args=(loop.time,), name=f"camera {self.name}", daemon=True
+        )
+        self._thread.start()
+        try:
+            await self._on_opened()
+        except BaseException:
+            await self._close()
+            raise
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop the thread."""
+        await self._close()
+
+    def __aiter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    async def __anext__(self) -> CameraReading:
+        """Wait for the next picture. Raises SourceError, of its kinds."""
+        while True:
+            arrived = await self._next()
+            reading = self._reading_of(arrived)
+            if reading is not None:
+                self._delivered += 1
+                return reading
+
+    def _reading_of(self, arrived: _ArrivedImage) -> CameraReading | None:
+        image_bgr = arrived.grabbed.image_bgr
+        if image_bgr is None:
+            self._damaged += 1
+            self._stamper.left_out()
+            return None
+        reading = self._stamper.reading(
+            image_bgr, stamp_s=arrived.grabbed.stamp_s, arrived_s=arrived.arrived_s
+        )
+        self._damaged += reading is None
+        return reading
+
+    async def _next(self) -> _ArrivedImage:
+        while True:
+            arrived, surplus = self._handoff.take()
+            for _ in range(surplus):
+                self._dropped += 1
+                self._stamper.left_out()
+            if arrived is not None:
+                return arrived
+            if self._handoff.error is not None:
+                raise self._handoff.error
+            await self._on_wake(self._stall_timeout_s, self._stall_error)
+
+    async def _on_opened(self) -> None:
+        while not self._handoff.opened:
+            if self._handoff.error is not None:
+                raise self._handoff.error
+            await self._on_wake(self._open_timeout_s + 1.0, self._open_error)
+
+    async def _on_wake(self, timeout_s: float, late: Callable[[], SourceError]) -> None:
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._awake.wait()
+        except TimeoutError as error:
+            raise late() from error
+        self._awake.clear()
+
+    def _stall_error(self) -> SourceStalledError:
+        return SourceStalledError(
+            f"{self.name}: no picture for {self._stall_timeout_s:g} s after "
+            f"{self._delivered} pictures; check the camera's power, cable and network"
+        )
+
+    def _open_error(self) -> SourceError:
+        return SourceError(
+            f"{self.name}: did not open within {self._open_timeout_s:g} s; check that the device "
+            "answers other programs"
+        )
+
+    def _wake(self) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._awake.set)
+
+    async def _close(self) -> None:
+        self._stop.set()
+        await asyncio.to_thread(self._thread.join, _LONGEST_GRAB_S)
+
+    def _run(self, clock: Callable[[], float]) -> None:
+        handoff = self._handoff
+        try:
+            self._grabber.open()
+            handoff.ready()
+            while not self._stop.is_set():
+                grabbed = self._grabber.grab()
+                if grabbed is not None:
+                    handoff.put(_ArrivedImage(grabbed, clock()))
+        except SourceError as error:
+            handoff.end(error)
+        except Exception as error:  # noqa: BLE001 - a thread's fault must reach who waits for it
+            handoff.end(SourceError(f"{self.name}: {type(error).__name__}: {error}"))
+        finally:
+            self._grabber.close()

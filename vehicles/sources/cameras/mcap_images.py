@@ -1,0 +1,107 @@
+"""The compressed images of one topic of an MCAP file, as a recording."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import cv2
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from vehicles.sources.camera_source import SourceError
+from vehicles.sources.cameras.compressed_image import Decode, decoder_for
+from vehicles.sources.cameras.frame_stamps import check_image
+from vehicles.sources.cameras.recorded_camera import Still
+from vehicles.sources.messagepack import BadMessageError
+
+
+class McapFile:
+    """Reads images by their own stamps, by log time where they have none; a PictureFile.
+
+    topic: None when the file has one topic of images only.
+    """
+
+    def __init__(self, *, path: Path, topic: str | None = None) -> None:
+        self._path = path
+        self._topic = topic
+        self._stream: IO[bytes] | None = None
+        self._messages: Iterator[Any] = iter(())
+        self._decode: Decode | None = None
+        self._first_s: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Return its path, and the topic."""
+        return f"{self._path}:{self._topic}" if self._topic else str(self._path)
+
+    def open(self) -> None:
+        """Open the file and find the topic. Raises SourceError."""
+        try:
+            self._stream = self._path.open("rb")
+            reader = make_reader(self._stream)
+            topic, self._decode = self._choose_topic(_image_topics(reader))
+            self._messages = iter(reader.iter_messages(topics=[topic]))
+        except OSError as error:
+            raise SourceError(f"{self._path}: {error.strerror}; check the path") from error
+        except (McapError, EOFError) as error:
+            raise self._broken_error(error) from error
+        self._topic = topic
+
+    def next(self) -> Still | None:
+        """Return the next image. Raises SourceError for one that cannot be read."""
+        try:
+            found = next(self._messages, None)
+        except (McapError, EOFError) as error:
+            raise self._broken_error(error) from error
+        if found is None or self._decode is None:
+            return None
+        message = found[2]
+        try:
+            image = self._decode(bytes(message.data))
+        except BadMessageError as error:
+            raise SourceError(f"{self.name}: message {message.sequence} {error}") from error
+        t_s = image.stamp_s if image.stamp_s is not None else message.log_time * 1e-9
+        if self._first_s is None:
+            self._first_s = t_s
+        return Still(t_s - self._first_s, self._decode_image(image.data, message.sequence))
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._stream is not None:
+            self._stream.close()
+
+    def _decode_image(self, data: bytes, sequence: int) -> "np.ndarray[Any, np.dtype[np.uint8]]":
+        found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+        if found is None:
+            raise SourceError(f"{self.name}: the image of message {sequence} cannot be decoded")
+        return check_image(self.name, found)
+
+    def _choose_topic(self, topics: dict[str, Decode]) -> tuple[str, Decode]:
+        listed = ", ".join(sorted(topics)) or "none"
+        if self._topic is None and len(topics) == 1:
+            return next(iter(topics.items()))
+        if self._topic is None:
+            raise SourceError(f"{self._path}: name the topic of images to use (there: {listed})")
+        if self._topic not in topics:
+            raise SourceError(
+                f"{self._path}: has no images on topic {self._topic!r} (there: {listed})"
+            )
+        return self._topic, topics[self._topic]
+
+    def _broken_error(self, error: Exception) -> SourceError:
+        return SourceError(
+            f"{self._path}: is no MCAP file, or was cut short: {error or type(error).__name__}; "
+            "`mcap recover` mends the latter"
+        )
+
+
+def _image_topics(reader: Any) -> dict[str, Decode]:
+    summary = reader.get_summary()
+    found: dict[str, Decode] = {}
+    for channel in summary.channels.values() if summary is not None else ():
+        schema = summary.schemas.get(channel.schema_id)
+        decode = decoder_for(schema.name, channel.message_encoding) if schema else None
+        if decode is not None:
+            found[channel.topic] = decode
+    return found

@@ -1,0 +1,145 @@
+"""Recordings as cameras: pictures come at the times at which they were taken."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Literal, Protocol, Self, TypeVar
+
+from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.readings import BgrImage, CameraReading, Source
+from vehicles.sources.camera_source import SourceCounts, SourceError
+from vehicles.sources.cameras.frame_stamps import Stamper, check_size, counted
+from worlds.camera import Intrinsics
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Still:
+    """A picture of a recording. offset_s: since its first one."""
+
+    offset_s: float
+    image_bgr: BgrImage
+
+
+class ImageFile(Protocol):
+    """Reads a recording; blocking; used by one thread at a time."""
+
+    @property
+    def name(self) -> str:
+        """Return what people know it by."""
+
+    def open(self) -> None:
+        """Open. Raises SourceError."""
+
+    def next(self) -> Still | None:
+        """Return the next picture; None at the end. Raises SourceError."""
+
+    def close(self) -> None:
+        """Close; called once, also after an `open` that failed."""
+
+
+class RecordedCamera:
+    """A recording that is played from the moment of opening; a CameraSource for any clock.
+
+    latency_s: after its exposure a picture is delivered. A picture whose successor is due as
+    well is dropped, as a live camera's would be; in virtual time none is.
+    """
+
+    kind: Literal["file"] = "file"
+
+    def __init__(
+        self,
+        *,
+        file: ImageFile,
+        intrinsics: Intrinsics,
+        side: Source = "real",
+        latency_s: float = 0.0,
+    ) -> None:
+        self.name = file.name
+        self.intrinsics = intrinsics
+        self._file = file
+        self._latency_s = latency_s
+        self._stamper = Stamper(name=file.name, side=side, intrinsics=intrinsics)
+        self._ahead: Still | None = None
+        self._running: asyncio.Future[Any] | None = None
+        self._start_s = 0.0
+        self._delivered = 0
+        self._dropped = 0
+
+    @property
+    def counts(self) -> SourceCounts:
+        """Return what became of the pictures so far."""
+        return counted(self._stamper, delivered=self._delivered, dropped=self._dropped)
+
+    async def __aenter__(self) -> Self:
+        """Open the file and read its first picture. Raises SourceError."""
+        try:
+            await self._in_thread(self._file.open)
+            first = await self._in_thread(self._file.next)
+            self._check_first(first)
+        except BaseException:
+            await self._close()
+            raise
+        self._ahead = first
+        self._start_s = asyncio.get_running_loop().time()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+        await self._close()
+
+    def __aiter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    async def __anext__(self) -> CameraReading:
+        """Wait until the next picture is due. Raises SourceError, or StopAsyncIteration."""
+        loop = asyncio.get_running_loop()
+        while True:
+            still = self._ahead
+            if still is None:
+                raise StopAsyncIteration
+            self._ahead = await self._in_thread(self._file.next)
+            await sleep_until(self._due_s(still))
+            if self._ahead is not None and self._due_s(self._ahead) < loop.time():
+                self._dropped += 1
+                self._stamper.left_out()
+                continue
+            reading = self._reading_of(still)
+            if reading is not None:
+                self._delivered += 1
+                return reading
+
+    def _reading_of(self, still: Still) -> CameraReading | None:
+        t_s = self._start_s + still.offset_s
+        now_s = max(asyncio.get_running_loop().time(), t_s)
+        reading = self._stamper.reading_at(still.image_bgr, t_s=t_s, arrived_s=now_s)
+        if reading is None:
+            self._dropped += 1
+        return reading
+
+    def _due_s(self, still: Still) -> float:
+        return self._start_s + still.offset_s + self._latency_s
+
+    def _check_first(self, first: Still | None) -> None:
+        if first is None:
+            raise SourceError(f"{self.name}: has no picture in it")
+        check_size(self.name, first.image_bgr, self.intrinsics)
+
+    async def _in_thread(self, job: Callable[[], T]) -> T:
+        running = asyncio.get_running_loop().run_in_executor(None, job)
+        self._running = running
+        return await asyncio.shield(running)
+
+    async def _close(self) -> None:
+        # Who reads may have been cancelled while its thread still is at work on the file.
+        if self._running is not None and not self._running.done():
+            await asyncio.wait({self._running})
+        self._file.close()

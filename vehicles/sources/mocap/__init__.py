@@ -1,0 +1,1 @@
+"""Motion capture: poses of bodies from a tracking system."""

@@ -1,0 +1,121 @@
+"""Where motion capture comes in: UDP datagrams, or a ZeroMQ subscription. Wall clock only."""
+
+import asyncio
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+import zmq
+
+from vehicles.readings import PoseReading
+from vehicles.sources.camera_source import SourceError
+from vehicles.sources.mocap.motion_capture import MotionCapture
+
+Deliver = Callable[[PoseReading], None]
+
+
+class UdpCapture(asyncio.DatagramProtocol):
+    """Hears datagrams, one message each; an async context manager.
+
+    host: an address of this machine; 0.0.0.0 for all of them. deliver: called in the loop with
+    each reading, in order.
+    """
+
+    def __init__(self, *, host: str, port: int, capture: MotionCapture, deliver: Deliver) -> None:
+        self.name = f"motion capture on UDP {host}:{port}"
+        self._address = (host, port)
+        self._capture = capture
+        self._deliver = deliver
+        self._transport: asyncio.DatagramTransport | None = None
+
+    @property
+    def port(self) -> int:
+        """Return the port that is bound; 0 when closed."""
+        if self._transport is None:
+            return 0
+        return int(self._transport.get_extra_info("sockname")[1])
+
+    async def __aenter__(self) -> Self:
+        """Bind. Raises SourceError."""
+        self._loop = asyncio.get_running_loop()
+        try:
+            self._transport, _ = await self._loop.create_datagram_endpoint(
+                lambda: self, local_addr=self._address
+            )
+        except OSError as error:
+            raise SourceError(
+                f"{self.name}: {error.strerror}; another program may use this port: end it, or "
+                "choose another one"
+            ) from error
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close; nothing is delivered afterwards."""
+        if self._transport is not None:
+            self._transport.close()
+            self._transport = None
+            # The transport closes its socket one turn later.
+            await asyncio.sleep(0)
+
+    def datagram_received(self, data: bytes, _addr: tuple[str, int]) -> None:
+        """Take a datagram (asyncio calls this)."""
+        for reading in self._capture.take(data, self._loop.time()):
+            self._deliver(reading)
+
+
+class ZmqCapture:
+    """Subscribes to a publisher of messages, the last part of each; an async context manager.
+
+    address: `tcp://HOST:PORT` that a publisher has bound. topic: prefix of the first part.
+    """
+
+    def __init__(
+        self, *, address: str, capture: MotionCapture, deliver: Deliver, topic: bytes = b""
+    ) -> None:
+        self.name = f"motion capture at {address}"
+        self._address = address
+        self._capture = capture
+        self._deliver = deliver
+        self._topic = topic
+
+    async def __aenter__(self) -> Self:
+        """Subscribe; a publisher may come later. Raises SourceError."""
+        self._loop = asyncio.get_running_loop()
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.SUB)
+        self._socket.setsockopt(zmq.RCVHWM, 1000)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, 65_536)
+        self._socket.subscribe(self._topic)
+        try:
+            self._socket.connect(self._address)
+        except zmq.ZMQError as error:
+            self._context.destroy(linger=0)
+            raise SourceError(
+                f"{self.name}: is no address: {error.strerror}; it looks like "
+                "tcp://192.168.1.10:5570"
+            ) from error
+        self._loop.add_reader(self._socket.fileno(), self._readable)
+        self._readable()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close; nothing is delivered afterwards."""
+        self._loop.remove_reader(self._socket.fileno())
+        self._context.destroy(linger=0)
+
+    def _readable(self) -> None:
+        # The descriptor tells of changes only: all that is there must be read at once.
+        while self._socket.poll(0, zmq.POLLIN):
+            parts = self._socket.recv_multipart(zmq.NOBLOCK)
+            for reading in self._capture.take(parts[-1], self._loop.time()):
+                self._deliver(reading)

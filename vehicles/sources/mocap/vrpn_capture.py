@@ -1,0 +1,107 @@
+"""Motion capture over VRPN, where a client library is installed. Wall clock only.
+
+The library is the Python binding that VRPN itself builds (module `vrpn`); it is on no package
+index, so it is looked for when it is asked for.
+"""
+
+import asyncio
+import importlib
+import threading
+from collections.abc import Callable
+from datetime import datetime
+from types import TracebackType
+from typing import Any, Self
+
+from vehicles.readings import PoseReading
+from vehicles.sources.camera_source import SourceError
+from vehicles.sources.mocap.motion_capture import (
+    BodyPose,
+    CaptureFrame,
+    MotionCapture,
+    pose_from_enu,
+)
+from worlds.frames import quat_normalize
+
+_POLL_S = 0.001
+
+
+class VrpnCapture:
+    """One tracker of a VRPN server; an async context manager.
+
+    host: of the server, with `:PORT` if not 3883. tracker: its name there, and the body's name in
+    `capture`. Trackers are taken to be z-up (ENU, FLU), as Vicon, OptiTrack and Qualisys serve
+    them.
+    """
+
+    def __init__(
+        self,
+        *,
+        host: str,
+        tracker: str,
+        capture: MotionCapture,
+        deliver: Callable[[PoseReading], None],
+    ) -> None:
+        self.name = f"VRPN tracker {tracker}@{host}"
+        self._address = f"{tracker}@{host}"
+        self._body = tracker
+        self._capture = capture
+        self._deliver = deliver
+        self._stop = threading.Event()
+        self._seq = -1
+
+    async def __aenter__(self) -> Self:
+        """Connect. Raises SourceError where no client library is installed."""
+        self._loop = asyncio.get_running_loop()
+        try:
+            vrpn: Any = importlib.import_module("vrpn")
+        except ImportError as error:
+            raise SourceError(
+                f"{self.name}: no VRPN client library is installed; build VRPN with its Python "
+                "binding (module `vrpn`), or send the documented UDP message instead "
+                "(docs/motion-capture.md)"
+            ) from error
+        self._tracker = vrpn.receiver.Tracker(self._address)
+        self._tracker.register_change_handler(None, self._on_change, "position")
+        self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
+        self._thread.start()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Disconnect; nothing is delivered afterwards."""
+        self._stop.set()
+        await asyncio.to_thread(self._thread.join, 1.0)
+
+    def _run(self) -> None:
+        while not self._stop.wait(_POLL_S):
+            self._tracker.mainloop()
+
+    def _on_change(self, _userdata: object, report: dict[str, Any]) -> None:
+        self._loop.call_soon_threadsafe(self._take, report, self._loop.time())
+
+    def _take(self, report: dict[str, Any], arrived_s: float) -> None:
+        if self._stop.is_set():
+            return
+        self._seq += 1
+        frame = CaptureFrame(self._seq, _seconds(report["time"], arrived_s), (self._pose(report),))
+        for reading in self._capture.take_frame(frame, arrived_s):
+            self._deliver(reading)
+
+    def _pose(self, report: dict[str, Any]) -> BodyPose:
+        px, py, pz = (float(number) for number in report["position"])
+        x, y, z, w = (float(number) for number in report["quaternion"])
+        try:
+            q = quat_normalize((w, x, y, z))
+        except ValueError:
+            return BodyPose(self._body, None)
+        return BodyPose(self._body, pose_from_enu((px, py, pz), q))
+
+
+def _seconds(stamp: object, arrived_s: float) -> float:
+    if isinstance(stamp, datetime):
+        return stamp.timestamp()
+    return float(stamp) if isinstance(stamp, int | float) else arrived_s

@@ -1,0 +1,1 @@
+"""Images from a simulator in another process, and the protocol for it."""

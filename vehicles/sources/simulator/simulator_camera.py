@@ -1,0 +1,240 @@
+"""A simulator in another process, asked for pictures over ZeroMQ."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Self, TypeVar
+
+import zmq
+
+from vehicles.cameras.rendered_cameras import NoImageError
+from vehicles.sources.camera_source import SourceError
+from vehicles.sources.messagepack import BadMessageError
+from vehicles.sources.simulator.image_parts import Buffer
+from vehicles.sources.simulator.simulator_protocol import (
+    Ask,
+    LateAnswerError,
+    RefusedError,
+    SimulatedImage,
+    Welcome,
+    ask_parts,
+    hello_parts,
+    image_of,
+    welcome_of,
+)
+from worlds.camera import Intrinsics
+from worlds.frames import Pose
+
+T = TypeVar("T")
+
+_MAX_MESSAGE_BYTES = 256 * 1024 * 1024
+
+
+class SimulatorError(SourceError, NoImageError):
+    """The simulator gave no picture that can be used."""
+
+
+class SimulatorTimeoutError(SimulatorError):
+    """The simulator did not answer in time."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatorCounts:
+    """What became of the questions.
+
+    late: answers to questions that had been given up. garbage: answers that broke the protocol.
+    refused: questions that the simulator said it cannot answer.
+    """
+
+    asked: int = 0
+    answered: int = 0
+    timeouts: int = 0
+    late: int = 0
+    garbage: int = 0
+    refused: int = 0
+
+
+def _no_events() -> Mapping[str, float]:
+    return {}
+
+
+class ZmqImageSource:
+    """A simulator as a `vehicles.cameras.rendered_cameras.ImageSource`; an async context manager.
+
+    address: `tcp://HOST:PORT` where the simulator has bound. objects: which id stands for which
+    object, told to the simulator. events: asked for before each question. `picture` blocks, for
+    a thread (`compute=asyncio.to_thread`); several threads may call it, they wait in turn.
+    Whatever the simulator answers, a picture is returned only if it is the right one: its number,
+    pose, time, size and type are checked. Wall clock only.
+    """
+
+    def __init__(
+        self,
+        *,
+        address: str,
+        timeout_s: float = 1.0,
+        open_timeout_s: float = 5.0,
+        objects: Mapping[str, int] | None = None,
+        events: Callable[[], Mapping[str, float]] = _no_events,
+    ) -> None:
+        self.name = address
+        self._timeout_s = timeout_s
+        self._open_timeout_s = open_timeout_s
+        self._objects = dict(objects or {})
+        self._events = events
+        self._lock = threading.Lock()
+        self._seq = 0
+        self.counts = SimulatorCounts()
+        self.trouble = ""
+        """Why the last question that got no picture got none."""
+        self.welcome = Welcome("")
+
+    async def __aenter__(self) -> Self:
+        """Connect and greet. Raises SimulatorError."""
+        self._context = zmq.Context()
+        try:
+            self._socket = self._connect()
+            await asyncio.to_thread(self._greet)
+        except BaseException:
+            await self._close()
+            raise
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Disconnect; a question under way is waited for."""
+        await self._close()
+
+    async def ask(
+        self,
+        camera_pose: Pose,
+        intrinsics: Intrinsics,
+        t_s: float,
+        *,
+        want_depth: bool = True,
+        want_ids: bool = True,
+    ) -> SimulatedImage:
+        """Return a picture without blocking the loop. Raises SimulatorError."""
+        return await asyncio.to_thread(
+            self.picture,
+            camera_pose,
+            intrinsics,
+            t_s,
+            want_depth=want_depth,
+            want_ids=want_ids,
+        )
+
+    def picture(
+        self,
+        camera_pose: Pose,
+        intrinsics: Intrinsics,
+        t_s: float,
+        *,
+        want_depth: bool = False,
+        want_ids: bool = False,
+    ) -> SimulatedImage:
+        """Return a picture; blocks for `timeout_s` at most. Raises SimulatorError."""
+        events = self._events()
+        with self._lock:
+            self._seq += 1
+            ask = Ask(self._seq, t_s, camera_pose, intrinsics, want_depth, want_ids, events)
+            self._count(asked=1)
+            try:
+                picture = self._await_answer(ask)
+            except SimulatorError as error:
+                self.trouble = str(error)
+                raise
+            except zmq.ZMQError as error:
+                raise SimulatorError(
+                    f"{self.name}: the connection is closed ({error.strerror}); ask within "
+                    "`async with`"
+                ) from error
+            self._count(answered=1)
+            return picture
+
+    def _await_answer(self, ask: Ask) -> SimulatedImage:
+        deadline_s = time.monotonic() + self._timeout_s
+        self._send(ask_parts(ask), deadline_s)
+        return self._answer(lambda parts: image_of(parts, ask), deadline_s)
+
+    def _connect(self) -> "zmq.Socket[bytes]":
+        socket = self._context.socket(zmq.DEALER)
+        socket.setsockopt(zmq.LINGER, 0)
+        # A question is for a simulator that is there, not for the one that comes back later.
+        socket.setsockopt(zmq.IMMEDIATE, 1)
+        socket.setsockopt(zmq.SNDHWM, 2)
+        socket.setsockopt(zmq.MAXMSGSIZE, _MAX_MESSAGE_BYTES)
+        socket.setsockopt(zmq.HEARTBEAT_IVL, 1000)
+        try:
+            socket.connect(self.name)
+        except zmq.ZMQError as error:
+            socket.close()
+            raise SimulatorError(
+                f"{self.name}: is no address of a simulator: {error.strerror}; it looks like "
+                "tcp://127.0.0.1:5555"
+            ) from error
+        return socket
+
+    def _greet(self) -> None:
+        deadline_s = time.monotonic() + self._open_timeout_s
+        with self._lock:
+            self._send(hello_parts(self._objects), deadline_s)
+            self.welcome = self._answer(welcome_of, deadline_s)
+
+    def _send(self, parts: Sequence[Buffer], deadline_s: float) -> None:
+        if not self._socket.poll(_left_ms(deadline_s), zmq.POLLOUT):
+            self._count(timeouts=1)
+            raise SimulatorTimeoutError(
+                f"{self.name}: no simulator is connected; start it, or see why it stopped"
+            )
+        # The empty part makes us look like a REQ socket to the simulator's REP.
+        self._socket.send_multipart([b"", *parts])
+
+    def _answer(self, read: Callable[[Sequence[Buffer]], T], deadline_s: float) -> T:
+        while True:
+            parts = self._receive(deadline_s)
+            try:
+                return read(parts)
+            except LateAnswerError:
+                self._count(late=1)
+            except RefusedError as error:
+                self._count(refused=1)
+                raise SimulatorError(f"{self.name}: the simulator refused: {error}") from error
+            except BadMessageError as error:
+                self._count(garbage=1)
+                raise SimulatorError(
+                    f"{self.name}: the simulator's answer is wrong: {error}; "
+                    "see docs/simulator-protocol.md"
+                ) from error
+
+    def _receive(self, deadline_s: float) -> Sequence[Buffer]:
+        if not self._socket.poll(_left_ms(deadline_s), zmq.POLLIN):
+            self._count(timeouts=1)
+            raise SimulatorTimeoutError(
+                f"{self.name}: the simulator did not answer in {self._timeout_s:g} s; it hangs, "
+                "has stopped, or is too slow for this limit"
+            )
+        parts = [frame.buffer for frame in self._socket.recv_multipart(copy=False)]
+        return parts[1:] if len(parts[0]) == 0 else parts
+
+    def _count(self, **more: int) -> None:
+        changed = {name: getattr(self.counts, name) + n for name, n in more.items()}
+        self.counts = replace(self.counts, **changed)
+
+    async def _close(self) -> None:
+        await asyncio.to_thread(self._close_socket)
+
+    def _close_socket(self) -> None:
+        with self._lock:
+            self._context.destroy(linger=0)
+
+
+def _left_ms(deadline_s: float) -> int:
+    return max(0, round((deadline_s - time.monotonic()) * 1000.0))

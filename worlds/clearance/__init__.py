@@ -1,0 +1,1 @@
+"""Clearance: distances between a vehicle's body and the things of a scene."""

@@ -1,0 +1,309 @@
+"""Clearance between a vehicle's body and the things of a scene, swept between two samples.
+
+Nothing thin is passed through. Distance between two bodies changes by no more than the way that
+any of their points goes, so the distances at both ends of a stretch bound those in between, and
+stretches are halved until the bound is tight (Schwarzer, Saha and Latombe 2005). A second bound
+is tight at once: for convex parts a plane that separates at one end, for triangle surfaces the
+distance to the hull of the body at both ends.
+"""
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from worlds.clearance.distance import Body, BodySolid, Gap, PartSolid
+from worlds.frames import Pose, angle_between
+from worlds.scene.motion import Travel
+from worlds.scene.parts import BoxShape, SphereShape
+from worlds.scene.scene import NO_EVENTS, Scene, SceneObject
+
+__all__ = ["Body", "BoxShape", "Clearance", "ClearanceMinima", "ClearanceProbe", "SphereShape"]
+
+TOLERANCE_M = 2e-4
+_SHORTEST = 2.0**-30
+"""Of a stretch: parts that are shorter are not halved again, whatever jumps in them."""
+_Key = tuple[str, bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """The least distance to a thing on a stretch of the way, and to which of its parts.
+
+    clearance_m: 0 is contact. at_s: when it was least. is_floor: it is the floor of a room,
+    which is reported beside the rest of the room, as touching it is no collision.
+    """
+
+    object_name: str
+    part_name: str
+    clearance_m: float
+    at_s: float
+    is_floor: bool = False
+
+    @property
+    def key(self) -> _Key:
+        """Return what tells apart what is reported separately: the name, and whether floor."""
+        return (self.object_name, self.is_floor)
+
+
+class ClearanceProbe:
+    """Measures one body against one scene.
+
+    exclude: names of things to leave out. floors: whether floors of rooms are measured.
+    within_m: things farther than this are not reported; what is reported is exact to 1 mm.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        body: Body,
+        *,
+        exclude: Collection[str] = (),
+        floors: bool = True,
+        within_m: float = 2.0,
+    ) -> None:
+        self._body = BodySolid(body)
+        self._within_m = within_m
+        self._targets = [
+            target
+            for thing in scene.objects
+            if thing.name not in exclude
+            for target in (_Target(thing, is_floor=False), _Target(thing, is_floor=True))
+            if target.parts and (floors or not target.is_floor)
+        ]
+
+    def sweep(
+        self,
+        pose_0: Pose,
+        t_0_s: float,
+        pose_1: Pose,
+        t_1_s: float,
+        events: Mapping[str, float] = NO_EVENTS,
+        *,
+        below_m: Mapping[_Key, float] | None = None,
+    ) -> tuple[Clearance, ...]:
+        """Return the least clearance of each near thing between two samples of the body's pose.
+
+        The body moves straight and turns evenly from pose_0 to pose_1; things move as they do.
+        below_m: by `Clearance.key`, what is known already: only what is less is reported.
+        """
+        stretch = _Stretch(pose_0, t_0_s, pose_1, t_1_s, events)
+        found = []
+        within_m, radius_m = self._within_m, self._body.radius_m
+        for target in self._targets:
+            limit_m = within_m
+            if below_m is not None:
+                limit_m = min(limit_m, below_m.get(target.key, limit_m))
+            if limit_m > 0.0 and target.is_near(stretch, radius_m, limit_m):
+                clearance = _Sweep(self._body, target, stretch).least(limit_m)
+                if clearance is not None:
+                    found.append(clearance)
+        return tuple(found)
+
+
+class ClearanceMinima:
+    """Keeps the least clearance of a run by thing; each stretch costs what it must."""
+
+    def __init__(self, probe: ClearanceProbe) -> None:
+        self._probe = probe
+        self._least: dict[_Key, Clearance] = {}
+
+    @property
+    def least(self) -> tuple[Clearance, ...]:
+        """Return the least clearances so far, one per thing (and floor) that was ever near."""
+        return tuple(self._least.values())
+
+    def sweep(
+        self,
+        pose_0: Pose,
+        t_0_s: float,
+        pose_1: Pose,
+        t_1_s: float,
+        events: Mapping[str, float] = NO_EVENTS,
+    ) -> tuple[Clearance, ...]:
+        """Take a stretch of the way; return what came closer on it than ever before."""
+        known = {key: each.clearance_m for key, each in self._least.items()}
+        closer = self._probe.sweep(pose_0, t_0_s, pose_1, t_1_s, events, below_m=known)
+        self._least.update((each.key, each) for each in closer)
+        return closer
+
+
+class _Stretch:
+    """The body's way between two samples."""
+
+    __slots__ = ("events", "pose_0", "pose_1", "t_0_s", "t_1_s", "turn_rad", "way_m")
+
+    def __init__(
+        self, pose_0: Pose, t_0_s: float, pose_1: Pose, t_1_s: float, events: Mapping[str, float]
+    ) -> None:
+        self.pose_0, self.t_0_s = pose_0, t_0_s
+        self.pose_1, self.t_1_s = pose_1, t_1_s
+        self.events = events
+        self.way_m = math.dist(pose_0.position_ned_m, pose_1.position_ned_m)
+        self.turn_rad = angle_between(pose_0.q_wxyz, pose_1.q_wxyz)
+
+    def time_s(self, fraction: float) -> float:
+        return self.t_0_s + (self.t_1_s - self.t_0_s) * fraction
+
+
+class _Target:
+    """A thing (or the floor of one) with its parts ready to be measured."""
+
+    def __init__(self, thing: SceneObject, *, is_floor: bool) -> None:
+        self.thing = thing
+        self.is_floor = is_floor
+        self.key = (thing.name, is_floor)
+        self.parts = [PartSolid(p) for p in thing.shape.parts if p.is_floor is is_floor]
+        self.radius_m = thing.shape.radius_m
+        self.place_m = thing.pose.position_ned_m if thing.motion is None else None
+        self.at_rest = thing.pose.inverse() if thing.motion is None else None
+
+    def is_near(self, stretch: _Stretch, body_radius_m: float, limit_m: float) -> bool:
+        """Return whether the thing may come nearer than a limit, by bounding spheres."""
+        reach_m = self.radius_m + body_radius_m + limit_m
+        way_m, center = stretch.way_m, self.place_m
+        if center is None:
+            thing = self.thing
+            center = thing.pose_at(stretch.t_0_s, stretch.events).position_ned_m
+            way_m += thing.travel(stretch.t_0_s, stretch.t_1_s, stretch.events).length_m
+        return math.dist(stretch.pose_0.position_ned_m, center) - way_m < reach_m
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    """The body at a fraction of the stretch, in the thing's frame, and its gap to a part."""
+
+    fraction: float
+    pose: Pose
+    gap: Gap
+
+
+class _Sweep:
+    """One stretch against one thing."""
+
+    def __init__(self, body: BodySolid, target: _Target, stretch: _Stretch) -> None:
+        self._body, self._target, self._stretch = body, target, stretch
+        self._first = self._seen_at_sample(stretch.pose_0, stretch.t_0_s)
+
+    # Most stretches are far from every part, and need neither of these.
+
+    @cached_property
+    def _last(self) -> Pose:
+        return self._seen_at_sample(self._stretch.pose_1, self._stretch.t_1_s)
+
+    @cached_property
+    def _straight(self) -> bool:
+        stretch = self._stretch
+        return self._target.thing.is_even(stretch.t_0_s, stretch.t_1_s, stretch.events)
+
+    def least(self, limit_m: float) -> Clearance | None:
+        """Return the least clearance over all parts, None when it is not below the limit."""
+        best: tuple[_Sample, str] | None = None
+        for at_least_m, part in self._nearest_first(limit_m):
+            if at_least_m >= limit_m:
+                break
+            first, last = self._sample(part, 0.0), self._sample(part, 1.0)
+            sample = self._refine(part, first, last, limit_m)
+            if sample is not None:
+                limit_m = sample.gap.distance_m
+                best = (sample, part.name)
+        if best is None:
+            return None
+        sample, part_name = best
+        at_s = self._stretch.time_s(sample.fraction)
+        name, is_floor = self._target.key
+        return Clearance(name, part_name, sample.gap.distance_m, at_s, is_floor)
+
+    def _nearest_first(self, limit_m: float) -> list[tuple[float, PartSolid]]:
+        """Return the parts that may come nearer than a limit, least lower bound first."""
+        motion_m = self._motion_m(0.0, 1.0)
+        reach_m = self._body.reach_m(self._first.q_wxyz)
+        center = self._first.position_ned_m
+        bounds: list[tuple[float, PartSolid]] = []
+        for part in self._target.parts:
+            at_least_m = part.at_least_m(center, reach_m) - motion_m
+            if at_least_m < limit_m:
+                bounds.append((at_least_m, part))
+        bounds.sort(key=_bound)
+        return bounds
+
+    def _refine(
+        self, part: PartSolid, first: _Sample, last: _Sample, limit_m: float
+    ) -> _Sample | None:
+        """Return the sample of least distance to a part, None when not below the limit."""
+        best: _Sample | None = None
+        waiting = [(first, last)]
+        for sample in (first, last):
+            if sample.gap.distance_m < limit_m:
+                best, limit_m = sample, sample.gap.distance_m
+        while waiting and limit_m > 0.0:
+            a, b = waiting.pop()
+            enough_m = limit_m - TOLERANCE_M
+            if b.fraction - a.fraction < _SHORTEST or self._is_above(part, a, b, enough_m):
+                continue
+            middle = self._sample(part, (a.fraction + b.fraction) / 2.0)
+            if middle.gap.distance_m < limit_m:
+                best, limit_m = middle, middle.gap.distance_m
+            waiting += [(middle, b), (a, middle)]
+        return best
+
+    def _is_above(self, part: PartSolid, a: _Sample, b: _Sample, enough_m: float) -> bool:
+        """Return whether the distance is proven to stay above a value between two samples."""
+        both_m = a.gap.distance_m + b.gap.distance_m
+        if (both_m - self._motion_m(a.fraction, b.fraction)) / 2.0 >= enough_m:
+            return True
+        if not self._straight:
+            return False
+        # A point of the body leaves its chord by at most r (1 - cos(turn / 2)).
+        turn_rad = self._stretch.turn_rad * (b.fraction - a.fraction)
+        enough_m += self._body.radius_m * turn_rad * turn_rad / 8.0
+        if part.tree is not None:
+            return self._body.stays_beyond(part.tree, a.pose, b.pose, enough_m)
+        return self._plane_holds(a, b, enough_m) or self._plane_holds(b, a, enough_m)
+
+    def _plane_holds(self, here: _Sample, there: _Sample, enough_m: float) -> bool:
+        """Return whether the plane that separates at one sample does so, by enough, at both."""
+        direction = here.gap.direction
+        if direction is None or here.gap.distance_m < enough_m:
+            return False
+        change_m = self._body.depth_m(there.pose, direction)
+        change_m -= self._body.depth_m(here.pose, direction)
+        return here.gap.distance_m + change_m >= enough_m
+
+    def _sample(self, part: PartSolid, fraction: float) -> _Sample:
+        pose = self._seen_at(fraction)
+        return _Sample(fraction, pose, self._body.gap(pose, part))
+
+    def _seen_at(self, fraction: float) -> Pose:
+        if fraction in (0.0, 1.0):
+            return self._last if fraction else self._first
+        if self._straight:
+            return self._first.interpolate(self._last, fraction)
+        stretch = self._stretch
+        body = stretch.pose_0.interpolate(stretch.pose_1, fraction)
+        return self._seen_at_sample(body, stretch.time_s(fraction))
+
+    def _seen_at_sample(self, body: Pose, t_s: float) -> Pose:
+        """Return a pose of the body in the thing's frame."""
+        frame = self._target.at_rest
+        if frame is None:
+            frame = self._target.thing.pose_at(t_s, self._stretch.events).inverse()
+        return frame.compose(body)
+
+    def _motion_m(self, from_fraction: float, to_fraction: float) -> float:
+        """Return how far any point goes, of the body and of the thing together, at most."""
+        share, stretch = to_fraction - from_fraction, self._stretch
+        body_m = share * (stretch.way_m + stretch.turn_rad * self._body.radius_m)
+        if self._target.at_rest is not None:
+            return body_m
+        travel = self._travel(from_fraction, to_fraction)
+        return body_m + travel.length_m + travel.turn_rad * self._target.radius_m
+
+    def _travel(self, from_fraction: float, to_fraction: float) -> Travel:
+        stretch = self._stretch
+        first_s, last_s = stretch.time_s(from_fraction), stretch.time_s(to_fraction)
+        return self._target.thing.travel(first_s, last_s, stretch.events)
+
+
+def _bound(bounded: tuple[float, PartSolid]) -> float:
+    return bounded[0]

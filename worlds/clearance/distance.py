@@ -1,0 +1,136 @@
+"""Distance between a vehicle's body and one part of a thing.
+
+Convex parts by our own GJK (`gjk`); triangle surfaces by a tree of them (`surfaces`).
+Everything is in the thing's frame: parts stay where they are, the body is placed.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from worlds.clearance.gjk import PRECISION_M, posed_distance
+from worlds.clearance.surfaces import TriangleTree, surface_distance, swept_beyond, triangle_tree
+from worlds.frames import Pose, Quat, Vec3, matrix_from_quat, quat_conjugate, rotate
+from worlds.scene.meshes import FloatArray
+from worlds.scene.parts import BoxShape, Part, PartShape, SphereShape, SurfaceShape
+
+Body = BoxShape | SphereShape
+"""A vehicle for the purpose of touching: a box (half extents FRD, metres) or a ball."""
+
+_CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A distance, 0 at contact, and the unit direction from the part to the body.
+
+    direction: None at contact, and where the part is not convex: then no plane with that
+    normal need separate them.
+    """
+
+    distance_m: float
+    direction: Vec3 | None
+
+
+CONTACT = Gap(0.0, None)
+
+
+class PartSolid:
+    """A part ready to be measured, at its place in the thing's frame."""
+
+    def __init__(self, part: Part) -> None:
+        self.name = part.name
+        rotation = matrix_from_quat(part.pose.q_wxyz)
+        core, self.rounding_m = _core(part.shape)
+        corners = core @ rotation.T + np.array(part.pose.position_ned_m)
+        self.corners_m = np.ascontiguousarray(corners)
+        self.tree: TriangleTree | None = None
+        if isinstance(part.shape, SurfaceShape):
+            self.tree = triangle_tree(self.corners_m, part.shape.faces)
+        self._low_m = _vec3(corners.min(axis=0) - self.rounding_m)
+        self._high_m = _vec3(corners.max(axis=0) + self.rounding_m)
+
+    def at_least_m(self, center_m: Vec3, reach_m: Vec3) -> float:
+        """Return a lower bound of the distance from what reaches so far from a centre."""
+        low, high = self._low_m, self._high_m
+        x, y, z = center_m
+        before, behind = low[0] - x, x - high[0]
+        dx = (before if before > behind else behind) - reach_m[0]
+        before, behind = low[1] - y, y - high[1]
+        dy = (before if before > behind else behind) - reach_m[1]
+        before, behind = low[2] - z, z - high[2]
+        dz = (before if before > behind else behind) - reach_m[2]
+        squares = dx * dx if dx > 0.0 else 0.0
+        if dy > 0.0:
+            squares += dy * dy
+        if dz > 0.0:
+            squares += dz * dz
+        return math.sqrt(squares)
+
+
+class BodySolid:
+    """The body ready to be measured."""
+
+    def __init__(self, body: Body) -> None:
+        self.radius_m = body.radius_m
+        self._half_m = body.half_m if isinstance(body, BoxShape) else None
+        self._corners_m, self._rounding_m = _core(body)
+
+    def gap(self, pose: Pose, part: PartSolid) -> Gap:
+        """Return the distance between the body at a pose in the thing's frame and a part."""
+        if part.tree is not None:
+            corners, at = self._corners_m, pose.position_ned_m
+            distance_m = surface_distance(corners, at, pose.q_wxyz, part.tree) - self._rounding_m
+            return Gap(distance_m, None) if distance_m > PRECISION_M else CONTACT
+        _, direction, at_least_m = posed_distance(
+            self._corners_m, pose.position_ned_m, pose.q_wxyz, part.corners_m
+        )
+        distance_m = at_least_m - self._rounding_m - part.rounding_m
+        return Gap(distance_m, direction) if distance_m > PRECISION_M else CONTACT
+
+    def stays_beyond(self, tree: TriangleTree, first: Pose, last: Pose, enough_m: float) -> bool:
+        """Return whether the hull of the body at two poses is so far from triangles."""
+        ends = (first.position_ned_m, first.q_wxyz), (last.position_ned_m, last.q_wxyz)
+        return swept_beyond(self._corners_m, *ends, tree, enough_m + self._rounding_m)
+
+    def reach_m(self, q_wxyz: Quat) -> Vec3:
+        """Return how far the body reaches from its middle along the axes of the thing's frame."""
+        half = self._half_m
+        if half is None:
+            return (self.radius_m, self.radius_m, self.radius_m)
+        w, x, y, z = q_wxyz
+        return (
+            abs(1 - 2 * (y * y + z * z)) * half[0]
+            + abs(2 * (x * y - w * z)) * half[1]
+            + abs(2 * (x * z + w * y)) * half[2],
+            abs(2 * (x * y + w * z)) * half[0]
+            + abs(1 - 2 * (x * x + z * z)) * half[1]
+            + abs(2 * (y * z - w * x)) * half[2],
+            abs(2 * (x * z - w * y)) * half[0]
+            + abs(2 * (y * z + w * x)) * half[1]
+            + abs(1 - 2 * (x * x + y * y)) * half[2],
+        )
+
+    def depth_m(self, pose: Pose, direction: Vec3) -> float:
+        """Return the least coordinate along a direction of the body at a pose."""
+        at = pose.position_ned_m
+        center = at[0] * direction[0] + at[1] * direction[1] + at[2] * direction[2]
+        half = self._half_m
+        if half is None:
+            return center - self.radius_m
+        own = rotate(quat_conjugate(pose.q_wxyz), direction)
+        return center - abs(own[0]) * half[0] - abs(own[1]) * half[1] - abs(own[2]) * half[2]
+
+
+def _core(shape: PartShape) -> tuple[FloatArray, float]:
+    """Return corners (n, 3), and how thick the shape is about their hull."""
+    if isinstance(shape, SphereShape):
+        return np.zeros((1, 3)), shape.radius_m
+    if isinstance(shape, BoxShape):
+        return _CUBE * np.array(shape.half_m), 0.0
+    return np.ascontiguousarray(shape.vertices_m), 0.0
+
+
+def _vec3(array: FloatArray) -> Vec3:
+    return (float(array[0]), float(array[1]), float(array[2]))

@@ -1,0 +1,129 @@
+"""Distance from a convex body to any triangles, through a tree of boxes about them.
+
+The tree is a pyramid over triangles sorted along a Morton curve (Lauterbach and others 2009):
+node k has children 2 k and 2 k + 1, the leaves hold LEAF triangles each. Distances to triangles
+are those of worlds.clearance.gjk, with their proof; boxes only leave out what is farther.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from worlds.clearance.gjk import PRECISION_M, Vector, convex_distance, placed
+from worlds.jit import F64, Float, compiled
+from worlds.scene.meshes import FloatArray, IntArray
+
+LEAF = 4
+_CELLS = 1023
+_DEEPEST = 64
+_Quat = tuple[Float, Float, Float, Float]
+
+
+class TriangleTree(NamedTuple):
+    """Triangles (n, 3, 3) in the order of the tree, and the boxes (nodes, 2, 3) of its nodes.
+
+    The root is node 1. Where a leaf has too few triangles, its last are repeated.
+    """
+
+    triangles: F64
+    boxes: F64
+
+
+def triangle_tree(vertices_m: FloatArray, faces: IntArray) -> TriangleTree:
+    """Return the tree of a mesh."""
+    triangles = vertices_m[faces]
+    triangles = triangles[np.argsort(_morton_codes(triangles.mean(axis=1)), kind="stable")]
+    leaves = 1 << max(0, (-(-len(triangles) // LEAF) - 1).bit_length())
+    # Spread evenly, so that no leaf is empty and none is long.
+    places = np.arange(leaves * LEAF) * len(triangles) // (leaves * LEAF)
+    triangles = np.ascontiguousarray(triangles[places], np.float64)
+    boxes = np.zeros((2 * leaves, 2, 3))
+    corners = triangles.reshape(leaves, 3 * LEAF, 3)
+    boxes[leaves:, 0], boxes[leaves:, 1] = corners.min(axis=1), corners.max(axis=1)
+    first = leaves // 2
+    while first:
+        pairs = boxes[2 * first : 4 * first].reshape(first, 2, 2, 3)
+        boxes[first : 2 * first, 0] = pairs[:, :, 0].min(axis=1)
+        boxes[first : 2 * first, 1] = pairs[:, :, 1].max(axis=1)
+        first //= 2
+    return TriangleTree(triangles, boxes)
+
+
+def _morton_codes(points: FloatArray) -> np.ndarray:
+    """Return the place of points on a curve that keeps neighbours together."""
+    low, size = points.min(axis=0), np.ptp(points, axis=0).max() or 1.0
+    cells = ((points - low) / size * _CELLS).astype(np.int64)
+    codes = np.zeros(len(points), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            codes |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return codes
+
+
+@compiled
+def box_gap(low: F64, high: F64, box: F64) -> Float:
+    """Return the distance between two boxes along the axes."""
+    total = 0.0
+    for axis in range(3):
+        apart = max(low[axis] - box[1, axis], box[0, axis] - high[axis], 0.0)
+        total += apart * apart
+    return np.sqrt(total)
+
+
+@compiled
+def extent(corners: F64) -> tuple[F64, F64]:
+    """Return least and greatest coordinates."""
+    low, high = corners[0].copy(), corners[0].copy()
+    for i in range(1, corners.shape[0]):
+        for axis in range(3):
+            low[axis] = min(low[axis], corners[i, axis])
+            high[axis] = max(high[axis], corners[i, axis])
+    return low, high
+
+
+@compiled
+def nearest_triangle(corners: F64, tree: TriangleTree, enough_m: Float, limit_m: Float) -> Float:
+    """Return a lower bound, to PRECISION_M, of the distance from a hull to all triangles.
+
+    What is farther than limit_m counts as that far. Ends as soon as something is found to be
+    nearer than enough_m; what is returned then is the distance to that.
+    """
+    low, high = extent(corners)
+    waiting, distance = np.empty(_DEEPEST, np.int64), np.empty(_DEEPEST)
+    leaves, best = tree.boxes.shape[0] // 2, limit_m
+    waiting[0], distance[0], count = 1, box_gap(low, high, tree.boxes[1]), 1
+    while count and best >= enough_m:
+        count -= 1
+        node = waiting[count]
+        if distance[count] >= best:
+            continue
+        if node >= leaves:
+            first = (node - leaves) * LEAF
+            for t in range(first, first + LEAF):
+                _, _, at_least = convex_distance(corners, tree.triangles[t])
+                best = min(best, at_least)
+            continue
+        left, right = 2 * node, 2 * node + 1
+        gap_left = box_gap(low, high, tree.boxes[left])
+        gap_right = box_gap(low, high, tree.boxes[right])
+        if gap_left < gap_right:
+            left, right, gap_left, gap_right = right, left, gap_right, gap_left
+        waiting[count], distance[count] = left, gap_left
+        waiting[count + 1], distance[count + 1] = right, gap_right
+        count += 2
+    return best
+
+
+@compiled
+def surface_distance(body: F64, position: Vector, q_wxyz: _Quat, tree: TriangleTree) -> Float:
+    """Return the distance of a body at a pose, 0 when it touches."""
+    return nearest_triangle(placed(body, position, q_wxyz), tree, PRECISION_M, np.inf)
+
+
+@compiled
+def swept_beyond(
+    body: F64, first: tuple[Vector, _Quat], last: tuple[Vector, _Quat], tree: TriangleTree, m: Float
+) -> bool:
+    """Return whether the hull of a body at two poses is at least m metres from all triangles."""
+    before, after = placed(body, first[0], first[1]), placed(body, last[0], last[1])
+    return bool(nearest_triangle(np.concatenate((before, after)), tree, m, np.inf) >= m)

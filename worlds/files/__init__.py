@@ -1,0 +1,1 @@
+"""Files: YAML documents with the place of every value, faults, and references to user code."""

@@ -1,0 +1,233 @@
+"""YAML files of ours with the place of every value, so that each fault can be shown where it is.
+
+World, recipe and campaign files share this: `load` a file, `check` it against a model, and
+report what else is wrong with `Document.problem`.
+"""
+
+import json
+import stat
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from worlds.files.model_keys import Path
+from worlds.files.problems import BadInput, Problem, closest, closest_file
+from worlds.files.validation import KeyFaultError, Part, describe, faults_of
+from worlds.files.yaml_nodes import (
+    Data,
+    Entry,
+    Node,
+    Place,
+    Source,
+    mapping_node,
+    parse_nodes,
+    place_within,
+    plain,
+    sequence_node,
+)
+
+__all__ = [
+    "BadInput",
+    "Data",
+    "Document",
+    "Entry",
+    "KeyFaultError",
+    "Part",
+    "Path",
+    "Problem",
+    "check",
+    "closest",
+    "closest_file",
+    "load",
+    "parse",
+    "parse_value",
+]
+
+MAX_BYTES = 1_000_000
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """A file's data with its places. path: the file, for what it names relative to itself."""
+
+    path: FilePath
+    root: Node
+
+    @property
+    def data(self) -> Data:
+        """Return the whole content as new plain values."""
+        return plain(self.root)
+
+    @property
+    def name(self) -> str:
+        """Return the file's name as the user gave it."""
+        return self.root.place.source.name
+
+    def get(self, path: Path, default: Data = None) -> Data:
+        """Return the plain value at a path, or the default when nothing stands there."""
+        entry, rest = self._reach(path)
+        return default if rest else plain(entry.node)
+
+    def entry(self, path: Path) -> Entry:
+        """Return the key and value at a path. Raises KeyError when nothing stands there."""
+        entry, rest = self._reach(path)
+        if rest:
+            raise KeyError(path)
+        return entry
+
+    def place(self, path: Path, *, key: bool = False) -> tuple[int, int]:
+        """Return line and column (from 1) of a value, or of its key.
+
+        A path that does not exist stands at the key of the last part that does.
+        """
+        spot = self._spot(path, key=key)
+        return spot.line, spot.column
+
+    def problem(
+        self, path: Path, message: str, suggestion: str = "", *, key: bool = False
+    ) -> Problem:
+        """Return a problem with the value at a path, or with its key."""
+        return self._spot(path, key=key).problem(message, suggestion)
+
+    def problem_within(
+        self, path: Path, offset: int, message: str, suggestion: str = ""
+    ) -> Problem:
+        """Return a problem with a character of the text at a path, by its offset (from 0)."""
+        return place_within(self.entry(path).node, offset).problem(message, suggestion)
+
+    def override(self, dotted_key: str, entry: Entry) -> "Document":
+        """Return a document in which the entry replaces the whole value at a dotted key.
+
+        Places beneath are those of the entry, in the file (or option) where it stands. Raises
+        BadInput when the way there leads through what is no mapping or list, or through a key
+        that is missing but like one that is not.
+        """
+        steps = tuple(dotted_key.split("."))
+        return Document(self.path, _replace_value(self.root, steps, entry, dotted_key))
+
+    def _spot(self, path: Path, *, key: bool) -> Place:
+        entry, rest = self._reach(path)
+        return entry.key if key or rest else entry.node.place
+
+    def _reach(self, path: Path) -> tuple[Entry, Path]:
+        """Return the deepest entry on the path, and what of the path is left."""
+        entry = Entry(self.root.place, self.root)
+        for index, step in enumerate(path):
+            value = entry.node.value
+            if isinstance(value, dict) and step in value:
+                entry = value[str(step)]
+            elif isinstance(value, tuple) and isinstance(step, int) and 0 <= step < len(value):
+                entry = Entry(value[step].place, value[step])
+            else:
+                return entry, path[index:]
+        return entry, ()
+
+
+def _replace_value(node: Node, steps: tuple[str, ...], entry: Entry, dotted_key: str) -> Node:
+    step, rest = steps[0], steps[1:]
+    value = {} if node.value is None else node.value
+    if isinstance(value, tuple):
+        if not (step.isascii() and step.isdigit() and int(step) < len(value)):
+            count = f"a list of {len(value)}, counted from 0"
+            raise _no_way(entry, dotted_key, f"'{step}' is no place in {count}")
+        items = list(value)
+        inner = items[int(step)]
+        items[int(step)] = _replace_value(inner, rest, entry, dotted_key) if rest else entry.node
+        return sequence_node(tuple(items), node.place)
+    if not isinstance(value, dict):
+        raise _no_way(entry, dotted_key, f"'{step}' would stand in {describe(value)}")
+    if not rest:
+        return mapping_node({**value, step: entry}, node.place)
+    if step not in value and (meant := closest(step, value)):
+        raise _no_way(entry, dotted_key, f"there is no '{step}'", meant)
+    old = value.get(step, Entry(entry.key, mapping_node({}, entry.key)))
+    inside = _replace_value(old.node, rest, entry, dotted_key)
+    return mapping_node({**value, step: Entry(old.key, inside)}, node.place)
+
+
+def _no_way(entry: Entry, dotted_key: str, message: str, suggestion: str = "") -> BadInput:
+    return BadInput([entry.key.problem(f"override '{dotted_key}': {message}", suggestion)])
+
+
+def load(path: FilePath, name: str | None = None, *, json: bool = False) -> Document:
+    """Return the document in a file. name: what to call it in messages; None: the path.
+
+    json: the file is JSON, in which tabs may stand between the parts; YAML knows the rest of it.
+
+    Raises BadInput, with every problem found, for a file that is missing, unreadable, too big,
+    not UTF-8 or not YAML, and for what `parse` refuses.
+    """
+    source = Source(name if name is not None else str(path))
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise BadInput([Place(source).problem("is not a file")])
+        with path.open("rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        said = error.strerror if isinstance(error, OSError) else None
+        raise BadInput([Place(source).problem(f"cannot be read: {said or error}")]) from error
+    if len(content) > MAX_BYTES:
+        raise BadInput([Place(source).problem(f"is larger than {MAX_BYTES} bytes")])
+    if json:
+        content = content.replace(b"\t", b" ")
+    return parse(content, name=source.name, path=path)
+
+
+def parse(content: bytes, *, name: str, path: FilePath | None = None) -> Document:
+    """Return the document in a file's bytes; its top level is a mapping.
+
+    Raises BadInput for what is not UTF-8, not YAML, empty, several documents, duplicate keys,
+    tags, and nesting or aliases beyond the limits of `worlds.files.yaml_nodes`.
+    """
+    text = _decode(content, Source(name))
+    source = Source(name, tuple(text.splitlines()))
+    root = parse_nodes(text, source)
+    if root is None or root.value is None:
+        raise BadInput([Place(source).problem("is empty")])
+    if not isinstance(root.value, dict):
+        message = f"the top level must be a mapping, is {describe(plain(root))}"
+        raise BadInput([root.place.problem(message)])
+    return Document(path if path is not None else FilePath(name), root)
+
+
+def parse_value(text: str, *, name: str) -> Entry:
+    """Return the value of an option such as --set KEY=VALUE; `name` is the whole option.
+
+    Raises BadInput when the text is not YAML. An empty text is an empty value.
+    """
+    source = Source(name)
+    root = parse_nodes(text, source)
+    return Entry(Place(source), root if root is not None else Node(None, Place(source)))
+
+
+def _decode(content: bytes, source: Source) -> str:
+    if b"\0" in content:
+        raise BadInput([Place(source).problem("is not text (it has NUL bytes)")])
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = content[: error.start]
+        column = error.start - (before.rfind(b"\n") + 1) + 1
+        shown = Source(source.name, tuple(content.decode(errors="replace").splitlines()))
+        place = Place(shown, before.count(b"\n") + 1, column)
+        raise BadInput([place.problem("is not UTF-8 text")]) from error
+
+
+def check(document: Document, model: type[Model], at: Path = ()) -> Model:
+    """Return the value at a path as a model, converted by nothing but JSON's own rules.
+
+    Raises BadInput with every fault at once, in order of their places.
+    """
+    value = document.get(at)
+    try:
+        return model.model_validate_json(json.dumps(value), strict=True)
+    except ValidationError as error:
+        problems = [
+            document.problem((*at, *fault.path), fault.message, fault.suggestion, key=fault.on_key)
+            for fault in faults_of(error, value, model)
+        ]
+    raise BadInput(sorted(problems, key=lambda problem: (problem.line, problem.column)))

@@ -1,0 +1,97 @@
+"""`file.py:Name`: things of the user's, loaded from a file beside the one that names it."""
+
+import hashlib
+import importlib.util
+import sys
+import traceback
+from contextlib import redirect_stdout
+from pathlib import Path
+from types import ModuleType
+
+from worlds.files.documents import closest, closest_file
+
+_PREFIX = "wil_user_"
+
+
+class BadReferenceError(Exception):
+    """A reference that leads nowhere; says why, and what was probably meant ("" when unknown)."""
+
+    def __init__(self, message: str, suggestion: str = "") -> None:
+        super().__init__(message)
+        self.suggestion = suggestion
+
+
+def is_reference(text: str) -> bool:
+    """Return whether a text names something in a file, rather than something of ours."""
+    return ".py" in text or ":" in text or "/" in text
+
+
+def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> object:
+    """Return what `file.py:Name` names; the file is relative to a folder.
+
+    beside: what the file that names it is called in messages.
+
+    The file is run once in a process (see `forget_loaded`), and nothing is written beside it; what
+    it prints goes to stderr, for stdout may be a document of ours. Raises BadReferenceError, with
+    the line of the user's file that failed.
+    """
+    file, colon, name = text.rpartition(":")
+    if not colon or not file.endswith(".py") or not name.isidentifier():
+        raise BadReferenceError(f"'{text}' is not of the form file.py:Name")
+    path = (folder / file).resolve()
+    if not path.is_file():
+        raise BadReferenceError(f"there is no file '{file}' beside {beside}", _sibling(path))
+    module = _module(path)
+    found = getattr(module, name, None)
+    if found is None:
+        own = [key for key, value in vars(module).items() if _is_own(value, module)]
+        raise BadReferenceError(f"there is no '{name}' in {file}", closest(name, own))
+    return found
+
+
+def forget_loaded() -> None:
+    """Have the user's files run anew when they are next named: runs share no state by them."""
+    for name in [name for name in sys.modules if name.startswith(_PREFIX)]:
+        del sys.modules[name]
+
+
+def _sibling(path: Path) -> str:
+    if not path.parent.is_dir():
+        return ""
+    return closest_file(path.name, [other.name for other in path.parent.glob("*.py")])
+
+
+def _is_own(value: object, module: ModuleType) -> bool:
+    return callable(value) and getattr(value, "__module__", None) == module.__name__
+
+
+def _module(path: Path) -> ModuleType:
+    """Return the module of a file, run at most once."""
+    name = f"{_PREFIX}{path.stem}_{hashlib.sha256(bytes(path)).hexdigest()[:12]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise BadReferenceError(f"'{path.name}' cannot be loaded as Python")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    wrote, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        with redirect_stdout(sys.stderr):
+            spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        raise BadReferenceError(f"'{path.name}' cannot be loaded: {_why(error, path)}") from error
+    finally:
+        sys.dont_write_bytecode = wrote
+    return module
+
+
+def _why(error: BaseException, path: Path) -> str:
+    """Return the error with the deepest line of the user's own file that led to it."""
+    said = f"{type(error).__name__}: {error}"
+    if isinstance(error, SyntaxError):
+        return said
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame.lineno for frame in frames if Path(frame.filename) == path]
+    return f"line {own[-1]}: {said}" if own else said

@@ -1,0 +1,301 @@
+"""YAML text into nodes that know their place; the core schema of YAML 1.2, not PyYAML's 1.1.
+
+Only true and false are booleans (`on`, `yes` and `no` are words), `12:30:00` and dates are text,
+`1e-3` is a number, and keys are always text. What is not finite (`.nan`, `.inf`, `1e999`) stays
+text, so that nothing that wants a number takes it. Work is bounded: depth, size, aliases.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+from worlds.files.problems import BadInput, Problem
+
+Scalar = str | int | float | bool | None
+Data = Scalar | dict[str, "Data"] | list["Data"]
+"""What a node means, as plain values."""
+
+MAX_DEPTH = 40
+MAX_NODES = 100_000
+
+_WORDS: dict[str, bool | None] = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+}
+_INT = re.compile(r"[-+]?[0-9]{1,40}")
+_BASED = re.compile(r"0x[0-9a-fA-F]{1,32}|0o[0-7]{1,40}")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where text came from: the name people know it by, and its lines."""
+
+    name: str
+    lines: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A spot in a source; line and column count from 1, line 0 is the source as a whole."""
+
+    source: Source
+    line: int = 0
+    column: int = 0
+
+    def problem(self, message: str, suggestion: str = "") -> Problem:
+        """Return a problem that stands here; a source without lines is an option, not a file."""
+        lines = self.source.lines
+        if not lines:
+            return Problem(self.source.name, 0, 0, message, suggestion=suggestion)
+        text = lines[self.line - 1] if 0 < self.line <= len(lines) else ""
+        return Problem(self.source.name, self.line, self.column, message, text, suggestion)
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A value and where it stands; `size` counts nodes beneath with aliases written out."""
+
+    value: "Scalar | dict[str, Entry] | tuple[Node, ...]"
+    place: Place
+    size: int = 1
+    height: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A key of a mapping: where the key stands, and its value."""
+
+    key: Place
+    node: Node
+
+
+def mapping_node(entries: dict[str, Entry], place: Place) -> Node:
+    """Return the node of a mapping."""
+    return _check_size(entries, [entry.node for entry in entries.values()], place)
+
+
+def sequence_node(items: tuple[Node, ...], place: Place) -> Node:
+    """Return the node of a sequence."""
+    return _check_size(items, list(items), place)
+
+
+def _check_size(
+    value: dict[str, Entry] | tuple[Node, ...], children: list[Node], place: Place
+) -> Node:
+    size = 1 + sum(child.size for child in children)
+    return Node(value, place, size, 1 + max((child.height for child in children), default=0))
+
+
+def plain(node: Node) -> Data:
+    """Return what the node means, as new dicts, lists and scalars."""
+    if isinstance(node.value, dict):
+        return {key: plain(entry.node) for key, entry in node.value.items()}
+    if isinstance(node.value, tuple):
+        return [plain(item) for item in node.value]
+    return node.value
+
+
+def parse_nodes(text: str, source: Source) -> Node | None:
+    """Return the root of the one document in the text; None when there is none.
+
+    Raises BadInput with every problem found: syntax, duplicate keys, tags, several documents,
+    aliases of themselves or too many of them, nesting deeper than MAX_DEPTH.
+    """
+    builder = _Builder(text, source)
+    try:
+        root = builder.document()
+    except yaml.MarkedYAMLError as error:
+        builder.problems.append(_syntax_problem(error, source))
+    except yaml.reader.ReaderError as error:
+        before = text[: error.position]
+        column = error.position - (before.rfind("\n") + 1) + 1
+        place = Place(source, before.count("\n") + 1, column)
+        builder.problems.append(place.problem("a character that YAML does not allow"))
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        builder.problems.append(Place(source).problem(f"not YAML: {error}"))
+    if builder.problems:
+        raise BadInput(builder.problems)
+    return root
+
+
+def _syntax_problem(error: yaml.MarkedYAMLError, source: Source) -> Problem:
+    mark = error.problem_mark or error.context_mark
+    place = Place(source, mark.line + 1, mark.column + 1) if mark else Place(source)
+    said = [part for part in (error.context, error.problem) if part]
+    return place.problem("not YAML: " + ", ".join(said))
+
+
+class _Builder:
+    """Turns the parser's events into nodes, one document, noting problems as it goes."""
+
+    def __init__(self, text: str, source: Source) -> None:
+        self.problems: list[Problem] = []
+        self._source = source
+        self._events: Iterator[Any] = yaml.parse(text, Loader=yaml.SafeLoader)
+        self._anchors: dict[str, Node | None] = {}
+        self._total = 0
+
+    def document(self) -> Node | None:
+        """Return the root of the one document, None when there is none."""
+        next(self._events)
+        if isinstance(next(self._events), yaml.StreamEndEvent):
+            return None
+        root = self._node(next(self._events), 1)
+        next(self._events)
+        after = next(self._events)
+        if not isinstance(after, yaml.StreamEndEvent):
+            self._note(after, "a second YAML document begins here; a file holds one")
+        return root
+
+    def _note(self, event: Any, message: str, suggestion: str = "") -> None:
+        self.problems.append(self._place(event).problem(message, suggestion))
+
+    def _place(self, event: Any) -> Place:
+        mark = event.start_mark
+        return Place(self._source, mark.line + 1, mark.column + 1)
+
+    def _fatal(self, event: Any, message: str) -> BadInput:
+        return BadInput([*self.problems, self._place(event).problem(message)])
+
+    def _node(self, event: Any, depth: int) -> Node:
+        if depth > MAX_DEPTH:
+            raise self._fatal(event, f"nested more than {MAX_DEPTH} deep")
+        if isinstance(event, yaml.AliasEvent):
+            node = self._alias(event)
+        else:
+            node = self._check_anchor(event, depth)
+        self._total += node.size if isinstance(event, yaml.AliasEvent) else 1
+        if self._total > MAX_NODES or node.height + depth > MAX_DEPTH + 1:
+            limits = f"{MAX_NODES} values or {MAX_DEPTH} levels"
+            raise self._fatal(event, f"more than {limits} once aliases are written out")
+        return node
+
+    def _check_anchor(self, event: Any, depth: int) -> Node:
+        if event.tag not in (None, "!"):
+            self._note(event, f"tag '{event.tag}': tags are not used in these files")
+        if event.anchor:
+            self._anchors[event.anchor] = None
+        if isinstance(event, yaml.MappingStartEvent):
+            node = self._mapping(event, depth)
+        elif isinstance(event, yaml.SequenceStartEvent):
+            node = self._sequence(event, depth)
+        else:
+            node = self._scalar(event)
+        if event.anchor:
+            self._anchors[event.anchor] = node
+        return node
+
+    def _alias(self, event: Any) -> Node:
+        node = self._anchors.get(event.anchor)
+        if node is not None:
+            return node
+        if event.anchor in self._anchors:
+            self._note(event, f"'*{event.anchor}' stands inside of what it refers to")
+        else:
+            self._note(event, f"'*{event.anchor}' refers to no '&{event.anchor}' above")
+        return Node(None, self._place(event))
+
+    def _sequence(self, start: Any, depth: int) -> Node:
+        items: list[Node] = []
+        while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
+            items.append(self._node(event, depth + 1))
+        return sequence_node(tuple(items), self._place(start))
+
+    def _mapping(self, start: Any, depth: int) -> Node:
+        own: dict[str, Entry] = {}
+        merged: dict[str, Entry] = {}
+        while not isinstance(event := next(self._events), yaml.MappingEndEvent):
+            key = self._key(event, depth)
+            node = self._node(next(self._events), depth + 1)
+            if key == "<<" and event.style is None:
+                merged = {**self._merge_keys(event, node), **merged}
+            elif key is not None and key in own:
+                first = own[key].key.line
+                self._note(event, f"key '{key}' stands here twice, first in line {first}")
+            elif key is not None:
+                own[key] = Entry(self._place(event), node)
+        return mapping_node({**merged, **own}, self._place(start))
+
+    def _merge_keys(self, event: Any, node: Node) -> dict[str, Entry]:
+        """Return what `<<` brings; of several mappings the first has the say."""
+        merged: dict[str, Entry] = {}
+        for part in node.value if isinstance(node.value, tuple) else (node,):
+            if isinstance(part.value, dict):
+                merged = {**part.value, **merged}
+            else:
+                self._note(event, "'<<' takes a mapping, or a list of mappings")
+        return merged
+
+    def _key(self, event: Any, depth: int) -> str | None:
+        if isinstance(event, yaml.ScalarEvent):
+            self._check_anchor(event, depth)
+            return str(event.value)
+        self._note(event, "a key must be a word; quote text that begins with '{', '[' or '*'")
+        self._node(event, depth + 1)
+        return None
+
+    def _scalar(self, event: Any) -> Node:
+        place = self._place(event)
+        text = str(event.value)
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            self._note(event, "half of a surrogate pair is no character")
+            return Node(None, place)
+        return Node(_resolve(text) if event.style is None and not event.tag else text, place)
+
+
+def _resolve(text: str) -> Scalar:
+    """Return what a plain scalar means in the core schema of YAML 1.2 (section 10.3.2)."""
+    if text in _WORDS:
+        return _WORDS[text]
+    if _INT.fullmatch(text):
+        return int(text)
+    if _BASED.fullmatch(text):
+        return int(text, 0)
+    if _FLOAT.fullmatch(text) and math.isfinite(number := float(text)):
+        return number
+    return text
+
+
+def place_within(node: Node, offset: int) -> Place:
+    """Return where in the file a character of a text stands, by its offset in the text.
+
+    A text is followed through the source: quotes, doubled quotes, and line breaks that became
+    spaces are taken into account. Where that fails (escapes), it is the beginning of the text.
+    """
+    place, text = node.place, node.value
+    if not isinstance(text, str) or not place.source.lines or not 0 <= offset <= len(text):
+        return place
+    raw = "\n".join(place.source.lines[place.line - 1 :])
+    at = place.column - 1
+    quote = raw[at] if raw[at : at + 1] in {"'", '"'} else ""
+    at += len(quote)
+    if raw[at : at + 1] in {"|", ">"} and not quote:
+        at = raw.index("\n", at) + 1
+    for letter in text[:offset]:
+        at = _after_letter(raw, at, letter, quote)
+        if at < 0:
+            return place
+    while at < len(raw) and offset < len(text) and raw[at].isspace() and not text[offset].isspace():
+        at += 1
+    before = raw[:at]
+    line = before.count("\n")
+    return Place(place.source, place.line + line, at - (before.rfind("\n") + 1) + 1)
+
+
+def _after_letter(raw: str, at: int, letter: str, quote: str) -> int:
+    """Return the index after one letter of a text in its source; -1 when it is not there."""
+    if letter.isspace():
+        while at < len(raw) and raw[at].isspace():
+            at += 1
+        return at if raw[at - 1].isspace() else -1
+    while at < len(raw) and raw[at].isspace():
+        at += 1
+    if at >= len(raw) or raw[at] != letter:
+        return -1
+    return at + (2 if letter == quote == "'" else 1)

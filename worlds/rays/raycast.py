@@ -1,0 +1,98 @@
+"""An exact ray caster over a scene (Embree): for lidar, and to check the renderer against.
+
+Embree finds the triangle in single precision; the range to it is worked out again in double.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from worlds.frames import AT_ORIGIN, Pose, Vec3, matrix_from_quat
+from worlds.scene.meshes import FloatArray
+from worlds.scene.scene import NO_EVENTS, Scene, SceneObject
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hits:
+    """What rays meet first. ranges_m: (n,) float64, inf for nothing. object_ids: (n,), 0 then."""
+
+    ranges_m: FloatArray
+    object_ids: NDArray[np.uint8]
+
+
+class RayCaster:
+    """Casts rays at one scene; what moves is met where it is at the time.
+
+    Embree builds its tree once: things at rest together, each that moves in its own frame.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        resting = [thing for thing in scene.objects if thing.motion is None]
+        self._resting = _Group(resting, [thing.pose for thing in resting]) if resting else None
+        moving = [thing for thing in scene.objects if thing.motion is not None]
+        self._moving = [(thing, _Group([thing], [AT_ORIGIN])) for thing in moving]
+
+    def cast(
+        self,
+        origin_ned_m: Vec3,
+        directions_ned: FloatArray,
+        t_s: float,
+        events: Mapping[str, float] = NO_EVENTS,
+    ) -> Hits:
+        """Return what rays from one place meet at a time. directions_ned: (n, 3), unit length."""
+        count = len(directions_ned)
+        ranges_m, object_ids = np.full(count, np.inf), np.zeros(count, np.uint8)
+        groups = [(self._resting, AT_ORIGIN)] if self._resting else []
+        groups += [(group, thing.pose_at(t_s, events)) for thing, group in self._moving]
+        for group, pose in groups:
+            rotation = matrix_from_quat(pose.q_wxyz)
+            hits = group.cast(np.array(pose.to_local(origin_ned_m)), directions_ned @ rotation)
+            nearer = hits.ranges_m < ranges_m
+            ranges_m[nearer] = hits.ranges_m[nearer]
+            object_ids[nearer] = hits.object_ids[nearer]
+        return Hits(ranges_m, object_ids)
+
+
+class _Group:
+    """Things that keep their places towards each other, in one tree."""
+
+    def __init__(self, things: Sequence[SceneObject], poses: Sequence[Pose]) -> None:
+        # Needed by few: lidars and tests.
+        from embreex.mesh_construction import TriangleMesh  # noqa: PLC0415
+        from embreex.rtcore_scene import EmbreeScene  # noqa: PLC0415
+
+        self._scene: Any = EmbreeScene()
+        self._ids = np.array([thing.object_id for thing in things], np.uint8)
+        self._corners: list[FloatArray] = []
+        self._meshes: list[Any] = []
+        for thing, pose in zip(things, poses, strict=True):
+            mesh = thing.shape.mesh.moved(pose)
+            corners = mesh.vertices_m[mesh.faces]
+            self._corners.append(corners)
+            self._meshes.append(TriangleMesh(self._scene, corners.astype(np.float32)))
+
+    def cast(self, origin_m: FloatArray, directions: FloatArray) -> Hits:
+        """Return what rays meet first; origin and directions in this group's frame."""
+        rays = np.ascontiguousarray(directions, np.float32)
+        origins = np.ascontiguousarray(np.broadcast_to(origin_m, rays.shape), np.float32)
+        found = self._scene.run(origins, rays, output=True)
+        met, face = found["geomID"], found["primID"]
+        ranges_m, object_ids = np.full(len(rays), np.inf), np.zeros(len(rays), np.uint8)
+        for index, corners in enumerate(self._corners):
+            here = np.flatnonzero(met == index)
+            if here.size:
+                met_corners = corners[face[here]]
+                ranges_m[here] = _plane_ranges(met_corners, origin_m, directions[here])
+                object_ids[here] = self._ids[index]
+        return Hits(ranges_m, object_ids)
+
+
+def _plane_ranges(corners: FloatArray, origin_m: FloatArray, directions: FloatArray) -> FloatArray:
+    """Return the ranges from a place to the planes of triangles along directions."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    above = np.einsum("ij,ij->i", normals, corners[:, 0] - origin_m)
+    slope = np.einsum("ij,ij->i", normals, directions)
+    return np.asarray(above / np.where(slope == 0.0, np.nan, slope))

@@ -1,0 +1,1 @@
+"""Scenes: shapes, meshes and surfaces of things, and how the things move."""

@@ -1,0 +1,192 @@
+"""Meshes from files: .obj, .stl, .glb, .gltf, .dae, .ply through trimesh, imported when needed."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from worlds.frames import Pose
+from worlds.scene.colors import Rgb
+from worlds.scene.mesh_damage import damage
+from worlds.scene.meshes import FloatArray, IntArray, Material, Mesh, merge
+from worlds.scene.parts import Part, SurfaceShape
+from worlds.scene.shapes import Shape
+from worlds.scene.smoothing import smoothed
+from worlds.scene.textures import to_powers_of_two
+
+Unit = Literal["m", "cm", "mm", "in", "ft"]
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+SUFFIXES = (".obj", ".stl", ".glb", ".gltf", ".dae", ".ply")
+MAX_FACES = 500_000
+_PLAIN_RGB: Rgb = (150, 150, 150)
+_MOST_COLORS = 64
+_WHITE: Rgb = (255, 255, 255)
+
+
+class MeshFileError(Exception):
+    """A mesh file that cannot be used, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Axes:
+    """Which axes of the file point up and forward."""
+
+    up: Axis
+    forward: Axis
+
+    def frd_from_file(self) -> FloatArray:
+        """Return the matrix that turns the file's axes into forward, right, down."""
+        forward, up = _unit(self.forward), _unit(self.up)
+        return np.stack([forward, np.cross(forward, up), -up])
+
+
+Y_UP = Axes("y", "z")
+"""glTF 2.0, section 3.4: +Y up, +Z forward; Collada's default is Y up as well."""
+Z_UP = Axes("z", "x")
+"""REP 103: x forward, z up."""
+
+
+def _unit(axis: Axis) -> FloatArray:
+    vector = np.zeros(3)
+    vector["xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
+    return vector
+
+
+def default_axes(path: Path, asset: "Asset") -> Axes:
+    """Return the axes that the file states, else the custom of its format."""
+    if asset.up_axis is not None:
+        return asset.up_axis
+    return Y_UP if path.suffix.lower() in (".glb", ".gltf", ".dae") else Z_UP
+
+
+@dataclass(frozen=True, slots=True)
+class Asset:
+    """What a file says of itself: metres per unit, and its axes. Only Collada does."""
+
+    unit_m: float = 1.0
+    up_axis: Axes | None = None
+
+
+_COLLADA_AXES = {"X_UP": Axes("x", "z"), "Y_UP": Y_UP, "Z_UP": Z_UP}
+
+
+def read_asset(path: Path) -> Asset:
+    """Return the unit and axes that a Collada file states (1.4.1, chapter 5, "asset")."""
+    if path.suffix.lower() != ".dae":
+        return Asset()
+    text = path.read_bytes()[:100_000].decode("utf-8", "replace")
+    unit = re.search(r"<unit\b[^>]*\bmeter=[\"']([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?)[\"']", text)
+    axes = re.search(r"<up_axis>\s*([XYZ]_UP)\s*</up_axis>", text)
+    return Asset(float(unit[1]) if unit else 1.0, _COLLADA_AXES[axes[1]] if axes else None)
+
+
+def load_mesh_shape(
+    path: Path, *, unit: Unit | None = None, scale: float = 1.0, axes: Axes | None = None
+) -> Shape:
+    """Return the thing in a mesh file; its surface is what can be touched.
+
+    unit, axes: None for what the file states, else for metres and for its format's custom.
+    Raises MeshFileError with the reason when the file is missing, of no known kind, not a mesh,
+    empty, not finite, or has more than MAX_FACES faces, or when a file that it names is missing.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise MeshFileError(f"'{path.suffix}' is none of {', '.join(SUFFIXES)}")
+    if not path.is_file():
+        raise MeshFileError("no such file")
+    loaded = _load(path)
+    if sum(len(part.faces) for part in loaded) > MAX_FACES:
+        raise MeshFileError(f"it has more than {MAX_FACES} faces")
+    asset = read_asset(path)
+    turn = (axes or default_axes(path, asset)).frd_from_file()
+    turn = turn * (scale * (METRES[unit] if unit else asset.unit_m))
+    meshes = [_convert(part, turn) for part in loaded if len(part.faces)]
+    if not meshes:
+        why = damage(path)
+        raise MeshFileError(f"there are no triangles in it{': ' if why else ''}{why}")
+    mesh = merge(meshes)
+    surface = SurfaceShape(mesh.vertices_m, mesh.faces)
+    return Shape("mesh", mesh, (Part("surface", surface, Pose((0.0, 0.0, 0.0))),))
+
+
+def _load(path: Path) -> list[Any]:
+    """Return the triangle meshes of a file with their places in its scene applied."""
+    # Half a second that only worlds with mesh files pay.
+    import trimesh  # noqa: PLC0415
+
+    _check_companions(path)
+    try:
+        scene = trimesh.load_scene(str(path), process=False)
+        dumped = scene.dump()
+    except Exception as error:
+        # The readers behind trimesh raise whatever a broken file makes them stumble over, in words
+        # about their own insides.
+        why = damage(path) or "it is damaged, or of another format than its name says"
+        raise MeshFileError(f"cannot be read as a mesh: {why}") from error
+    parts = [part for part in dumped if isinstance(part, trimesh.Trimesh)]
+    if not all(np.isfinite(part.vertices).all() for part in parts):
+        raise MeshFileError("it has coordinates that are not finite")
+    return parts
+
+
+def _check_companions(path: Path) -> None:
+    """Refuse an .obj whose materials or pictures are missing: trimesh would make it grey."""
+    if path.suffix.lower() != ".obj":
+        return
+    for library in _material_name(path, "mtllib"):
+        for picture in _material_name(library, "map_Kd"):
+            if not picture.is_file():
+                raise MeshFileError(f"'{library.name}' names the picture '{picture.name}': no file")
+
+
+def _material_name(path: Path, keyword: str) -> list[Path]:
+    """Return the files that lines of a text file name; options before the name are skipped."""
+    if not path.is_file():
+        raise MeshFileError(f"it names the materials '{path.name}': no such file")
+    lines = path.read_text("utf-8", "replace").splitlines()
+    pattern = re.compile(rf"\s*{keyword}\s+(?:-\S+\s+(?:[\d.+-]+\s+|on\s+|off\s+)*)*(.+)")
+    found = [pattern.match(line) for line in lines]
+    return [path.parent / each[1].strip() for each in found if each]
+
+
+def _convert(part: Any, turn: FloatArray) -> Mesh:
+    """Return a mesh of trimesh in FRD metres."""
+    vertices = np.asarray(part.vertices, np.float64) @ turn.T
+    uv = getattr(part.visual, "uv", None)
+    uv = np.zeros((len(vertices), 2)) if uv is None or len(uv) != len(vertices) else np.array(uv)
+    # Files count v upwards from the picture's last row, we downwards from its first.
+    uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
+    old, normals, faces = smoothed(vertices, uv, np.ascontiguousarray(part.faces, np.int32))
+    face_material, materials = _materials(part)
+    return Mesh(vertices[old], normals, uv[old], faces, face_material, materials)
+
+
+def _materials(part: Any) -> tuple[IntArray, tuple[Material, ...]]:
+    """Return the material of each face, and the materials."""
+    visual = part.visual
+    if visual.kind in ("face", "vertex"):
+        rgb = np.asarray(visual.face_colors, np.int32)[:, :3]
+        if len(np.unique(rgb, axis=0)) > _MOST_COLORS:
+            rgb = rgb // 32 * 32 + 16
+        colors, index = np.unique(rgb, axis=0, return_inverse=True)
+        return index.reshape(-1).astype(np.int32), tuple(Material(_rgb(each)) for each in colors)
+    return np.zeros(len(part.faces), np.int32), (_material(visual),)
+
+
+def _material(visual: Any) -> Material:
+    material = getattr(visual, "material", None)
+    picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    if picture is not None:
+        rgb = np.asarray(picture.convert("RGB"), np.uint8)
+        tint = getattr(material, "baseColorFactor", None)
+        texture = to_powers_of_two(np.ascontiguousarray(rgb[:, :, ::-1]))
+        return Material(_WHITE if tint is None else _rgb(tint), texture)
+    color = getattr(material, "main_color", None)
+    return Material(_PLAIN_RGB if color is None else _rgb(color))
+
+
+def _rgb(color: Any) -> Rgb:
+    return (int(color[0]), int(color[1]), int(color[2]))

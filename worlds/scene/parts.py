@@ -1,0 +1,121 @@
+"""What a vehicle can touch of a thing, and what it can fly through."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from worlds.frames import AT_ORIGIN, Pose, Vec3, norm
+from worlds.scene.meshes import FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class BoxShape:
+    """A box about its own origin; half extents in metres along forward, right, down."""
+
+    half_m: Vec3
+
+    @property
+    def radius_m(self) -> float:
+        """Return the radius of the bounding sphere about the origin."""
+        return norm(self.half_m)
+
+
+@dataclass(frozen=True, slots=True)
+class SphereShape:
+    """A ball about its own origin."""
+
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HullShape:
+    """A convex polyhedron: vertices (n, 3) metres about its own origin, triangles outwards."""
+
+    vertices_m: FloatArray
+    faces: IntArray
+
+    @property
+    def radius_m(self) -> float:
+        """Return the radius of the bounding sphere about the origin."""
+        return float(((self.vertices_m**2).sum(axis=1).max()) ** 0.5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceShape:
+    """Any triangles, convex or not: only their surface is solid, and nothing inside of it."""
+
+    vertices_m: FloatArray
+    faces: IntArray
+
+    @property
+    def radius_m(self) -> float:
+        """Return the radius of the bounding sphere about the origin."""
+        return float(((self.vertices_m**2).sum(axis=1).max()) ** 0.5)
+
+
+PartShape = BoxShape | SphereShape | HullShape | SurfaceShape
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A piece of a thing: its shape, and its pose in the thing's frame.
+
+    is_floor: what a vehicle stands on; touching it is no collision unless a caller says so.
+    """
+
+    name: str
+    shape: PartShape
+    pose: Pose
+    is_floor: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """Where a path went through the plane of an opening.
+
+    fraction: of the way from the first to the second point. offset_m: distance from the
+    opening's centre, to be held against the opening's limit. direction: +1 along the thing's
+    forward axis, -1 against it.
+    """
+
+    fraction: float
+    offset_m: float
+    direction: Literal[1, -1]
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """A hole in a thing, to be flown through along the forward axis of `pose`.
+
+    limit_m: half of the inner size. form "square": the offset is the larger one of right and
+    down (Chebyshev); "ring": it is radial.
+    """
+
+    name: str
+    form: Literal["square", "ring"]
+    limit_m: float
+    pose: Pose = AT_ORIGIN
+
+    def offset_m(self, point_m: Vec3) -> float:
+        """Return how far from the centre a point is, beside the axis; in the opening's frame."""
+        _, right, down = point_m
+        if self.form == "square":
+            return max(abs(right), abs(down))
+        return math.hypot(right, down)
+
+    def crossing(self, from_m: Vec3, to_m: Vec3) -> Crossing | None:
+        """Return where the straight way between two points of the thing's frame crosses.
+
+        None when both lie on one side. A point in the plane belongs to the side before it, so
+        that of consecutive steps exactly one crosses.
+        """
+        start, end = self.pose.to_local(from_m), self.pose.to_local(to_m)
+        if (start[0] > 0.0) == (end[0] > 0.0):
+            return None
+        fraction = start[0] / (start[0] - end[0])
+        middle = (
+            0.0,
+            start[1] + (end[1] - start[1]) * fraction,
+            start[2] + (end[2] - start[2]) * fraction,
+        )
+        return Crossing(fraction, self.offset_m(middle), 1 if end[0] > start[0] else -1)

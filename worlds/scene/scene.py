@@ -1,0 +1,76 @@
+"""A scene: the named things that stand in one world, immutable; where each is at a time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from worlds.frames import Pose
+from worlds.scene.motion import AT_REST, Motion, Travel
+from worlds.scene.shapes import Shape
+
+MAX_OBJECTS = 254
+NO_EVENTS: Mapping[str, float] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneObject:
+    """A named thing: its shape, and where it is.
+
+    object_id: 1 to 254, what pictures of ids carry; 0 is background. pose: in the world (NED),
+    at rest and before motion begins. motion: None for what never moves.
+    """
+
+    object_id: int
+    name: str
+    shape: Shape
+    pose: Pose
+    motion: Motion | None = None
+
+    @property
+    def is_room(self) -> bool:
+        """Return whether vehicles are inside of it."""
+        return self.shape.kind == "room"
+
+    def pose_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> Pose:
+        """Return the pose at a time; events: when each happened, on the same clock."""
+        return self.pose if self.motion is None else self.motion.pose_at(t_s, events)
+
+    def travel(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> Travel:
+        """Return how far it went and turned between two times."""
+        return AT_REST if self.motion is None else self.motion.travel(from_s, to_s, events)
+
+    def is_even(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> bool:
+        """Return whether it rests, or moves straight, evenly and without turning, in between."""
+        return self.motion is None or self.motion.is_even(from_s, to_s, events)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Named things, each name and id once.
+
+    Raises ValueError when a name or an id stands twice, or an id is not 1 to 254.
+    """
+
+    objects: tuple[SceneObject, ...] = ()
+    _by_name: dict[str, SceneObject] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        by_name = {thing.name: thing for thing in self.objects}
+        ids = {thing.object_id for thing in self.objects}
+        if len(by_name) != len(self.objects) or len(ids) != len(self.objects):
+            raise ValueError("every object of a scene needs a name and an id of its own")
+        if not all(1 <= object_id <= MAX_OBJECTS for object_id in ids):
+            raise ValueError(f"object ids go from 1 to {MAX_OBJECTS}")
+        object.__setattr__(self, "_by_name", by_name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names in the order of the file."""
+        return tuple(thing.name for thing in self.objects)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._by_name
+
+    def __getitem__(self, name: str) -> SceneObject:
+        """Return the thing of a name. Raises KeyError when there is none."""
+        return self._by_name[name]

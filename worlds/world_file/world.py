@@ -1,0 +1,51 @@
+"""A world file as scenes: which things stand in W and in Wv, by mode of the run."""
+
+from dataclasses import dataclass
+
+from worlds.files.documents import BadInput, Document, check
+from worlds.geodesy import LocalFrame
+from worlds.scene.motion import StartOn
+from worlds.scene.scene import Scene
+from worlds.world_file.world_reader import Placed, WorldReader
+from worlds.world_file.world_schema import Mode, Which, WorldModel
+
+__all__ = ["Mode", "Placed", "Which", "World"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """Places and things of one world file; frame: the local frame on WGS-84."""
+
+    description: str
+    frame: LocalFrame
+    placed: tuple[Placed, ...]
+
+    @classmethod
+    def parse(cls, document: Document) -> "World":
+        """Return the world in a document; files that it names are relative to it.
+
+        Raises BadInput with every fault found: first those of form, then those of meaning.
+        """
+        model = check(document, WorldModel)
+        reader = WorldReader(document)
+        placed = reader.read(model.objects)
+        if reader.problems:
+            raise BadInput(sorted(reader.problems, key=lambda each: (each.line, each.column)))
+        origin = model.origin
+        frame = LocalFrame(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+        return cls(model.description, frame, placed)
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Return the names of all things, in the order of the file."""
+        return tuple(each.thing.name for each in self.placed)
+
+    @property
+    def events(self) -> frozenset[str]:
+        """Return the names of the events that things wait for before they move."""
+        starts = (each.thing.motion.start for each in self.placed if each.thing.motion)
+        return frozenset(start.event for start in starts if isinstance(start, StartOn))
+
+    def scene(self, mode: Mode, which: Which) -> Scene:
+        """Return what stands in W or Wv in runs of a mode; ids are the same in all scenes."""
+        return Scene(tuple(each.thing for each in self.placed if each.stands_in(mode, which)))

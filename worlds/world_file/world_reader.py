@@ -1,0 +1,198 @@
+"""From a checked world file to things: shapes built, colours and files looked up, faults noted."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from worlds.files.documents import Document, Problem, closest, closest_file
+from worlds.frames import Pose, matrix_from_quat
+from worlds.scene import shapes
+from worlds.scene.colors import NAMED, Rgb, parse_color
+from worlds.scene.mesh_files import Axes, MeshFileError, load_mesh_shape
+from worlds.scene.motion import Motion, StartOn, Waypoint
+from worlds.scene.scene import MAX_OBJECTS, SceneObject
+from worlds.scene.shapes import Shape
+from worlds.scene.textures import load_texture
+from worlds.world_file.world_schema import (
+    ExistsModel,
+    MeshModel,
+    Mode,
+    MotionModel,
+    ObjectModel,
+    ShapeModel,
+    Which,
+)
+
+_IN_FLOOR_TOLERANCE_M = 1e-3
+_EVERYWHERE = ExistsModel(sim="both", wil="both", real="both")
+_Path = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """A thing of a world, and where it exists."""
+
+    thing: SceneObject
+    exists_in: ExistsModel
+
+    def stands_in(self, mode: Mode, which: Which) -> bool:
+        """Return whether it stands in a world in runs of a mode."""
+        existence = {"sim": self.exists_in.sim, "wil": self.exists_in.wil}
+        return existence.get(mode, self.exists_in.real) in (which, "both")
+
+
+class WorldReader:
+    """Builds the things of one document and collects what is wrong with them."""
+
+    def __init__(self, document: Document) -> None:
+        self._document = document
+        self._folder = document.path.parent
+        self._unreadable: set[str] = set()
+        self.problems: list[Problem] = []
+
+    def read(self, models: dict[str, ObjectModel]) -> tuple[Placed, ...]:
+        """Return all things, in order; check `problems` before using them."""
+        if len(models) > MAX_OBJECTS:
+            self._note(("objects",), f"{len(models)} objects: pictures tell {MAX_OBJECTS} apart")
+            return ()
+        placed = tuple(
+            Placed(self._object(object_id, name, model), _exists_in(model))
+            for object_id, (name, model) in enumerate(models.items(), start=1)
+        )
+        floor_m = _floor_down_m(placed)
+        for each in placed:
+            self._check_floor(each.thing, floor_m)
+        return placed
+
+    def _note(self, path: _Path, message: str, suggestion: str = "") -> None:
+        self.problems.append(self._document.problem(path, message, suggestion))
+
+    def _object(self, object_id: int, name: str, model: ObjectModel) -> SceneObject:
+        at: _Path = ("objects", name)
+        pose = model.pose.pose()
+        if model.motion is not None and model.shape.room is not None:
+            self._note((*at, "motion"), "a room does not move")
+        motion = _motion(pose, model.motion) if model.motion else None
+        shape = self._apply_colors(at, model, self._shape(at, model))
+        return SceneObject(object_id, name, shape, pose, motion)
+
+    def _shape(self, at: _Path, model: ObjectModel) -> Shape:
+        rgb = self._color(at, model)
+        if model.shape.mesh is not None:
+            shape = self._mesh((*at, "shape", "mesh", "file"), model.shape.mesh)
+            return shape if rgb is None else replace(shape, mesh=shape.mesh.painted(rgb))
+        return _built_in(model.shape, rgb)
+
+    def _color(self, at: _Path, model: ObjectModel) -> Rgb | None:
+        if model.color is None:
+            return None
+        if model.shape.room is not None:
+            self._note((*at, "color"), "a room has textures of its own, no colour")
+            return None
+        try:
+            return parse_color(model.color)
+        except ValueError as error:
+            self._note((*at, "color"), str(error), closest(str(model.color), NAMED))
+            return None
+
+    def _mesh(self, at: _Path, model: MeshModel) -> Shape:
+        path = self._folder / model.file
+        axes = Axes(model.up, model.forward) if model.up and model.forward else None
+        try:
+            return load_mesh_shape(path, unit=model.unit, scale=model.scale, axes=axes)
+        except MeshFileError as error:
+            self._note(at, f"mesh file '{model.file}': {error}", self._similar_file(path))
+            self._unreadable.add(str(at[1]))
+            return shapes.box((1.0, 1.0, 1.0))
+
+    def _apply_colors(self, at: _Path, model: ObjectModel, shape: Shape) -> Shape:
+        """Return the shape with its texture, if one is named."""
+        if model.texture is None:
+            return shape
+        path = self._folder / model.texture
+        try:
+            return replace(shape, mesh=shape.mesh.textured(load_texture(path)))
+        except (OSError, ValueError) as error:
+            reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+            message = f"texture file '{model.texture}': {reason}"
+            self._note((*at, "texture"), message, self._similar_file(path))
+            return shape
+
+    def _similar_file(self, path: Path) -> str:
+        if path.exists() or not path.parent.is_dir():
+            return ""
+        found = closest_file(path.name, [each.name for each in path.parent.iterdir()])
+        return str((path.parent / found).relative_to(self._folder)) if found else ""
+
+    def _check_floor(self, thing: SceneObject, floor_m: float) -> None:
+        """Note what would stick in the floor, at rest and at each waypoint.
+
+        Meshes from files may: terrain and roots do; they must only not be buried whole.
+        """
+        if thing.is_room or thing.name in self._unreadable:
+            return
+        buried = thing.shape.kind == "mesh"
+        stops: list[tuple[_Path, Pose]] = [(("pose",), thing.pose)]
+        legs = thing.motion.waypoints if thing.motion else ()
+        stops += [
+            (("motion", "waypoints", index), Pose(each.position_ned_m, thing.pose.q_wxyz))
+            for index, each in enumerate(legs)
+        ]
+        for path, pose in stops:
+            down_m = _down_extent(thing.shape, pose)
+            edge_m = down_m[0] if buried else down_m[1]
+            if edge_m > floor_m + _IN_FLOOR_TOLERANCE_M:
+                depth_m = edge_m - floor_m
+                what = f"'{thing.name}' reaches {depth_m:.3g} m below the floor"
+                higher = -pose.position_ned_m[2] + depth_m
+                place = ("objects", thing.name, *path, "up_m")
+                self._note(place, f"{what}; up_m must be at least {higher:.4g}")
+
+
+def _exists_in(model: ObjectModel) -> ExistsModel:
+    if model.exists_in is not None:
+        return model.exists_in
+    return _EVERYWHERE if model.shape.room is not None else ExistsModel()
+
+
+def _floor_down_m(placed: tuple[Placed, ...]) -> float:
+    """Return where the floor is: that of the lowest room, else the ground at 0."""
+    rooms = [each.thing.pose.position_ned_m[2] for each in placed if each.thing.is_room]
+    return max(rooms, default=0.0)
+
+
+def _down_extent(shape: Shape, pose: Pose) -> tuple[float, float]:
+    """Return the least and the greatest down coordinate of a shape at a pose."""
+    down = shape.mesh.vertices_m @ matrix_from_quat(pose.q_wxyz)[2] + pose.position_ned_m[2]
+    return float(np.min(down)), float(np.max(down))
+
+
+def _built_in(model: ShapeModel, rgb: Rgb | None) -> Shape:
+    """Return a built-in shape; a colour of None is the shape's own."""
+    if model.gate is not None:
+        gate = model.gate
+        return shapes.gate(gate.form, gate.inner_size_m, gate.bar_m, rgb or NAMED["orange"])
+    if model.room is not None:
+        size = (model.room.size_north_m, model.room.size_east_m, model.room.height_m)
+        return shapes.room(*size, ceiling=model.room.ceiling == "closed", seed=model.room.seed)
+    if model.box is not None:
+        return shapes.box(model.box.size_m, rgb or NAMED["grey"])
+    if model.quadrotor is not None:
+        return shapes.quadrotor(model.quadrotor.size_m, rgb or NAMED["silver"])
+    return shapes.person(rgb or shapes.SHIRT_RGB)
+
+
+def _motion(pose: Pose, model: MotionModel) -> Motion:
+    start = model.start
+    begin = StartOn(start.on, start.delay_s) if start.on else StartOn("goal", start.at_s or 0.0)
+    waypoints = tuple(
+        Waypoint(
+            (each.north_m, each.east_m, -each.up_m),
+            each.speed_m_s,
+            None if each.yaw_deg is None else math.radians(each.yaw_deg),
+        )
+        for each in model.waypoints
+    )
+    return Motion(pose, waypoints, begin, model.loop)

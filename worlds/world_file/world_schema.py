@@ -1,0 +1,205 @@
+"""What a world file may say: the shape of the YAML, with units in its keys."""
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from worlds.files.documents import KeyFaultError
+from worlds.files.documents import Part as FilePart
+from worlds.frames import Pose
+from worlds.scene.motion import Moment
+
+Which = Literal["W", "Wv"]
+Mode = Literal["sim", "wil", "real"]
+Existence = Literal["W", "Wv", "both", "none"]
+LARGEST_M = 10_000.0
+
+Length = Annotated[float, Field(gt=0.0, le=LARGEST_M)]
+Coordinate = Annotated[float, Field(ge=-LARGEST_M, le=LARGEST_M)]
+Seconds = Annotated[float, Field(ge=0.0)]
+Speed = Annotated[float, Field(gt=0.0, le=1000.0)]
+Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+Color = str | list[int]
+
+
+class OriginModel(FilePart):
+    """Where on Earth the local frame has its origin (WGS-84)."""
+
+    latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+    altitude_m: Annotated[float, Field(ge=-1000.0, le=20_000.0)] = 0.0
+
+
+class PoseModel(FilePart):
+    """Where a thing stands and how it is turned."""
+
+    north_m: Coordinate = 0.0
+    east_m: Coordinate = 0.0
+    up_m: Coordinate = 0.0
+    yaw_deg: Degrees = 0.0
+    pitch_deg: Degrees = 0.0
+    roll_deg: Degrees = 0.0
+
+    def pose(self) -> Pose:
+        """Return it in NED and radians."""
+        return Pose.of(
+            self.north_m,
+            self.east_m,
+            self.up_m,
+            roll_rad=math.radians(self.roll_deg),
+            pitch_rad=math.radians(self.pitch_deg),
+            yaw_rad=math.radians(self.yaw_deg),
+        )
+
+
+class GateModel(FilePart):
+    """A gate; inner_size_m is the free edge of a square, or the free diameter of a ring."""
+
+    form: Literal["square", "ring"] = "square"
+    inner_size_m: Length
+    bar_m: Length = 0.1
+
+
+class RoomModel(FilePart):
+    """A room around its pose, which is the middle of its floor."""
+
+    size_north_m: Length
+    size_east_m: Length
+    height_m: Length
+    ceiling: Literal["closed", "open"] = "closed"
+    seed: Annotated[int, Field(ge=0, le=1_000_000)] = 0
+
+
+class BoxModel(FilePart):
+    """A box about its pose: size along forward, right and up."""
+
+    size_m: tuple[Length, Length, Length]
+
+
+class PersonModel(FilePart):
+    """A standing person of 1.75 m; the pose is on the ground, facing forward."""
+
+
+class QuadrotorModel(FilePart):
+    """A quadrotor about its pose; size is the width over the rotors."""
+
+    size_m: Length = 0.3
+
+
+class MeshModel(FilePart):
+    """A mesh from a file beside the world file.
+
+    unit: None takes what the file states (.dae), else metres. up, forward: which axes of the
+    file point up and forward; None takes what the file states, else its format's custom
+    (.glb, .gltf, .dae: y up, z forward; .obj, .stl, .ply: z up, x forward).
+    """
+
+    file: str
+    unit: Literal["m", "cm", "mm", "in", "ft"] | None = None
+    scale: Annotated[float, Field(gt=0.0)] = 1.0
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    forward: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+
+    @model_validator(mode="after")
+    def _axes_differ(self) -> "MeshModel":
+        if (self.up is None) != (self.forward is None):
+            raise KeyFaultError(
+                "up" if self.up else "forward", "'up' and 'forward' are given together or not"
+            )
+        if self.up and self.forward and self.up[-1] == self.forward[-1]:
+            raise KeyFaultError("forward", "'up' and 'forward' must be different axes")
+        return self
+
+
+class ShapeModel(FilePart):
+    """Exactly one of the shapes."""
+
+    gate: GateModel | None = None
+    room: RoomModel | None = None
+    box: BoxModel | None = None
+    person: PersonModel | None = None
+    quadrotor: QuadrotorModel | None = None
+    mesh: MeshModel | None = None
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> "ShapeModel":
+        given = sorted(self.model_fields_set)
+        if len(given) != 1 or getattr(self, given[0]) is None:
+            names = ", ".join(type(self).model_fields)
+            raise ValueError(f"a shape is exactly one of {names}; here: {', '.join(given) or '-'}")
+        return self
+
+    @property
+    def kind(self) -> str:
+        """Return which shape it is."""
+        return next(iter(self.model_fields_set))
+
+
+class ExistsModel(FilePart):
+    """In which world a thing stands, by mode of the run."""
+
+    sim: Existence = "Wv"
+    wil: Existence = "Wv"
+    real: Existence = "W"
+
+
+class WaypointModel(FilePart):
+    """A place to go to; speed is that of the way there, yaw what it turns to (else it keeps)."""
+
+    north_m: Coordinate
+    east_m: Coordinate
+    up_m: Coordinate = 0.0
+    speed_m_s: Speed
+    yaw_deg: Degrees | None = None
+
+
+class StartModel(FilePart):
+    """When motion begins: at a time after t0, or when something else happens (and a delay)."""
+
+    at_s: Seconds | None = None
+    on: Moment | None = None
+    delay_s: Seconds = 0.0
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "StartModel":
+        if (self.at_s is None) == (self.on is None):
+            raise ValueError("motion starts either 'at_s' or 'on' an event")
+        return self
+
+
+class MotionModel(FilePart):
+    """A way through waypoints, from the thing's pose."""
+
+    waypoints: Annotated[tuple[WaypointModel, ...], Field(min_length=1, max_length=1000)]
+    start: StartModel = StartModel(at_s=0.0)
+    loop: bool = False
+
+
+class ObjectModel(FilePart):
+    """A named thing of a world; shapes that need no sizes may be given by their name alone."""
+
+    written_shape: Annotated[ShapeModel | Literal["person", "quadrotor"], Field(alias="shape")]
+    pose: PoseModel = PoseModel()
+    color: Color | None = None
+    texture: str | None = None
+    exists_in: ExistsModel | None = None
+    motion: MotionModel | None = None
+
+    @property
+    def shape(self) -> ShapeModel:
+        """Return the shape, however it was written."""
+        if self.written_shape == "person":
+            return ShapeModel(person=PersonModel())
+        if self.written_shape == "quadrotor":
+            return ShapeModel(quadrotor=QuadrotorModel())
+        return self.written_shape
+
+
+class WorldModel(FilePart):
+    """A world file."""
+
+    schema_: Annotated[Literal["wil/world/1"], Field(alias="schema")]
+    description: str = ""
+    origin: OriginModel
+    objects: Annotated[dict[str, ObjectModel], Field(default_factory=dict)]
