@@ -20,10 +20,12 @@ def packages() -> set[str]:
 
 
 def test_every_package_stands_in_the_contract() -> None:
-    (contract,) = tools()["importlinter"]["contracts"]
+    contract, *inner = tools()["importlinter"]["contracts"]
     layers = [name.strip() for layer in contract["layers"] for name in layer.split("|")]
     assert sorted(layers) == sorted(packages())
     assert sorted(tools()["importlinter"]["root_packages"]) == sorted(packages())
+    assert all(one["exhaustive"] and one["type"] == "layers" for one in inner)
+    assert packages() <= {name for one in inner for name in one["containers"]}
 
 
 def test_every_package_is_checked_built_and_typed() -> None:

@@ -25,7 +25,7 @@ Float = Any
 Function = TypeVar("Function", bound=Callable[..., object])
 
 _HERE = Path(__file__).parent
-_KERNEL_FILES = ("jit.py", "gjk.py", "surfaces.py")
+_KERNEL_FILES = ("jit.py", "clearance/gjk.py", "clearance/surfaces.py")
 
 
 def sources_digest(files: list[Path]) -> str:

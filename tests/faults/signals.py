@@ -131,6 +131,8 @@ class _Nobody:
 
 def _plan(fault: SignalFault, folder: Path) -> Any:
     sets = MISSIONS[fault.cause]
+    if fault.seed % 4:
+        sets = (*sets, "vehicles.twin.autopilot=px4")
     if fault.message_id is None:
         sets = (*sets, "vehicles.twin.pose_source=mocap")
     return load_campaign(write_wall(folder), Options(sets=sets)).runs[0]

@@ -124,3 +124,29 @@ def test_a_report_that_an_oracle_rests_on_must_not_end(plan: RunPlan, tmp_path: 
     result = flown(plan, tmp_path / "run", change)
     reasons = (result.reason, *(late.reason for late in result.also))
     assert any("landed_state of twin" in reason for reason in reasons)
+
+
+FREE = "world.objects.wall.pose.north_m=30"
+DARK = "links.twin={blackouts: [{on: goal, after_s: 1, for_s: 0.3}]}"
+
+
+@pytest.mark.parametrize(
+    ("sets", "verdict", "limit_s"),
+    [
+        ((FREE,), "PASS", 0.062),
+        ((FREE, DARK), "INVALID", 0.062),
+        ((FREE, DARK, "vehicles.twin.telemetry.max_gap_s=0.4"), "PASS", 0.4),
+        ((FREE, DARK, "vehicles.twin.telemetry.max_gap_s=0.25"), "INVALID", 0.25),
+        ((FREE, "vehicles.twin.telemetry.rate_hz=10"), "PASS", 0.302),
+    ],
+)
+def test_a_radio_is_held_to_its_rate_or_to_what_the_campaign_says(
+    tmp_path: Path, sets: tuple[str, ...], verdict: str, limit_s: float
+) -> None:
+    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    result = flown(plan, tmp_path / "run")
+    pose = result.evidence[0]
+    assert (result.verdict, pose.verdict) == (verdict, verdict)
+    assert pose.limit_s == pytest.approx(limit_s)
+    if DARK in sets:
+        assert 0.3 <= pose.largest_gap_s < 0.4
