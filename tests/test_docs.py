@@ -63,7 +63,7 @@ def test_the_xml_of_the_page_is_a_recipe() -> None:
 
 def tables() -> dict[str, list[tuple[str, str, str]]]:
     """Return the rows of each stage's table: step, sensors, example."""
-    found = {}
+    found: dict[str, list[tuple[str, str, str]]] = {}
     for stage in STAGES:
         _, _, section = RECIPES.partition(f"### {stage.capitalize()}\n")
         found[stage] = ROW.findall(section.partition("\n\n")[0])

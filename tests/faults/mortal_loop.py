@@ -3,10 +3,11 @@
 import asyncio
 from collections.abc import Callable
 from contextvars import Context
-from typing import Any
+from typing import Any, TypeVarTuple
 
 from orchestrator.model.clock import VirtualLoop
 
+_Ts = TypeVarTuple("_Ts")
 _SPARED = ("asyncio", "safety.guard", "tests.faults", "vehicles.embedded", "vehicles.links")
 """Of a killed orchestrator: what belongs to the guard, the vehicles, their links, and to us."""
 
@@ -50,7 +51,7 @@ class MortalLoop(VirtualLoop):
             super().call_at(max(when, self.time()), callback, *args)
 
     def call_soon(
-        self, callback: Any, *args: Any, context: Context | None = None
+        self, callback: Callable[[*_Ts], object], *args: *_Ts, context: Context | None = None
     ) -> asyncio.Handle:
         """Have it called in the next turn, unless it is dead."""
         handle = super().call_soon(callback, *args, context=context)
@@ -59,7 +60,11 @@ class MortalLoop(VirtualLoop):
         return handle
 
     def call_at(
-        self, when: float, callback: Any, *args: Any, context: Context | None = None
+        self,
+        when: float,
+        callback: Callable[[*_Ts], object],
+        *args: *_Ts,
+        context: Context | None = None,
     ) -> asyncio.TimerHandle:
         """Have it called at a time, unless it is dead."""
         handle = super().call_at(when, callback, *args, context=context)
@@ -80,7 +85,8 @@ class MortalLoop(VirtualLoop):
                 self._bury(handle, when)
 
     def _bury(self, handle: asyncio.Handle, when_s: float) -> None:
-        callback, args = handle._callback, handle._args  # type: ignore[attr-defined]
+        callback: Any = handle._callback  # type: ignore[attr-defined]
+        args: tuple[Any, ...] = tuple(handle._args)
         owner = getattr(callback, "__self__", None)
         if isinstance(owner, asyncio.Task):
             self._kept.append((owner, callback, args))

@@ -128,7 +128,8 @@ async def _flown(
                 await _signal(fault, pids)
         try:
             landed = await program.end(_GONE_WITHIN_S)
-            code, err = landed.code, landed.err
+            code: int | None = landed.code
+            err = landed.err
         except TimeoutError:
             code, err = program.process.returncode, "its output did not end"
         gone = await all_gone(program.runtime, _GONE_WITHIN_S if code is None else 60.0)

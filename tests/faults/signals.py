@@ -17,11 +17,11 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.model.operator_command import OperatorCommand
 from orchestrator.run.flight.run import fly
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.run_state import RunState, Stage
+from safety.guard.core.operator_command import OperatorCommand
 from tests.faults.motion_capture import Alter, captured
 from tests.faults.relay import Change, Position, relay
 from tests.orchestrator.wall import write_wall

@@ -75,7 +75,8 @@ class Strike:
         """Kill or stop all that is neither the guard nor a vehicle."""
         self.hit = "orchestrator"
         guard: Any = self._pair.guard
-        listeners, told = tuple(guard._listeners), []
+        listeners = tuple(guard._listeners)
+        told: list[Any] = []
         guard._listeners[:] = [told.append]
         record, guard._record = guard._record, None
         others = {name: ends.orchestrator._other for name, ends in guard._links.items()}
@@ -133,7 +134,7 @@ class Strike:
             case "replayed":
                 for name, heard in self._heard.items():
                     burst = hostile.replayed(self._rng, heard)
-                    self._send(burst, lambda data, name=name: self._air(name)._take(data))
+                    self._send(burst, self._air(name)._take)
             case _:
                 self._send(getattr(hostile, victim)(self._rng), self._to_guard_as_vehicle)
 

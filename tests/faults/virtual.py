@@ -203,6 +203,11 @@ def setup_of(fault: Fault, folder: Path) -> RunSetup:
     return replace(setup, vehicles=tuple(replace(one, signing=source) for one in setup.vehicles))
 
 
+def _undo(flight: _Flight) -> None:
+    if flight.strike is not None:
+        flight.strike.undo()
+
+
 def inject(fault: Fault, folder: Path) -> Aftermath:
     """Fly a run with a fault in it, and return what came of it."""
     folder.mkdir(parents=True)
@@ -210,7 +215,7 @@ def inject(fault: Fault, folder: Path) -> Aftermath:
     with ExitStack() as stack:
         if fault.victim == "forged":
             stack.enter_context(signing_vehicles())
-        stack.callback(lambda: flight.strike and flight.strike.undo())
+        stack.callback(_undo, flight)
         result = loop.run_until_complete(flight.fly(setup_of(fault, folder)))
     lost = [*_found(flight, result, loop), *unreadable(folder), *_unsaid(flight, result)]
     for task in asyncio.all_tasks(loop):

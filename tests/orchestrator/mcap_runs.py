@@ -56,7 +56,11 @@ def camera(k: int = 0, source: Source = "real") -> CameraReading:
 
 
 def recorder(path: Path, **changes: Any) -> McapRecorder:
-    arguments = {"epoch_s": VIRTUAL_EPOCH_S, "clock": "virtual", "settings": LOSSLESS} | changes
+    arguments: dict[str, Any] = {
+        "epoch_s": VIRTUAL_EPOCH_S,
+        "clock": "virtual",
+        "settings": LOSSLESS,
+    } | changes
     return McapRecorder(path=path, **arguments)
 
 
@@ -93,7 +97,7 @@ def a_run(path: Path, **changes: Any) -> RecordingReport:
             t_s = k / 15.0
             for source in ("real", "twin"):
                 image = generator.integers(0, 255, (48, 64, 3), np.uint8)
-                picture = replace(camera(k, source), image_bgr=image, depth_m=None)  # type: ignore[arg-type]  # a source
+                picture = replace(camera(k, source), image_bgr=image, depth_m=None)
                 run.reading("camera", replace(picture, object_ids=None))
             run.mixed("camera", None, replace(PROVENANCE, real_seq=k), now_s=t_s + 0.07)
             pose = Pose.of(0.1 * k, 0.0, 1.0)

@@ -98,8 +98,10 @@ async def test_a_position_without_a_finite_time_is_garbage() -> None:
 
 async def test_numbers_of_numpy_travel_as_plain_ones() -> None:
     ends = Ends()
-    north_m, t_s = np.float64(2.5), np.float32(1.5)
-    message = Position(np.int64(1), t_s, (north_m, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
+    number: Any = np.int64(1)
+    t_s: Any = np.float32(1.5)
+    north_m = np.float64(2.5)
+    message = Position(number, t_s, (north_m, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
     ends.sender.send(message)
     await asyncio.sleep(0.05)
     (received,) = ends.received

@@ -23,7 +23,9 @@ def test_a_picture_and_what_shows_in_it(tmp_path: Path, capsys: pytest.CaptureFi
     assert main([*arguments, "--at", "3"]) == 0
     assert np.any(cv2.imread(str(tmp_path / "hall.png")) != first)
     assert main([*arguments, "--at", "3", "--event", "goal=3"]) == 0
-    assert np.array_equal(cv2.imread(str(tmp_path / "hall.png")), first)
+    again = cv2.imread(str(tmp_path / "hall.png"))
+    assert again is not None
+    assert np.array_equal(again, first)
 
 
 def test_what_stands_in_the_real_world_only_shows_there(

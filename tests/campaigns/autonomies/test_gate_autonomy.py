@@ -96,7 +96,9 @@ class Flight:
                 pictures.append(CameraReading(t_s, t_s + self.latency_s, 0, "mixed", image, CAMERA))
             while pictures and pictures[0].arrived_s <= t_s:
                 autonomy.perceive(pictures.popleft())
-            command = autonomy.act(Telemetry(t_s, pose, tuple(velocity)))
+            command = autonomy.act(
+                Telemetry(t_s, pose, (float(velocity[0]), float(velocity[1]), float(velocity[2])))
+            )
             self.commands.append(command)
             self.notes.append(command.note)
             assert isinstance(command.setpoint, VelocitySetpoint)

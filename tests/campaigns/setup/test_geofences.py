@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from campaigns.setup.vehicle_fences import changed_fences
-from safety.fence.areas import FenceError
+from safety.fence.areas import FenceError, Polygon
 from safety.fence.fence_files import read_fence_file
 from safety.fence.fence_schema import FencePart
 from safety.fence.geofence import Fence
@@ -313,6 +313,8 @@ def test_a_polygon_on_earth_is_the_one_in_metres(corners: list[tuple[float, floa
         return
     there = DrawnFence((on_earth,), (GeoCircle(earth(0, 0), 1.0),)).local(FRAME)[0][0]
     here = local.fence().inclusions[0]
+    assert isinstance(here, Polygon)
+    assert isinstance(there, Polygon)
     for corner, other in zip(here.corners_m, there.corners_m, strict=True):
         assert other == pytest.approx(corner, abs=1e-5)
 
@@ -330,7 +332,8 @@ def test_a_fence_file_that_cannot_be_read_is_told(files: Any) -> None:
 
 
 def changed(text: str, **present: Fence) -> dict[str, Fence]:
-    return dict(changed_fences(parse(text.encode(), name="new"), FRAME, present))
+    found = changed_fences(parse(text.encode(), name="new"), FRAME, present)
+    return {str(name): fence for name, fence in found.items()}
 
 
 PRESENT = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-1, 5))

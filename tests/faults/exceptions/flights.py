@@ -15,12 +15,12 @@ from orchestrator.campaign.campaign_runner import lost_result
 from orchestrator.campaign.worker_pool import _lost_by
 from orchestrator.model import clock
 from orchestrator.model.faults import fault_log
-from orchestrator.model.operator_command import OperatorCommand
 from orchestrator.model.results import RunResult, exit_code
 from orchestrator.run.flight.run import Disturb, fly
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.run_state import RunState
+from safety.guard.core.operator_command import OperatorCommand
 from tests.faults.exceptions.injection import InjectingLoop, Injection, Probe, calls_pass_by
 from tests.faults.witness import Witness
 from tests.orchestrator.hover import STILL, WORLD

@@ -15,9 +15,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import CodeType, FrameType
-from typing import Any, Literal
+from typing import Any, Literal, TypeVarTuple
 
 from orchestrator.model.clock import VirtualLoop
+
+_Ts = TypeVarTuple("_Ts")
 
 ROOT = Path(__file__).parents[3]
 PACKAGES = ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
@@ -121,12 +123,16 @@ class InjectingLoop(VirtualLoop):
         return super().create_task(_Stepped(coro, self._probe), **more)
 
     def call_soon(
-        self, callback: Any, *args: Any, context: Context | None = None
+        self, callback: Callable[[*_Ts], object], *args: *_Ts, context: Context | None = None
     ) -> asyncio.Handle:
         return super().call_soon(self._passing(callback), *args, context=context)
 
     def call_at(
-        self, when: float, callback: Any, *args: Any, context: Context | None = None
+        self,
+        when: float,
+        callback: Callable[[*_Ts], object],
+        *args: *_Ts,
+        context: Context | None = None,
     ) -> asyncio.TimerHandle:
         return super().call_at(when, self._passing(callback), *args, context=context)
 

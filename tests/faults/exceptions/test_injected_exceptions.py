@@ -6,6 +6,7 @@ drawn by a seed; WIL_EXCEPTIONS=all flies every point, WIL_EXCEPTIONS=NUMBER so 
 
 import os
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ def test_no_exception_is_lost(tmp_path: Path, mode: str, kind: str) -> None:
 @pytest.mark.parametrize("stage", ["done", "landed", "end"])
 @pytest.mark.parametrize("error", ["exception", "cancelled"])
 def test_a_watcher_that_raises_at_the_end_of_a_flight_is_no_pass(
-    tmp_path: Path, stage: str, error: str
+    tmp_path: Path, stage: str, error: Literal["exception", "cancelled"]
 ) -> None:
     flights = Flights(tmp_path, "sim")
     outcome = flights.watch_stage(stage, Injection(Point("call", "", "a watcher", stage), 1, error))

@@ -56,7 +56,8 @@ def _tell_truth(port: int) -> None:
         tell(self)
         kill(self)
 
-    EmbeddedVehicle._tick, EmbeddedVehicle.kill = ticked, killed
+    setattr(EmbeddedVehicle, "_tick", ticked)  # noqa: B010  # a method is replaced
+    setattr(EmbeddedVehicle, "kill", killed)  # noqa: B010
 
 
 if "WIL_FAULTS_STEP" in os.environ:

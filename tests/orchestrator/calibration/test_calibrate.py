@@ -250,7 +250,8 @@ def test_a_camera_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_optics_of_another_size_are_refused(
     optics: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], views: Path
 ) -> None:
-    small = [cv2.imread(str(views / f"{k}.png"))[::2, ::2] for k in range(9)]
+    views_bgr = [cv2.imread(str(views / f"{k}.png")) for k in range(9)]
+    small = [view[::2, ::2] for view in views_bgr if view is not None]
     folder = tmp_path / "small"
     folder.mkdir()
     written(folder, small)

@@ -13,6 +13,7 @@ import pytest
 from campaigns.values.external_setups import MocapSetup, SourceSetup
 from orchestrator.calibration import live_search
 from orchestrator.calibration.live_search import LiveOrder, search_live
+from orchestrator.external.motion_captures import MotionCaptures
 from tests.vehicles.calibration.board_pictures import CHARUCO, LENS, pictures
 from vehicles.calibration.boards import CalibrationError
 from vehicles.readings import CameraReading
@@ -115,7 +116,7 @@ async def test_motion_capture_that_says_nothing_is_told(
     monkeypatch: pytest.MonkeyPatch, port: int
 ) -> None:
     through(monkeypatch, np.zeros((480, 640, 3), np.uint8))
-    monkeypatch.setattr(live_search.MotionCaptures.ready, "__defaults__", (0.2,))
+    monkeypatch.setattr(MotionCaptures.ready, "__defaults__", (0.2,))
     mocap = MocapSetup(kind="udp", host=HOST, port=port, body="drone")
     with pytest.raises(SourceError, match="did not show 'drone'"):
         await search_live(LiveOrder(camera=CAMERA, size=SIZE, for_s=1.0, mocap=mocap), CHARUCO)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -208,7 +209,7 @@ def test_a_run_that_still_lands_is_waited_for(
     home.mkdir(parents=True)
     waited: list[float] = []
     with held(home):
-        monkeypatch.setattr(resumption.time, "sleep", waited.append)
+        monkeypatch.setattr(time, "sleep", waited.append)
         with pytest.raises(OutputError, match="is being flown still, after 120 s"):
             taken_up(tmp_path, loaded)
         assert len(waited) == 600
@@ -480,7 +481,7 @@ def test_killed_twice_no_run_is_counted_twice(campaign: Path) -> None:
             [*command, *more], cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL
         ) as running:
             finished = f"default/sim/{count}/result.json"
-            wait_for(lambda name=finished: text_of(campaign, name))  # type: ignore[misc]  # bound now
+            wait_for(partial(text_of, campaign, finished))
             os.killpg(running.pid, signal.SIGKILL)
     summary = resumed(campaign)
     # The first was whole before anybody was killed; a later one may have been in flight then.

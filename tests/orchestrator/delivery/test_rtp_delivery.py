@@ -18,8 +18,8 @@ import pytest
 
 from orchestrator.delivery.h264_encoder import H264Settings, to_frame
 from orchestrator.delivery.image_delivery import Delivery, DeliveryCounts, DeliveryError
-from orchestrator.delivery.rtp import RtpAddress, rtp_delivery
-from orchestrator.delivery.sdp import h264_sdp, split_parameter_sets
+from orchestrator.delivery.rtp import rtp_delivery
+from orchestrator.delivery.sdp import RtpAddress, h264_sdp, split_parameter_sets
 from orchestrator.delivery.threaded_delivery import ThreadedDelivery
 from vehicles.readings import CameraReading
 from worlds.camera import Intrinsics
@@ -62,7 +62,7 @@ np.savez(out, pictures=np.stack(pictures), times=np.array(times))
 
 
 def psnr_db(a: np.ndarray, b: np.ndarray) -> float:
-    error = np.mean((a.astype(np.float64) - b.astype(np.float64)) ** 2)
+    error = float(np.mean((a.astype(np.float64) - b.astype(np.float64)) ** 2))
     return float(10.0 * np.log10(255.0**2 / max(error, 1e-9)))
 
 

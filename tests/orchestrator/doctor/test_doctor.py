@@ -5,6 +5,7 @@ import os
 import socket
 import subprocess
 import sys
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
@@ -21,8 +22,8 @@ ROOT = Path(__file__).parents[3]
 GONE = ProcessId(2**22 + 1, 1)
 
 
-def only(findings: object) -> Finding:
-    (one,) = findings  # type: ignore[misc]  # an iterator of findings
+def only(findings: Iterable[Finding]) -> Finding:
+    (one,) = list(findings)
     return one
 
 

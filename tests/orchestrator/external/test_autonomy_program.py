@@ -5,6 +5,7 @@ import json
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -25,7 +26,7 @@ def environment() -> dict[str, str]:
     )
 
 
-def program(code: str, tmp_path: Path, **more: float) -> ExternalAutonomy:
+def program(code: str, tmp_path: Path, **more: Any) -> ExternalAutonomy:
     return ExternalAutonomy(
         command=[sys.executable, "-S", "-c", code],
         environment=environment(),

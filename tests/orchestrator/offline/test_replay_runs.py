@@ -163,7 +163,8 @@ def test_readings_are_compared_to_the_bit() -> None:
     assert difference(scan([1.0, np.inf]), scan([1.0, np.inf]), exact=True) is None
     found = difference(scan([1.0, 2.0, np.inf, 4.0]), scan([1.0, 2.5, 3.0, 4.0]), exact=True)
     assert found is not None
-    assert (found.share, found.mean, found.worst) == (0.5, pytest.approx(1 / 6), np.inf)
+    assert (found.share, found.worst) == (0.5, np.inf)
+    assert found.mean == pytest.approx(1 / 6)
     found = difference(cloud([[1, 2, 3]]), cloud([[1, 2, 3], [4, 5, 6]]), exact=True)
     assert found is not None
     assert found.what == "points_frd_m is (2, 3) instead of (1, 3)"

@@ -44,7 +44,8 @@ def log(folder: Path) -> list[tuple[str, str, bool]]:
 
 
 def test_abort_wins_and_is_told_once(tmp_path: Path) -> None:
-    fleet, said = FakeFleet(), []
+    fleet = FakeFleet()
+    said: list[str] = []
     controller = make_desk(tmp_path, fleet, said=said)
     controller.obey(HOLD)
     controller.obey(ABORT)
@@ -78,7 +79,8 @@ def test_while_held_nothing_is_begun(tmp_path: Path) -> None:
 
 
 def test_a_signal_aborts_and_counts_as_a_signal(tmp_path: Path) -> None:
-    fleet, said = FakeFleet(), []
+    fleet = FakeFleet()
+    said: list[str] = []
     controller = make_desk(tmp_path, fleet, said=said)
     controller.signal("Ctrl-C")
     controller.signal("Ctrl-C")

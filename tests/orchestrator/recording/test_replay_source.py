@@ -10,7 +10,7 @@ from orchestrator.model.clock import run_virtual
 from orchestrator.recording.mcap.mcap_settings import RecordingSettings
 from orchestrator.recording.replay_source import ReplaySource
 from tests.orchestrator.mcap_runs import a_run, assert_same, camera, recorder
-from vehicles.readings import PoseReading
+from vehicles.readings import PoseReading, Source
 from worlds.frames import Pose
 
 
@@ -40,7 +40,8 @@ def test_taking_in_steps_gives_everything_once_and_on_time(path: Path) -> None:
 def test_what_is_not_wanted_does_not_come(path: Path) -> None:
     poses = ReplaySource(path, sensors={"mocap"}).take(99.0)
     assert [reading.seq for _, reading in poses] == list(range(30))
-    twins = ReplaySource(path, sources=("twin",)).take(99.0)
+    only: tuple[Source, ...] = ("twin",)
+    twins = ReplaySource(path, sources=only).take(99.0)
     assert {reading.source for _, reading in twins} == {"twin"}
 
 

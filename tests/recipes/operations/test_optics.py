@@ -93,6 +93,7 @@ def test_depth_follows_the_new_axis() -> None:
     made = remapped(Masked(depth(4.0, intrinsics=CAMERA)), CAMERA, wall.q_wxyz)
     values = made.reading.depth_m[(made.mask == 255)]
     # The wall stays where it is: every point back in the old frame is 4 m ahead.
+    assert made.mask is not None
     v, u = np.nonzero(made.mask == 255)
     right = (u - CAMERA.cx_px) / CAMERA.fx_px * values
     down = (v - CAMERA.cy_px) / CAMERA.fy_px * values
@@ -110,6 +111,7 @@ def test_the_same_model_changes_nothing_and_ids_are_not_mixed() -> None:
     given_work = Masked(camera(object_ids=ids))
     assert remapped(given_work, CAMERA) is given_work
     made = remapped(given_work, replace(CAMERA, cx_px=CAMERA.cx_px + 2.4))
+    assert made.reading.object_ids is not None
     assert set(np.unique(made.reading.object_ids)) == {0, 200}
 
 

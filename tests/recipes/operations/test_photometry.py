@@ -76,7 +76,12 @@ def test_a_twin_takes_over_the_look_of_the_real_camera(gains: Any, noise: float,
 
 def test_each_property_can_be_left_out() -> None:
     real = Masked(reading(taken(hall(), (0.6, 0.8, 0.9), 5.0, 1.5), "real"))
-    only = {"exposure": False, "white_balance": False, "noise": False, "blur": False}
+    only: dict[str, Any] = {
+        "exposure": False,
+        "white_balance": False,
+        "noise": False,
+        "blur": False,
+    }
     twin = Masked(reading(hall()))
     assert build("match_photometry", **only)(twin, real) is twin
     dim = build("match_photometry", **{**only, "exposure": True})(twin, real).reading.image_bgr

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from recipes.language.recipe_document import load_recipe
-from recipes.pipeline.mixture import MixCounts
+from recipes.pipeline.mixture import MixCounts, Mixed
 from recipes.pipeline.pipeline import Mixer, compile_recipe
 from recipes.working import PoseRequest, StepError
 from vehicles.readings import BgrImage, CameraReading, Source
@@ -121,7 +121,7 @@ def test_without_a_twin_the_real_picture_passes_and_is_counted() -> None:
 
 def test_without_a_real_picture_nothing_is_shown() -> None:
     one = mixer()
-    mixed = one.mix(None, twin(), now_s=1.1)
+    mixed: Mixed[CameraReading] = one.mix(None, twin(), now_s=1.1)
     assert mixed.reading is None
     assert (mixed.provenance.dropped, mixed.provenance.latency_ms) == ("no_real", None)
     assert one.mix(None, None, now_s=1.2).reading is None

@@ -58,5 +58,6 @@ def test_nothing_virtual_shines_through_a_filled_hole() -> None:
     seen = np.full((HEIGHT, WIDTH), 2.0, np.float32)
     seen[20:24, 30:34] = np.inf
     real = camera(plain((9, 9, 9)), "real", depth_m=seen)
+    assert real.depth_m is not None
     assert np.isinf(real.depth_m).any()
     assert np.isfinite(apply("fill_depth", real, on="real").reading.depth_m).all()

@@ -289,13 +289,14 @@ def test_points_of_a_sensor_elsewhere_are_moved() -> None:
 
 
 def test_every_merge_passes_the_real_side_alone() -> None:
-    for name, real, options in (
+    cases: tuple[tuple[str, Any, dict[str, Any]], ...] = (
         ("overlay", camera(source="real"), {}),
         ("replace", camera(source="real"), {"source": "twin"}),
         ("aggregate", beam(2.0, "real"), {"by": "min"}),
         ("concatenate", cloud([[1, 2, 3]], "real"), {}),
         ("add", sound([5, 6], "real"), {}),
-    ):
+    )
+    for name, real, options in cases:
         made = build(name, **options)({"real": Masked(real)})
         assert type(made) is type(real)
         assert made.source == "real"

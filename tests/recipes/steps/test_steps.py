@@ -1,5 +1,6 @@
 """Each step by itself: geometry is exact, masks are per pixel."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,10 +12,11 @@ from hypothesis import strategies as st
 
 from recipes.model.registry import Context, StepParameters, find
 from recipes.operations.optics import disagreement_px, resized, scaled_intrinsics
-from recipes.working import CannotMixError, Masked, Merge, Operator
+from recipes.working import CannotMixError, Masked, Operator
 from vehicles.readings import BgrImage, CameraReading, Source
 from worlds.camera import Intrinsics
 
+CameraMerge = Callable[[Mapping[Source, Masked[CameraReading]]], CameraReading]
 WIDTH, HEIGHT = 64, 48
 CAMERA = Intrinsics.from_fov(WIDTH, HEIGHT, 1.2)
 ORANGE_BGR = (0, 120, 255)
@@ -38,8 +40,9 @@ def build(name: str, /, context: Context | None = None, **parameters: Any) -> An
     return kind.build(kind.parameters(**parameters), context or Context())
 
 
-def overlay(*priority: str) -> Merge:
-    return build("overlay", priority=list(priority))
+def overlay(*priority: str) -> CameraMerge:
+    merge: CameraMerge = build("overlay", priority=list(priority))
+    return merge
 
 
 def kept(operator: Operator, image: BgrImage, **more: Any) -> Any:
@@ -225,6 +228,7 @@ def test_disagreement_of_cameras_is_that_at_the_worst_corner() -> None:
 def test_parameters_of_a_step_are_frozen_and_know_their_sides() -> None:
     kind = find("isolate_color")
     assert kind is not None
-    assert kind.parameters(name="red").sides() == ("twin",)
-    assert kind.parameters(name="red", on="both").sides() == ("real", "twin")
+    parameters: Any = kind.parameters
+    assert parameters(name="red").sides() == ("twin",)
+    assert parameters(name="red", on="both").sides() == ("real", "twin")
     assert StepParameters().sides() == ()

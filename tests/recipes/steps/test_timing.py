@@ -1,6 +1,6 @@
 """Resampling and delay: the right reading for a time, its time told, and its gap bounded."""
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -10,7 +10,10 @@ from hypothesis import strategies as st
 from recipes.operations.interpolation import INTERPOLATED, between
 from recipes.working import CannotMixError, Masked
 from tests.recipes.samples import beam, build, camera, cloud, fix, imu, pose, scan
+from vehicles.readings import Reading
 from worlds.frames import Pose, angle_between, quat_from_euler
+
+R = TypeVar("R", bound=Reading)
 
 
 def line(t_s: float, source: Any = "twin") -> Any:
@@ -58,20 +61,28 @@ def test_a_gap_is_bounded() -> None:
     assert used("interpolate", [0.0, 0.9], 0.2, max_gap_ms=300.0).t_s == 0.0
 
 
+def made_between(one: R, other: R, fraction: float) -> R:
+    """Return the reading between two of one kind, which there is."""
+    made = between(one, other, fraction)
+    assert isinstance(made, type(one))
+    return made
+
+
 def test_between_two_readings_of_each_kind() -> None:
-    half = between(imu(t_s=0.0), imu(t_s=1.0, rates_frd_rad_s=(1.0, 0.02, 0.03)), 0.5)
-    assert half is not None
+    half = made_between(imu(t_s=0.0), imu(t_s=1.0, rates_frd_rad_s=(1.0, 0.02, 0.03)), 0.5)
     assert half.rates_frd_rad_s[0] == pytest.approx(0.505)
     one = fix(1, 179.5, t_s=0.0, satellites=9)
-    found = between(one, fix(2, -179.5, t_s=1.0, satellites=7), 0.25)
+    found = made_between(one, fix(2, -179.5, t_s=1.0, satellites=7), 0.25)
     assert (found.latitude_deg, found.longitude_deg, found.satellites) == (1.25, 179.75, 7)
     inf = float("inf")
-    assert between(beam(2.0, t_s=0.0), beam(4.0, t_s=1.0), 0.25).range_m == 2.5
-    assert between(beam(2.0, t_s=0.0), beam(inf, t_s=1.0), 0.25).range_m == 2.0
-    assert between(beam(2.0, t_s=0.0), beam(inf, t_s=1.0), 0.75).range_m == inf
-    made = between(scan([1, inf], t_s=0.0), scan([3, 5], t_s=1.0), 0.75)
+    assert made_between(beam(2.0, t_s=0.0), beam(4.0, t_s=1.0), 0.25).range_m == 2.5
+    assert made_between(beam(2.0, t_s=0.0), beam(inf, t_s=1.0), 0.25).range_m == 2.0
+    assert made_between(beam(2.0, t_s=0.0), beam(inf, t_s=1.0), 0.75).range_m == inf
+    made = made_between(scan([1, inf], t_s=0.0), scan([3, 5], t_s=1.0), 0.75)
     assert made.ranges_m.tolist() == [2.5, 5.0]
-    turned = between(pose(t_s=0.0), pose(Pose((1, 2, 3), quat_from_euler(0, 0, 1.0)), t_s=1.0), 0.5)
+    turned = made_between(
+        pose(t_s=0.0), pose(Pose((1, 2, 3), quat_from_euler(0, 0, 1.0)), t_s=1.0), 0.5
+    )
     assert angle_between(turned.pose.q_wxyz, quat_from_euler(0, 0, 0.5)) < 1e-9
     assert between(scan([1], t_s=0.0), scan([1, 2], t_s=1.0), 0.5) is None
     assert between(cloud([[1, 2, 3]], t_s=0.0), cloud([[1, 2, 3]], t_s=1.0), 0.5) is None

@@ -214,7 +214,8 @@ def test_points_of_another_mount_stay_where_they_are_on_the_body(
 ) -> None:
     work = apply("remount", cloud([point], mount=old), cloud([[0, 0, 0]], mount=new), to="real")
     assert work.reading.mount == new
-    there = new.to_parent(tuple(float(x) for x in work.reading.points_frd_m[0]))
+    x, y, z = (float(each) for each in work.reading.points_frd_m[0])
+    there = new.to_parent((x, y, z))
     assert there == pytest.approx(old.to_parent(point), abs=0.01)
     body = apply("remount", cloud([point], mount=old), to="body").reading
     assert body.points_frd_m[0] == pytest.approx(old.to_parent(point), abs=0.01)

@@ -29,7 +29,7 @@ def real(range_m: float = 9.0) -> Ranges:
 def with_wall(range_m: float, where: slice = DUE) -> Ranges:
     twin = np.full(BEAMS, np.inf)
     twin[where] = range_m + 0.02 * np.random.default_rng(1).standard_normal(BEAMS)[where]
-    return np.minimum(real(), twin)
+    return np.asarray(np.minimum(real(), twin))
 
 
 def compared(mixed: Ranges, *, truly: Ranges | None = None, far_m: float = 12.0) -> FrameVisibility:

@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -206,7 +207,7 @@ def test_that_the_subject_touches_nothing_is_judged_always(mode: RunMode) -> Non
         {"to": "land"},
     ],
 )
-def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str, object]) -> None:
+def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str, Any]) -> None:
     flying = contexts("wil")
     seen = {name: replace(context, probe=Nothing()) for name, context in flying.items()}
     parameters = registry["collision"].parameters.model_construct(**weaker)

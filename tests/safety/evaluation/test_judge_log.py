@@ -4,7 +4,7 @@ import io
 import math
 from collections.abc import Mapping
 
-import msgpack
+import msgpack  # type: ignore[import-untyped]  # ships no types
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -95,7 +95,8 @@ SIGNALS = ("pose", "battery")
 @st.composite
 def tapes(draw: st.DrawFn) -> list[LoggedSample]:
     """Samples of a flight in the order of their times, its stages in their order."""
-    t_s, taped, stages = 0.0, [], list(STAGES)
+    t_s, stages = 0.0, list(STAGES)
+    taped: list[LoggedSample] = []
     for _ in range(draw(st.integers(0, 30))):
         t_s += draw(st.floats(0.0, 1.0))
         kind = draw(st.integers(0, 11))

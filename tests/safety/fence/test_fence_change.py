@@ -114,7 +114,8 @@ def test_the_new_fence_is_the_one_that_is_watched(pair: Any) -> None:
 
 def test_the_oracle_judges_by_the_fence_in_force() -> None:
     judge = build("geofence")
-    formula = build("stl", stl="always (fence_margin_m >= 0)", **{"from": "takeoff"})
+    window: dict[str, Any] = {"from": "takeoff"}
+    formula = build("stl", stl="always (fence_margin_m >= 0)", **window)
     for oracle in (judge, formula):
         stage(oracle, takeoff=0.0)
         oracle.on_pose(pose(1.0, (3, 0, -1)))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from safety.fence.geofence import Fence
 from safety.model.oracle_results import Flag, OracleResult
@@ -51,7 +52,7 @@ class ScriptedProbe:
         )
 
 
-def build(kind: str, *, context: OracleContext | None = None, **parameters: object) -> Oracle:
+def build(kind: str, *, context: OracleContext | None = None, **parameters: Any) -> Oracle:
     spec = registry[kind]
     model = spec.parameters.model_validate(parameters)
     used = context or OracleContext(mode="wil", subject="real", vehicle="real", fence=FENCE)

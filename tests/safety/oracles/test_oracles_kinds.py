@@ -1,11 +1,12 @@
 """Speed, attitude, distance, area, estimator, battery, modes: each made to pass and to fail."""
 
 import math
+from typing import Any
 
 import pytest
 
-from safety.model.samples import PoseSample, StateSample
-from safety.oracles import OracleContext, OracleError
+from safety.model.samples import PoseSample, StageSample, StateSample
+from safety.oracles import Oracle, OracleContext, OracleError
 from tests.safety.oracles.oracle_rigs import ScriptedProbe, build, fly, pose, stage
 from vehicles.autopilots.autopilot import Mode
 from worlds.frames import Pose, quat_from_euler
@@ -91,7 +92,7 @@ def test_tilt_is_the_angle_to_the_vertical() -> None:
     assert judge.result(3.0).actual == pytest.approx(math.degrees(math.acos(0.75)))
 
 
-def distance_judge(script: dict[float, list[tuple[str, str, float]]], **limits: float):
+def distance_judge(script: dict[float, list[tuple[str, str, float]]], **limits: float) -> Oracle:
     context = OracleContext(
         mode="wil",
         subject="real",
@@ -125,7 +126,11 @@ def test_distance_may_have_one_limit() -> None:
 
 def test_distance_to_what_is_not_there_is_refused_with_what_was_meant() -> None:
     context = OracleContext(
-        mode="wil", subject="real", vehicle="real", things=("person",), probe_of=lambda _: None
+        mode="wil",
+        subject="real",
+        vehicle="real",
+        things=("person",),
+        probe_of=lambda _: ScriptedProbe({}),
     )
     with pytest.raises(OracleError, match="no object 'persom'") as caught:
         build("distance", context=context, object="persom", min_m=1.0)
@@ -167,9 +172,7 @@ def test_an_estimator_may_be_unsound_for_a_while() -> None:
     assert judge.result(9.0).actual == 1.5
 
 
-def stage_sample(t_s: float):
-    from safety.model.samples import StageSample
-
+def stage_sample(t_s: float) -> StageSample:
     return StageSample(t_s, "landed")
 
 
@@ -216,8 +219,12 @@ def test_modes_may_change_so_often() -> None:
 # The terms that every oracle has.
 
 
+def window(first: str, last: str) -> dict[str, Any]:
+    return {"from": first, "to": last}
+
+
 def test_a_window_of_the_campaigns_own() -> None:
-    judge = build("altitude", max_m=2.0, **{"from": "goal", "to": "done"})
+    judge = build("altitude", max_m=2.0, **window("goal", "done"))
     stage(judge, takeoff=1.0, at_height=2.0)
     assert fly(judge, (0, 0, -3)) == []
     stage(judge, goal=3.0)
@@ -228,7 +235,7 @@ def test_a_window_of_the_campaigns_own() -> None:
 
 
 def test_a_stage_that_is_skipped_closes_the_window_too() -> None:
-    judge = build("altitude", max_m=2.0, **{"from": "goal", "to": "done"})
+    judge = build("altitude", max_m=2.0, **window("goal", "done"))
     stage(judge, takeoff=1.0, goal=3.0, land=4.0)
     assert fly(judge, (0, 0, -3), start_s=5.0) == []
     assert judge.result(9.0).detail == "no pose seen"
@@ -238,7 +245,7 @@ def test_a_stage_that_is_skipped_closes_the_window_too() -> None:
     ("given", "key"),
     [({"from": "land", "to": "goal"}, "to"), ({"from": "land"}, "from"), ({"to": "goal"}, "to")],
 )
-def test_an_empty_window_is_refused(given: dict[str, str], key: str) -> None:
+def test_an_empty_window_is_refused(given: dict[str, Any], key: str) -> None:
     kind = "time_limit"
     with pytest.raises(OracleError, match="its window is empty") as caught:
         build(kind, limit_s=1.0, **given)
@@ -246,7 +253,7 @@ def test_an_empty_window_is_refused(given: dict[str, str], key: str) -> None:
 
 
 def test_time_from_any_stage_to_any_other() -> None:
-    judge = build("time_limit", limit_s=5.0, **{"from": "takeoff", "to": "at_height"})
+    judge = build("time_limit", limit_s=5.0, **window("takeoff", "at_height"))
     stage(judge, takeoff=1.0)
     assert judge.on_tick(6.0) == ()
     (flag,) = judge.on_tick(6.1)
@@ -265,7 +272,7 @@ def test_time_from_any_stage_to_any_other() -> None:
         ("time_limit", {"limit_s": 2.0, "required": False}, False),
     ],
 )
-def test_fail_fast_where_the_campaign_says(kind: str, given: dict[str, object], fast: bool) -> None:
+def test_fail_fast_where_the_campaign_says(kind: str, given: dict[str, Any], fast: bool) -> None:
     assert build(kind, **given).terms.fail_fast is fast
 
 

@@ -1,14 +1,16 @@
 """The oracle of STL formulas: its signals, its margin, its window, and failing fast."""
 
 import math
+from typing import Any
 
 import pytest
 
-from safety.model.oracle_results import OracleResult
+from safety.model.oracle_results import Flag, OracleResult
 from safety.model.samples import LinkSample, PoseSample, StateSample
 from safety.model.verdict import decide
 from safety.oracles import Oracle, OracleContext, OracleError
 from safety.oracles.oracle_terms import Stages
+from safety.oracles.stl import Stl
 from safety.oracles.stl_signals import signal_docs, signals_of
 from tests.safety.oracles.oracle_rigs import FENCE, SCENE, build, pose, stage
 from vehicles.autopilots.autopilot import Mode
@@ -30,7 +32,7 @@ CONTEXT = OracleContext(
 )
 
 
-def stl(text: str, *, context: OracleContext = CONTEXT, **parameters: object) -> Oracle:
+def stl(text: str, *, context: OracleContext = CONTEXT, **parameters: Any) -> Oracle:
     return build("stl", context=context, stl=text, **parameters)
 
 
@@ -114,7 +116,8 @@ def values(name: str, *samples: object) -> list[float]:
     """Return the value of a signal after each sample."""
     unit = signals_of(CONTEXT, Stages())[name].kind.unit
     text = f"always ({name} >= -1e9)" if unit else f"eventually ({name})"
-    judge = stl(text, **{"from": "takeoff", "to": "end"})
+    window: dict[str, Any] = {"from": "takeoff", "to": "end"}
+    judge = stl(text, **window)
     stage(judge, takeoff=0.0, at_height=0.0)
     found = []
     for sample in samples:
@@ -125,6 +128,7 @@ def values(name: str, *samples: object) -> list[float]:
                 judge.on_state(sample)
             case LinkSample():
                 judge.on_heard(sample)
+        assert isinstance(judge, Stl)
         found += judge._trace.values()[name].tolist()[-1:]
     return [value for value in found if not math.isnan(value)]
 
@@ -306,7 +310,7 @@ def test_a_signal_that_is_true_or_false_has_no_margin() -> None:
 def test_it_fails_fast_once_it_can_hold_no_more() -> None:
     judge = stl("always[0,10] (up_m >= 1 -> eventually[0,2] (up_m >= 3))", fail_fast=True)
     stage(judge, goal=3.0)
-    flags = []
+    flags: list[Flag] = []
     for tenth in range(80):
         t_s = 3.0 + tenth / 10.0
         judge.on_pose(pose(t_s, (0, 0, -1.5)))

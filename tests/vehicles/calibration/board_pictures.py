@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -73,7 +74,10 @@ def picture(
     maps = cells.astype(np.float32).reshape(lens.height_px, lens.width_px, 2)
     size_px = _PX_PER_SQUARE * board.square_m * lens.fx_px / max(0.05, float(position_m[2]))
     blurred = cv2.GaussianBlur(printed, (0, 0), max(0.6, 0.5 * 3600 * board.square_m / size_px))
-    seen = cv2.remap(blurred, maps, None, cv2.INTER_LINEAR, cv2.BORDER_CONSTANT, None, 120.0)
+    maps_2: Any = None
+    seen = cv2.remap(
+        blurred, maps, maps_2, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=120.0
+    )
     return np.asarray(cv2.cvtColor(seen, cv2.COLOR_GRAY2BGR), np.uint8)
 
 

@@ -4,7 +4,7 @@ import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -298,7 +298,8 @@ def test_blur_smears_along_the_streak_and_keeps_the_light() -> None:
     columns = np.flatnonzero(wide[:, :, 0].any(axis=0))
     assert (columns[0], columns[-1]) == (26, 37)
     tall = blur_image(image, (0.0, 8.0))
-    assert np.array_equal(tall[:, 30:34].any(axis=(1, 2)), wide[20:24].any(axis=(0, 2))[10:58])
+    rows = np.asarray(wide[20:24].any(axis=(0, 2)))[10:58]
+    assert np.array_equal(np.asarray(tall[:, 30:34].any(axis=(1, 2))), rows)
     assert blur_image(image, (0.9, 0.3)) is image
     assert blur_image(image, (500.0, 0.0)).shape == image.shape
     assert blur_image(image, (math.nan, 0.0)) is image
@@ -321,7 +322,7 @@ def test_a_turning_camera_blurs_and_a_still_one_does_not() -> None:
     """The streak of an exposure follows from the poses at both of its ends."""
 
     class Edge(FakeSource):
-        def picture(self, *given: object, **more: bool) -> FakePicture:
+        def picture(self, *given: Any, **more: Any) -> FakePicture:
             image = level(0)
             image[:, 32:] = 200
             return FakePicture(image)

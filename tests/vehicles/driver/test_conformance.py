@@ -200,7 +200,8 @@ def test_the_whole_of_a_flight(
         assert estimate.pose.position_ned_m[0] == pytest.approx(north_m, abs=1.5)
         assert driver.clock.synchronised
         await driver.hold()
-        assert driver.state.mode is Mode.HOLD
+        held: Mode = driver.state.mode
+        assert held is Mode.HOLD
         await driver.land()
         await driver.disarmed(60.0)
         assert abs(vehicle.truth().pose.position_ned_m[2]) < 0.2

@@ -162,7 +162,7 @@ def test_flies_whatever_the_latency(autopilot: AutopilotName, latency_s: float) 
 @BOTH
 def test_who_landed_gets_ready_again_where_it_stands(autopilot: AutopilotName) -> None:
     async def script(driver: Driver, _: EmbeddedVehicle) -> None:
-        for _ in range(2):
+        for _turn in range(2):
             await _up(driver, 1.0)
             await driver.enter_guided()
             driver.send(VelocitySetpoint((0.5, 0.0, 0.0)))

@@ -3,6 +3,7 @@
 import asyncio
 import struct
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -106,7 +107,7 @@ def test_refusal_of_a_repetition_is_no_error_when_it_is_done(fake_pair: Callable
         for done in (True, False):
             try:
                 await _commander(session).run(
-                    command_long(PEER, TAKEOFF, 0.0), done_anyway=lambda done=done: done
+                    command_long(PEER, TAKEOFF, 0.0), done_anyway=partial(bool, done)
                 )
                 results.append("fine")
             except CommandError as error:

@@ -110,7 +110,7 @@ async def test_two_share_nothing(sims: Any) -> None:
 
 
 def _px4_build(sims: Any, body: str) -> Path:
-    binary = sims.program(body, name="build/bin/px4")
+    binary: Path = sims.program(body, name="build/bin/px4")
     build = binary.parent.parent
     rcs = build / "etc" / "init.d-posix" / "rcS"
     rcs.parent.mkdir(parents=True)
@@ -155,7 +155,7 @@ async def test_px4_runs_from_a_build(sims: Any) -> None:
     ],
 )  # fmt: skip
 async def test_what_goes_wrong_at_the_start(sims: Any, body: str, words: str) -> None:
-    binary = sims.program(body)
+    binary: Path = sims.program(body)
     with pytest.raises(LaunchError, match=words):
         await _vehicle(sims, binary, ready_s=1.0).__aenter__()
     assert sims.gone(sims.pid_of(binary), 1.0)
@@ -282,7 +282,7 @@ def test_leftovers_are_found_named_and_ended(sims: Any) -> None:
 
 def _record(folder: Path, **fields: Any) -> LaunchRecord:
     folder.mkdir(exist_ok=True)
-    values = {
+    values: dict[str, Any] = {
         "label": "x", "folder": str(folder), "supervisor": ProcessId.own(),
         "owner": ProcessId(1 << 22, 5), "boot_id": boot_id(), "command": ("x",), "cleanup": (),
     } | fields  # fmt: skip

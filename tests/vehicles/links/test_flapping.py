@@ -206,7 +206,7 @@ def flapped(
 
 def test_what_flaps_is_told_once_and_again_when_it_stays(caplog: pytest.LogCaptureFixture) -> None:
     async def script(recovery: Reconnection, _: Flaky) -> None:
-        for _ in range(20):
+        for _turn in range(20):
             recovery.lost("reset by peer")
             await asyncio.sleep(0.7)
         await asyncio.sleep(10.0)

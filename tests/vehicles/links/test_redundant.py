@@ -1,6 +1,7 @@
 """A vehicle with two radios: one falls silent in flight, and the flight goes on by the other."""
 
 import asyncio
+from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
@@ -27,6 +28,10 @@ from vehicles.setpoints import VelocitySetpoint
 OURS = Codec(system_id=245, component_id=190)
 VEHICLE = Codec(system_id=1, component_id=1)
 HEARTBEAT = VEHICLE.pack(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3))
+
+
+def _collect(box: list[Any], reader: Codec, data: bytes, _: object) -> None:
+    box.extend(reader.parse(data))
 
 
 class TwoRadios:
@@ -72,7 +77,7 @@ class Ends:
         self.far = [far for _, far in pairs]
         for far, box in zip(self.far, self.sent, strict=True):
             reader = Codec(system_id=1, component_id=1)
-            far.receive(lambda data, _, box=box, reader=reader: box.extend(reader.parse(data)))
+            far.receive(partial(_collect, box, reader))
 
     async def __aenter__(self) -> Self:
         for one in (self.link, *self.far):

@@ -122,7 +122,7 @@ def test_of_boxes_that_cover_each_other_the_surest_stays(given_boxes: Any) -> No
         w = max(0.0, min(a[2], b[2]) - max(a[0], b[0])) * max(
             0.0, min(a[3], b[3]) - max(a[1], b[1])
         )
-        return w / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - w)
+        return float(w / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - w))
 
     for i, (kind, _, box) in enumerate(found):
         assert all(k != kind or overlap(b, box) <= 0.5 + 1e-6 for k, _, b in found[:i])

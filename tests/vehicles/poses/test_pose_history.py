@@ -36,7 +36,8 @@ def test_predicts_by_velocity_for_a_short_time_only() -> None:
     history = _filled()
     soon = history.at(1.015)
     assert soon.pose is not None
-    assert (soon.kind, soon.gap_s) == ("predicted", pytest.approx(0.015))
+    assert soon.kind == "predicted"
+    assert soon.gap_s == pytest.approx(0.015)
     assert soon.pose.position_ned_m == pytest.approx((1.015, -2.03, 0.5075))
     late = history.at(1.05)
     assert (late.pose, late.kind) == (_moving(1.0), "latest")

@@ -30,7 +30,7 @@ def test_an_identity_outlives_a_change_of_the_system_clock(
 ) -> None:
     before = ProcessId.own()
     booted_s = psutil.boot_time()
-    for module in (psutil, psutil._pslinux):  # type: ignore[attr-defined]  # where Linux has it
+    for module in (psutil, psutil._pslinux):
         monkeypatch.setattr(module, "boot_time", lambda: booted_s - 3600.0)
     assert ProcessId.own() == before
     assert before.lives

@@ -61,6 +61,7 @@ def test_things_are_seen_where_the_lens_puts_them() -> None:
         Pose((0, 0, 0)), BARREL, 0.0, want_depth=True, want_ids=True
     )
     assert seen.image_bgr.shape == (240, 320, 3)
+    assert seen.object_ids is not None
     rows, columns = np.nonzero(seen.object_ids)
     u, v = truly_at(BARREL)
     assert (columns.mean(), rows.mean()) == pytest.approx((u, v), abs=0.7)

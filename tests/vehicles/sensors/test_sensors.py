@@ -3,6 +3,8 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,10 +48,10 @@ def rng(seed: int = 1) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def box_room(sensor: Pose, directions: Directions, t_s: float) -> RayHits:
+def box_room(sensor: Pose, directions_frd: Directions, t_s: float) -> RayHits:
     """A floor at down 0 (object 1) and a wall at north 5 m (object 2), nothing else."""
     north, _, down = sensor.position_ned_m
-    hits = [sensor.to_parent(tuple(d)) for d in directions.tolist()]
+    hits = [sensor.to_parent(tuple(d)) for d in directions_frd.tolist()]
     ranges, ids = [], []
     for n, _, d in hits:
         to_wall = (5.0 - north) / (n - north) if n - north > 1e-9 else math.inf
@@ -185,8 +187,8 @@ def test_a_rangefinder_looks_down_and_tells_nothing_beyond_its_reach() -> None:
 
 
 def test_a_wide_beam_reports_the_nearest_thing() -> None:
-    def edge(sensor: Pose, directions: Directions, t_s: float) -> RayHits:
-        near = np.where(directions[:, 1] > 0.01, np.float32(1.0), np.float32(4.0))
+    def edge(sensor: Pose, directions_frd: Directions, t_s: float) -> RayHits:
+        near = np.where(directions_frd[:, 1] > 0.01, np.float32(1.0), np.float32(4.0))
         return RayHits(near, np.zeros(len(near), np.uint8))
 
     sensor = RangefinderSensor(source="real", cast=edge)
@@ -338,6 +340,11 @@ def test_rotor_speed_from_thrust() -> None:
     assert motor_speeds((0.5 * 9.80665 / 4, 0.0, -1.0)) == pytest.approx((469.1, 0.0, 0.0), abs=0.2)
 
 
+def _sampled(sensor: Any, t_s: float, generator: np.random.Generator) -> Reading:
+    reading: Reading = sensor.sample(HOVER, t_s, generator)
+    return reading
+
+
 def sensors(kind: str) -> list[Callable[[float, np.random.Generator], Reading]]:
     noise = NOISE_SETS[kind]
     imu = ImuSensor(source="real", noise=noise.imu)
@@ -345,7 +352,7 @@ def sensors(kind: str) -> list[Callable[[float, np.random.Generator], Reading]]:
     scan = LidarScanSensor(source="real", cast=box_room, noise=noise.lidar)
     below = RangefinderSensor(source="real", cast=box_room, noise=noise.rangefinder)
     ear = MicrophoneSensor(source="real", noise=noise.microphone)
-    return [lambda t, g, s=s: s.sample(HOVER, t, g) for s in (imu, gps, scan, below, ear)]
+    return [partial(_sampled, sensor) for sensor in (imu, gps, scan, below, ear)]
 
 
 def flat(reading: Reading) -> str:

@@ -48,7 +48,9 @@ class Sender:
         self._thread.join()
 
     def _run(self) -> None:
-        k, size, container, stream = 0, (0, 0), None, None
+        k, size = 0, (0, 0)
+        container: Any = None
+        stream: Any = None
         start_s = time.monotonic()
         while not self._stop.wait(max(0.0, start_s + k / RATE_HZ - time.monotonic())):
             if self._size(k) != size:

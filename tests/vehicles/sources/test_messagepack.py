@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 
-import msgpack
+import msgpack  # type: ignore[import-untyped]  # ships no types
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -41,7 +41,7 @@ def triangle_distance(body: np.ndarray, other: np.ndarray) -> float:
 def turned(corners: np.ndarray, position: Vec3, q: Quat) -> np.ndarray:
     from worlds.frames import matrix_from_quat
 
-    return corners @ matrix_from_quat(q).T + np.array(position)
+    return np.asarray(corners @ matrix_from_quat(q).T + np.array(position))
 
 
 @settings(max_examples=400, deadline=None)

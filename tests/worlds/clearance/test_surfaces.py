@@ -1,6 +1,7 @@
 """Distances to triangles through a tree, against each triangle in turn, and against FCL."""
 
 import math
+from typing import Any
 
 import fcl
 import numpy as np
@@ -42,7 +43,7 @@ def at(pose: Pose) -> np.ndarray:
 
 
 def one_by_one(hull: np.ndarray, corners: np.ndarray, faces: np.ndarray) -> float:
-    return min(convex_distance(hull, corners[face])[0] for face in faces)
+    return min(float(convex_distance(hull, corners[face])[0]) for face in faces)
 
 
 @settings(max_examples=150, deadline=None)
@@ -86,8 +87,8 @@ def test_a_sweep_is_beyond_exactly_when_its_hull_is(seed: int, count: int, m: fl
     corners, faces = soup(rng, count)
     first, last = random_pose(rng), random_pose(rng)
     distance = one_by_one(np.concatenate([at(first), at(last)]), corners, faces)
-    ends = [(each.position_ned_m, each.q_wxyz) for each in (first, last)]
-    beyond = swept_beyond(BODY, *ends, triangle_tree(corners, faces), m)
+    begin, end = ((each.position_ned_m, each.q_wxyz) for each in (first, last))
+    beyond = swept_beyond(BODY, begin, end, triangle_tree(corners, faces), m)
     if abs(distance - m) > 1e-6:
         assert beyond == (distance > m)
 
@@ -130,7 +131,7 @@ def test_far_along_a_sheet_takes_few_questions(
     """A flight along a wall or over ground keeps its distance: one look has to do."""
     asked = []
 
-    def counted(*arguments: object) -> float:
+    def counted(*arguments: Any) -> float:
         asked.append(1)
         return float(surface_distance(*arguments))
 

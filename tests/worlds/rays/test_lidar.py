@@ -1,6 +1,7 @@
 """Lidars in a room whose distances are known."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,6 +72,6 @@ def test_what_moves_is_met_where_it_is() -> None:
     ],
 )
 def test_impossible_scanners_are_refused(wrong: dict[str, float]) -> None:
-    right = {"columns": 4, "horizontal_fov_rad": 1.0, "range_max_m": 10.0}
+    right: dict[str, Any] = {"columns": 4, "horizontal_fov_rad": 1.0, "range_max_m": 10.0}
     with pytest.raises(ValueError, match=r"must|at least"):
         LidarModel(**{**right, **wrong})

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from worlds.frames import Pose
 from worlds.scene import meshes, shapes
 from worlds.scene.meshes import Material, Mesh
 from worlds.scene.parts import BoxShape, HullShape
@@ -38,7 +39,8 @@ def directed_edges(mesh: Mesh) -> list[tuple[int, int]]:
 def outward(mesh: Mesh) -> np.ndarray:
     corners = mesh.vertices_m[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return np.einsum("ij,ij->i", normals, corners.mean(axis=1) - mesh.vertices_m.mean(axis=0))
+    outwards = corners.mean(axis=1) - mesh.vertices_m.mean(axis=0)
+    return np.asarray(np.einsum("ij,ij->i", normals, outwards))
 
 
 @pytest.mark.parametrize("name", SOLIDS)
@@ -148,7 +150,7 @@ def test_room_textures_are_structured_muted_and_seeded() -> None:
 
 def test_painting_and_moving_leave_the_original_alone() -> None:
     mesh = meshes.box((1.0, 1.0, 1.0), GREY)
-    moved = mesh.painted((1, 2, 3)).moved(shapes.Pose.of(5, 0, 0, yaw_rad=math.pi / 2))
+    moved = mesh.painted((1, 2, 3)).moved(Pose.of(5, 0, 0, yaw_rad=math.pi / 2))
     assert mesh.materials[0].rgb == (128, 128, 128)
     assert moved.materials[0].rgb == (1, 2, 3)
     assert mesh.vertices_m[:, 0].max() == pytest.approx(0.5)

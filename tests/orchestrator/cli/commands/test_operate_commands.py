@@ -77,7 +77,7 @@ async def test_a_fence_is_answered_by_the_runs(
     path = tmp_path / "fence.yaml"
     path.write_text("box: {}")
     for ok, code in ((True, 0), (False, 3)):
-        calling = asyncio.create_task(cli("fence", str(path), "--who", "anna"))
+        calling = asyncio.ensure_future(cli("fence", str(path), "--who", "anna"))
         before = len(fleet.told)
         while len(fleet.told) == before:  # noqa: ASYNC110 - another thread sets no event
             await asyncio.sleep(0.01)

@@ -155,7 +155,8 @@ def test_what_armed_nothing_says_so_and_is_not_taken_up(
 def test_a_disk_that_fills_up_ends_the_campaign_with_a_sentence(
     campaign: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write, documents = campaign_runner.write_whole, []
+    write: Any = vars(campaign_runner)["write_whole"]
+    documents: list[str] = []
 
     def until_full(path: Path, content: str | bytes) -> None:
         documents.append(path.name)

@@ -10,8 +10,9 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import zstandard
@@ -21,6 +22,7 @@ from mcap.stream_reader import StreamReader
 from orchestrator.model.clock import run_virtual
 from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.mcap import mcap_file, mcap_writer
+from orchestrator.recording.mcap.mcap_encode import Encoder
 from orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from orchestrator.recording.mcap.mcap_writer import RecordingReport
 from orchestrator.recording.mcap_reader import RecordedEvent, RecordedReading, Recording
@@ -163,7 +165,7 @@ def test_a_file_of_others_has_nothing_for_us_and_a_forged_one_is_refused(tmp_pat
             schema = writer.register_schema("x", "jsonschema", b"{}")
             channel = writer.register_channel("/x", "json", schema, facts)
             writer.add_message(channel, 1, message, 1)
-            writer.finish()
+            writer.finish()  # type: ignore[no-untyped-call]  # of mcap
         if not facts:
             assert list(Recording(path)) == []
         else:
@@ -176,13 +178,13 @@ class _Held:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.go = threading.Event()
-        original = mcap_writer.Encoder.encode
+        original = Encoder.encode
 
         def held(encoder: Any, sensor: str, reading: Reading) -> Any:
             self.go.wait(10.0)
             return original(encoder, sensor, reading)
 
-        monkeypatch.setattr(mcap_writer.Encoder, "encode", held)
+        monkeypatch.setattr(Encoder, "encode", held)
 
 
 def test_a_wall_clock_drops_what_is_new_and_counts_it(
@@ -209,7 +211,7 @@ def test_a_wall_clock_drops_what_is_new_and_counts_it(
 
 def test_a_picture_that_cannot_be_encoded_is_counted_and_said(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    broken = replace(camera(5), image_bgr=None)
+    broken = replace(camera(5), image_bgr=cast("Any", None))
     with recorder(path) as run:
         run.reading("camera", camera(4))
         run.reading("camera", broken)
@@ -229,7 +231,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_flight(
 ) -> None:
     room = [60_000]
 
-    class Small(mcap_file.FileIO):
+    class Small(FileIO):
         def write(self, data: Any) -> int:
             if room[0] <= 0:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -107,7 +107,7 @@ def test_pictures_in_each_form(
 ) -> None:
     path = tmp_path / "run.mcap"
     smooth = replace(
-        camera(), image_bgr=np.tile(np.arange(0, 192, 4, np.uint8)[:, None, None], (1, 64, 3))
+        camera(), image_bgr=np.tile(np.arange(0, 192, 4, dtype=np.uint8)[:, None, None], (1, 64, 3))
     )
     with recorder(path, settings=RecordingSettings(real=ImageSettings(form))) as run:
         run.reading("camera", smooth)
@@ -254,7 +254,13 @@ class TestForOthers:
 
 def _conforms(value: Any, schema: dict[str, Any]) -> None:
     """Check a value against the part of JSON schema that our schemas use."""
-    kinds = {"object": dict, "array": list, "string": str, "integer": int, "boolean": bool}
+    kinds: dict[Any, Any] = {
+        "object": dict,
+        "array": list,
+        "string": str,
+        "integer": int,
+        "boolean": bool,
+    }
     kind = schema.get("type")
     if value is None or kind is None:
         return

@@ -67,7 +67,7 @@ def test_who_moves_or_is_not_seen_is_not_anchored() -> None:
     with pytest.raises(AnchorError, match="only 0 position estimates"):
         anchored(sees=lambda t_s: None)
     with pytest.raises(AnchorError, match="only 0 position estimates"):
-        anchored(sees=lambda t_s: Pose(), estimates=False)
+        anchored(sees=lambda t_s: Pose((0, 0, 0)), estimates=False)
 
 
 def test_a_flight_that_is_anchored_by_motion_capture(fly_run: Fly) -> None:

@@ -40,8 +40,9 @@ def test_a_new_fence_holds_for_both_and_the_flight_goes_on(fly_run: Fly) -> None
     (asked,) = [line for line in log_of(folder) if line["event"] == "operator"]
     assert (asked["kind"], asked["who"]) == ("geofence", "anna")
     (answered,) = [line for line in log_of(folder) if line["event"] == "answer"]
-    at_s = pytest.approx(answered["t_s"], abs=1e-6)
-    assert result.fence_changes == (FenceChange(at_s, "anna", ("real", "twin")),)
+    (change,) = result.fence_changes
+    assert change.at_s == pytest.approx(answered["t_s"], abs=1e-6)
+    assert change == FenceChange(change.at_s, "anna", ("real", "twin"))
 
 
 def test_whoever_leaves_the_new_fence_is_brought_down(fly_run: Fly) -> None:

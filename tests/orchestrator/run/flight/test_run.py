@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import av
 import pytest
@@ -174,7 +174,7 @@ def test_a_physical_contact_in_mode_real_stops_the_motors(fly_run: Fly) -> None:
 
 def test_a_vehicle_that_never_becomes_ready_is_an_error_with_its_reasons(fly_run: Fly) -> None:
     def spoil(pair: Pair, _: RunState) -> None:
-        pair.vehicles["real"].autopilot.never_ready = True
+        cast("Any", pair.vehicles["real"]).autopilot.never_ready = True
 
     result, folder = fly_run(disturb=spoil, sets=("sync.ready_timeout_s=15",))
     assert result.verdict == "ERROR"
@@ -189,7 +189,7 @@ def test_a_vehicle_that_dies_in_flight_is_an_error_and_the_other_lands(
     fly_run: Fly, victim: str, survivor: str, stage: Stage
 ) -> None:
     result, folder = fly_run(
-        disturb=at_stage(stage, 1.0, lambda pair: pair.vehicles[victim].kill())
+        disturb=at_stage(stage, 1.0, lambda pair: cast("Any", pair.vehicles[victim]).kill())
     )
     assert result.verdict == "ERROR"
     assert result.reason.startswith(f"{victim} was not heard for 3 s; its last STATUSTEXT: ")

@@ -122,7 +122,8 @@ def test_motion_capture_counts_from_takeoff_to_landed(
 def test_a_report_that_an_oracle_rests_on_must_not_end(plan: RunPlan, tmp_path: Path) -> None:
     change = relay("twin", stopped(), stage="takeoff", message_id=EXTENDED_SYS_STATE)
     result = flown(plan, tmp_path / "run", change)
-    assert any("landed_state of twin" in one.reason for one in (result, *result.also))
+    reasons = (result.reason, *(late.reason for late in result.also))
+    assert any("landed_state of twin" in reason for reason in reasons)
 
 
 FREE = "world.objects.wall.pose.north_m=30"

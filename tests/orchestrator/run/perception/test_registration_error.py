@@ -82,7 +82,8 @@ def test_a_pose_within_one_standard_deviation_is_seen_within_the_bound(
     rng = np.random.default_rng(seed)
     shift, axis = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
     half = attitude_rad / 2
-    turn = (math.cos(half), *(float(part) * math.sin(half) for part in axis))
+    x, y, z = (float(part) * math.sin(half) for part in axis)
+    turn = (math.cos(half), x, y, z)
     moved = Pose(
         (
             float(shift[0]) * position_m,

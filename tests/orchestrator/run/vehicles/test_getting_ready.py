@@ -9,8 +9,9 @@ from typing import Any
 
 from campaigns.setup.case_setup import SyncSetup
 from orchestrator.model.clock import run_virtual
+from orchestrator.model.results import NOT_ARMED
 from orchestrator.run.flight.operator_hold import OperatorHold
-from orchestrator.run.flight.pair_flight import NOT_ARMED, fly_together
+from orchestrator.run.flight.pair_flight import fly_together
 from orchestrator.run.vehicles.simulator_logs import flight_log
 from orchestrator.state.run_state import RunState
 

@@ -10,7 +10,7 @@ from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.campaign.run_order import fly_order
 from orchestrator.cli import main
 from orchestrator.model.results import RunResult
-from orchestrator.run.vehicles import onboard_fences, preflight_checks
+from orchestrator.run.vehicles import onboard_fences
 from orchestrator.state.run_setup import RunOrder
 from safety.preflight import Item
 from tests.orchestrator.conftest import Fly, NoCommands
@@ -148,9 +148,7 @@ def test_a_disk_without_room_is_told_before_the_first_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     usage = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(
-        preflight_checks.shutil, "disk_usage", lambda _: usage._replace(free=5_000_000)
-    )
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=5_000_000))
     out = tmp_path / "out"
     assert main(["run", str(write_hover(tmp_path)), "--out", str(out)]) == 3
     said = capsys.readouterr().err

@@ -183,7 +183,8 @@ def test_a_frame_written_anew_differs_only_in_its_velocity(
     assert isinstance(asked, VelocitySetpoint)
     world = ANCHOR.velocity((2.0, 1.0, 0.0))
     assert asked.velocity_ned_m_s == pytest.approx(world)
-    half = replace(asked, velocity_ned_m_s=tuple(v / 2.0 for v in asked.velocity_ned_m_s))
+    north, east, down = asked.velocity_ned_m_s
+    half = replace(asked, velocity_ned_m_s=(north / 2.0, east / 2.0, down / 2.0))
     again = rewritten(frame, half, ANCHOR)
     (checked,) = FrameSplitter().feed(again)
     assert (checked.seq, checked.system, checked.component) == (frame.seq, 245, 190)

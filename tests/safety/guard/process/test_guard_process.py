@@ -2,6 +2,7 @@ import asyncio
 import json
 import os
 import signal
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,10 @@ async def test_a_position_outside_of_the_fence_brings_both_down(folder: Path) ->
     assert [word for _, word in words(folder, "twin")][-1] == "END armed=False up_m=0.00"
 
 
+def _last_is(flight: RemoteFlight, kind: str) -> bool:
+    return flight.kinds()[-1:] == [kind]
+
+
 async def test_fences_are_changed_in_flight_all_or_none(folder: Path) -> None:
     wide = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-1, 6))
     away = Fence.box(north_m=(20, 30), east_m=(-9, 9), up_m=(-1, 6))
@@ -104,7 +109,7 @@ async def test_fences_are_changed_in_flight_all_or_none(folder: Path) -> None:
             for name in ("real", "twin"):
                 flight.place(name, 0.0)
             flight.guard.change_fences(fences, "anna")
-            await until(lambda kind=kind: flight.kinds()[-1:] == [kind])
+            await until(partial(_last_is, flight, kind))
         flight.place("real", 4.0)
         flight.place("real", 8.0)
         flight.place("twin", 5.5)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pymavlink import DFReader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from pyulog import ULog
+from pyulog import ULog  # type: ignore[import-untyped]  # ships no types
 
 from orchestrator.model.clock import run_virtual
 from vehicles.autopilots.autopilot import AutopilotName

@@ -65,6 +65,12 @@ def test_equal_aircraft_share_a_folder_and_a_spoilt_one_is_mended() -> None:
     assert file.read_text(encoding="utf-8") == aircraft_xml(AIRFRAME, motor_lag_s=0.0512)
 
 
+def scaled(factor: float) -> tuple[float, float, float, float]:
+    """Return a share of the thrusts that hover."""
+    a, b, c, d = HOVER
+    return (factor * a, factor * b, factor * c, factor * d)
+
+
 def test_stands_still_with_its_heading() -> None:
     p = plant(yaw_rad=-2.5)
     for _ in range(500):
@@ -79,7 +85,7 @@ def test_stands_still_with_its_heading() -> None:
 def test_hover_thrust_hovers_and_more_climbs() -> None:
     p = plant()
     for _ in range(250):
-        p.step(tuple(1.2 * t for t in HOVER))
+        p.step(scaled(1.2))
     north, east, down = p.motion().position_ned_m
     # 0.2 g for a second less the motors' lag.
     assert -1.0 < down < -0.6
@@ -93,20 +99,20 @@ def test_hover_thrust_hovers_and_more_climbs() -> None:
 )
 def test_each_motor_turns_it_the_right_way(motors: tuple[int, int], axis: int, sign: int) -> None:
     p = plant()
-    thrusts = [1.3 * t for t in HOVER]
+    thrusts = list(scaled(1.3))
     for _ in range(100):
-        p.step(tuple(thrusts))
+        p.step((thrusts[0], thrusts[1], thrusts[2], thrusts[3]))
     for motor in motors:
         thrusts[motor] *= 1.1
     for _ in range(25):
-        p.step(tuple(thrusts))
+        p.step((thrusts[0], thrusts[1], thrusts[2], thrusts[3]))
     assert p.motion().rates_rad_s[axis] * sign > 0.1
 
 
 def test_wind_carries_it_along() -> None:
     p = plant()
     for _ in range(100):
-        p.step(tuple(1.3 * t for t in HOVER))
+        p.step(scaled(1.3))
     p.set_wind((0.0, 3.0, 0.0))
     for _ in range(100):
         p.step(HOVER)
@@ -117,7 +123,7 @@ def test_wind_carries_it_along() -> None:
 def test_a_failed_motor_gives_nothing() -> None:
     p = plant()
     for _ in range(100):
-        p.step(tuple(1.3 * t for t in HOVER))
+        p.step(scaled(1.3))
     p.fail_motor(0)
     for _ in range(50):
         p.step(HOVER)

@@ -4,6 +4,7 @@ import asyncio
 import queue
 import threading
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,7 +63,7 @@ class FakeGrabber:
             assert self.idle.wait(10.0)
 
 
-def camera(grabber: FakeGrabber, **more: float) -> LiveCamera:
+def camera(grabber: FakeGrabber, **more: Any) -> LiveCamera:
     return LiveCamera(name="camera 1", grabber=grabber, intrinsics=SMALL, **more)
 
 
@@ -123,7 +124,7 @@ async def test_a_camera_that_stalls_says_so() -> None:
 
 async def test_another_size_in_flight_is_an_error_and_no_reading() -> None:
     grabber = FakeGrabber()
-    seen = []
+    seen: list[Any] = []
     async with camera(grabber) as source:
         grabber.put(0, 1.0)
         grabber.things.put(Grabbed(picture(1, 12, 16), 1.1))

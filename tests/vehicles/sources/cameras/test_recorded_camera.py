@@ -56,7 +56,7 @@ def folder(path: Path, names: list[str]) -> Path:
     return path
 
 
-def played(file: ImageFile, **more: float) -> list[CameraReading]:
+def played(file: ImageFile, **more: Any) -> list[CameraReading]:
     async def play() -> list[CameraReading]:
         async with RecordedCamera(file=file, intrinsics=SMALL, **more) as source:
             assert isinstance(source, CameraSource)
@@ -220,7 +220,7 @@ def mcap(path: Path, kind: str, topics: list[str], images: list[bytes]) -> Path:
             for k, image in enumerate(images):
                 message = encode(1000, 200_000_000 * k, image)
                 writer.add_message(channel, log_time=k, data=message, publish_time=k)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]  # of mcap
     return path
 
 

@@ -8,7 +8,7 @@ import sys
 from types import ModuleType
 from typing import Any
 
-import msgpack
+import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
 import zmq

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Self
 
-import msgpack
+import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
 import zmq
@@ -113,6 +113,9 @@ async def test_the_reference_simulator_draws_what_our_renderer_draws(
     assert np.array_equal(picture.image_bgr, expected.image_bgr)
     assert picture.depth_m is not None
     assert picture.object_ids is not None
+    assert picture.depth_m is not None
+    assert expected.depth_m is not None
+    assert expected.object_ids is not None
     assert np.array_equal(picture.depth_m, expected.depth_m)
     assert np.array_equal(picture.object_ids, expected.object_ids)
     assert 2 in picture.object_ids
