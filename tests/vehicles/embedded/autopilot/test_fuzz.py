@@ -138,7 +138,8 @@ async def survive(rig_of: Any, autopilot: str, seed: int, count: int, *, flying:
         vehicle, left = r.vehicle, count
         messages = Messages(autopilot, list(vehicle.autopilot.parameters), seed)
         while left > 0:
-            since, sent, batch = len(r.heard), {}, min(left, 10)
+            sent: dict[str, int] = {}
+            since, batch = len(r.heard), min(left, 10)
             for _ in range(batch):
                 message = messages.next()
                 sent[message.get_type()] = sent.get(message.get_type(), 0) + 1
