@@ -92,7 +92,7 @@ def _injection(
             meant = closest(thing, setup.world.objects)
             yield files.campaign.problem(at, f"no object '{thing}' in the world", meant)
         elif thing not in scene:
-            said = f"'{thing}' does not stand in {judged_world(mode)} in mode {mode}"
+            said = f"'{thing}' is not in {judged_world(mode)} in mode {mode}"
             yield files.campaign.problem(at, said)
 
 

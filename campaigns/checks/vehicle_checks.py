@@ -47,7 +47,7 @@ def _pace_problems(
         launched = next(one for one in flown if one.launch is not None)
         path = ("vehicles", launched.name, "link", _pace_key(launched))
         said = (
-            f"{attached} is attached and flies in real time: it cannot follow; leave "
+            f"{attached} is attached and runs in real time: it cannot follow; remove "
             f"'{_pace_key(launched)}'"
         )
         yield files.campaign.problem(path, said)

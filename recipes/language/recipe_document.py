@@ -259,8 +259,8 @@ class _Reader:
                     changed.setdefault(side, step.kind.name)
                 elif side in changed:
                     message = (
-                        f"'{step.kind.name}' chooses among readings as they came: "
-                        f"it belongs before '{changed[side]}'"
+                        f"'{step.kind.name}' selects among the received readings: "
+                        f"it must come before '{changed[side]}'"
                     )
                     self.note(step.path, message, key=True)
                     break

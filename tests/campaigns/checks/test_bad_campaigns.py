@@ -50,7 +50,7 @@ ONE_PLACE = [
     ("seed: 7", "limits: {up_m: @[2, 1]}\nseed: 7", "must be [low, high], is [2, 1]"),
     ("seed: 7", "limits: {up_m: @[0, 0.5]}\nseed: 7", "leaves no room: keep_m of 0.3 m is kept to"),
     ("seed: 7", "operator: {gcs: {real: @14550}}\nseed: 7", "must be text, is 14550"),
-    ("seed: 7", "operator: {gcs: {real: @'memory://'}}\nseed: 7", "memory:// leads to nobody"),
+    ("seed: 7", "operator: {gcs: {real: @'memory://'}}\nseed: 7", "memory:// connects to nothing"),
     ("seed: 7", "operator: {gcs: {real: @udp:14550}}\nseed: 7", "must be a link such as udpout://"),
     (
         "seed: 7",
@@ -67,7 +67,11 @@ ONE_PLACE = [
         "use: @pilot.py:Pliot",
         "there is no 'Pliot' in pilot.py; did you",
     ),
-    ("use: pilot.py:Pilot", "use: @pilot.py:Deaf", "'pilot.py:Deaf' is no autonomy: it has no met"),
+    (
+        "use: pilot.py:Pilot",
+        "use: @pilot.py:Deaf",
+        "'pilot.py:Deaf' is not an autonomy: it has no met",
+    ),
     ("use: pilot.py:Pilot", "use: @pilot.py:Wrong", "'pilot.py:Wrong' cannot be called with"),
     ("use: pilot.py:Pilot", "use: @pilot.py", "'pilot.py' is not of the form file.py:Name"),
     (
@@ -93,8 +97,8 @@ ONE_PLACE = [
     ("collision: {}", "@reached_position: {tolerance_m: 1}", "oracle 'reached_position': the goal"),
     ("collision: {}", "collision: {vehicle: @twn}", "must be real or twin, is 'twn'; did you mean"),
     ("collision: {}", "collision: @5", "must be a mapping, is 5"),
-    ("accept: {large: {sim: 3/3, wil: 2/3}}", "accept: @{}", "requires nothing, and no run"),
-    ("{large: {sim: 3/3, wil: 2/3}}", "{large: @{}}", "requires nothing, and no run of it"),
+    ("accept: {large: {sim: 3/3, wil: 2/3}}", "accept: @{}", "requires no run, so the campaign"),
+    ("{large: {sim: 3/3, wil: 2/3}}", "{large: @{}}", "requires no run, so the campaign"),
     (
         "large: {sim: 3/3",
         "@lagre: {sim: 3/3",
@@ -236,7 +240,7 @@ def test_a_sensor_of_the_recipe_must_be_on_both_vehicles(files: Any) -> None:
 def test_a_gate_must_stand_in_the_world_that_is_judged(files: Any) -> None:
     files.append("    exists_in: {sim: none}\n", "world.yaml")
     assert files.faults() == [
-        "campaign.yaml:20:33: 'gate' does not stand in Wv in mode sim (see its exists_in)"
+        "campaign.yaml:20:33: 'gate' is not in Wv in mode sim (see its exists_in)"
     ]
 
 

@@ -78,9 +78,13 @@ def test_controls_that_the_command_line_leaves_out_are_told(files: Any) -> None:
     [
         ("expect: {oracle: reached}", "expect: {}", "name the oracle that must fail, or a text of"),
         ("{oracle: reached}", "{oracle: reachd}", "no oracle 'reachd' judges this control"),
-        ("{oracle: reached}", "{verdict: ERROR, oracle: reached}", "an oracle comes to FAIL, not"),
+        (
+            "{oracle: reached}",
+            "{verdict: ERROR, oracle: reached}",
+            "an oracle fails with FAIL, not",
+        ),
         ("{oracle: reached}", "{verdict: PASS, oracle: reached}", "must be FAIL, INVALID or ERROR"),
-        ("  blind:\n", "  large:\n", "'large' is a case already"),
+        ("  blind:\n", "  large:\n", "'large' is also a case"),
         ("case: small", "case: smal", "there is no case 'smal'; did you mean 'small'?"),
         ("modes: [wil]", "modes: [real]", "mode 'real' is not flown"),
         (

@@ -79,7 +79,7 @@ def test_a_source_has_its_times(files: Files) -> None:
     ("source", "said"),
     [
         ("none.mp4", "there is no file or folder 'none.mp4' beside the campaign"),
-        ("http://camera/x", "known are rtsp://"),
+        ("http://camera/x", "the known schemes are rtsp://"),
         ("{address: 'rtp://h:5600', topic: /camera}", "has no effect on a source of rtp"),
         ("{address: 'rtsp://h', transport: quic}", "must be tcp or udp"),
         ("{address: 'rtsp://h', latency: 3}", "unknown key 'latency'"),
@@ -197,14 +197,14 @@ def test_deliveries_are_read_with_the_one_camera_there_is(files: Files) -> None:
     [
         ("{sensor: camera}", "give one of rtp, zmq, v4l2"),
         ("{rtp: '127.0.0.1:5600', zmq: 'tcp://127.0.0.1:5601'}", "give one of"),
-        ("{rtp: '127.0.0.1:5601'}", "RTP wants an even port"),
+        ("{rtp: '127.0.0.1:5601'}", "RTP needs an even port"),
         ("{rtp: here}", "must be HOST:PORT"),
         ("{v4l2: video10}", "must be a loopback device"),
         ("{zmq: '127.0.0.1:5601'}", "must be an address to bind"),
         ("{rtp: '127.0.0.1:5600', encoding: png}", "is for zmq, not for rtp"),
         ("{rtp: '127.0.0.1:5600', sensor: camara}", "has no camera 'camara'"),
         ("{rtp: '127.0.0.1:5600', of: real, vehicle: twin}", "says whose picture it is"),
-        ("{rtp: '127.0.0.1:5600'}, {rtp: '127.0.0.1:5600'}", "is taken by delivery 1"),
+        ("{rtp: '127.0.0.1:5600'}, {rtp: '127.0.0.1:5600'}", "is used by delivery 1"),
     ],
 )
 def test_deliveries_that_cannot_be_are_refused(files: Files, deliver: str, said: str) -> None:
@@ -250,7 +250,7 @@ def test_obstacles_for_px4_are_refused_before_anything_is_there(files: Files) ->
         ("{adsb_vehicle: {objects: [gat]}}", "no object 'gat' in the world"),
         ("{odometry: {}}", "'twin' has no motion capture"),
         ("{landing_target: {object: gate, to: [real]}}", "in mode LAND: no landing is guided"),
-        ("{vision_position_estimate: {}, odometry: {}}", "gives the pose already"),
+        ("{vision_position_estimate: {}, odometry: {}}", "delivers the pose already"),
         ("{collision: {}}", "unknown key 'collision'"),
         ("{obstacle_distance: {sensor: lidar, to: [real, real]}}", "names a vehicle twice"),
     ],

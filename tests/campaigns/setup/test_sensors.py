@@ -89,7 +89,7 @@ def test_a_distortion_comes_with_its_intrinsics(files: Files) -> None:
         ),
         (
             f"{{{PINHOLE}, distortion: [-3, 0, 0, 0]}}",
-            "the lens folds over",
+            "the lens model folds over",
         ),
         ("{type: depth, rate_hz: 5, width_px: 64, height_px: 48}", "needs fov_deg or fx_px"),
     ],

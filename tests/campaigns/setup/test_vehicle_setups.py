@@ -121,7 +121,7 @@ TWIN = """  twin:
         (
             "link: udpin://127.0.0.1:14541",
             "twin is attached and flies in real time",
-            "leave 'speedup' out",
+            "remove 'speedup'",
         ),
     ],
 )
@@ -154,7 +154,7 @@ def test_the_pace_of_a_launched_simulation_is_its_link_s(files: Any) -> None:
         ("{launch: px4, build: a, speed: 0}", "px4", "must be greater than 0"),
         ("{launch: ardupilot, binary: a}", "px4", "the link launches ardupilot"),
         ("{}", "px4", "missing key 'launch'"),
-        ("memory://", "px4", "leads out of this program to nobody"),
+        ("memory://", "px4", "connects to nothing outside this program"),
         ("udp:0.0.0.0:14540", "px4", "did you mean udpin://0.0.0.0:14540?"),
         ("12", "px4", "must be text"),
     ],
@@ -192,7 +192,7 @@ def test_sensors_that_only_our_own_simulation_feels(files: Any) -> None:
     at = text.index("    sensors:\n") + len("    sensors:\n")
     files.path.write_text(text[:at] + "      imu: {type: imu}\n" + text[at:])
     (fault,) = files.faults()
-    assert "only the embedded vehicle has one of ours" in fault
+    assert "only the embedded vehicle takes a profile" in fault
 
 
 def test_the_embedded_vehicle_does_not_sign(files: Any) -> None:

@@ -134,9 +134,9 @@ def test_a_file_beside_the_recipe_comes_before_the_built_in(tmp_path: Path) -> N
     ("old", "new", "line", "said"),
     [
         ("color_isolation.py", "isolate_colour.py", 9, "did you mean 'isolate_color'?"),
-        ("<Lidar", "<Lidarr", 5, "<Lidarr> is no sensor; did you mean 'lidar'?"),
+        ("<Lidar", "<Lidarr", 5, "<Lidarr> is not a sensor; did you mean 'lidar'?"),
         ('id="camera2"', "", 4, "<Camera> needs an id"),
-        ('id="camera2"', 'id="camera1"', 4, "stands here twice"),
+        ('id="camera2"', 'id="camera1"', 4, "is declared twice"),
         ('<combine id="lidar1">', '<combine id="lidar2">', 12, "no sensor 'lidar2'"),
         ("<filter>", "<filtre>", 9, "not XML: mismatched tag"),
         ("<filter> color_isolation.py </filter>", "<filtr> a.py </filtr>", 9, "unknown tag"),

@@ -82,7 +82,7 @@ def test_all_faults_at_once_in_order_of_their_places() -> None:
         ({"filter": "[isolate_color]"}, "step 'isolate_color' needs parameters"),
         ({"filter": "[{isolate_color: ornge}]"}, "did you mean 'orange'?"),
         ({"filter": "[{isolate_objects: []}]"}, "must have at least 1 entries"),
-        ({"filter": "[{isolate_objects: {names: [gate], on: real}}]"}, "only the twin's pictures"),
+        ({"filter": "[{isolate_objects: {names: [gate], on: real}}]"}, "only the twin's images"),
         ({"transform": "[{resize: {to: twin}}]"}, "twin would be given its own size"),
         ({"transform": "[{resize: {to: {width_px: 0, height_px: 5}}}]"}, "must be at least 1"),
         ({"transform": "[{register: {pose: reel}}]"}, "did you mean 'real'?"),
@@ -112,7 +112,7 @@ def test_ranges_of_a_colour_are_checked() -> None:
     found = faults(combine(filter=f"[{{isolate_color: {{ranges: {ranges}}}}}]"))
     assert len(found) == 3
     assert "at most 360" in found[0]
-    assert "wrong way round" in found[1]
+    assert "wrong order" in found[1]
     assert "at least 2 entries" in found[2]
 
 

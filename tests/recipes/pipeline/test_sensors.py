@@ -242,7 +242,9 @@ def test_types_are_followed_through_the_steps() -> None:
         "lidar", "transform: [{resize: real}], merge: {aggregate: min}"
     )
     assert "works on microphone, not on camera" in refusal("camera", "merge: add")
-    assert "a soft edge is for pictures" in refusal("lidar", "merge: {overlay: {soft_edge_px: 2}}")
+    assert "a soft edge applies to camera images" in refusal(
+        "lidar", "merge: {overlay: {soft_edge_px: 2}}"
+    )
     assert "none is the min" in refusal("pose", "merge: {aggregate: min}")
     assert "cannot be interpolated" in refusal(
         "camera", "transform: [{resample: interpolate}], merge: overlay"
@@ -250,7 +252,7 @@ def test_types_are_followed_through_the_steps() -> None:
     assert "a rangefinder has no speed" in refusal(
         "rangefinder", "transform: [{units: {speed: kn}}], merge: overlay"
     )
-    assert "a sector is for lidars" in refusal(
+    assert "a sector applies to lidars" in refusal(
         "gps", "merge: {replace: {sector: {from_deg: 1, to_deg: 2}}}"
     )
     assert "has no 'satellites' (it has range_m" in refusal(

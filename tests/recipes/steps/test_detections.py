@@ -51,7 +51,7 @@ def test_only_what_is_wanted_is_laid_over(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("model", "keep", "said"),
     [
-        ("bad.onnx", "red", "'bad.onnx' is no ONNX network"),
+        ("bad.onnx", "red", "'bad.onnx' is not an ONNX network"),
         ("none.onnx", "red", "there is no file 'none.onnx'"),
         ("tiny.onnx", "gren", "did you mean 'green'?"),
     ],

@@ -255,8 +255,8 @@ def test_the_background_may_be_a_picture(tmp_path: Path) -> None:
 def test_a_background_that_cannot_be_read_is_told(tmp_path: Path) -> None:
     (tmp_path / "bad.png").write_bytes(b"no picture")
     kind = build.__globals__["find"]("subtract_background")
-    for name, said in (("bad.png", "no picture that can be read"), ("none.png", "no file")):
+    for name, said in (("bad.png", "not an image that can be read"), ("none.png", "no file")):
         (fault,) = kind.parameters(method="picture", picture=name).faults(tmp_path)
         assert said in fault.message
-    with pytest.raises(ValueError, match="go together"):
+    with pytest.raises(ValueError, match="needs the key 'picture'"):
         kind.parameters(method="mog2", picture="x.png")

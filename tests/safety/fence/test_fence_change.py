@@ -97,7 +97,7 @@ def test_who_lands_already_keeps_its_fence() -> None:
     core.position(place("real", 0.0, 1.0))
     core.command(OperatorCommand("abort", "bert"), 1.1)
     assert told(core.change_fences({"real": NEW}, "anna", 1.2)) == [
-        ("refused", "anna: geofence: all are landing")
+        ("refused", "anna: geofence: all vehicles are landing")
     ]
     assert fence_of(core, "real") is OLD
 

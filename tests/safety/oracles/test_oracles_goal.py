@@ -179,7 +179,7 @@ def test_a_nose_in_the_gate_and_a_way_round_it_is_not_through() -> None:
         "real passed beside gate"
     ]
     detail = judge.result(9.0).detail
-    assert detail.startswith("never flew through gate (0 of 1 gates); went 0.02 m into gate and")
+    assert detail.startswith("never flew through gate (0 of 1 gates); entered gate by 0.02 m and")
 
 
 @pytest.mark.parametrize("direction", ["away", "either", "along"])

@@ -111,7 +111,7 @@ WRONG = [
     ("always[0,@1e9] (a > 1)", "more than a day"),
     ("always[0,@-1] (a > 1)", "a number of seconds is missing"),
     ("clearance_m @== 0.1", "two measured values are never equal"),
-    ("clearance_m >= 0.1 @m", "numbers stand without a unit"),
+    ("clearance_m >= 0.1 @m", "a number has no unit"),
     ("@clearance_m + 1", "is a value, not a statement"),
     ("always (@clearance_m - 1)", "is a value, not a statement"),
     ("a + (@b > 1) > 2", "is a statement; a value is needed here"),

@@ -375,9 +375,9 @@ def test_an_override_leaves_aliases_of_the_value_alone() -> None:
     ("key", "said"),
     [
         ("objects.gaet.size", "there is no 'gaet'; did you mean 'gate'?"),
-        ("objects.gate.size.x", "'x' would stand in 5"),
-        ("list.2", "'2' is no place in a list of 2, indices begin at 0"),
-        ("list.-1", "'-1' is no place in a list of 2, indices begin at 0"),
+        ("objects.gate.size.x", "'x' would be inside 5"),
+        ("list.2", "'2' is not an index of a list of 2, indices begin at 0"),
+        ("list.-1", "'-1' is not an index of a list of 2, indices begin at 0"),
     ],
 )
 def test_an_override_that_leads_nowhere_is_told(key: str, said: str) -> None:

@@ -159,7 +159,7 @@ SMALL_ROOM = "{room: {size_north_m: 1, size_east_m: 1, height_m: 1}}"
         (f"  g: {GATE}, exists_in: {{sim: Wx}}}}", "Wx", "Wv", "W"),
         (f"  g: {GATE}, texture: none.png}}", "none.png", "texture file", ""),
         ("  m: {shape: {mesh: {file: none.obj}}}", "none.obj", "no such file", ""),
-        ("  m: {shape: {mesh: {file: w.txt}}}", "w.txt", "none of .obj", ""),
+        ("  m: {shape: {mesh: {file: w.txt}}}", "w.txt", "not one of .obj", ""),
         ("  m: {shape: {mesh: {file: a.obj, up: x, forward: -x}}}", "-x", "different axes", ""),
         ("  m: {shape: {mesh: {file: a.obj, up: x}}}", "x}}}", "together", ""),
         (MOVING + f"[{LEG.replace('_s: 1', '_s: 0')}]}}}}", "0}]", "greater than 0", ""),
@@ -167,7 +167,7 @@ SMALL_ROOM = "{room: {size_north_m: 1, size_east_m: 1, height_m: 1}}"
         (MOVING + "[]}}", "[]", "at least 1", ""),
         (MOVING + f"[{LEG}], start: {{}}}}}}", "{}}}", "at_s", ""),
         (MOVING + f"[{LEG}], start: {{on: gaol}}}}}}", "gaol", "must be takeoff", "goal"),
-        (f"  r: {{shape: {SMALL_ROOM}, color: red}}", "red", "a room has textures", ""),
+        (f"  r: {{shape: {SMALL_ROOM}, color: red}}", "red", "a room has its own textures", ""),
         (f"  r: {{shape: {SMALL_ROOM}, motion: {{waypoints: [{LEG}]}}}}", "{way", "not move", ""),
     ],
 )
@@ -261,7 +261,7 @@ def test_a_texture_from_a_file(tmp_path: Path) -> None:
     (problem,) = faults(f"  gate: {GATE}, texture: wod.png}}\n", tmp_path)
     assert problem.suggestion == "wood.png"
     (problem,) = faults(f"  gate: {GATE}, texture: text.png}}\n", tmp_path)
-    assert "no picture" in problem.message
+    assert "not an image" in problem.message
 
 
 def test_colours() -> None:

@@ -68,8 +68,11 @@ def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
     [
         (("preflight.start_tolerance_m=1e-12",), "twin position: how far from its start it stan"),
         (("preflight.max_clock_error_s=1e-12",), "twin clock: how far its clock may be from whe"),
-        (("vehicles.twin.params={NAV_DLL_ACT: 0}",), "NAV_DLL_ACT is 0: it would not come down"),
-        ((ARDUPILOT, "vehicles.twin.params={FS_GCS_ENABLE: 0}"), "it would hover until its batt"),
+        (("vehicles.twin.params={NAV_DLL_ACT: 0}",), "NAV_DLL_ACT is 0: on link loss it would not"),
+        (
+            (ARDUPILOT, "vehicles.twin.params={FS_GCS_ENABLE: 0}"),
+            "on link loss it would hover until its batt",
+        ),
         ((FENCE, "vehicles.twin.params={RTL_RETURN_ALT: 60}"), "is 60 m, and at most 2.4 m is al"),
         ((ARDUPILOT, FENCE, "vehicles.twin.params={RTL_ALT_M: 15}"), "is 15 m, and at most 2.4"),
         (

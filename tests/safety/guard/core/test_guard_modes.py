@@ -123,7 +123,7 @@ def test_a_failsafe_is_supervised_not_fought(pair: Any) -> None:
     told = [e.t_s for e in pair.events if e.vehicle == "real" and "on the ground" in e.text]
     assert {word for t_s, word in real.heard if t_s < told[0]} == {"HEARTBEAT"}
     event = next(event for event in pair.events if event.kind == "failsafe")
-    assert event.text == "real: its autopilot went from OFFBOARD to RTL by itself"
+    assert event.text == "real: its autopilot changed from OFFBOARD to RTL without a command"
 
 
 def test_a_failsafe_during_the_guard_s_hold_is_supervised_too(fake_vehicle: Any, rig: Any) -> None:
