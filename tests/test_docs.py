@@ -8,6 +8,7 @@ import pytest
 
 import campaigns.api
 from docs import generate
+from orchestrator.cli import _COMMANDS as COMMANDS
 from recipes.language.paper_xml import parse_paper_xml
 from recipes.language.recipe_document import load_recipe
 from recipes.model.recipe import Recipe
@@ -238,3 +239,12 @@ def test_examples_for_users_import_what_stays(path: Path) -> None:
     for line in path.read_text("utf-8").splitlines():
         found = OURS.match(line)
         assert found is None or found[1].startswith(PUBLIC), line
+
+
+def test_the_table_of_the_readme_has_every_command_and_no_other() -> None:
+    table = (
+        (ROOT / "README.md").read_text("utf-8").partition("## Commands\n")[2].partition("\n\n")[0]
+    )
+    cells = [line.split(" | ")[0] for line in table.splitlines()[2:]]
+    named = {word for cell in cells for word in re.findall(r"`(?:wil-campaign )?([a-z]+)", cell)}
+    assert named == {name for name, _, _ in COMMANDS}
