@@ -1,10 +1,14 @@
 """What the pages of docs/ show is true: recipes load, steps are all there, named tests exist."""
 
+import importlib
 import re
 from pathlib import Path
 
 import pytest
 
+import campaigns.api
+from docs import generate
+from orchestrator.cli import _COMMANDS as COMMANDS
 from recipes.language.paper_xml import parse_paper_xml
 from recipes.language.recipe_document import load_recipe
 from recipes.model.recipe import Recipe
@@ -147,3 +151,100 @@ def test_every_barrier_names_a_test() -> None:
 def test_the_test_that_proves_it_is_there(file: str, name: str) -> None:
     written = (ROOT / file).read_text(encoding="utf-8")
     assert re.search(rf"^\s*(async )?def {name}\(", written, re.MULTILINE)
+
+
+ARCHITECTURE = (DOCS / "architecture.md").read_text(encoding="utf-8")
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+BY_NAME = frozenset(
+    {
+        "campaigns/autonomies/gate.py",
+        "recipes/steps/filter/isolation.py",
+        "recipes/steps/merge/overlays.py",
+    }
+)
+"""Files of a way that no other one of it imports: a registry or a folder finds them by name."""
+WAY = re.compile(r"^## (The way of .+?)\n(.+?)^## ", re.MULTILINE | re.DOTALL)
+
+
+def structure(page: str) -> list[str]:
+    """Return the layers that a page shows: its boxes, its modules and rules, no sentences."""
+    block = page.partition(generate.BEGIN)[2].partition(generate.END)[0]
+    return [line if "|" in line else line[:29].rstrip() for line in block.splitlines()]
+
+
+def test_the_picture_of_the_layers_is_that_of_the_contracts() -> None:
+    made = generate.architecture(ARCHITECTURE)
+    assert structure(made) == structure(ARCHITECTURE), "run: python docs/generate.py"
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted(
+        set(re.findall(r"`((?:[a-z]\w*/)+(?:\w+\.\w+)?)`", ARCHITECTURE + CONTRIBUTING)) - {"docs/"}
+    ),
+)
+def test_a_file_that_a_page_names_is_there(path: str) -> None:
+    assert (ROOT / path).exists(), path
+
+
+@pytest.mark.parametrize(
+    ("title", "text"), [match.groups() for match in WAY.finditer(ARCHITECTURE)]
+)
+def test_a_way_has_as_many_files_as_it_says_and_each_meets_another(title: str, text: str) -> None:
+    """A file of the way imports another one of it, or is imported by one: nothing is made up."""
+    said = re.search(r"<!-- way: (\d+) files", text)
+    files = re.findall(r"^\d+\. `([\w/.]+)`", text, re.MULTILINE)
+    assert said is not None, title
+    assert len(set(files)) == len(files) == int(said[1]), title
+    imports = {file: imported_modules(ROOT / file) for file in files}
+    for file in files:
+        name = file.removesuffix(".py").replace("/", ".")
+        others = {other for other in files if other != file}
+        met = any(name in imports[other] for other in others) or any(
+            other.removesuffix(".py").replace("/", ".") in imports[file] for other in others
+        )
+        assert met or file in BY_NAME, file
+
+
+def imported_modules(path: Path) -> set[str]:
+    return set(re.findall(r"^from ([\w.]+) import", path.read_text("utf-8"), re.MULTILINE))
+
+
+def test_the_page_of_what_users_import_is_that_of_the_docstrings() -> None:
+    assert (DOCS / "api.md").read_text("utf-8") == generate.api(), "run: python docs/generate.py"
+
+
+def test_the_page_names_all_that_users_import_and_each_can_be() -> None:
+    shown: dict[str, set[str]] = {}
+    for _, module, names in generate.SECTIONS:
+        shown.setdefault(module, set()).update(names.split())
+    assert shown["campaigns.api"] == set(campaigns.api.__all__)
+    for module, names in shown.items():
+        there = vars(importlib.import_module(module))
+        assert names <= there.keys(), module
+
+
+EXAMPLES = [
+    *(ROOT / "campaigns" / "autonomies").glob("*.py"),
+    *[page for page in DOCS.glob("*.md") if page.name not in {"architecture.md", "api.md"}],
+]
+PUBLIC = ("campaigns.api", "campaigns.autonomies", "orchestrator.recording.mcap_reader")
+OURS = re.compile(
+    r"\s*(?:from|import) ((?:orchestrator|vehicles|recipes|campaigns|safety|worlds)\b[\w.]*)"
+)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+def test_examples_for_users_import_what_stays(path: Path) -> None:
+    for line in path.read_text("utf-8").splitlines():
+        found = OURS.match(line)
+        assert found is None or found[1].startswith(PUBLIC), line
+
+
+def test_the_table_of_the_readme_has_every_command_and_no_other() -> None:
+    table = (
+        (ROOT / "README.md").read_text("utf-8").partition("## Commands\n")[2].partition("\n\n")[0]
+    )
+    cells = [line.split(" | ")[0] for line in table.splitlines()[2:]]
+    named = {word for cell in cells for word in re.findall(r"`(?:wil-campaign )?([a-z]+)", cell)}
+    assert named == {name for name, _, _ in COMMANDS}

@@ -56,6 +56,11 @@ _COMMANDS = (
         "orchestrator.cli.commands.calibrate:calibrate",
         "Measure a real camera by a board.",
     ),
+    (
+        "vehicle",
+        "orchestrator.cli.commands.vehicle:vehicle",
+        "Fly an embedded PX4 or ArduCopter alone, for other programs.",
+    ),
     ("doctor", "orchestrator.cli.commands.doctor:doctor", "Say what this machine has and lacks."),
     (
         "list",

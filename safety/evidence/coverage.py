@@ -43,10 +43,13 @@ class Coverage:
         self._arrived = False
         self._quiet_since_s: float | None = None
         self._heard_s: float | None = None
+        self._silence_s = 0.0
         self._of_link: str | None = None
 
     def heard(self, t_s: float) -> None:
         """Take when anything last arrived over the vehicle's link."""
+        if self._heard_s is not None:
+            self._silence_s = max(self._silence_s, t_s - self._heard_s)
         self._heard_s = t_s
 
     def stage(self, sample: StageSample) -> None:
@@ -69,6 +72,7 @@ class Coverage:
             return
         until_s = t_s if end_s is None else min(t_s, end_s)
         self._close_gap(until_s)
+        self._silence_s = 0.0
         self._newest_s = t_s
         if begin_s <= t_s == until_s:
             self._count += 1
@@ -150,4 +154,8 @@ class Coverage:
         """Return whether nothing at all arrived over the link for most of a gap."""
         if not self.terms.over_link:
             return False
-        return self._heard_s is None or until_s - self._heard_s >= (until_s - since_s) / 2.0
+        if self._heard_s is None:
+            return True
+        # What ends a silence may be taken just before the sample that came with it, or just after.
+        silence_s = max(self._silence_s, until_s - self._heard_s)
+        return silence_s >= (until_s - since_s) / 2.0

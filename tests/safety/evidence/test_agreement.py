@@ -118,8 +118,8 @@ def test_a_silence_of_the_other_source_is_not_integrated_over() -> None:
     found: list[Disagreement | None] = []
     for tick in range(500):
         t_s = tick / 50
-        there = (2.0, 0.0, 0.0) if t_s >= 5.0 else (0.0, 0.0, 0.0)
-        place = (2.0 * max(0.0, t_s - 5.0), 0.0, -1.0)
+        there = (4.0, 0.0, 0.0) if t_s >= 4.2 else (0.0, 0.0, 0.0)
+        place = (4.0 * max(0.0, t_s - 4.2), 0.0, -1.0)
         found.append(agreement.pose(PoseSample(t_s, "real", Pose(place), there)))
         if tick % 5 == 0 and not 4.0 < t_s < 7.0:
             found.append(agreement.reference(ReferenceSample(t_s, "real", "mavlink", place, there)))

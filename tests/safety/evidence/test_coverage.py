@@ -236,3 +236,19 @@ def test_limits_are_three_periods_of_what_is_judged() -> None:
     assert position_limit_s(4.0) == 0.5
     assert status_limit_s(1.0) == pytest.approx(3.0)
     assert status_limit_s(5.0) == 1.5
+
+
+@pytest.mark.parametrize("heard_first", [True, False])
+def test_a_silent_link_is_one_whichever_of_its_first_words_is_taken_first(
+    heard_first: bool,
+) -> None:
+    evidence = Evidence((terms("battery", over_link=True),))
+    evidence.stage(StageSample(1.0, "takeoff"))
+    evidence.heard(LinkSample(1.05, "real"))
+    evidence.report(ReportSample(1.05, "real", "battery"))
+    if heard_first:
+        evidence.heard(LinkSample(4.0, "real"))
+    evidence.report(ReportSample(4.0, "real", "battery"))
+    evidence.heard(LinkSample(4.0, "real"))
+    evidence.tick(4.1)
+    assert [event.t_s for event in evidence.events] == [4.1]

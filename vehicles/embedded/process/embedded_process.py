@@ -130,6 +130,11 @@ def main(arguments: list[str]) -> int:
     except ValidationError as error:
         sys.stderr.write(f"{error}\n")
         return BAD_SETTINGS
+    return run_process(settings)
+
+
+def run_process(settings: ProcessSettings) -> int:
+    """Be the process of a vehicle until it is told to end; return the exit code."""
     try:
         if settings.end_with_parent:
             die_with_parent(signal.SIGTERM)
