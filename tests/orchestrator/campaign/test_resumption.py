@@ -399,7 +399,7 @@ class NoCommands:
 KILLED_BETWEEN = """
 import os, signal, sys
 from pathlib import Path
-from campaigns.expansion import Options, load_campaign
+from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.cli.progress_display import Silent
 from orchestrator.campaign.campaign_runner import FlyingSettings, fly_campaign
 
