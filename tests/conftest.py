@@ -16,7 +16,6 @@ settings.load_profile("ci" if os.environ.get("CI") else "here")
 
 ROOT = Path(__file__).parent
 FAST = (
-    "campaigns/setup",
     "orchestrator/cli/test_arming_consent.py",
     "orchestrator/cli/test_external_lines.py",
     "orchestrator/delivery",
