@@ -1,9 +1,11 @@
 """Writes what docs/ shows of the code itself: the layers in architecture.md, and api.md.
 
-`python docs/generate.py` writes both; tests/test_docs.py says when a page is stale.
+`python docs/generate.py` writes both; tests/test_docs.py says when a page is stale. Modules are
+read, not imported, so that the pages are the same on every Python.
 """
 
 import ast
+import inspect
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -78,9 +80,160 @@ def architecture(text: str) -> str:
     return f"{before}{BEGIN}\n{layers_block()}\n{END}{after}"
 
 
+INTRODUCTION = """# What your own files import
+Autonomies, steps of recipes and detectors of your own import `campaigns.api` and nothing else of
+this program: its names stay when modules move. Programs beside the campaign
+([delivery](delivery.md)) import nothing; they speak MAVLink and read environment variables. Scripts
+that read recordings import `orchestrator.recording.mcap_reader`.
+
+This page is made from the docstrings by `python docs/generate.py`.
+"""
+SECTIONS: tuple[tuple[str, str, str], ...] = (
+    (
+        "An autonomy",
+        "campaigns.api",
+        (
+            "Autonomy AutonomyFactory PerceivesRaw Telemetry Command"
+            " Setpoint PositionSetpoint VelocitySetpoint"
+        ),
+    ),
+    (
+        "Readings",
+        "campaigns.api",
+        (
+            "Reading CameraReading DepthReading LidarScanReading LidarPointsReading"
+            " RangefinderReading GpsReading PoseReading ImuReading MicrophoneReading Intrinsics"
+        ),
+    ),
+    ("A step of a recipe", "campaigns.api", "Masked CannotMixError"),
+    (
+        "Detectors",
+        "campaigns.api",
+        (
+            "HsvRange NAMED_COLORS HsvMask BlobFinder Blob Box Borders Opening"
+            " OnnxDetector Detection DetectorError"
+        ),
+    ),
+    (
+        "Poses and frames",
+        "campaigns.api",
+        (
+            "Vec3 Quat Pose PoseHistory PoseAt add subtract scale norm"
+            " rotate quat_from_euler euler_from_quat wrap_pi"
+        ),
+    ),
+    (
+        "Recordings",
+        "orchestrator.recording.mcap_reader",
+        "Recording Recorded RecordedReading RecordedProvenance RecordedEvent",
+    ),
+)
+"""Titles of api.md, each with the module that its names are imported from."""
+
+
+def module_tree(module: str) -> ast.Module:
+    """Return a module's syntax."""
+    path = ROOT / module.replace(".", "/")
+    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    return ast.parse(path.read_text("utf-8"))
+
+
+def definition(module: str, name: str) -> tuple[ast.stmt, str]:
+    """Return where a name is defined, followed through imports, and the text that explains it."""
+    body = module_tree(module).body
+    for node, after in zip(body, [*body[1:], None], strict=True):
+        match node:
+            case ast.ImportFrom(module=str(source), names=names) if any(
+                one.name == name for one in names
+            ):
+                return definition(source, name)
+            case ast.ClassDef() | ast.FunctionDef() if node.name == name:
+                return node, ast.get_docstring(node) or ""
+            case (
+                ast.Assign(targets=[ast.Name(id=target)])
+                | ast.AnnAssign(target=ast.Name(id=target))
+            ) if target == name:
+                return node, stated(after)
+    raise LookupError(f"{module} has no {name}")
+
+
+def stated(node: ast.stmt | None) -> str:
+    """Return the text that stands below an assignment."""
+    match node:
+        case ast.Expr(value=ast.Constant(value=str(text))):
+            return inspect.cleandoc(text)
+    return ""
+
+
+def signature(function: ast.FunctionDef) -> str:
+    """Return a function as it is called, without self."""
+    arguments = function.args
+    kept = [one for one in arguments.args if one.arg not in {"self", "cls"}]
+    plain = ast.arguments(
+        posonlyargs=[],
+        args=kept,
+        vararg=arguments.vararg,
+        kwonlyargs=arguments.kwonlyargs,
+        kw_defaults=arguments.kw_defaults,
+        kwarg=arguments.kwarg,
+        defaults=arguments.defaults,
+    )
+    returns = "" if function.returns is None else f" -> {ast.unparse(function.returns)}"
+    return f"({ast.unparse(plain)}){returns}"
+
+
+def members(kind: ast.ClassDef) -> Iterator[str]:
+    """Return a class's fields and public methods as lines of a list."""
+    for node in kind.body:
+        match node:
+            case ast.AnnAssign(target=ast.Name(id=name)) if not name.startswith("_"):
+                default = "" if node.value is None else f" = {ast.unparse(node.value)}"
+                yield f"- `{name}: {ast.unparse(node.annotation)}{default}`"
+            case ast.FunctionDef(name=name) if not name.startswith("_") or name == "__call__":
+                decorators = {ast.unparse(one) for one in node.decorator_list}
+                called = signature(node)
+                if "property" in decorators:
+                    called = called.removeprefix("()")
+                text = " ".join((ast.get_docstring(node) or "").split())
+                yield f"- `{name}{called}`: {text}".rstrip(": ")
+
+
+def entry(module: str, name: str) -> str:
+    """Return the part of api.md on one name."""
+    node, text = definition(module, name)
+    lines: list[str] = []
+    match node:
+        case ast.ClassDef():
+            functions = [one for one in node.body if isinstance(one, ast.FunctionDef)]
+            made = next((one for one in functions if one.name == "__init__"), None)
+            called = "" if made is None else signature(made).removesuffix(" -> None")
+            head = f"class {name}{called}"
+            lines = list(members(node))
+        case ast.FunctionDef():
+            head = f"{name}{signature(node)}"
+        case ast.AnnAssign():
+            head = f"{name}: {ast.unparse(node.annotation)}"
+        case ast.Assign():
+            head, lines = name, [f"`{ast.unparse(node.value)}`"]
+        case _:
+            head = name
+    listed = "\n".join(lines)
+    return "\n\n".join(part for part in (f"### `{head}`", text, listed) if part) + "\n"
+
+
+def api() -> str:
+    """Return api.md."""
+    parts = [INTRODUCTION]
+    for title, module, names in SECTIONS:
+        parts.append(f"## {title}\n`from {module} import ...`\n")
+        parts += [entry(module, name) for name in names.split()]
+    return "\n".join(parts)
+
+
 def main() -> None:
     """Write both pages."""
     ARCHITECTURE.write_text(architecture(ARCHITECTURE.read_text("utf-8")), "utf-8")
+    API.write_text(api(), "utf-8")
 
 
 if __name__ == "__main__":

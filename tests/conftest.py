@@ -16,7 +16,6 @@ settings.load_profile("ci" if os.environ.get("CI") else "here")
 
 ROOT = Path(__file__).parent
 FAST = (
-    "campaigns",
     "orchestrator/cli/test_arming_consent.py",
     "orchestrator/cli/test_external_lines.py",
     "orchestrator/delivery",
@@ -29,7 +28,7 @@ FAST = (
     "safety/guard/core",
     "safety/model",
     "safety/oracles",
-    "safety/stl",
+    "safety/stl/test_stl_formula.py",
     "test_dependencies.py",
     "test_docs.py",
     "vehicles/autopilots",
@@ -41,9 +40,15 @@ FAST = (
     "vehicles/readings",
     "vehicles/sensors",
     "vehicles/test_telemetry_fit.py",
-    "worlds",
+    "worlds/files",
+    "worlds/rays",
+    "worlds/render",
+    "worlds/scene",
+    "worlds/test_frames.py",
+    "worlds/test_geodesy.py",
+    "worlds/world_file",
 )
-"""Folders and files that fly no run and start no process; what stands elsewhere is slow."""
+"""What flies no run, starts no process and searches not for long; everything else is slow."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

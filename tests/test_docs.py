@@ -1,11 +1,14 @@
 """What the pages of docs/ show is true: recipes load, steps are all there, named tests exist."""
 
+import importlib
 import re
 from pathlib import Path
 
 import pytest
 
+import campaigns.api
 from docs import generate
+from orchestrator.cli import _COMMANDS as COMMANDS
 from recipes.language.paper_xml import parse_paper_xml
 from recipes.language.recipe_document import load_recipe
 from recipes.model.recipe import Recipe
@@ -205,3 +208,43 @@ def test_a_way_has_as_many_files_as_it_says_and_each_meets_another(title: str, t
 
 def imported_modules(path: Path) -> set[str]:
     return set(re.findall(r"^from ([\w.]+) import", path.read_text("utf-8"), re.MULTILINE))
+
+
+def test_the_page_of_what_users_import_is_that_of_the_docstrings() -> None:
+    assert (DOCS / "api.md").read_text("utf-8") == generate.api(), "run: python docs/generate.py"
+
+
+def test_the_page_names_all_that_users_import_and_each_can_be() -> None:
+    shown: dict[str, set[str]] = {}
+    for _, module, names in generate.SECTIONS:
+        shown.setdefault(module, set()).update(names.split())
+    assert shown["campaigns.api"] == set(campaigns.api.__all__)
+    for module, names in shown.items():
+        there = vars(importlib.import_module(module))
+        assert names <= there.keys(), module
+
+
+EXAMPLES = [
+    *(ROOT / "campaigns" / "autonomies").glob("*.py"),
+    *[page for page in DOCS.glob("*.md") if page.name not in {"architecture.md", "api.md"}],
+]
+PUBLIC = ("campaigns.api", "campaigns.autonomies", "orchestrator.recording.mcap_reader")
+OURS = re.compile(
+    r"\s*(?:from|import) ((?:orchestrator|vehicles|recipes|campaigns|safety|worlds)\b[\w.]*)"
+)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+def test_examples_for_users_import_what_stays(path: Path) -> None:
+    for line in path.read_text("utf-8").splitlines():
+        found = OURS.match(line)
+        assert found is None or found[1].startswith(PUBLIC), line
+
+
+def test_the_table_of_the_readme_has_every_command_and_no_other() -> None:
+    table = (
+        (ROOT / "README.md").read_text("utf-8").partition("## Commands\n")[2].partition("\n\n")[0]
+    )
+    cells = [line.split(" | ")[0] for line in table.splitlines()[2:]]
+    named = {word for cell in cells for word in re.findall(r"`(?:wil-campaign )?([a-z]+)", cell)}
+    assert named == {name for name, _, _ in COMMANDS}

@@ -11,17 +11,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from campaigns.api import (
+    NAMED_COLORS,
+    BlobFinder,
+    CameraReading,
+    Command,
+    Pose,
+    PoseHistory,
+    Reading,
+    Telemetry,
+    Vec3,
+    VelocitySetpoint,
+    quat_from_euler,
+    subtract,
+)
 from campaigns.autonomies.gate_parameters import parse_goal, parse_parameters
 from campaigns.autonomies.gate_sight import View, sight_of
 from campaigns.autonomies.gate_track import GateTrack
 from campaigns.autonomies.pid import Gains, Pid
-from vehicles.autonomy import Command, Telemetry
-from vehicles.perception.blobs import BlobFinder
-from vehicles.perception.hsv import NAMED_COLORS
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import CameraReading, Reading
-from vehicles.setpoints import VelocitySetpoint
-from worlds.frames import Pose, Vec3, quat_from_euler, subtract
 
 Phase = Literal["search", "approach", "through", "stop"]
 

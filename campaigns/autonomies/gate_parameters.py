@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
-from vehicles.perception.hsv import NAMED_COLORS
+from campaigns.api import NAMED_COLORS
 
 
 @dataclass(frozen=True, slots=True)

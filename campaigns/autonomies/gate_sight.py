@@ -3,9 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from vehicles.perception.blobs import Blob, Opening
-from worlds.camera import Intrinsics
-from worlds.frames import Quat, rotate
+from campaigns.api import Blob, Intrinsics, Opening, Quat, rotate
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """What is known of the gate so far: a filter over sights, in the frame of the course."""
 
+from campaigns.api import Vec3
 from campaigns.autonomies.gate_range import ASSUMED_WIDTH_M, Looming
 from campaigns.autonomies.gate_sight import Bearing, Sight
-from worlds.frames import Vec3
 
 ASSUMED_RANGE_M = 3.0
 """Before the gate's opening was seen; the gate stands 3 m ahead in the paper."""

@@ -3,10 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from vehicles.autonomy import Command, Telemetry
-from vehicles.readings import Reading
-from vehicles.setpoints import PositionSetpoint
-from worlds.frames import Vec3, norm, subtract
+from campaigns.api import Command, PositionSetpoint, Reading, Telemetry, Vec3, norm, subtract
 
 _KNOWN = {"speed_m_s": 1.0, "tolerance_m": 0.15, "still_m_s": 0.15, "for_s": 1.0}
 _FACE = "yaw_deg"

@@ -2,10 +2,7 @@
 
 from collections.abc import Mapping
 
-from vehicles.autonomy import Command, Telemetry
-from vehicles.readings import Reading
-from vehicles.setpoints import VelocitySetpoint
-from worlds.frames import rotate
+from campaigns.api import Command, Reading, Telemetry, VelocitySetpoint, rotate
 
 _KNOWN = {"speed_m_s": 1.0, "for_s": 10.0}
 

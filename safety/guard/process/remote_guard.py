@@ -1,4 +1,4 @@
-"""The orchestrator's side of a guard in another process: what `GuardShell` is in this one."""
+"""The orchestrator's side of a guard in another process: what `LocalGuard` is in this one."""
 
 import asyncio
 import math

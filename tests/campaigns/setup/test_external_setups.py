@@ -133,7 +133,11 @@ def test_what_a_campaign_says_itself_wins_over_the_calibration(files: Files) -> 
     ("key", "text", "said"),
     [
         ("calibration: none.yaml", CALIBRATION, "there is no file 'none.yaml'"),
-        ("calibration: cam.yaml, fov_deg: 69", CALIBRATION, "the calibration says this already"),
+        (
+            "calibration: cam.yaml, fov_deg: 69",
+            CALIBRATION,
+            "the calibration determines this already",
+        ),
         (
             "calibration: cam.yaml",
             CALIBRATION.replace("320", "640"),
@@ -215,14 +219,14 @@ def test_deliveries_that_cannot_be_are_refused(files: Files, deliver: str, said:
 def test_where_there_are_several_cameras_a_delivery_names_one(files: Files) -> None:
     files.change(REAL, f"{REAL}      second: {CAMERA.partition(': ')[2]}\n")
     files.append("deliver: [{rtp: '127.0.0.1:5600'}]\n")
-    assert any("say of which camera" in fault for fault in files.faults())
+    assert any("name the camera by" in fault for fault in files.faults())
 
 
 def test_a_ground_station_is_a_link_that_leads_out(files: Files) -> None:
     files.append("ground_station: udpout://127.0.0.1:14550\n")
     assert needs(files) == ["a ground station at udpout://127.0.0.1:14550"]
     files.change("udpout://127.0.0.1:14550", "udpin://0.0.0.0:14550")
-    assert any("must lead out" in fault for fault in files.faults())
+    assert any("must be outgoing" in fault for fault in files.faults())
 
 
 def test_obstacles_for_px4_are_refused_before_anything_is_there(files: Files) -> None:
@@ -278,7 +282,7 @@ def test_a_program_beside_the_campaign_is_found(files: Files) -> None:
     assert any("there is no file './fly' beside" in fault for fault in files.faults())
     path = Path(files.folder / "fly")
     path.touch()
-    assert any("may not be executed" in fault for fault in files.faults())
+    assert any("is not executable" in fault for fault in files.faults())
     path.chmod(0o755)
     assert setup(files).under_test.program == ("./fly",)
 

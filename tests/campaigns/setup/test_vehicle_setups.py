@@ -120,7 +120,7 @@ TWIN = """  twin:
         ),
         (
             "link: udpin://127.0.0.1:14541",
-            "twin is attached and flies in real time",
+            "twin is attached and runs in real time",
             "remove 'speedup'",
         ),
     ],

@@ -254,9 +254,13 @@ CHANGES: tuple[tuple[str | None, tuple[str, ...], str], ...] = (
     ("hover.yaml", (), "hover.yaml changed"),
     ("world.yaml", (), "world.yaml changed"),
     ("still.py", (), "still.py changed"),
-    (None, ("--repetitions", "3"), "options (--set, --seed, --repetitions) were others"),
+    (None, ("--repetitions", "3"), "repetitions was 2, and is 3"),
     (None, ("--seed", "5"), "its seed was 0, and is 5"),
-    (None, ("--set", "world.origin.altitude_m=5"), "it had 2 runs, and has 2, or others"),
+    (
+        None,
+        ("--set", "world.origin.altitude_m=5"),
+        "--set was not given, and is world.origin.altitude_m=5",
+    ),
     (None, ("--clock", "wall"), "its clock was virtual, and is wall"),
 )
 
@@ -400,11 +404,11 @@ class NoCommands:
 KILLED_BETWEEN = """
 import os, signal, sys
 from pathlib import Path
-from campaigns.expansion import Options, load_campaign
-from orchestrator.cli.progress_display import Silent
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.cli.progress_display import SilentDisplay
 from orchestrator.campaign.campaign_runner import FlyingSettings, fly_campaign
 
-class Killing(Silent):
+class Killing(SilentDisplay):
     def finished(self, result):
         if result.rep == 2:
             os.kill(os.getpid(), signal.SIGKILL)

@@ -118,7 +118,7 @@ def test_the_oracle_judges_by_the_fence_in_force() -> None:
     formula = build("stl", stl="always (fence_margin_m >= 0)", **window)
     for oracle in (judge, formula):
         stage(oracle, takeoff=0.0)
-        oracle.on_pose(pose(1.0, (3, 0, -1)))
+        oracle.on_pose(pose(0.0, (3, 0, -1)))
         oracle.on_fence(FenceSample(1.5, "real", NEW))
         assert oracle.result(2.0).verdict == "PASS"
         oracle.on_pose(pose(2.0, (3, 0, -1)))

@@ -74,7 +74,7 @@ def test_a_gap_that_was_recovered_but_too_long_fails(fly_run: Fly, campaign: str
     sets = (DARK % 1.2, "vehicles.real.params={COM_OF_LOSS_T: 2.0}")
     result, _ = fly_run(campaign, sets=sets if campaign == "gate" else sets[:1])
     assert result.verdict == "FAIL"
-    assert re.fullmatch(r"real was silent for 1\.[23] s, more than 1 s", result.reason)
+    assert re.match(r"real was silent for 1\.[23] s, more than 1 s", result.reason)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_radio_that_flaps_for_longer_fails_at_its_first_gap(fly_run: Fly) -> N
     sets = (flaps(1.3, 1.8, 6), "vehicles.real.params={COM_OF_LOSS_T: 2.5}")
     result, folder = fly_run(sets=sets)
     assert result.verdict == "FAIL"
-    assert re.fullmatch(r"real was silent for 1\.[345] s, more than 1 s", result.reason)
+    assert re.match(r"real was silent for 1\.[345] s, more than 1 s", result.reason)
     # The verdict is told once, however often the radio goes.
     log = list(map(json.loads, (folder / "log.jsonl").read_text("utf-8").splitlines()))
     told = [one for one in log if one["event"] == "decisive" and "was silent" in one["reason"]]

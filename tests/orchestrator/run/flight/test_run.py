@@ -283,7 +283,7 @@ def test_an_autonomy_that_never_ends_runs_into_the_time_limit(fly_run: Fly) -> N
     assert all_landed(folder)
 
 
-@pytest.mark.parametrize("stream", ["JudgedWriter", "TlogWriter", "RunLog", "VideoWriter"])
+@pytest.mark.parametrize("stream", ["JudgeLogWriter", "TlogWriter", "RunLog", "VideoWriter"])
 def test_a_full_disk_lands_the_flight_and_is_an_error(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch, stream: str
 ) -> None:

@@ -51,7 +51,7 @@ def test_whatever_is_raised_is_the_fault_of_the_autonomy(error: BaseException, s
         call_autonomy(raising(error))
     text = str(caught.value)
     assert text.startswith(f"crashed: {said} (")
-    assert "test_answers.py:" in text
+    assert "test_autonomy_calls.py:" in text
     text.encode()
 
 
@@ -71,7 +71,9 @@ def spinning() -> None:
 
 @pytest.mark.parametrize("hang", [spinning, lambda: time.sleep(60.0)])
 def test_an_autonomy_that_hangs_gave_no_answer(hang: Callable[[], None]) -> None:
-    with pytest.raises(AutonomyFault, match=r"gave no answer within 0\.05 s \(.*test_answers\.py:"):
+    with pytest.raises(
+        AutonomyFault, match=r"gave no answer within 0\.05 s \(.*test_autonomy_calls\.py:"
+    ):
         call_autonomy(hang, within_s=0.05)
 
 
