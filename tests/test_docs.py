@@ -219,9 +219,9 @@ def test_the_page_names_all_that_users_import_and_each_can_be() -> None:
     for _, module, names in generate.SECTIONS:
         shown.setdefault(module, set()).update(names.split())
     assert shown["campaigns.api"] == set(campaigns.api.__all__)
-    for module, names in shown.items():
+    for module, exported in shown.items():
         there = vars(importlib.import_module(module))
-        assert names <= there.keys(), module
+        assert exported <= there.keys(), module
 
 
 EXAMPLES = [
