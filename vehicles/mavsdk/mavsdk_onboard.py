@@ -82,7 +82,7 @@ class MavsdkLogs(VehicleLogs):
             await super()._fetch_to(entry, half, progress)
             return
 
-        def told(part: float) -> None:
+        def report(part: float) -> None:
             if progress is not None:
                 progress(int(part * entry.size_bytes))
 
