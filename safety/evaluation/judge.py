@@ -173,9 +173,9 @@ class Judge:
         self._evidence.state(sample)
         return self._feed_oracles(self._states.get(sample.vehicle, ()), sample)
 
-    def heard(self, sample: LinkSample) -> tuple[Flag, ...]:
+    def received(self, sample: LinkSample) -> tuple[Flag, ...]:
         """Take that a vehicle was heard; returns new flags."""
-        self._evidence.heard(sample)
+        self._evidence.received(sample)
         return self._feed_oracles(self._heards.get(sample.vehicle, ()), sample)
 
     def reference(self, sample: ReferenceSample) -> None:
