@@ -1,13 +1,49 @@
-"""The house: every package stands in the contract of import-linter, and the contract holds."""
+"""The house: layers hold, folders stay small, and names are the words of the field."""
 
+import ast
+import itertools
+import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
 NOT_PACKAGES = {"tests", "bench", "docs"}
+
+RETIRED = frozenset(
+    re.findall(
+        r"\w+",
+        """
+        hangar course stations bench telling aboard journal journals arranging sensing seeing
+        perceiving lifting desk reservations honesty honest honoured ward charter leftover
+        leftovers steering tape taped insist insisting insistence keeper felt surround surroundings
+        stranger strangers told said heard blackout voice voices pilot pilots pictures
+        """,
+    )
+)
+"""Words with another meaning in this field, or with none: the field's word takes their place."""
+RETIRED_PAIRS = frozenset({"last words", "took back", "take back", "taken up", "led clock"})
+BARE = frozenset(
+    {
+        "_asked",
+        "_agree",
+        "_found",
+        "_given",
+        "_heard",
+        "_held",
+        "_kept",
+        "_lost",
+        "_made",
+        "_said",
+        "_told",
+    }
+)
+"""Participles alone: a private helper has a verb and an object."""
+MODULES_PER_FOLDER = 15
+"""Nine folders of ten hold at most so many modules."""
 
 
 def tools() -> Any:
@@ -51,3 +87,49 @@ def test_imports_point_down() -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def sources() -> Iterator[Path]:
+    for name in sorted(packages()):
+        yield from sorted((ROOT / name).rglob("*.py"))
+
+
+def words_of(name: str) -> list[str]:
+    """The words of a name, of either form: `SimClock` and `sim_clock` are sim, clock."""
+    one_word = name.replace("ArduPilot", "Ardupilot")
+    return [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z0-9]+", one_word)]
+
+
+def retired_in(name: str) -> set[str]:
+    words = words_of(name)
+    pairs = {f"{one} {other}" for one, other in itertools.pairwise(words)}
+    return RETIRED.intersection(words) | RETIRED_PAIRS & pairs | BARE & {name}
+
+
+def names_in(source: str) -> Iterator[str]:
+    kinds = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    return (node.name for node in ast.walk(ast.parse(source)) if isinstance(node, kinds))
+
+
+def test_a_retired_word_is_found_in_any_form() -> None:
+    source = "class InHangar:\n def told(self): ...\nasync def _held(): ...\ndef sim(): ..."
+    assert {name for name in names_in(source) if retired_in(name)} == {"InHangar", "told", "_held"}
+
+
+def test_no_name_has_a_retired_word() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in sources()
+        for name in (path.stem, path.parent.name, *names_in(path.read_text()))
+        if retired_in(name)
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_folders_explain_themselves() -> None:
+    counts: dict[Path, int] = {}
+    for path in sources():
+        if path.name != "__init__.py":
+            counts[path.parent] = counts.get(path.parent, 0) + 1
+    ordered = sorted(counts.values())
+    assert ordered[len(ordered) * 9 // 10] <= MODULES_PER_FOLDER, counts

@@ -139,23 +139,23 @@ class TaskAccount:
     def of(self, loop: asyncio.AbstractEventLoop) -> Iterator[None]:
         """Account for all tasks that are started meanwhile; at the end all must be over."""
         before = loop.get_task_factory()
-        loop.set_task_factory(self._started)
+        loop.set_task_factory(self._start_task)
         try:
             yield
         finally:
             loop.set_task_factory(before)
             self._close()
 
-    def _started(
+    def _start_task(
         self, loop: asyncio.AbstractEventLoop, coroutine: Any, **more: Any
     ) -> asyncio.Task[Any]:
         task: asyncio.Task[Any] = asyncio.Task(coroutine, loop=loop, **more)
         if not _is_library(coroutine):
             self._running.add(task)
-            task.add_done_callback(self._ended)
+            task.add_done_callback(self._on_task_end)
         return task
 
-    def _ended(self, task: asyncio.Task[Any]) -> None:
+    def _on_task_end(self, task: asyncio.Task[Any]) -> None:
         self._running.discard(task)
         if task.cancelled():
             if not task.cancelling():
@@ -175,7 +175,7 @@ class TaskAccount:
                 self._fault(error, task.get_name())
         for task in sorted(self._running, key=lambda one: one.get_name()):
             if task.done():
-                self._ended(task)
+                self._on_task_end(task)
             else:
                 text = f"the task {task.get_name()} still runs after the end"
                 self._fault(RuntimeError(text), task.get_name())

@@ -90,7 +90,7 @@ class GateAutonomy:
         if self._set.camera_stabilized:
             q_wxyz = quat_from_euler(0.0, 0.0, pose.yaw_rad)
         view = View(reading.intrinsics, q_wxyz, self._start.yaw_rad)
-        at_m = self._on_course(subtract(pose.position_ned_m, self._start.position_ned_m))
+        at_m = self._in_flight_frame(subtract(pose.position_ned_m, self._start.position_ned_m))
         self._track.update(sight_of(blob, view), at_m, reading.t_s)
 
     def act(self, telemetry: Telemetry) -> Command:
@@ -101,8 +101,8 @@ class GateAutonomy:
         start = self._start or telemetry.pose
         place = _Place(
             telemetry.t_s,
-            self._on_course(subtract(telemetry.pose.position_ned_m, start.position_ned_m)),
-            self._on_course(telemetry.velocity_ned_m_s),
+            self._in_flight_frame(subtract(telemetry.pose.position_ned_m, start.position_ned_m)),
+            self._in_flight_frame(telemetry.velocity_ned_m_s),
         )
         elapsed_s = telemetry.t_s - (self._last_s if self._last_s is not None else telemetry.t_s)
         self._last_s = telemetry.t_s
@@ -117,7 +117,7 @@ class GateAutonomy:
         self._hold_m = (0.0, 0.0, down_m)
         self._track = GateTrack(0.0, down_m)
 
-    def _on_course(self, vector_ned: Vec3) -> Vec3:
+    def _in_flight_frame(self, vector_ned: Vec3) -> Vec3:
         """Return a NED vector as ahead, right, down of the course."""
         course_rad = self._start.yaw_rad if self._start is not None else 0.0
         cos, sin = math.cos(course_rad), math.sin(course_rad)

@@ -218,7 +218,7 @@ class _Flight:
         heeded = [number for number in _NAMES if signal.getsignal(number) is not signal.SIG_IGN]
         for number in heeded:
             loop.add_signal_handler(number, self._controller.signal, _NAMES[number])
-        loop.set_exception_handler(self._unhandled)
+        loop.set_exception_handler(self._report_unhandled)
         account = TaskAccount(
             fault=self._faults.take, expected=(OutputError, OperatingError, OSError)
         )
@@ -233,7 +233,7 @@ class _Flight:
             for number in heeded:
                 loop.remove_signal_handler(number)
 
-    def _unhandled(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    def _report_unhandled(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Take what a callback of the loop raised, and what is reported to it."""
         error, where = context.get("exception"), str(context.get("message", ""))
         if not isinstance(error, BaseException):

@@ -207,7 +207,7 @@ class ExternalIo:
             said = ""
             if run_state.stage == "goal" and not run_state.decisive:
                 broken = ((proof, proof.broken()) for proof in self._proofs)
-                said = "; ".join(proof.said(reasons) for proof, reasons in broken if reasons)
+                said = "; ".join(proof.text_of(reasons) for proof, reasons in broken if reasons)
             if said and said == before:
                 run_state.decide("INVALID", f"injection was ignored: {said}", source="injection")
                 return

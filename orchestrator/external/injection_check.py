@@ -43,7 +43,7 @@ class InjectionProof:
             self.autopilot, self.thing, self.parameters, mode, setpoints=setpoints or "velocity"
         )
 
-    def said(self, reasons: Iterable[Ignored]) -> str:
+    def text_of(self, reasons: Iterable[Ignored]) -> str:
         """Return reasons in words, with whose they are."""
         return "; ".join(f"{self.context.name}, {self.thing}: {reason}" for reason in reasons)
 
@@ -78,7 +78,7 @@ async def prove_injection(
                 unbooted=unbooted.get(context.name, frozenset()),
             )
             proofs.append(proof)
-            faults += [proof.said(reasons)] if reasons else []
+            faults += [proof.text_of(reasons)] if reasons else []
     if faults:
         raise UnsupportedInjectionError("injection would be ignored: " + "; ".join(faults))
     return tuple(proofs)

@@ -128,7 +128,7 @@ class MqttOperator:
             ours = [one for one in leaves(error) if not isinstance(one, _OF_THE_CONNECTION)]
             for one in ours if self._first.done() else ():
                 report(one, "mqtt")
-            return _said(error)
+            return _error_text(error)
         return "the connection ended"
 
     async def finish(self) -> None:
@@ -277,7 +277,7 @@ class MqttOperator:
         )
 
 
-def _said(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     error = leaves(error)[0]
     # OpenSSL's words without where in its source they stand.
     return _OF_OPENSSL.sub("", str(error)) or type(error).__name__

@@ -29,7 +29,7 @@ class Virtual:
 
 
 @dataclass(frozen=True, slots=True)
-class ExpectedPicture:
+class ExpectedImage:
     """What geometry puts into a picture of (height, width) pixels, from an independent pose.
 
     ids: of all that stands in the virtual world. image_bgr: how our renderer draws that.

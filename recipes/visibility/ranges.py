@@ -75,7 +75,7 @@ def compare_points(
     real_m, mixed_m: (points, 3) in one sensor frame, the real cloud as the merge took it.
     expected_m: (elements, 3), what geometry puts there, in the same frame; ids: (elements,).
     """
-    added = _added(real_m, mixed_m)
+    added = _added_points(real_m, mixed_m)
     due = virtual.mask_of(ids)
     distance = np.full(len(expected_m), np.inf)
     if due.any() and len(added):
@@ -90,7 +90,7 @@ def compare_points(
     return FrameVisibility(t_s, objects, len(added) / max(1, len(mixed_m)))
 
 
-def _added(real_m: NDArray[np.float32], mixed_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def _added_points(real_m: NDArray[np.float32], mixed_m: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the points of a mixture that the real cloud does not have."""
     mine = np.ascontiguousarray(mixed_m).view([("", mixed_m.dtype)] * 3).reshape(-1)
     theirs = np.ascontiguousarray(real_m, mixed_m.dtype).view(mine.dtype).reshape(-1)

@@ -132,7 +132,7 @@ class Judge:
         self._fail_fast = {source_of(o.name, o.vehicle) for o in self.oracles if o.terms.fail_fast}
         self._poses = self._table("on_pose")
         self._states = self._table("on_state")
-        self._heards = self._table("on_heard")
+        self._heards = self._table("on_received")
         self._fences = self._table("on_fence")
         self._stages = self.oracles
         self._ticks = [o.on_tick for o in self.oracles if _overrides(o, "on_tick")]
@@ -173,9 +173,9 @@ class Judge:
         self._evidence.state(sample)
         return self._feed_oracles(self._states.get(sample.vehicle, ()), sample)
 
-    def heard(self, sample: LinkSample) -> tuple[Flag, ...]:
+    def received(self, sample: LinkSample) -> tuple[Flag, ...]:
         """Take that a vehicle was heard; returns new flags."""
-        self._evidence.heard(sample)
+        self._evidence.received(sample)
         return self._feed_oracles(self._heards.get(sample.vehicle, ()), sample)
 
     def reference(self, sample: ReferenceSample) -> None:

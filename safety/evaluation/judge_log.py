@@ -248,7 +248,7 @@ def _feed(
         case StateSample():
             judge.state(sample)
         case LinkSample():
-            judge.heard(sample)
+            judge.received(sample)
         case ReportSample():
             judge.report(sample)
         case DoubtSample():

@@ -103,7 +103,7 @@ class Agreement:
             yield Disagreement(t_s, f"{said}; both are exact to {exact_m:.2f} m on each axis")
         if self._pairs and t_s - self._pairs[-1][0].t_s > _MOST_GAP_S:
             self._pairs.clear()  # What it did in between, the other does not say.
-        integrated_m = self._integrated(reference)
+        integrated_m = self._integrate_velocity(reference)
         self._pairs.append((reference, judged_m, integrated_m))
         while len(self._pairs) > 1 and self._pairs[1][0].t_s <= t_s - SPAN_S + 1e-9:
             self._pairs.popleft()
@@ -130,7 +130,7 @@ class Agreement:
             and other.velocity_m_s * span_s < math.sqrt(2.0) * other.position_m
         )
 
-    def _integrated(self, reference: ReferenceSample) -> Vec3:
+    def _integrate_velocity(self, reference: ReferenceSample) -> Vec3:
         """Return the integral of the other's velocity up to now, by the trapezoidal rule."""
         if not self._pairs:
             return (0.0, 0.0, 0.0)

@@ -46,7 +46,7 @@ class Coverage:
         self._silence_s = 0.0
         self._of_link: str | None = None
 
-    def heard(self, t_s: float) -> None:
+    def received(self, t_s: float) -> None:
         """Take when anything last arrived over the vehicle's link."""
         if self._heard_s is not None:
             self._silence_s = max(self._silence_s, t_s - self._heard_s)

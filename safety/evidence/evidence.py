@@ -73,11 +73,11 @@ class Evidence:
         if sample.vehicle in self._poses:
             self._poses[sample.vehicle].state(sample)
 
-    def heard(self, sample: LinkSample) -> None:
+    def received(self, sample: LinkSample) -> None:
         """Take that something arrived over a vehicle's link."""
         for signal in self._signals.values():
             if signal.terms.vehicle == sample.vehicle:
-                signal.heard(sample.t_s)
+                signal.received(sample.t_s)
 
     def stage(self, sample: StageSample) -> None:
         """Take a stage."""

@@ -123,7 +123,7 @@ class FencePart(Part):
         return any(each not in (None, []) for each in given)
 
     @model_validator(mode="after")
-    def _bounded(self) -> Self:
+    def _require_bounds_if_drawn(self) -> Self:
         if self.is_drawn or not self.may_be_empty:
             self._require_bounds()
         return self

@@ -86,7 +86,7 @@ class Oracle(ABC):
         del sample
         return NO_FLAGS
 
-    def on_heard(self, sample: LinkSample) -> Flags:
+    def on_received(self, sample: LinkSample) -> Flags:
         """Take that a vehicle was heard."""
         del sample
         return NO_FLAGS

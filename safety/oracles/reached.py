@@ -107,7 +107,7 @@ class Reached(Oracle):
         del t_s
         if not self._done:
             limit_m = self._route[len(self._through)][1].limit_m
-            return self.verdict(passed=False, limit=limit_m, unit="m", detail=self._missing())
+            return self.verdict(passed=False, limit=limit_m, unit="m", detail=self._missing_text())
         worst = min(self._through, key=lambda passage: passage.limit_m - passage.offset_m)
         return self.verdict(
             passed=True,
@@ -170,14 +170,14 @@ class Reached(Oracle):
         """Note a wrong turn, once; it is forgotten when its gate is flown through after all."""
         self._wrong.setdefault(text, gate)
 
-    def _missing(self) -> str:
+    def _missing_text(self) -> str:
         if self._last is None:
             return "no pose seen"
         done, total = len(self._through), len(self._route)
         text = f"never flew through {self._next} ({done} of {total} gates)"
-        return "; ".join([text, *list(self._wrong)[:_MOST_TURNS], *self._unfinished()])
+        return "; ".join([text, *list(self._wrong)[:_MOST_TURNS], *self._unfinished_texts()])
 
-    def _unfinished(self) -> Iterator[str]:
+    def _unfinished_texts(self) -> Iterator[str]:
         detector = self._detectors.get(self._next)
         if detector is not None and (depth_m := detector.unfinished_m) > 0.0:
             yield f"ended {depth_m:.2f} m behind its plane, with a body of {self._radius}"

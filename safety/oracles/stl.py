@@ -96,7 +96,7 @@ class Stl(Oracle):
         self._add_row(sample.t_s)
         return NO_FLAGS
 
-    def on_heard(self, sample: LinkSample) -> Flags:
+    def on_received(self, sample: LinkSample) -> Flags:
         """Take a sign of life."""
         if sample.vehicle == self.vehicle:
             self._heard_s = sample.t_s

@@ -39,9 +39,9 @@ class Trace:
 
     def values(self) -> dict[str, Values]:
         """Return the values of each signal, one per row."""
-        return {name: self._filled(np.array(row)) for name, row in self._rows.items()}
+        return {name: self._fill_gaps(np.array(row)) for name, row in self._rows.items()}
 
-    def _filled(self, row: Values) -> Values:
+    def _fill_gaps(self, row: Values) -> Values:
         known = np.flatnonzero(~np.isnan(row))
         if known.size and self.times_s[known[0]] - self.times_s[0] <= FIRST_WITHIN_S:
             row[: known[0]] = row[known[0]]

@@ -81,7 +81,7 @@ class LinkOracle(Oracle):
             self._worst = (0.0, sample.t_s)
         return NO_FLAGS
 
-    def on_heard(self, sample: LinkSample) -> Flags:
+    def on_received(self, sample: LinkSample) -> Flags:
         """Take a sign of life; one that ends a gap that was too long is flagged."""
         if not self.stages.open or self._since_s is None:
             return NO_FLAGS

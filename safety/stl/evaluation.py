@@ -144,10 +144,10 @@ class Evaluation:
         """
         key = id(formula), positive
         if key not in self._known:
-            self._known[key] = self._evaluated(formula, span_ns, positive=positive)
+            self._known[key] = self._evaluate_node(formula, span_ns, positive=positive)
         return self._known[key]
 
-    def _evaluated(  # noqa: PLR0911  # one for each kind of node
+    def _evaluate_node(  # noqa: PLR0911  # one for each kind of node
         self, formula: Formula, span_ns: tuple[int, int], *, positive: bool
     ) -> Steps:
         match formula:
@@ -166,12 +166,14 @@ class Evaluation:
                 second = self._of(right, span_ns, positive=positive)
                 return lower(first, second) if word == "and" else higher(first, second)
             case Junctor(word, left, right):
-                forth = self._implied(left, right, span_ns, positive=positive)
+                forth = self._evaluate_implication(left, right, span_ns, positive=positive)
                 if word == "implies":
                     return forth
-                return lower(forth, self._implied(right, left, span_ns, positive=positive))
+                return lower(
+                    forth, self._evaluate_implication(right, left, span_ns, positive=positive)
+                )
 
-    def _implied(
+    def _evaluate_implication(
         self, premise: Formula, conclusion: Formula, span_ns: tuple[int, int], *, positive: bool
     ) -> Steps:
         return implied(
@@ -190,7 +192,7 @@ class Evaluation:
             enters_ns = np.where(inner.times_ns <= end_ns, from_ns, inner.times_ns)
         else:
             enters_ns = inner.times_ns - far_ns
-        return _extreme(inner, enters_ns, _moved(inner.until_ns(), -near_ns), span_ns, lowest)
+        return _extreme(inner, enters_ns, _shift_times(inner.until_ns(), -near_ns), span_ns, lowest)
 
     def _back(self, node: Temporal, span_ns: tuple[int, int], *, positive: bool) -> Steps:
         from_ns, until_ns = span_ns
@@ -200,7 +202,7 @@ class Evaluation:
             return _constant(from_ns, np.inf if lowest else -np.inf)
         first_ns = 0 if far_ns is None else max(0, from_ns - far_ns)
         inner = self._of(node.inner, (first_ns, until_ns - near_ns), positive=positive)
-        leaves_ns = _moved(inner.until_ns(), NEVER_NS if far_ns is None else far_ns)
+        leaves_ns = _shift_times(inner.until_ns(), NEVER_NS if far_ns is None else far_ns)
         return _extreme(inner, inner.times_ns + near_ns, leaves_ns, span_ns, lowest)
 
     def _until(self, node: Until, span_ns: tuple[int, int], *, positive: bool) -> Steps:
@@ -222,7 +224,7 @@ class Evaluation:
         whole = held_until(left, right, last_ns)
         whole = _extreme(whole, whole.times_ns - near_ns, whole.until_ns(), span_ns, True)
         reached = _extreme(
-            right, right.times_ns - far_ns, _moved(right.until_ns(), -near_ns), span_ns, False
+            right, right.times_ns - far_ns, _shift_times(right.until_ns(), -near_ns), span_ns, False
         )
         return lower(reached, whole)
 
@@ -288,7 +290,7 @@ def _constant(from_ns: int, value: float) -> Steps:
     return Steps(np.array([from_ns]), np.array([value]), np.array([NO_ORIGIN]))
 
 
-def _moved(until_ns: Indices, by_ns: int) -> Indices:
+def _shift_times(until_ns: Indices, by_ns: int) -> Indices:
     """Return times moved; the last one stays never."""
     if by_ns == NEVER_NS:
         return np.full_like(until_ns, NEVER_NS)

@@ -132,7 +132,7 @@ class _Parser:
         left = self.junction(level + 1)
         while (token := self._take_if(word)) is not None:
             # An implication of an implication groups to the right, as in logic.
-            right = self._nested(level if word == "implies" else level + 1, token)
+            right = self._parse_nested(level if word == "implies" else level + 1, token)
             left = Junctor(word, _formula(left), _formula(right), token.at)
         return left
 
@@ -144,27 +144,27 @@ class _Parser:
         yield
         self._depth -= 1
 
-    def _nested(self, level: int, token: Token) -> Node:
+    def _parse_nested(self, level: int, token: Token) -> Node:
         with self._deeper(token):
             return self.junction(level)
 
     def _until(self) -> Node:
-        left = self._prefixed()
+        left = self._parse_prefixed()
         while (token := self._take_if("until")) is not None:
             interval = self._interval()
-            right = self._prefixed()
+            right = self._parse_prefixed()
             left = Until(interval, _formula(left), _formula(right), token.at)
         return left
 
-    def _prefixed(self) -> Node:
+    def _parse_prefixed(self) -> Node:
         token = self._take_if("not", *MODALS)
         if token is None:
             return self._comparison()
         with self._deeper(token):
             if token.text == "not":
-                return Not(_formula(self._prefixed()), token.at)
+                return Not(_formula(self._parse_prefixed()), token.at)
             interval = self._interval()
-            inner = _formula(self._prefixed())
+            inner = _formula(self._parse_prefixed())
             return Temporal(_MODALS[token.text], interval, inner, token.at)
 
     def _interval(self) -> Interval:
@@ -232,11 +232,11 @@ class _Parser:
             return Calculation("-", Number(0.0, token.at), inner, token.at)
         if self._take_if("abs"):
             self._expect("(")
-            inner = _term(self._nested(0, token))
+            inner = _term(self._parse_nested(0, token))
             self._expect(")")
             return Absolute(inner, token.at)
         if self._take_if("("):
-            node = self._nested(0, token)
+            node = self._parse_nested(0, token)
             self._expect(")")
             return node
         if token.kind == "number":

@@ -47,7 +47,7 @@ class StlMonitor:
         self, times_s: Sequence[float], signals: Mapping[str, Values], end_s: float
     ) -> Robustness | Unevaluable:
         """Return the robustness at times_s[0] of what was recorded up to end_s."""
-        found = self._evaluated(times_s, signals, end_s, best_after=False)
+        found = self._evaluate_formula(times_s, signals, end_s, best_after=False)
         if isinstance(found, Robustness) and found.decided_by is None:
             return Unevaluable(
                 "the formula", times_s[0], "looks back to before its window, which begins"
@@ -58,9 +58,9 @@ class StlMonitor:
         self, times_s: Sequence[float], signals: Mapping[str, Values], end_s: float
     ) -> Robustness | Unevaluable:
         """Return the robustness if all went as well as can be from end_s on."""
-        return self._evaluated(times_s, signals, end_s, best_after=True)
+        return self._evaluate_formula(times_s, signals, end_s, best_after=True)
 
-    def _evaluated(
+    def _evaluate_formula(
         self,
         times_s: Sequence[float],
         signals: Mapping[str, Values],

@@ -66,16 +66,16 @@ def split_at(steps: Steps, time_ns: int) -> Steps:
 def higher(left: Steps, right: Steps) -> Steps:
     """Return the higher of two values at each time; the left one where they are equal."""
     left, right = aligned(left, right)
-    return _chosen(right.values > left.values, left, right).compressed()
+    return _choose_steps(right.values > left.values, left, right).compressed()
 
 
 def lower(left: Steps, right: Steps) -> Steps:
     """Return the lower of two values at each time; the left one where they are equal."""
     left, right = aligned(left, right)
-    return _chosen(right.values < left.values, left, right).compressed()
+    return _choose_steps(right.values < left.values, left, right).compressed()
 
 
-def _chosen(second: NDArray[np.bool_], first: Steps, other: Steps) -> Steps:
+def _choose_steps(second: NDArray[np.bool_], first: Steps, other: Steps) -> Steps:
     return Steps(
         first.times_ns,
         np.where(second, other.values, first.values),
@@ -141,7 +141,7 @@ def held_until(held: Steps, reached: Steps, end_ns: int) -> Steps:
     from t to t', both ends included; after end_ns t' is t alone.
     """
     held, reached = aligned(split_at(held, end_ns + 1), split_at(reached, end_ns + 1))
-    now = _chosen(reached.values < held.values, held, reached)
+    now = _choose_steps(reached.values < held.values, held, reached)
     values, origins = now.values.tolist(), now.origins.tolist()
     holds, holders = held.values.tolist(), held.origins.tolist()
     last = int(np.searchsorted(held.times_ns, end_ns, side="right")) - 1

@@ -65,7 +65,7 @@ def px4_custom_mode(main: int, sub: int = 0) -> int:
     return main << 16 | sub << 24
 
 
-def _described(custom_mode: int) -> tuple[str, Mode]:
+def _describe_mode(custom_mode: int) -> tuple[str, Mode]:
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     if main == _AUTO:
         return _AUTO_SUB.get(sub, (f"AUTO {sub}", Mode.OTHER))
@@ -118,11 +118,11 @@ class Px4(Autopilot):
 
     def mode_of(self, custom_mode: int) -> Mode:
         """Return what the mode of a HEARTBEAT means."""
-        return _described(custom_mode)[1]
+        return _describe_mode(custom_mode)[1]
 
     def mode_name(self, custom_mode: int) -> str:
         """Return PX4's word for the mode."""
-        return _described(custom_mode)[0]
+        return _describe_mode(custom_mode)[0]
 
     def set_mode(self, target: Target, mode: Mode) -> Any:
         """Return the DO_SET_MODE (main mode, sub mode); raises ValueError for other modes."""

@@ -91,7 +91,7 @@ class BootTrack:
         """Return for how long by the wall's clock its time has not grown."""
         return 0.0 if self._grew_s is None else wall_s - self._grew_s
 
-    def heard(self, wall_s: float, boot_s: float) -> None:
+    def received(self, wall_s: float, boot_s: float) -> None:
         """Take a stamp that came at a time of the wall's clock."""
         if self._samples and boot_s < self._samples[-1][1] - 1.0:
             self._samples.clear()

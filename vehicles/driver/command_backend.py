@@ -36,7 +36,7 @@ class CommandBackend(Protocol):
     def on_failure(self, listener: FailureListener) -> None:
         """Call `listener` once when nothing can be said any more."""
 
-    async def found(self, target: Target, timeout_s: float) -> None:
+    async def await_vehicle(self, target: Target, timeout_s: float) -> None:
         """Take note of whom to speak to. Raises VehicleError when it does not find it."""
 
     def orders(
@@ -61,7 +61,7 @@ class FrameBackend:
     def on_failure(self, listener: FailureListener) -> None:
         """Never call it."""
 
-    async def found(self, target: Target, timeout_s: float) -> None:
+    async def await_vehicle(self, target: Target, timeout_s: float) -> None:
         """Go on: frames carry their target."""
 
     def orders(

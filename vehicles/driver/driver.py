@@ -191,7 +191,7 @@ class Driver:
         target, autopilot = await find_vehicle(
             self._session, self._changes, wanted=self._wanted, timeout_s=timeout_s
         )
-        await self._voice.found(target, max(deadline_s - loop.time(), _ANSWER_WITHIN_S))
+        await self._voice.await_vehicle(target, max(deadline_s - loop.time(), _ANSWER_WITHIN_S))
         identity = await request_identity(
             self._session,
             self._changes,

@@ -49,7 +49,7 @@ class MavsdkBackend:
         """Call `listener` once when mavsdk's process has died or hangs."""
         self.client.on_failure(listener)
 
-    async def found(self, target: Target, timeout_s: float) -> None:
+    async def await_vehicle(self, target: Target, timeout_s: float) -> None:
         """Have mavsdk speak to this system. Raises IdentifyError when it does not find it."""
         del timeout_s  # A heartbeat has come already: mavsdk has as long as two more take.
         make = partial(Choose, system_id=target.system, within_s=_FIND_S)

@@ -164,7 +164,7 @@ class MavsdkLibrary:
         ended = threading.Event()
         results: list[LogFilesResult] = []
 
-        def told(result: LogFilesResult, data: Any, _: object) -> None:
+        def report(result: LogFilesResult, data: Any, _: object) -> None:
             if result is LogFilesResult.NEXT:
                 progress(data.progress)
                 return
@@ -172,7 +172,7 @@ class MavsdkLibrary:
             ended.set()
 
         entry = Entry(order.entry.number, "", order.entry.size_bytes)
-        self._logs.download_log_file_async(entry, order.path, told)
+        self._logs.download_log_file_async(entry, order.path, report)
         if not ended.wait(order.within_s):
             raise LibraryError("TIMEOUT")
         if results[0] is not LogFilesResult.SUCCESS:

@@ -82,7 +82,7 @@ class MavsdkLogs(VehicleLogs):
             await super()._fetch_to(entry, half, progress)
             return
 
-        def told(part: float) -> None:
+        def report(part: float) -> None:
             if progress is not None:
                 progress(int(part * entry.size_bytes))
 
@@ -90,7 +90,7 @@ class MavsdkLogs(VehicleLogs):
         await asyncio.to_thread(half.unlink, missing_ok=True)
         make = partial(FetchLog, entry=entry, path=str(half), within_s=_LOG_S)
         try:
-            await self._client.order(make, f"log {entry.number}", _LOG_S + 10.0, told)
+            await self._client.order(make, f"log {entry.number}", _LOG_S + 10.0, report)
         except RefusedError as error:
             raise LogError(str(error)) from error
         size_bytes = (await asyncio.to_thread(half.stat)).st_size

@@ -29,14 +29,14 @@ class ProcessId:
             process = psutil.Process(pid)
             if process.status() in _ENDED:
                 return None
-            return cls(pid, _started(process))
+            return cls(pid, _start_ticks(process))
         except psutil.Error:
             return None
 
     @classmethod
     def own(cls) -> "ProcessId":
         """Return this process."""
-        return cls(os.getpid(), _started(psutil.Process()))
+        return cls(os.getpid(), _start_ticks(psutil.Process()))
 
     @property
     def lives(self) -> bool:
@@ -94,7 +94,7 @@ def _runs_in(group: int, pid: int) -> bool:
         return False
 
 
-def _started(process: psutil.Process) -> int:
+def _start_ticks(process: psutil.Process) -> int:
     # psutil adds the time of boot, which moves whenever the system clock is set.
     while True:
         boot_s = psutil.boot_time()

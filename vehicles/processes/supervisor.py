@@ -47,7 +47,7 @@ class Supervisor:
             os.set_blocking(end, False)
         signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
         for number in (*_ENDING, signal.SIGCHLD):
-            signal.signal(number, _noted)
+            signal.signal(number, _ignore_signal)
         self._main = _start(argv)
 
     def run(self) -> int:
@@ -107,7 +107,7 @@ class Supervisor:
                 os.kill(pid, number)
 
 
-def _noted(*_: object) -> None:
+def _ignore_signal(*_: object) -> None:
     """Do nothing: the number of the signal is in the pipe."""
 
 

@@ -44,10 +44,10 @@ def _as_table(campaign: Campaign) -> str:
     wanted = [f"{r.case}/{r.mode} {r.share}" for r in campaign.requirements]
     accepted = ", ".join(wanted) if wanted else "nothing is required"
     shown = table(("case", "mode", "rep", "seed", "counts"), rows)
-    return f"{campaign.name}: {_counted(campaign)}; accepted: {accepted}\n\n{shown}"
+    return f"{campaign.name}: {_count_text(campaign)}; accepted: {accepted}\n\n{shown}"
 
 
-def _counted(campaign: Campaign) -> str:
+def _count_text(campaign: Campaign) -> str:
     count = len(campaign.controls)
     controls = f" and {count} control{'' if count == 1 else 's'}" if count else ""
     return f"{len(campaign.runs)} runs{controls}"

@@ -143,7 +143,7 @@ class OracleRunner:
             self._heard_s[context.name] = state.last_heard_s
             heard = LinkSample(state.last_heard_s, context.name)
             self._tape(heard)
-            self._take(self._judge.heard(heard))
+            self._take(self._judge.received(heard))
         for name, reported_s in context.driver.reported_s.items():
             if reported_s > self._reported_s.get((context.name, name), -1.0):
                 self._reported_s[context.name, name] = reported_s

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from recipes.visibility.model import ExpectedPicture, ExpectedRanges, Ids, Mask, Virtual
+from recipes.visibility.model import ExpectedImage, ExpectedRanges, Ids, Mask, Virtual
 from vehicles.readings import DepthImage
 from vehicles.sensors.beams import Directions
 from vehicles.sensors.lens import ThroughLens
@@ -69,7 +69,7 @@ class ExpectedViews:
         *,
         virtual: Virtual,
         real_depth_m: DepthImage | None,
-    ) -> ExpectedPicture:
+    ) -> ExpectedImage:
         """Return the compared pixels of a picture. camera: its pose (FRD axes, world frame).
 
         real_depth_m: how far the real camera saw, at these pixels; None when unknown.
@@ -78,23 +78,23 @@ class ExpectedViews:
         drawn = self._pictures.picture(
             camera, small, t_s, want_ids=True, want_depth=real_depth_m is not None
         )
-        ids = _needed(drawn.object_ids)
+        ids = _require_ids(drawn.object_ids)
         unknown: Mask | None = None
         if self._has_physical:
             hidden = self._hiding.picture(camera, small, t_s, want_ids=True)
-            unknown = virtual.mask_of(ids) & (_needed(hidden.object_ids) != ids)
+            unknown = virtual.mask_of(ids) & (_require_ids(hidden.object_ids) != ids)
         if real_depth_m is not None and drawn.depth_m is not None:
             nearer = real_depth_m < drawn.depth_m - _HIDDEN_M
             unknown = nearer if unknown is None else unknown | nearer
         step = samples_of(intrinsics).step
-        return ExpectedPicture(ids, drawn.image_bgr, unknown, step)
+        return ExpectedImage(ids, drawn.image_bgr, unknown, step)
 
     def depths(self, camera: Pose, intrinsics: Intrinsics, t_s: float) -> ExpectedRanges:
         """Return distances along the optical axis at the compared pixels, flat."""
         small = sampled_intrinsics(intrinsics)
         drawn = self._hiding.picture(camera, small, t_s, want_ids=True, want_depth=True)
         depth_m = np.asarray(drawn.depth_m, np.float64)
-        return ExpectedRanges(depth_m.reshape(-1), _needed(drawn.object_ids).reshape(-1))
+        return ExpectedRanges(depth_m.reshape(-1), _require_ids(drawn.object_ids).reshape(-1))
 
     def ranges(self, sensor: Pose, directions: Directions, t_s: float) -> ExpectedRanges:
         """Return what beams meet. sensor: its pose (FRD axes, world frame)."""
@@ -102,7 +102,7 @@ class ExpectedViews:
         return ExpectedRanges(hits.ranges_m.astype(np.float64), hits.object_ids)
 
 
-def _needed(ids: Ids | None) -> Ids:
+def _require_ids(ids: Ids | None) -> Ids:
     if ids is None:
         raise TypeError("our renderer returns ids where they are requested")
     return ids

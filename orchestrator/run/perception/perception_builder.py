@@ -202,9 +202,7 @@ class _PerceptionBuilder:
         subject = vehicle.name == self._setup.subject
         filmed = subject and isinstance(sensor, CameraSetup) and self._film(sensor.name)
         self._source(vehicle.name, sensor).takers.append(
-            _perceiving_vehicles(
-                self._perception.runners[vehicle.name], self._watchers, filmed=filmed
-            )
+            _perception_users(self._perception.runners[vehicle.name], self._watchers, filmed=filmed)
         )
 
     def _source(self, vehicle: str, sensor: SensorSetup) -> SensorSource:
@@ -221,7 +219,7 @@ class _PerceptionBuilder:
         return self._registrar.of(real)
 
 
-def _perceiving_vehicles(runner: AnyRunner, watchers: PerceptionWatchers, *, filmed: bool) -> Take:
+def _perception_users(runner: AnyRunner, watchers: PerceptionWatchers, *, filmed: bool) -> Take:
     receivers = (runner.context.name,)
 
     def take(reading: Reading) -> None:

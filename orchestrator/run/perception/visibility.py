@@ -18,8 +18,8 @@ from recipes.pipeline.mixture import Mixed
 from recipes.pipeline.stages import StageView
 from recipes.steps.transform.geometry import CameraModelParameters
 from recipes.visibility.coverage import Coverage
+from recipes.visibility.images import IN_VIEW_SHARE, ImagePair, compare_images
 from recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
-from recipes.visibility.pictures import IN_VIEW_SHARE, PicturePair, compare_pictures
 from recipes.visibility.ranges import compare_points, compare_ranges
 from vehicles.readings import (
     CameraReading,
@@ -161,8 +161,8 @@ class VisibilityProbe:
             virtual=measured.virtual,
             real_depth_m=depth_m,
         )
-        return compare_pictures(
-            PicturePair(
+        return compare_images(
+            ImagePair(
                 t_s=t_s,
                 real_bgr=real.image_bgr[part, part],
                 mixed_bgr=mixed.image_bgr[part, part],

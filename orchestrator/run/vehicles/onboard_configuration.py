@@ -86,7 +86,7 @@ class OnboardConfiguration:
                 await parameters.set(name, value)
             return
         journal = parameter_backup_folder()
-        restored = await parameters.restore_leftovers(journal)
+        restored = await parameters.restore_backups(journal)
         for change in restored.restored:
             self._note("parameter", vehicle=context.name, name=change.name, value=change.before)
         fences = context.driver.onboard.fences

@@ -86,7 +86,9 @@ class GuardCore:
     def all_down(self) -> bool:
         """Return whether it latched and every vehicle that ever spoke is disarmed or ended."""
         return self.latched is not None and all(
-            supervised.contingency.down or supervised.gone or supervised.seen.heard_s is None
+            supervised.contingency.down
+            or supervised.gone
+            or supervised.seen.last_received_s is None
             for supervised in self._supervised_vehicles.values()
         )
 
@@ -98,9 +100,9 @@ class GuardCore:
             if not supervised.gone and supervised.seen.may_be_armed(t_s)
         )
 
-    def heard_s(self, name: str) -> float | None:
+    def last_received_s(self, name: str) -> float | None:
         """Return when a vehicle was last heard; None for never."""
-        return self._supervised_vehicles[name].seen.heard_s
+        return self._supervised_vehicles[name].seen.last_received_s
 
     def anchor(self, name: str, anchor: Anchor) -> None:
         """Say where a vehicle's local frame is in the world: makes its estimate a position."""
@@ -280,14 +282,14 @@ class GuardCore:
         return tuple(out)
 
     def _on_heartbeat(self, supervised: SupervisedVehicle, t_s: float) -> Outputs:
-        supervised.seen.heard_s = t_s
+        supervised.seen.last_received_s = t_s
         if not supervised.lost:
             return ()
         supervised.lost = False
         return (self._event(t_s, "heard", supervised.name, f"{supervised.name} is heard again"),)
 
     def _check_lost(self, supervised: SupervisedVehicle, t_s: float) -> Outputs:
-        heard_s = supervised.seen.heard_s
+        heard_s = supervised.seen.last_received_s
         if heard_s is None or supervised.lost or not supervised.seen.may_be_armed(t_s):
             return ()
         if t_s - heard_s <= self.settings.vehicle_lost_s:

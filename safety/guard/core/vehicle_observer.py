@@ -45,7 +45,7 @@ class ObservedVehicle:
     def __init__(self, vehicle: GuardedVehicle, settings: GuardSettings) -> None:
         self._vehicle = vehicle
         self._settings = settings
-        self.heard_s: float | None = None
+        self.last_received_s: float | None = None
         self.armed: bool | None = None
         self.mode: Mode | None = None
         self.landed: bool | None = None

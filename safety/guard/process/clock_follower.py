@@ -97,7 +97,7 @@ class ClockFollower:
             wall_s = self._wall()
             for frame in frames.feed(data):
                 if frame.system == system and frame.message_id in _BOOT_MS_AT:
-                    track.heard(wall_s, boot_s_of(frame))
+                    track.received(wall_s, boot_s_of(frame))
 
         tapped.tap(hear)
         return tapped

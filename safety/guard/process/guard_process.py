@@ -349,7 +349,7 @@ class GuardProcess:
         now_s, core = asyncio.get_running_loop().time(), self._shell.core
         return any(
             self._guard_config.vehicles[name].vehicle.attached
-            and now_s - (core.heard_s(name) or 0.0) < self._guard_config.patience_s
+            and now_s - (core.last_received_s(name) or 0.0) < self._guard_config.patience_s
             for name in busy
         )
 

@@ -154,7 +154,7 @@ def test_how_it_is_flown_is_held_against_what_was_proven(
     context = FakeStation(steered_by=steered_by)
     context.driver.state.mode_name = mode
     proof = InjectionProof(cast("VehicleContext", context), "ardupilot", "obstacle_distance", READY)
-    found = proof.said(proof.broken())
+    found = proof.text_of(proof.broken())
     assert said in found
     assert bool(found) == bool(said)
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from recipes.visibility.model import ExpectedPicture, FrameVisibility, ObjectVisibility, Virtual
-from recipes.visibility.pictures import PicturePair, compare_pictures
+from recipes.visibility.images import ImagePair, compare_images
+from recipes.visibility.model import ExpectedImage, FrameVisibility, ObjectVisibility, Virtual
 from vehicles.readings import BgrImage
 
 WIDTH, HEIGHT, STEP = 160, 120, 4
@@ -59,12 +59,12 @@ class Scene:
         unknown: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] | None = None,
     ) -> FrameVisibility:
         ids = np.where(self.due, np.uint8(GATE), np.uint8(1))
-        return compare_pictures(
-            PicturePair(
+        return compare_images(
+            ImagePair(
                 t_s=1.0,
                 real_bgr=self.real,
                 mixed_bgr=mixed,
-                expected=ExpectedPicture(ids, drawn(self.due), unknown, STEP),
+                expected=ExpectedImage(ids, drawn(self.due), unknown, STEP),
                 virtual=VIRTUAL,
                 limit_px=limit_px,
                 is_like=is_like,
@@ -202,12 +202,12 @@ def test_two_objects_are_told_apart() -> None:
     ids = np.where(left, np.uint8(2), np.where(right, np.uint8(3), np.uint8(1)))
     real = room(0)
     mixed = np.where(right[:, :, None], drawn(right), real)
-    frame = compare_pictures(
-        PicturePair(
+    frame = compare_images(
+        ImagePair(
             t_s=1.0,
             real_bgr=real,
             mixed_bgr=mixed,
-            expected=ExpectedPicture(ids, drawn(left | right), None, STEP),
+            expected=ExpectedImage(ids, drawn(left | right), None, STEP),
             virtual=Virtual({2: "left", 3: "right"}),
             limit_px=None,
             is_like=True,

@@ -141,8 +141,8 @@ def test_time_alone_is_judged_too() -> None:
 def test_silence_is_judged_by_what_is_heard() -> None:
     judge = Judge(build_oracles([use("link", max_gap_s=1)], contexts("sim")))
     judge.stage(StageSample(0.0, "takeoff"))
-    judge.heard(LinkSample(0.5, "twin"))
-    assert [f.oracle for f in judge.heard(LinkSample(2.0, "twin"))] == ["link"]
+    judge.received(LinkSample(0.5, "twin"))
+    assert [f.oracle for f in judge.received(LinkSample(2.0, "twin"))] == ["link"]
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -168,7 +168,7 @@ def test_a_pose_that_is_not_finite_is_invalid_and_judged_by_nobody(bad: float, w
 def test_samples_of_a_vehicle_nobody_judges_are_let_go() -> None:
     judge = Judge(build_oracles([use("geofence")], contexts("sim")))
     assert judge.pose(pose(1.0, "real", (99, 0, 0))) == ()
-    assert judge.heard(LinkSample(1.0, "nobody")) == ()
+    assert judge.received(LinkSample(1.0, "nobody")) == ()
 
 
 class Nothing:

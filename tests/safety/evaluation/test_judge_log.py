@@ -201,7 +201,7 @@ def feed(judge: Judge, events: dict[str, float], sample: LoggedSample) -> None:
         case StateSample():
             judge.state(sample)
         case LinkSample():
-            judge.heard(sample)
+            judge.received(sample)
         case ReportSample():
             judge.report(sample)
         case DoubtSample():

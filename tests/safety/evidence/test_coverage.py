@@ -67,7 +67,7 @@ class Flight:
                 self.evidence.pose(late.pop(0))
             if tick % 10 == 0:
                 if not self.deaf[0] <= t_s < self.deaf[1]:
-                    self.evidence.heard(LinkSample(t_s - 0.001, "real"))
+                    self.evidence.received(LinkSample(t_s - 0.001, "real"))
                 up = 2.0 <= t_s < 8.9 and not self.landed
                 self.evidence.state(StateSample(t_s, "real", True, Mode.GUIDED, landed=not up))
                 self.evidence.tick(t_s)
@@ -244,11 +244,11 @@ def test_a_silent_link_is_one_whichever_of_its_first_words_is_taken_first(
 ) -> None:
     evidence = Evidence((terms("battery", over_link=True),))
     evidence.stage(StageSample(1.0, "takeoff"))
-    evidence.heard(LinkSample(1.05, "real"))
+    evidence.received(LinkSample(1.05, "real"))
     evidence.report(ReportSample(1.05, "real", "battery"))
     if heard_first:
-        evidence.heard(LinkSample(4.0, "real"))
+        evidence.received(LinkSample(4.0, "real"))
     evidence.report(ReportSample(4.0, "real", "battery"))
-    evidence.heard(LinkSample(4.0, "real"))
+    evidence.received(LinkSample(4.0, "real"))
     evidence.tick(4.1)
     assert [event.t_s for event in evidence.events] == [4.1]

@@ -87,13 +87,13 @@ def test_disarming_in_flight_is_a_fault_and_after_landing_is_not() -> None:
 
 def test_a_link_gap_is_flagged_when_it_is_over() -> None:
     judge = build("link", max_gap_s=1.0)
-    judge.on_heard(LinkSample(0.0, "real"))
+    judge.on_received(LinkSample(0.0, "real"))
     stage(judge, takeoff=5.0)
     for t_s in (5.2, 5.4, 6.4):
-        assert not judge.on_heard(LinkSample(t_s, "real"))
-    flags = judge.on_heard(LinkSample(8.4, "real"))
+        assert not judge.on_received(LinkSample(t_s, "real"))
+    flags = judge.on_received(LinkSample(8.4, "real"))
     assert [(f.t_s, f.text) for f in flags] == [(8.4, "real was silent for 2.0 s, more than 1 s")]
-    assert not judge.on_heard(LinkSample(8.5, "real"))
+    assert not judge.on_received(LinkSample(8.5, "real"))
     result = judge.result(9.0)
     assert result.verdict == "FAIL"
     assert result.actual == pytest.approx(2.0)
@@ -105,7 +105,7 @@ def test_a_link_gap_that_does_not_end_is_no_flag_but_fails() -> None:
     # Who never comes back is lost: an ERROR of the guard's, which a flag must not forestall.
     judge = build("link", max_gap_s=1.0)
     stage(judge, takeoff=0.0)
-    judge.on_heard(LinkSample(0.5, "real"))
+    judge.on_received(LinkSample(0.5, "real"))
     assert not judge.on_tick(30.0)
     assert judge.result(30.0).verdict == "FAIL"
 
@@ -113,7 +113,7 @@ def test_a_link_gap_that_does_not_end_is_no_flag_but_fails() -> None:
 def test_silence_until_the_end_counts() -> None:
     judge = build("link", max_gap_s=1.0)
     stage(judge, takeoff=0.0)
-    judge.on_heard(LinkSample(0.5, "real"))
+    judge.on_received(LinkSample(0.5, "real"))
     assert judge.result(1.2).verdict == "PASS"
     assert judge.result(4.0).actual == 3.5
 
@@ -121,7 +121,7 @@ def test_silence_until_the_end_counts() -> None:
 def test_silence_after_landing_does_not_count() -> None:
     judge = build("link", max_gap_s=1.0)
     stage(judge, takeoff=0.0)
-    judge.on_heard(LinkSample(0.5, "real"))
+    judge.on_received(LinkSample(0.5, "real"))
     stage(judge, land=0.7, landed=1.0)
     assert numbers(judge.result(60.0)) == ("PASS", 0.5, 1.0, 0.5, 0.5)
 
@@ -181,9 +181,9 @@ def test_a_value_that_is_not_finite_never_reaches_a_result() -> None:
 def test_asking_for_a_result_changes_none() -> None:
     judge = build("link", max_gap_s=1.0)
     stage(judge, takeoff=0.0)
-    judge.on_heard(LinkSample(0.5, "real"))
+    judge.on_received(LinkSample(0.5, "real"))
     assert judge.result(0.9).actual == 0.5
     assert judge.result(2.0).actual == 1.5
     # Heard at 0.8, as was learned later: the gap of 1.5 s never was.
-    judge.on_heard(LinkSample(0.8, "real"))
+    judge.on_received(LinkSample(0.8, "real"))
     assert judge.result(0.8).actual == 0.5

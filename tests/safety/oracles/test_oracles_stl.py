@@ -127,7 +127,7 @@ def values(name: str, *samples: object) -> list[float]:
             case StateSample():
                 judge.on_state(sample)
             case LinkSample():
-                judge.on_heard(sample)
+                judge.on_received(sample)
         assert isinstance(judge, Stl)
         found += judge._trace.values()[name].tolist()[-1:]
     return [value for value in found if not math.isnan(value)]

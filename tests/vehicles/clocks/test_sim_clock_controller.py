@@ -65,7 +65,7 @@ def flown(
             under_way.append((wall_s + rng.uniform(0.0, late_s), stamp_s))
             stamp_s += 0.02
         for arrival in [one for one in under_way if one[0] <= wall_s]:
-            steering.track.heard(*arrival)
+            steering.track.received(*arrival)
             under_way.remove(arrival)
         if tick % round(STEP_S / _TICK_S) == 0:
             steering.step(wall_s)
@@ -136,7 +136,7 @@ def test_a_machine_that_was_asleep_has_stalled_nobody() -> None:
     steering = SimClockController(nominal=4.0, follows_us=True)
     steering.begin(Segment(0.0, 0.0, 1.0))
     for step in range(40):
-        steering.track.heard(step * STEP_S, step * STEP_S)
+        steering.track.received(step * STEP_S, step * STEP_S)
         steering.step(step * STEP_S)
     for step in range(10):
         steering.step(3600.0 + step * STEP_S)
@@ -166,7 +166,7 @@ def test_a_reboot_begins_the_vehicle_s_time_anew_and_not_ours() -> None:
     for step in range(200):
         wall_s = step * STEP_S
         boot_s = 30.0 + 2.0 * wall_s if wall_s < 5.0 else 2.0 * (wall_s - 5.0)
-        steering.track.heard(wall_s, boot_s)
+        steering.track.received(wall_s, boot_s)
         run_s.append(steering.step(wall_s).run_s)
     assert np.diff(run_s).min() >= 0.0
     assert steering.track.reboots == 1
@@ -177,7 +177,7 @@ def test_what_waited_in_a_buffer_counts_once() -> None:
     track = BootTrack()
     for step in range(100):
         wall_s = round(step // 10) * 0.1 + 0.1
-        track.heard(wall_s, step * 0.02)
+        track.received(wall_s, step * 0.02)
     boot_s, rate = track.line(1.0)
     assert rate == pytest.approx(2.0, rel=0.02)
     assert boot_s == pytest.approx(1.98, abs=0.02)
@@ -189,7 +189,7 @@ def test_a_vehicle_whose_time_leaves_ours_is_told(drift: float, apart: bool) -> 
     told = False
     for step in range(600):
         wall_s = step * STEP_S
-        track.heard(wall_s, 5.0 * wall_s * (1.0 - drift))
+        track.received(wall_s, 5.0 * wall_s * (1.0 - drift))
         told = look.look(track, wall_s=wall_s, run_s=5.0 * wall_s) or told
     assert told is apart
     if apart:
@@ -202,7 +202,7 @@ def test_a_hiccup_is_let_go() -> None:
     for step in range(600):
         wall_s = step * STEP_S
         if not 10.0 < wall_s < 10.5:
-            track.heard(wall_s, 5.0 * wall_s)
+            track.received(wall_s, 5.0 * wall_s)
         told = look.look(track, wall_s=wall_s, run_s=5.0 * wall_s) or told
     assert not told
 

@@ -134,7 +134,7 @@ class ParameterBackup:
             raise ParameterError(f"could not set back {'; '.join(failed)}{later}")
 
 
-async def restore_leftovers(folder: Path, *, access: ParameterAccess, vehicle: str) -> Restored:
+async def restore_backups(folder: Path, *, access: ParameterAccess, vehicle: str) -> Restored:
     """Set back what runs that were killed have left changed in a vehicle, newest first.
 
     Journals of runs that live, and of other vehicles, are left alone. Raises ParameterError when

@@ -13,7 +13,7 @@ from vehicles.driver.onboard.parameter_backup import (
     ParameterBackup,
     ParameterValue,
     Restored,
-    restore_leftovers,
+    restore_backups,
 )
 from vehicles.driver.session.session import Session
 from vehicles.errors import ParameterError
@@ -109,9 +109,9 @@ class Parameters:
         """
         return ParameterBackup(access=self, vehicle=self._vehicle, changes=changes, journal=journal)
 
-    async def restore_leftovers(self, folder: Path) -> Restored:
+    async def restore_backups(self, folder: Path) -> Restored:
         """Set back what killed runs have left changed in this vehicle. Raises ParameterError."""
-        return await restore_leftovers(folder, access=self, vehicle=self._vehicle)
+        return await restore_backups(folder, access=self, vehicle=self._vehicle)
 
     async def get(self, name: str) -> ParameterValue:
         """Return a parameter's value, an int where it is one.

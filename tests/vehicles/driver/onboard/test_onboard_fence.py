@@ -147,7 +147,7 @@ def test_after_a_kill_all_changes_are_set_back(autopilot: AutopilotName, tmp_pat
         left = tmp_path / "left"
         shutil.copytree(tmp_path / "journals", left)
         assert files(left) == 4
-        await rig.driver.parameters.restore_leftovers(left)
+        await rig.driver.parameters.restore_backups(left)
         assert rig.parameters == before
         fences, vehicle = rig.driver.onboard.fences, rig.driver.parameters.vehicle
         assert not await restore_fence(left, fences=fences, vehicle="another")

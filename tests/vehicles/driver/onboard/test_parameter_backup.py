@@ -14,7 +14,7 @@ from vehicles.driver.onboard.parameter_backup import (
     ParameterBackup,
     ParameterValue,
     Restored,
-    restore_leftovers,
+    restore_backups,
 )
 from vehicles.driver.onboard.parameters import _as_float32
 from vehicles.errors import ParameterError
@@ -100,7 +100,7 @@ def test_the_journal_stays_when_one_cannot_be_set_back(tmp_path: Path) -> None:
         run_virtual(scenario())
     assert access.values == {"A": 5, "B": 2}
     access.stuck = set()
-    restored = run_virtual(restore_leftovers(tmp_path, access=access, vehicle="px4 1 7"))
+    restored = run_virtual(restore_backups(tmp_path, access=access, vehicle="px4 1 7"))
     assert access.values == {"A": 1, "B": 2}
     assert [change.name for change in restored.restored] == ["B", "A"]
     assert list(tmp_path.iterdir()) == []
@@ -142,7 +142,7 @@ def test_what_a_killed_run_left_is_set_back(tmp_path: Path) -> None:
     killed_run(tmp_path)
     # It set them; B has been changed by somebody since, which is none of our business.
     access = Access(A=5, B=3.3)
-    restored = run_virtual(restore_leftovers(tmp_path, access=access, vehicle="px4 1 7"))
+    restored = run_virtual(restore_backups(tmp_path, access=access, vehicle="px4 1 7"))
     assert access.values == {"A": 1, "B": 3.3}
     assert [change.name for change in restored.restored] == ["A"]
     assert [change.name for change in restored.foreign] == ["B"]
@@ -152,7 +152,7 @@ def test_what_a_killed_run_left_is_set_back(tmp_path: Path) -> None:
 def test_a_value_that_no_float_holds_exactly_is_known_again(tmp_path: Path) -> None:
     killed_run(tmp_path)
     access = Access(A=5, B=_as_float32(0.7))
-    restored = run_virtual(restore_leftovers(tmp_path, access=access, vehicle="px4 1 7"))
+    restored = run_virtual(restore_backups(tmp_path, access=access, vehicle="px4 1 7"))
     assert restored.foreign == ()
     assert access.values == {"A": 1, "B": _as_float32(2.1)}
 
@@ -160,15 +160,13 @@ def test_a_value_that_no_float_holds_exactly_is_known_again(tmp_path: Path) -> N
 def test_journals_of_others_and_of_the_living_are_left_alone(tmp_path: Path) -> None:
     killed_run(tmp_path)
     access = Access(A=5, B=0.7)
-    other = run_virtual(restore_leftovers(tmp_path, access=access, vehicle="px4 2 8"))
+    other = run_virtual(restore_backups(tmp_path, access=access, vehicle="px4 2 8"))
     assert other == Restored()
     assert len(list(tmp_path.iterdir())) == 1
 
     async def scenario() -> Restored:
         async with context(Access(A=1), {"A": 4}, tmp_path / "living"):
-            return await restore_leftovers(
-                tmp_path / "living", access=Access(A=4), vehicle="px4 1 7"
-            )
+            return await restore_backups(tmp_path / "living", access=Access(A=4), vehicle="px4 1 7")
 
     assert run_virtual(scenario()) == Restored()
 
@@ -180,14 +178,14 @@ def test_several_journals_are_set_back_newest_first(tmp_path: Path) -> None:
     second = tmp_path / "000002.parameters.json"
     second.write_text(first.read_text().replace('["A", 1, 5]', '["A", 5, 8]'))
     access = Access(A=8, B=0.7)
-    run_virtual(restore_leftovers(tmp_path, access=access, vehicle="px4 1 7"))
+    run_virtual(restore_backups(tmp_path, access=access, vehicle="px4 1 7"))
     assert access.values["A"] == 1
 
 
 def test_a_file_that_is_no_journal_is_named(tmp_path: Path) -> None:
     (tmp_path / "000001.parameters.json").write_text("{")
     with pytest.raises(ParameterError, match=r"000001.parameters.json is no journal"):
-        run_virtual(restore_leftovers(tmp_path, access=Access(), vehicle="x"))
+        run_virtual(restore_backups(tmp_path, access=Access(), vehicle="x"))
 
 
 def test_without_a_journal_nothing_is_changed(tmp_path: Path) -> None:

@@ -54,7 +54,9 @@ def sticks_of_pulses(
         return None
     last = before or Sticks()
     right, back, up, turn = (
-        old if pulse_us in {_PWM_UNCHANGED, _PWM_RELEASED} else _bounded((pulse_us - 1500) / 500.0)
+        old
+        if pulse_us in {_PWM_UNCHANGED, _PWM_RELEASED}
+        else _clamp_share((pulse_us - 1500) / 500.0)
         for pulse_us, old in zip(
             pulses_us, (last.right, -last.forward, last.up, last.turn), strict=True
         )
@@ -107,8 +109,8 @@ class FlyBySticks(Behaviour):
 def _share(value: int, *, unknown: int | None = None) -> float:
     if _UNKNOWN_AXIS in {value, unknown}:
         return 0.0
-    return _bounded(value / 1000.0)
+    return _clamp_share(value / 1000.0)
 
 
-def _bounded(share: float) -> float:
+def _clamp_share(share: float) -> float:
     return max(-1.0, min(1.0, share))

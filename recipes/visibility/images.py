@@ -14,13 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recipes.visibility.matching import best_shift
-from recipes.visibility.model import (
-    ExpectedPicture,
-    FrameVisibility,
-    Mask,
-    ObjectVisibility,
-    Virtual,
-)
+from recipes.visibility.model import ExpectedImage, FrameVisibility, Mask, ObjectVisibility, Virtual
 from vehicles.readings import BgrImage
 
 Distances = NDArray[np.float32]
@@ -48,7 +42,7 @@ _MATCHED = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PicturePair:
+class ImagePair:
     """The compared pixels of one mixture, and what geometry puts there; all of one size.
 
     t_s: exposure. real_bgr: the real picture as the merge took it. limit_px: of the offset, in
@@ -59,13 +53,13 @@ class PicturePair:
     t_s: float
     real_bgr: BgrImage
     mixed_bgr: BgrImage
-    expected: ExpectedPicture
+    expected: ExpectedImage
     virtual: Virtual
     limit_px: float | None
     is_like: bool
 
 
-def compare_pictures(pair: PicturePair) -> FrameVisibility:
+def compare_images(pair: ImagePair) -> FrameVisibility:
     """Return what a mixed picture shows of the virtual objects."""
     expected = pair.expected
     differs = pair.real_bgr != pair.mixed_bgr
@@ -78,11 +72,11 @@ def compare_pictures(pair: PicturePair) -> FrameVisibility:
     taken = int(np.count_nonzero(present))
     is_due = taken >= IN_VIEW_SHARE * present.size
     if np.count_nonzero(changed) <= (_BROAD * taken if is_due else _MOST * present.size):
-        return _outlined(pair, changed, ids)
-    return _matched(pair, changed, ids)
+        return _compare_outlines(pair, changed, ids)
+    return _match_objects(pair, changed, ids)
 
 
-def _outlined(pair: PicturePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
+def _compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
     per_sample, size, share = pair.expected.px_per_sample, changed.size, float(changed.mean())
     within = _without_edge(changed, _floor_px(pair) / per_sample)
     part = _box(changed | (ids != 0))
@@ -135,7 +129,7 @@ def _box(mask: Mask) -> tuple[slice, slice]:
     )
 
 
-def _matched(pair: PicturePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
+def _match_objects(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
     objects: list[ObjectVisibility] = []
     for object_id, name in pair.virtual.names.items():
         own = ids == object_id
@@ -156,7 +150,7 @@ def _matched(pair: PicturePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameV
     return FrameVisibility(pair.t_s, tuple(objects), float(changed.mean()))
 
 
-def _floor_px(pair: PicturePair) -> float:
+def _floor_px(pair: ImagePair) -> float:
     """Return the limit of the offset for what looks small."""
     per_sample = pair.expected.px_per_sample
     if pair.limit_px is not None:
@@ -164,7 +158,7 @@ def _floor_px(pair: PicturePair) -> float:
     return float(LIMIT_SHARE_OF_WIDTH * pair.expected.ids.shape[1] * per_sample)
 
 
-def _limit_px(own: Mask, pair: PicturePair) -> float:
+def _limit_px(own: Mask, pair: ImagePair) -> float:
     rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
     if pair.limit_px is not None or not rows.size:
         return _floor_px(pair)
