@@ -103,7 +103,7 @@ def words_of(name: str) -> list[str]:
 def retired_in(name: str) -> set[str]:
     words = words_of(name)
     pairs = {f"{one} {other}" for one, other in itertools.pairwise(words)}
-    return RETIRED.intersection(words) | RETIRED_PAIRS & pairs | BARE & {name}
+    return set(RETIRED.intersection(words) | RETIRED_PAIRS & pairs | BARE & {name})
 
 
 def names_in(source: str) -> Iterator[str]:

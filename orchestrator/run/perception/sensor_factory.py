@@ -14,6 +14,7 @@ from campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
     GpsSetup,
+    ImuSetup,
     LidarPointsSetup,
     MicrophoneSetup,
     PoseSetup,
@@ -194,9 +195,11 @@ class SensorFactory:
                 sample_rate_hz=sensor.sample_rate_hz,
                 block_samples=sensor.block_samples,
             )
-        return ImuSensor(
-            source=vehicle.name, noise=noise.imu, timing=Timing(sensor.rate_hz or FELT_TRUTH_HZ)
-        )
+        if isinstance(sensor, ImuSetup):
+            return ImuSensor(
+                source=vehicle.name, noise=noise.imu, timing=Timing(sensor.rate_hz or FELT_TRUTH_HZ)
+            )
+        raise TypeError(f"no sensor model for {type(sensor).__name__} of {vehicle.name}")
 
     def _ranging_sensor(
         self, vehicle: VehicleSetup, sensor: RangingSetup, like: SensorSetup, noise: SensorNoise
