@@ -96,7 +96,7 @@ def test_what_is_no_recording_is_told(recorded: Path, tmp_path: Path, capsys: An
 @pytest.mark.parametrize(
     ("name", "change", "said"),
     [
-        ("result.json", lambda data: data[:-20], "is cut, damaged or of another version"),
+        ("result.json", lambda data: data[:-20], "is truncated, damaged or of another version"),
         ("result.json", lambda data: data.replace(b'"PASS"', b'"FINE"'), "verdict"),
         ("result.json", lambda data: data.replace(b"\n", b" \n"), "was changed"),
         ("judged.msgpack", lambda data: data[:-30], "was cut before the end of the run"),

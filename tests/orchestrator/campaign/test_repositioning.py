@@ -45,7 +45,7 @@ def test_when_nobody_comes_the_campaign_ends(tmp_path: Path) -> None:
 
     run_virtual(scenario())
     assert controller.stopped == "command"
-    assert said[-1] == "nobody said that real is back within 100 s"
+    assert said[-1] == "nobody confirmed that real is back within 100 s"
 
 
 def test_a_campaign_that_ends_asks_for_nothing(tmp_path: Path) -> None:

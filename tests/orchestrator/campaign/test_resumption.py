@@ -123,8 +123,8 @@ def test_what_is_finished_is_kept(campaign: Path, tmp_path: Path, verdict: Verdi
     ("content", "said"),
     [
         (None, "it has no result"),
-        ("", "is cut, damaged or of another version"),
-        ("half", "is cut, damaged or of another version"),
+        ("", "is truncated, damaged or of another version"),
+        ("half", "is truncated, damaged or of another version"),
         ("other", "is of another run"),
     ],
 )
@@ -308,7 +308,7 @@ def test_two_do_not_fly_into_one_folder(campaign: Path, capsys: pytest.CaptureFi
     assert run(campaign) == 0
     with held(folder_of(campaign)):
         assert run(campaign, "--resume") == 3
-    assert "another process flies into" in capsys.readouterr().err
+    assert "is in use by another wil-campaign" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("quick")

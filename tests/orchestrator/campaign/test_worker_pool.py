@@ -133,5 +133,5 @@ def test_the_death_of_the_parent_is_an_abort_that_says_so() -> None:
     command = inbox.poll()
     assert command is not None
     assert command.kind == "abort"
-    assert "the program that ordered it died" in command.who
+    assert "its parent process died" in command.who
     assert inbox.poll() is None

@@ -197,7 +197,7 @@ BAD = [
     (("color.yaml", "photo.png", "render.png", "m.gif"), 2, "name an image"),
     (("color.yaml", "broken.mp4", "render.png", "m.mp4"), 2, "broken.mp4"),
     (("color.yaml", "nothing.mp4", "render.png", "m.mp4"), 2, "nothing.mp4"),
-    (("color.yaml", "world.yaml", "render.png", "m.png"), 2, "the real side is what was taken"),
+    (("color.yaml", "world.yaml", "render.png", "m.png"), 2, "the real side needs an image"),
     (("color.yaml", "photo.png", "run.mcap", "m.png"), 2, "give both sides as one"),
     (("color.yaml", "text.mcap", "text.mcap", "m.mcap"), 2, "text.mcap"),
     (("objects.yaml", "photo.png", "render.png", "m.png"), 2, "give a world file"),
@@ -251,7 +251,7 @@ def test_bad_input_is_told_and_nothing_is_written(
         (("--sensor", "sonar"), "no sensor 'sonar'"),
         (("--stages", "SHEET", "--frame", "1"), "there is no picture 1"),
         (("--real-depth", "DEPTH"), "depth of 3x2 for a picture of 160x120"),
-        (("--twin-depth", "PHOTO"), "is no 16-bit image"),
+        (("--twin-depth", "PHOTO"), "is not a 16-bit image"),
     ],
 )
 def test_bad_options_are_told(

@@ -67,11 +67,11 @@ def test_abort_wins_and_is_told_once(tmp_path: Path) -> None:
 def test_while_held_nothing_is_begun(tmp_path: Path) -> None:
     fleet = FakeFleet(flying=2)
     controller = make_desk(tmp_path, fleet)
-    with pytest.raises(RefusedLineError, match="nothing is held"):
+    with pytest.raises(RefusedLineError, match="no vehicle holds"):
         controller.obey(RESUME)
     assert controller.obey(HOLD) == "held: 2 runs in flight; no run is started"
     assert not fleet.going
-    with pytest.raises(RefusedLineError, match="all hold already"):
+    with pytest.raises(RefusedLineError, match="all vehicles hold already"):
         controller.obey(HOLD)
     controller.obey(RESUME)
     assert fleet.going
@@ -150,7 +150,7 @@ def unsafe(runtime: Path) -> None:
 
 @pytest.mark.usefixtures("unsafe")
 async def test_an_unsafe_folder_for_sockets_is_said(tmp_path: Path) -> None:
-    with pytest.raises(OperatingError, match="no socket for operators can be had"):
+    with pytest.raises(OperatingError, match="the operator socket cannot be opened"):
         async with open_operator_channels(make_desk(tmp_path, FakeFleet())):
             pass
 

@@ -167,7 +167,7 @@ async def test_what_is_hostile_is_refused_and_changes_nothing(scene: Scene, tmp_
     stale = await person.command("abort", at=time.time() - 30.0)
     assert stale["text"].startswith("stale")
     other = await person.command("abort", session="20200101T000000Z")
-    assert other["text"].startswith("for another start")
+    assert other["text"].startswith("for another session")
     await person.say("explode", b"{}")
     assert scene.fleet.aborted == []
     good = await person.command("hold", id="once")
@@ -238,7 +238,7 @@ async def test_a_broker_that_comes_back_finds_us_again(tmp_path: Path) -> None:
             await person.until("status")
             assert (await person.command("abort"))["ok"]
         notes = [one["text"] for one in log(tmp_path) if not one["command"]]
-        assert notes[0].startswith("the broker is away: ")
+        assert notes[0].startswith("the MQTT broker is disconnected: ")
         assert notes[1:] == ["reconnected to the MQTT broker"]
     await scene.stop_broker()
 

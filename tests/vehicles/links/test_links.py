@@ -134,7 +134,7 @@ async def test_who_speaks_in_the_name_of_another_is_told_and_not_believed() -> N
         (said,) = there.told
         assert said == (
             "system 1 speaks from 127.0.0.1:1002 as well as from 127.0.0.1:1001; two vehicles "
-            "have one system id, and only the latter is believed"
+            "have the same system id; only the latter is accepted"
         )
         assert list(there.link.rivals.values()) == there.told
 

@@ -262,7 +262,7 @@ def test_forms_of_a_key(
 def test_what_is_no_key_is_refused_and_not_shown(tmp_path: Path, raw: bytes) -> None:
     file = tmp_path / "key"
     file.write_bytes(raw)
-    with pytest.raises(SigningKeyError, match="holds no signing key") as caught:
+    with pytest.raises(SigningKeyError, match="has no signing key") as caught:
         key_from_file(file)
     if raw:
         assert raw.decode(errors="replace") not in str(caught.value).replace("passphrase:WORDS", "")

@@ -66,7 +66,7 @@ async def test_an_unknown_host() -> None:
 @pytest.mark.parametrize(
     ("number", "words"),
     [
-        (errno.ENETUNREACH, "no network leads to"),
+        (errno.ENETUNREACH, "there is no route to"),
         (errno.EHOSTUNREACH, "cannot be reached"),
         (None, "does not answer on port 5760"),
     ],

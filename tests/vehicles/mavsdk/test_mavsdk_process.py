@@ -117,7 +117,7 @@ async def test_what_the_vehicle_refuses_is_an_error_in_words(fake_pair: Callable
 async def test_a_process_that_is_killed_is_an_error_at_once(fake_pair: Callable[..., Any]) -> None:
     link, peer = fake_pair("px4")
     voice = MavsdkBackend(name="real")
-    said = r"real: mavsdk's process was ended by SIGKILL; it is told nothing any more"
+    said = r"real: mavsdk's process was ended by SIGKILL; nothing more is sent to it"
     failures: list[VehicleError] = []
     async with peer, Driver(name="real", link=link, system_id=1, voice=voice) as driver:
         driver.on_failure(failures.append)
@@ -202,7 +202,7 @@ asyncio.run(main())
 
 
 async def test_without_a_driver_it_says_how_it_is_used() -> None:
-    for arguments, said in (((), "usage:"), (("udpout://127.0.0.1:9",), "is no socket")):
+    for arguments, said in (((), "usage:"), (("udpout://127.0.0.1:9",), "is not a socket")):
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "vehicles.mavsdk", *arguments),
             stdin=asyncio.subprocess.DEVNULL,

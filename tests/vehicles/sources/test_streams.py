@@ -239,7 +239,7 @@ class RtspServer:
         ("none.sdp", "session description cannot be read"),
         ("rtp://127.0.0.1", "is not rtp://HOST:PORT"),
         ("rtp://127.0.0.1:99999", "is not rtp://HOST:PORT"),
-        ("film.mp4", "is no live camera"),
+        ("film.mp4", "is not a live camera"),
     ],
 )
 async def test_what_cannot_be_opened_says_what_to_do(address: str, words: str) -> None:

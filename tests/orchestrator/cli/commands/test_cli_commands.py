@@ -131,7 +131,7 @@ def test_what_is_no_driver_or_has_its_id_is_refused(cli: Cli, gate: Path) -> Non
     gate.write_text(text.replace("profile: cage\n", ours))
     bad = cli("validate", str(gate))
     assert bad.code == 2
-    assert "the driver mavsdk has system id 245 itself; give the vehicle another" in bad.err
+    assert "the driver mavsdk uses system id 245 itself; give the vehicle another" in bad.err
 
 
 @pytest.mark.parametrize("content", [b"", b"\x7fELF\x00", b"[1, 2]", b"a: [", b"\xff\xfe"])

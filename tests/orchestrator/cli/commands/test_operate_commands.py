@@ -48,11 +48,11 @@ async def controller(tmp_path: Path, fleet: FakeFleet) -> AsyncIterator[Campaign
 
 @pytest.mark.parametrize("command", ["abort", "hold", "resume", "watch"])
 async def test_where_nothing_flies_this_is_said(cli: Cli, command: str, tmp_path: Path) -> None:
-    assert await cli(command) == (3, "", "nothing flies here\n")
-    assert await cli(command, str(tmp_path)) == (3, "", f"nothing flies in {tmp_path}\n")
+    assert await cli(command) == (3, "", "no campaign is in flight on this machine\n")
+    assert await cli(command, str(tmp_path)) == (3, "", f"no run is in flight in {tmp_path}\n")
 
 
-@pytest.mark.usefixtures("desk")
+@pytest.mark.usefixtures("controller")
 async def test_commands_reach_the_campaign_with_a_name(cli: Cli, fleet: FakeFleet) -> None:
     assert await cli("hold", "--who", "anna") == (
         0,
@@ -121,10 +121,10 @@ async def test_a_fence_that_cannot_be_read_or_sent_is_said(cli: Cli, tmp_path: P
     code, _, said = await cli("fence", str(path))
     assert (code, "more than" in said) == (2, True)
     path.write_text("box: {}")
-    assert (await cli("fence", str(path))) == (3, "", "nothing flies here\n")
+    assert (await cli("fence", str(path))) == (3, "", "no campaign is in flight on this machine\n")
 
 
-@pytest.mark.usefixtures("desk")
+@pytest.mark.usefixtures("controller")
 async def test_a_folder_chooses_what_is_meant(cli: Cli, fleet: FakeFleet, tmp_path: Path) -> None:
     assert (await cli("abort", str(tmp_path.parent / "another")))[0] == 3
     assert fleet.aborted == []

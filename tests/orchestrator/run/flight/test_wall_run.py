@@ -153,4 +153,4 @@ async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
     taken = [one for one in lines(program.run_folder() / "guard.jsonl") if "kind" in one]
     phases = [one["text"] for one in taken if one["vehicle"] == "real" and one["kind"] == "action"]
     assert phases[-1] == "real: down: it is disarmed"
-    assert "real: flown by the pilot: the pilot has control" in phases
+    assert "real: under the pilot's control: the pilot has control" in phases

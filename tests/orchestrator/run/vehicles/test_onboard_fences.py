@@ -149,7 +149,7 @@ def test_what_one_autopilot_refuses_none_keeps(fly_run: Fly) -> None:
     assert text.startswith("geofence: real")
     assert "it was refused with MAV_MISSION_DENIED" in text
     assert "Geofence invalid, doesn't contain Home position" in text
-    assert text.endswith("; the old fence holds")
+    assert text.endswith("; the old fence applies")
     assert operator.aboard[0] == operator.aboard[1]
     assert said(folder, "geofence") == []
 
@@ -183,7 +183,7 @@ def test_a_blackout_that_does_not_end_leaves_the_old_one(fly_run: Fly) -> None:
     result, folder = flown_alone(fly_run, operator, CAN_GO_DARK)
     assert result.verdict in {"ERROR", "FAIL"}
     ((_, word, text),) = operator.answers
-    assert (word, text) == ("refused", "geofence: all vehicles are landing; the old fence holds")
+    assert (word, text) == ("refused", "geofence: all vehicles are landing; the old fence applies")
     assert said(folder, "geofence") == []
     assert all_landed(folder)
 
@@ -197,7 +197,7 @@ def test_an_abort_in_the_middle_wins(fly_run: Fly) -> None:
     result, folder = flown(fly_run, operator)
     assert (result.verdict, result.reason) == ("ABORTED", "aborted by bert")
     ((at_s, word, text),) = operator.answers
-    assert (word, text) == ("refused", "geofence: all vehicles are landing; the old fence holds")
+    assert (word, text) == ("refused", "geofence: all vehicles are landing; the old fence applies")
     assert at_s < 1.2
     assert said(folder, "geofence") == []
     assert all_landed(folder)

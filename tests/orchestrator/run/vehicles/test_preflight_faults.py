@@ -69,7 +69,7 @@ def gps_of(fix: int, satellites: int, hdop_cm: int) -> Any:
 def test_a_battery_that_is_low(fly_run: Fly) -> None:
     disturb = once_ready("twin", lambda vehicle: vehicle._body.battery.set_remaining(0.2))
     (said,) = refusals(fly_run(mode="sim", disturb=disturb))
-    assert said == "twin battery: its charge is 0.2, and at least 0.3 is required"
+    assert said == "twin battery: its battery charge is 0.2, and at least 0.3 is required"
 
 
 @pytest.mark.parametrize("sets", [(), (ARDUPILOT,)], ids=["px4", "ardupilot"])
@@ -100,10 +100,10 @@ def test_an_estimator_that_gives_up(
 @pytest.mark.parametrize(
     ("built", "said"),
     [
-        (gps_of(0, 255, 65535), "it has no receiver; where it flies without one, preflight.gps: n"),
+        (gps_of(0, 255, 65535), "it has no GPS receiver; set preflight.gps: null"),
         (gps_of(2, 9, 90), "it has no 3D fix"),
-        (gps_of(3, 5, 90), "satellites in sight is 5, and at least 6 is required"),
-        (gps_of(3, 255, 90), "satellites in sight is not known"),
+        (gps_of(3, 5, 90), "satellites visible is 5, and at least 6 is required"),
+        (gps_of(3, 255, 90), "satellites visible is not known"),
         (gps_of(4, 12, 310), "HDOP is 3.1, and at most 2.5 is allowed"),
         (lambda _: None, "it reports nothing of its GPS receiver"),
     ],
@@ -140,7 +140,7 @@ def silent(vehicle: EmbeddedVehicle) -> None:
         (
             silent,
             [
-                "real position: how far from its start it stands by mocap is not known",
+                "real position: its distance from its start pose by mocap is not known",
                 "real mocap: the age of its motion capture pose is ",
                 "real home: its position is not known",
                 (

@@ -67,7 +67,7 @@ def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
     ("sets", "said"),
     [
         (("preflight.start_tolerance_m=1e-12",), "twin position: how far from its start it stan"),
-        (("preflight.max_clock_error_s=1e-12",), "twin clock: how far its clock may be from whe"),
+        (("preflight.max_clock_error_s=1e-12",), "twin clock: the uncertainty of its clock is"),
         (("vehicles.twin.params={NAV_DLL_ACT: 0}",), "NAV_DLL_ACT is 0: on link loss it would not"),
         (
             (ARDUPILOT, "vehicles.twin.params={FS_GCS_ENABLE: 0}"),
@@ -155,5 +155,5 @@ def test_a_disk_without_room_is_told_before_the_first_run(
     out = tmp_path / "out"
     assert main(["run", str(write_hover(tmp_path)), "--out", str(out)]) == 3
     said = capsys.readouterr().err
-    assert "is 5 MB, and at least 200 MB is wanted; make room, or lower" in said
+    assert "is 5 MB, and at least 200 MB is required; free space, or lower" in said
     assert not list(out.rglob("result.json"))

@@ -179,7 +179,7 @@ def test_a_spoilt_note_is_told(tmp_path: Path) -> None:
     (tmp_path / "000001.fence.json").write_text("{}")
 
     async def script(rig: Rig) -> None:
-        with pytest.raises(MissionError, match=r"000001.fence.json is no note of a fence"):
+        with pytest.raises(MissionError, match=r"000001.fence.json is not a fence backup"):
             await restore_fence(tmp_path, fences=rig.driver.onboard.fences, vehicle="x")
 
     with_vehicle("px4", script)

@@ -184,7 +184,7 @@ def test_several_journals_are_set_back_newest_first(tmp_path: Path) -> None:
 
 def test_a_file_that_is_no_journal_is_named(tmp_path: Path) -> None:
     (tmp_path / "000001.parameters.json").write_text("{")
-    with pytest.raises(ParameterError, match=r"000001.parameters.json is no journal"):
+    with pytest.raises(ParameterError, match=r"000001.parameters.json is not a parameter backup"):
         run_virtual(restore_backups(tmp_path, access=Access(), vehicle="x"))
 
 
