@@ -6,13 +6,8 @@ import shapely
 
 from safety.fence.areas import Area, Circle, Point2
 from safety.fence.geofence import Fence
-from vehicles.driver.onboard.fence_protocol import (
-    AutopilotFence,
-    FenceArea,
-    FenceCircle,
-    FencePolygon,
-    Place,
-)
+from vehicles.driver.onboard.fence_protocol import AutopilotFence
+from vehicles.mavlink.fence_areas import FenceArea, FenceCircle, FencePolygon, Place
 from worlds.frames import Vec3
 
 _QUARTER = 6
@@ -72,10 +67,10 @@ def _shape(area: Area) -> shapely.Polygon:
     return shapely.Polygon(area.corners_m)
 
 
-def _closed_ring(ring: shapely.LinearRing, *, inside: bool, locate: Locate) -> FencePolygon:
+def _closed_ring(ring: shapely.LinearRing, *, inside: bool, locate: Locate) -> FencePolygon[Place]:
     corners = [locate((north, east)) for north, east in list(ring.coords)[:-1]]
     return FencePolygon(tuple(corners), inside=inside)
 
 
-def _disc(circle: Circle, margin_m: float, *, inside: bool, locate: Locate) -> FenceCircle:
+def _disc(circle: Circle, margin_m: float, *, inside: bool, locate: Locate) -> FenceCircle[Place]:
     return FenceCircle(locate(circle.centre_m), circle.radius_m + margin_m, inside=inside)

@@ -15,10 +15,11 @@ from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.vehicle_context import VehicleContext
 from safety.fence.areas import Point2
 from safety.fence.geofence import Fence
-from vehicles.driver.onboard.fence_protocol import AutopilotFence, Place
+from vehicles.driver.onboard.fence_protocol import AutopilotFence
 from vehicles.driver.onboard.onboard_fence import OnboardFence
 from vehicles.driver.onboard.parameter_backup import ParameterValue
 from vehicles.errors import VehicleError
+from vehicles.mavlink.fence_areas import Place
 
 Note = Callable[..., None]
 

@@ -22,7 +22,6 @@ from vehicles.clocks.paced_loop import PacedLoop
 from vehicles.clocks.sim_clock_controller import Segment
 from vehicles.command_backends import DriverName, command_backend_of
 from vehicles.driver import Driver
-from vehicles.driver.onboard.fence_protocol import FenceCircle, Place
 from vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
 from vehicles.driver.vehicle_state import VehicleEvent
 from vehicles.embedded.physics.config import EmbeddedConfig
@@ -33,6 +32,7 @@ from vehicles.links.link import Link
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
 from vehicles.links.memory import memory_pair
+from vehicles.mavlink.fence_areas import FenceCircle, Place
 from vehicles.setpoints import VelocitySetpoint
 
 LinkKind = Literal["memory", "impaired", "udp", "tcp"]

@@ -19,54 +19,25 @@ from vehicles.driver.onboard.mission_protocol import (
     MissionProtocol,
 )
 from vehicles.driver.onboard.parameter_backup import ParameterValue
+from vehicles.mavlink.fence_areas import (
+    CIRCLES,
+    DEGREES,
+    POLYGONS,
+    FenceArea,
+    FenceCircle,
+    FenceItemError,
+    Place,
+    fence_areas,
+)
 
 FenceAction = Literal["report", "hold", "land", "rtl"]
 
-_INCLUSION = mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
-_EXCLUSION = mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION
-_CIRCLE_INCLUSION = mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
-_CIRCLE_EXCLUSION = mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION
+_POLYGON_COMMANDS = {inside: command for command, inside in POLYGONS.items()}
+_CIRCLE_COMMANDS = {inside: command for command, inside in CIRCLES.items()}
 _ARDUPILOT_ACTIONS: dict[FenceAction, int] = {"report": 0, "rtl": 1, "land": 2, "hold": 4}
 _PX4_ACTIONS: dict[FenceAction, int] = {"report": 1, "hold": 2, "rtl": 3, "land": 5}
 _ALTITUDE_BIT, _AREAS_BIT = 1, 4
 """FENCE_TYPE: the highest altitude; polygons and circles."""
-_DEGREES = 1e-7
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """A place on WGS-84, in degrees."""
-
-    latitude_deg: float
-    longitude_deg: float
-
-
-@dataclass(frozen=True, slots=True)
-class FencePolygon:
-    """An area that must not be left, or (inside=False) not be entered."""
-
-    corners: tuple[Place, ...]
-    inside: bool = True
-
-    def __post_init__(self) -> None:
-        if len(self.corners) < 3:
-            raise ValueError(f"a fence's polygon has 3 corners or more, not {len(self.corners)}")
-
-
-@dataclass(frozen=True, slots=True)
-class FenceCircle:
-    """A round area; `inside` as of a polygon."""
-
-    centre: Place
-    radius_m: float
-    inside: bool = True
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.radius_m < math.inf:
-            raise ValueError(f"a fence's circle has a radius above 0, not {self.radius_m} m")
-
-
-FenceArea = FencePolygon | FenceCircle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,36 +63,11 @@ def fence_items(areas: Sequence[FenceArea]) -> tuple[MissionItem, ...]:
     items: list[MissionItem] = []
     for area in areas:
         if isinstance(area, FenceCircle):
-            command = _CIRCLE_INCLUSION if area.inside else _CIRCLE_EXCLUSION
-            items.append(_item(command, area.radius_m, area.centre))
+            items.append(_item(_CIRCLE_COMMANDS[area.inside], area.radius_m, area.centre))
         else:
-            command = _INCLUSION if area.inside else _EXCLUSION
-            items += [_item(command, float(len(area.corners)), each) for each in area.corners]
+            command, count = _POLYGON_COMMANDS[area.inside], float(len(area.corners))
+            items += [_item(command, count, each) for each in area.corners]
     return tuple(items)
-
-
-def fence_areas(items: Sequence[MissionItem]) -> tuple[FenceArea, ...]:
-    """Return the areas that items draw; return points are left out. Raises MissionError."""
-    areas: list[FenceArea] = []
-    at = 0
-    while at < len(items):
-        item = items[at]
-        taken = 1
-        if item.command in {_INCLUSION, _EXCLUSION}:
-            taken = round(item.params[0])
-            corners = items[at : at + taken]
-            if taken < 3 or len(corners) < taken or {c.command for c in corners} != {item.command}:
-                raise MissionError(f"fence item {at} begins a polygon that is not whole")
-            areas.append(FencePolygon(tuple(map(_place, corners)), item.command == _INCLUSION))
-        elif item.command in {_CIRCLE_INCLUSION, _CIRCLE_EXCLUSION}:
-            inside = item.command == _CIRCLE_INCLUSION
-            areas.append(FenceCircle(_place(item), item.params[0], inside))
-        elif item.command != mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT:
-            raise MissionError(
-                f"fence item {at} has command {item.command}, which is not a fence item"
-            )
-        at += taken
-    return tuple(areas)
 
 
 def fence_parameters(autopilot: AutopilotName, fence: AutopilotFence) -> dict[str, ParameterValue]:
@@ -166,7 +112,11 @@ class FenceProtocol:
 
     async def read(self) -> tuple[FenceArea, ...]:
         """Return the areas that it has. Raises MissionError."""
-        return fence_areas(await self._missions.download(ItemList.FENCE))
+        items = await self._missions.download(ItemList.FENCE)
+        try:
+            return fence_areas(items)
+        except FenceItemError as error:
+            raise MissionError(str(error)) from error
 
     async def items(self) -> tuple[MissionItem, ...]:
         """Return what it has as it travels, to be put back by `restore`. Raises MissionError."""
@@ -185,10 +135,6 @@ def _item(command: int, first: float, place: Place) -> MissionItem:
         command=command,
         frame=mavlink.MAV_FRAME_GLOBAL,
         params=(first, 0.0, 0.0, 0.0),
-        x=round(place.latitude_deg / _DEGREES),
-        y=round(place.longitude_deg / _DEGREES),
+        x=round(place.latitude_deg / DEGREES),
+        y=round(place.longitude_deg / DEGREES),
     )
-
-
-def _place(item: MissionItem) -> Place:
-    return Place(item.x * _DEGREES, item.y * _DEGREES)

@@ -26,7 +26,7 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.services.fence_items import Fence, FenceItemError, fence_of
+from vehicles.embedded.autopilot.services.fence_items import EmulatedFence, emulated_fence
 from vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
 from vehicles.embedded.autopilot.services.log_service import FlightLogs
 from vehicles.embedded.autopilot.services.outbox import Outbox
@@ -35,6 +35,7 @@ from vehicles.embedded.autopilot.services.stream_intervals import StreamInterval
 from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
 from vehicles.embedded.physics.states import Motion, Thrusts
+from vehicles.mavlink.fence_areas import FenceItemError
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 _EARLIEST_UNIX_US, _LATEST_UNIX_US = 1_230_768_000_000_000, 1 << 62
@@ -72,7 +73,7 @@ class EmulatedAutopilot(ABC):
         self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s)
         self.streams = StreamIntervals(rates_hz, shortest_s=dt_s)
         self.outbox = Outbox(count_all=self.is_px4)
-        self.fence = Fence()
+        self.fence = EmulatedFence()
         self.missions = mission_service.MissionService(
             send=self.outbox.send,
             accept=self._accept_items,
@@ -136,7 +137,7 @@ class EmulatedAutopilot(ABC):
         """Return (mode, submode) of a custom_mode."""
         return custom_mode, 0
 
-    def _fence_result(self, fence: Fence) -> int:  # noqa: ARG002 - subclasses look at it
+    def _fence_result(self, fence: EmulatedFence) -> int:  # noqa: ARG002 - subclasses look at it
         """Return the MAV_MISSION_RESULT of an uploaded fence."""
         return mission_service.ACCEPTED
 
@@ -371,7 +372,7 @@ class EmulatedAutopilot(ABC):
     def _accept_items(self, kind: int, items: tuple[Item, ...]) -> int:
         if kind == mission_service.FENCE:
             try:
-                fence = fence_of(items, self.state.frame)
+                fence = emulated_fence(items, self.state.frame)
             except FenceItemError:
                 return int(mavlink.MAV_MISSION_INVALID)
             result = self._fence_result(fence)

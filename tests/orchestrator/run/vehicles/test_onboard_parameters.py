@@ -22,12 +22,12 @@ from orchestrator.state.vehicle_context import VehicleContext
 from safety.fence.geofence import Fence
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver import Driver
-from vehicles.driver.onboard.fence_protocol import FenceCircle, Place
 from vehicles.embedded.physics.config import EmbeddedConfig
 from vehicles.embedded.profile import load_profile
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.links.link_strings import parse_link
 from vehicles.links.memory import memory_pair
+from vehicles.mavlink.fence_areas import FenceCircle, Place
 from worlds.frames import AT_ORIGIN
 
 OBSTACLES = InjectionSetup(thing="obstacle_distance", to=("real",), sensor="lidar")

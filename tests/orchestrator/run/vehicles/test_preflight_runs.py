@@ -16,7 +16,8 @@ from safety.preflight import Item
 from tests.orchestrator.conftest import Fly, NoCommands
 from tests.orchestrator.flights import log_of
 from tests.orchestrator.hover import write_hover
-from vehicles.driver.onboard.fence_protocol import AutopilotFence, FencePolygon, Place
+from vehicles.driver.onboard.fence_protocol import AutopilotFence
+from vehicles.mavlink.fence_areas import FencePolygon, Place
 
 FENCE = "geofence={box: {north_m: [-3, 3], east_m: [-3, 3], up_m: [-1, 2.4]}}"
 ARDUPILOT = "vehicles.twin.autopilot=ardupilot"

@@ -18,7 +18,7 @@ from pyulog import ULog  # type: ignore[import-untyped]  # ships no types
 from orchestrator.model.clock import run_virtual
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver import Driver
-from vehicles.driver.onboard.fence_protocol import AutopilotFence, FenceCircle, FencePolygon, Place
+from vehicles.driver.onboard.fence_protocol import AutopilotFence
 from vehicles.driver.onboard.mission_protocol import ItemList, MissionError, MissionItem
 from vehicles.driver.onboard.onboard_fence import OnboardFence
 from vehicles.driver.onboard.vehicle_logs import LogError
@@ -30,6 +30,7 @@ from vehicles.links.impairment import Impairment
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
 from vehicles.links.memory import memory_pair
+from vehicles.mavlink.fence_areas import FenceCircle, FencePolygon, Place
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 GOOD = Impairment()

@@ -13,7 +13,7 @@ from orchestrator.model.clock import run_virtual
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver import Driver
 from vehicles.driver.onboard.fence_backup import restore_fence
-from vehicles.driver.onboard.fence_protocol import AutopilotFence, FenceCircle, Place
+from vehicles.driver.onboard.fence_protocol import AutopilotFence
 from vehicles.driver.onboard.mission_protocol import MissionError
 from vehicles.driver.onboard.onboard_fence import OnboardFence
 from vehicles.embedded.physics.config import EmbeddedConfig
@@ -22,6 +22,7 @@ from vehicles.errors import ParameterError, VehicleError
 from vehicles.links.impaired import ImpairedLink
 from vehicles.links.impairment import Impairment
 from vehicles.links.memory import memory_pair
+from vehicles.mavlink.fence_areas import FenceCircle, Place
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 HOME = Place(47.397742, 8.545594)

@@ -15,10 +15,11 @@ from vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parame
 from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
 from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode, px4_mode
 from vehicles.embedded.autopilot.services.command_registry import marked, on_command
-from vehicles.embedded.autopilot.services.fence_items import Circle, Fence, Polygon
+from vehicles.embedded.autopilot.services.fence_items import EmulatedFence
 from vehicles.embedded.autopilot.services.outbox import Outbox
 from vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
 from vehicles.embedded.physics.states import AT_REST
+from vehicles.mavlink.fence_areas import FenceCircle, FencePolygon
 
 finite = st.floats(-100.0, 100.0)
 
@@ -58,20 +59,22 @@ def test_polygon_fences_agree_with_shapely(
     assume(shape.is_valid)
     assume(shape.boundary.distance(ShapelyPoint(point)) > 1e-6)
     inside = shape.contains(ShapelyPoint(point))
-    assert Fence((Polygon(tuple(corners), inside=True),)).breached(*point) is not inside
-    assert Fence((Polygon(tuple(corners), inside=False),)).breached(*point) is inside
+    assert (
+        EmulatedFence((FencePolygon(tuple(corners), inside=True),)).breached(*point) is not inside
+    )
+    assert EmulatedFence((FencePolygon(tuple(corners), inside=False),)).breached(*point) is inside
 
 
 def test_one_inclusion_must_hold_and_every_exclusion() -> None:
-    west = Circle((0.0, -10.0), 5.0, inside=True)
-    east = Circle((0.0, 10.0), 5.0, inside=True)
-    hole = Circle((0.0, 10.0), 1.0, inside=False)
-    fence = Fence((west, east, hole))
+    west = FenceCircle((0.0, -10.0), 5.0, inside=True)
+    east = FenceCircle((0.0, 10.0), 5.0, inside=True)
+    hole = FenceCircle((0.0, 10.0), 1.0, inside=False)
+    fence = EmulatedFence((west, east, hole))
     assert not fence.breached(0.0, -10.0)
     assert not fence.breached(0.0, 7.0)
     assert fence.breached(0.0, 10.0)
     assert fence.breached(0.0, 0.0)
-    assert not Fence().breached(1e6, 1e6)
+    assert not EmulatedFence().breached(1e6, 1e6)
 
 
 @given(yaw=st.floats(-3.0, 3.0), vector=st.tuples(finite, finite, finite))

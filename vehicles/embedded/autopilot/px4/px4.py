@@ -29,7 +29,7 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.services.fence_items import Fence
+from vehicles.embedded.autopilot.services.fence_items import EmulatedFence
 from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
@@ -258,14 +258,14 @@ class Px4(Px4Core):
         elif not self.flight.landed or decision.cause == "offboard":
             self.fail(_FAILSAFE_MODES[action])
 
-    def _is_outside(self, fence: Fence) -> bool:
+    def _is_outside(self, fence: EmulatedFence) -> bool:
         p, here = self.parameters, self.state.now.position_ned_m
         far_m, high_m = self.manoeuvres.from_home_m()
         too_far = 0.0 < p["GF_MAX_HOR_DIST"] < far_m
         too_high = 0.0 < p["GF_MAX_VER_DIST"] < high_m
         return too_far or too_high or (bool(fence.areas) and fence.breached(here[0], here[1]))
 
-    def _fence_result(self, fence: Fence) -> int:
+    def _fence_result(self, fence: EmulatedFence) -> int:
         """Refuse a fence that would be breached at once, or that leaves home out."""
         home = self.state.home_ned_m
         breached = self._is_outside(fence) or (
