@@ -226,7 +226,7 @@ def test_files_and_options_that_cannot_be_used(
         ),
         (
             ["calibrate", str(views), *board, *out, "--poses", str(tmp_path / "turn.csv")],
-            "turn.csv:2: is no pose",
+            "turn.csv:2: is not a pose",
         ),
         (
             ["calibrate", str(views), *board, *out, "--optics", str(tmp_path / "opt.yaml")],
