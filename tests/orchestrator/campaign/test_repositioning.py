@@ -31,7 +31,7 @@ def test_nothing_is_begun_until_somebody_resumes(tmp_path: Path) -> None:
     run_virtual(scenario())
     assert (controller.held, fleet.going, controller.stopped) == (False, True, None)
     (asked,) = said
-    assert asked.startswith("put real back to its start")
+    assert asked.startswith("move real back to its start")
     assert asked.endswith("then say: wil-campaign resume")
 
 

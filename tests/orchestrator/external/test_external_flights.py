@@ -155,7 +155,8 @@ async def test_an_autonomy_that_is_a_program_flies(tmp_path: Path) -> None:
         *sets(f"autonomy={{program: {command}}}", "vehicles.twin.start={north_m: 0}"),
         *sets(
             "oracles={time_limit: {limit_s: 60}, landed: {}, vehicle_fault: {}, "
-            "reached: {required: false}}"
+            "reached: {required: false}}",
+            "controls={}",
         ),
     )
     async with Program(tmp_path / "out", "--mode", "sim", "--json", *given) as program:

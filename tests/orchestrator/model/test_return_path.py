@@ -163,7 +163,7 @@ ARMED = {"event": "stage", "stage": "arm"}
             result(),
             LANDED,
             [ARMED, {"event": "vehicle", "vehicle": "real", "kind": "fault", "text": "EKF"}],
-            "real told of a fault: EKF",
+            "real reported a fault: EKF",
         ),
         (
             result(),

@@ -24,7 +24,7 @@ sensors: {camera: {type: camera}, imu: {type: imu}, scan: {type: lidar}}
 combine:
   - sensor: camera
     transform: [register]
-    filter: [{isolate_objects: [gate]}, {use: "mine.py:Left"}]
+    filter: [{isolate_objects: [gate]}, {use: "mine.py:Right"}]
     merge: overlay
   - {sensor: imu, transform: [{delay: 20}, {resample: interpolate}], merge: {aggregate: mean}}
   - {sensor: scan, transform: [register], merge: {aggregate: min}}
@@ -33,10 +33,10 @@ MINE = """\
 import numpy as np
 from recipes.working import Masked
 
-class Left:
+class Right:
     def __call__(self, work, other):
         mask = work.mask.copy()
-        mask[:, mask.shape[1] // 2 :] = 0
+        mask[:, : mask.shape[1] // 2] = 0
         return Masked(work.reading, mask)
 """
 CARRIED = tuple(

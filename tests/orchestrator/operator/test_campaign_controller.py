@@ -99,7 +99,7 @@ def test_a_run_that_a_pilot_ended_ends_the_campaign(tmp_path: Path) -> None:
     assert controller.status()["flying"] == {}
     controller.finished(replace(RESULT, rep=2, verdict="ABORTED", reason="the pilot has control"))
     assert controller.stopped == "command"
-    assert fleet.aborted[0].who == "large/wil/2 (a pilot flies it)"
+    assert fleet.aborted[0].who == "large/wil/2 (the pilot has control)"
     assert controller.status()["finished"] == {"large/wil/1": "PASS", "large/wil/2": "ABORTED"}
 
 

@@ -69,9 +69,9 @@ def test_a_good_command_is_obeyed(kind: str) -> None:
         (said(at=10**400), "stale"),
         (said(session=...), "for another session of the campaign"),
         (said(session="20261121T000000Z"), "for another session of the campaign"),
-        (said(run="large/wil/2"), "for another run"),
-        (said(run=["large"]), "for another run"),
-        (said(run=None), "for another run"),
+        (said(run="large/wil/2"), "for a run that is not in flight"),
+        (said(run=["large"]), "for a run that is not in flight"),
+        (said(run=None), "for a run that is not in flight"),
     ],
 )
 def test_what_is_wrong_is_refused_with_the_reason(payload: bytes, why: str) -> None:

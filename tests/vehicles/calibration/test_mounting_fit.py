@@ -38,7 +38,9 @@ def test_mounting_and_latency_are_recovered(
 
 def test_a_body_that_is_not_turned_tells_nothing() -> None:
     still = replace(HAND, turn_deg=0.5)
-    with pytest.raises(CalibrationError, match=r"the mounting cannot be told .* turn the body by"):
+    with pytest.raises(
+        CalibrationError, match=r"the mounting cannot be determined .* turn the body by"
+    ):
         fit_mounting(still.sightings(16.0), still.path(17.0), LENS)
 
 

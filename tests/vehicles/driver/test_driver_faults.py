@@ -84,7 +84,7 @@ def _become(**fields: Any) -> Callable[[Any], None]:
         ({"vehicle_type": 6, "autopilot": 8}, "auto", "this is a ground station's port"),
         ({"autopilot": 4}, "auto", "neither PX4 nor ArduPilot"),
         ({"vehicle_type": 1}, "auto", "only multicopters are flown"),
-        ({"muted": True}, "auto", "nothing was heard"),
+        ({"muted": True}, "auto", "nothing arrived"),
     ],
 )
 def test_when_nothing_fits_it_says_what_was_heard(
@@ -139,7 +139,7 @@ async def test_a_closed_udp_port_is_told() -> None:
         port = probe.getsockname()[1]
     link = UdpLink(address=parse_link(f"udpout://127.0.0.1:{port}"))
     async with Driver(name="real", link=link) as driver:
-        with pytest.raises(IdentifyError, match=r"(?i)nothing was heard .*refused"):
+        with pytest.raises(IdentifyError, match=r"(?i)nothing arrived .*refused"):
             await driver.identify(0.3)
 
 

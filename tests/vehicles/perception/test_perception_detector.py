@@ -71,7 +71,11 @@ def test_a_letterbox_keeps_the_shape(width: int, height: int) -> None:
 
 @pytest.mark.parametrize(
     ("content", "said"),
-    [(noise(), "no ONNX network"), (truncated(), "no ONNX network|empty"), (b"", "no ONNX|empty")],
+    [
+        (noise(), "not an ONNX network"),
+        (truncated(), "not an ONNX network|empty"),
+        (b"", "not an ONNX|empty"),
+    ],
 )
 def test_a_file_that_is_no_detector(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "bad.onnx"

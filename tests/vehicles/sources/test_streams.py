@@ -251,7 +251,7 @@ async def test_what_cannot_be_opened_says_what_to_do(address: str, words: str) -
 async def test_a_port_where_nothing_comes_is_said_in_time(free_port: int) -> None:
     loop = asyncio.get_running_loop()
     start_s = loop.time()
-    with pytest.raises(SourceError, match="no picture came in time"):
+    with pytest.raises(SourceError, match="no image in time"):
         async with live_camera(
             f"rtp://127.0.0.1:{free_port}", intrinsics=CAMERA, open_timeout_s=0.4
         ):
@@ -262,6 +262,6 @@ async def test_a_port_where_nothing_comes_is_said_in_time(free_port: int) -> Non
 async def test_an_rtsp_server_that_says_nothing_is_given_up() -> None:
     with socket.create_server(("127.0.0.1", 0)) as mute:
         address = f"rtsp://127.0.0.1:{mute.getsockname()[1]}/x"
-        with pytest.raises(SourceError, match="no picture came in time"):
+        with pytest.raises(SourceError, match="no image in time"):
             async with live_camera(address, intrinsics=CAMERA, open_timeout_s=0.4):
                 pass

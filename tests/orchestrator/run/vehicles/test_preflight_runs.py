@@ -67,7 +67,7 @@ def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
 @pytest.mark.parametrize(
     ("sets", "said"),
     [
-        (("preflight.start_tolerance_m=1e-12",), "twin position: how far from its start it stan"),
+        (("preflight.start_tolerance_m=1e-12",), "twin position: its distance from its start po"),
         (("preflight.max_clock_error_s=1e-12",), "twin clock: the uncertainty of its clock is"),
         (("vehicles.twin.params={NAV_DLL_ACT: 0}",), "NAV_DLL_ACT is 0: on link loss it would not"),
         (

@@ -96,7 +96,9 @@ def test_the_journal_stays_when_one_cannot_be_set_back(tmp_path: Path) -> None:
         async with context(access, {"A": 5, "B": 6}, tmp_path):
             access.stuck = {"A"}
 
-    with pytest.raises(ParameterError, match=r"could not set back A to 1 .*keeps what they were"):
+    with pytest.raises(
+        ParameterError, match=r"could not set back A to 1 .*has the original values"
+    ):
         run_virtual(scenario())
     assert access.values == {"A": 5, "B": 2}
     access.stuck = set()

@@ -256,7 +256,7 @@ async def test_a_publisher_is_heard() -> None:
 
 
 async def test_an_address_that_is_none_is_said() -> None:
-    with pytest.raises(SourceError, match="no address"):
+    with pytest.raises(SourceError, match="not an address"):
         async with ZmqCapture(address="hall", capture=capture(), deliver=print):
             pass
 
