@@ -86,7 +86,7 @@ EXPECTED = {
     "over": ("reached/twin", "never flew through first (0 of 2 gates); passed 1.5"),
     "backwards": ("reached/twin", "flew through first the wrong way"),
     "disordered": ("reached/twin", "(1 of 2 gates); flew through second before first"),
-    "dip": ("reached/twin", "into first and came back"),
+    "dip": ("reached/twin", "and came back"),
     "clip": ("collision/twin", "twin touched first.right"),
     "fast": ("speed/twin", "m/s"),
 }
