@@ -106,7 +106,9 @@ def flaps(for_s: float, every_s: float, count: int) -> str:
 def test_a_radio_that_flaps_for_less_than_the_limit_is_flown_by(
     fly_run: Fly, campaign: str
 ) -> None:
-    result, folder = fly_run(campaign, sets=(flaps(0.3, 0.6, 16),))
+    # Heartbeats come once a second: half of them are lost, and the campaign says that this is borne.
+    sets = (flaps(0.3, 0.6, 16), "vehicles.real.telemetry={max_gap_s: 4}")
+    result, folder = fly_run(campaign, sets=sets)
     assert (result.verdict, result.reason) == ("PASS", "")
     (link,) = [one for one in result.oracles if (one.name, one.vehicle) == ("link", "real")]
     assert link.actual is not None
