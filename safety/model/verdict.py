@@ -76,7 +76,9 @@ def decide(
         known.append(DecisiveEvent(end_s, "ERROR", "the flight was not completed"))
     if not known:
         return Decision("PASS", "")
-    ordered = sorted(known, key=_rank)
+    # What only the end shows of an oracle is later than what happened at that instant.
+    at_end = {source_of(one.name, one.vehicle) for one in failed if one.at_s is None} - told
+    ordered = sorted(known, key=lambda event: _rank(event, event.source in at_end))
     if ordered[0].source in timeouts and (cause := _first_unreached(failed, timeouts)):
         ordered.sort(key=lambda event: event.source != cause)
     first, *later = ordered
@@ -90,9 +92,10 @@ def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) 
     return next((source for source in sources if source not in timeouts), None)
 
 
-def _rank(event: DecisiveEvent) -> tuple[float, int]:
+def _rank(event: DecisiveEvent, is_of_the_end: bool) -> tuple[float, bool, int]:
     # A time that is not a number must not make the order depend on where it stood.
-    return (math.inf if math.isnan(event.t_s) else event.t_s, _ORDER[event.kind])
+    at_s = math.inf if math.isnan(event.t_s) else event.t_s
+    return (at_s, is_of_the_end, _ORDER[event.kind])
 
 
 def _event_of(result: OracleResult, end_s: float) -> DecisiveEvent:

@@ -47,6 +47,7 @@ def gate(tmp_path: Path) -> Path:
     for folder in ("campaigns", "worlds", "recipes"):
         (tmp_path / folder).mkdir()
         shutil.copy(ROOT / folder / "gate.yaml", tmp_path / folder / "gate.yaml")
+    shutil.copytree(ROOT / "campaigns" / "autonomies", tmp_path / "campaigns" / "autonomies")
     path = tmp_path / "campaigns" / "gate.yaml"
     path.write_text(path.read_text().replace("autonomies/gate.py:GateAutonomy", "gate"))
     return path

@@ -110,7 +110,7 @@ def test_before_it_flies_a_document_says_that_nothing_has_passed(
         seen.append(junit.read_bytes())
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("orchestrator.flying.asyncio.run", stopped)
+    monkeypatch.setattr("orchestrator.campaign.campaign_runner.asyncio.run", stopped)
     assert main([*command(campaign)[3:], "--junit", str(junit)]) == 130
     (case,) = ET.fromstring(seen[0]).iter("testcase")  # noqa: S314 - our own document
     assert case.find("error") is not None

@@ -106,7 +106,7 @@ def flaps(for_s: float, every_s: float, count: int) -> str:
 def test_a_radio_that_flaps_for_less_than_the_limit_is_flown_by(
     fly_run: Fly, campaign: str
 ) -> None:
-    # Heartbeats come once a second: half of them are lost, and the campaign says that this is borne.
+    # Half of the heartbeats are lost, and the campaign declares it.
     sets = (flaps(0.3, 0.6, 16), "vehicles.real.telemetry={max_gap_s: 4}")
     result, folder = fly_run(campaign, sets=sets)
     assert (result.verdict, result.reason) == ("PASS", "")

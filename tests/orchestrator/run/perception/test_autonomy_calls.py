@@ -95,16 +95,16 @@ def test_somebody_elses_timer_goes_on() -> None:
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
-        (None, "answered nothing, not a Command"),
-        (STILL, "answered a VelocitySetpoint, not a Command"),
+        (None, "returned nothing, not a Command"),
+        (STILL, "returned a VelocitySetpoint, not a Command"),
         (Command("up"), "whose setpoint is a str"),  # type: ignore[arg-type]
         (Command(None), "whose setpoint is nothing"),  # type: ignore[arg-type]
         (Command(VelocitySetpoint((math.nan, 0.0, 0.0))), "velocity_ned_m_s is not finite (nan)"),
         (Command(VelocitySetpoint((0.0, math.inf, 0.0))), "velocity_ned_m_s is not finite (inf)"),
         (Command(VelocitySetpoint((0.0, 0.0, 1e39))), "is beyond 1e+06 (1e+39)"),
-        (Command(VelocitySetpoint((0.0, 0.0, 10**400))), "has a int in it"),
+        (Command(VelocitySetpoint((0.0, 0.0, 10**400))), "contains a int"),
         (Command(VelocitySetpoint((0.0, 0.0))), "is not three numbers"),  # type: ignore[arg-type]
-        (Command(VelocitySetpoint(("1", 2.0, 3.0))), "has a str in it"),  # type: ignore[arg-type]
+        (Command(VelocitySetpoint(("1", 2.0, 3.0))), "contains a str"),  # type: ignore[arg-type]
         (Command(VelocitySetpoint(3.0)), "is not three numbers"),  # type: ignore[arg-type]
         (Command(VelocitySetpoint((0.0, 0.0, 0.0), yaw_rad=math.nan)), "yaw_rad is not finite"),
         (Command(VelocitySetpoint((0.0, 0.0, 0.0), 0.0, 0.0)), "both yaw_rad and yaw_rate_rad_s"),
@@ -152,7 +152,7 @@ class Doing:
 @pytest.mark.parametrize(
     ("do", "said"),
     [
-        (lambda: None, "the autonomy of real answered nothing, not a Command"),
+        (lambda: None, "the autonomy of real returned nothing, not a Command"),
         (
             lambda: Command(VelocitySetpoint((math.nan, 0.0, 0.0))),
             "the autonomy of real returned a setpoint whose velocity_ned_m_s is not finite (nan)",
@@ -195,5 +195,5 @@ def test_an_autonomy_that_cannot_be_built_for_a_run_fails_it(
 
     monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Picky)
     result, _ = fly_run(mode="sim")
-    assert result.verdict == "FAIL"
+    assert result.verdict == "FAIL", (result.reason, result.also)
     assert result.reason.startswith("the autonomy of twin crashed: RuntimeError: not this seed (")

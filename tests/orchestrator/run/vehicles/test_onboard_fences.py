@@ -169,7 +169,8 @@ def test_a_radio_that_loses_delays_it(fly_run: Fly, sets: tuple[str, ...]) -> No
 def test_a_short_blackout_in_the_middle_is_waited_for(fly_run: Fly) -> None:
     operator = Operator((1.0, asks(TIGHTER)))
     operator.on_goal = lambda pair: go_dark(pair, 1.05, 0.9)
-    result, _ = flown_alone(fly_run, operator, CAN_GO_DARK)
+    gap = "vehicles.twin.telemetry={max_gap_s: 2}"
+    result, _ = flown_alone(fly_run, operator, CAN_GO_DARK, gap)
     assert (result.verdict, result.reason) == ("PASS", "")
     ((at_s, word, _),) = operator.answers
     assert word == "ok"

@@ -164,10 +164,10 @@ _KILLED = """
 import asyncio, os, signal, sys
 from pathlib import Path
 from tests.vehicles.driver.onboard.test_parameter_backup import Access
-from vehicles.driver.onboard.parameter_backup import ParameterContext
+from vehicles.driver.onboard.parameter_backup import ParameterBackup
 async def main():
     access = Access(AVOID_MARGIN=2.0)
-    async with ParameterContext(
+    async with ParameterBackup(
         access=access, vehicle=sys.argv[2], changes={"AVOID_MARGIN": 9.0}, journal=Path(sys.argv[1])
     ):
         os.kill(os.getpid(), signal.SIGKILL)

@@ -69,7 +69,7 @@ def gps_of(fix: int, satellites: int, hdop_cm: int) -> Any:
 def test_a_battery_that_is_low(fly_run: Fly) -> None:
     disturb = once_ready("twin", lambda vehicle: vehicle._body.battery.set_remaining(0.2))
     (said,) = refusals(fly_run(mode="sim", disturb=disturb))
-    assert said == "twin battery: its battery charge is 0.2, and at least 0.3 is required"
+    assert said == "twin battery: its charge is 0.2, and at least 0.3 is required"
 
 
 @pytest.mark.parametrize("sets", [(), (ARDUPILOT,)], ids=["px4", "ardupilot"])

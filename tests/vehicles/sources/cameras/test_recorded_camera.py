@@ -245,7 +245,7 @@ def test_a_file_that_is_no_mcap_says_so(tmp_path: Path) -> None:
     cut.write_bytes(cut.read_bytes()[:-700])
     refused(McapFile(path=tmp_path / "a.mcap"), "No such file")
     refused(McapFile(path=tmp_path / "b.mcap"), "not an MCAP file")
-    refused(McapFile(path=cut), "cut short")
+    refused(McapFile(path=cut), "truncated")
     broken = mcap(tmp_path / "d.mcap", "json", ["/camera"], [b"rubbish"])
     refused(McapFile(path=broken), "cannot be decoded")
 
