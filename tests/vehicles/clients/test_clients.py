@@ -73,10 +73,11 @@ def witness(url: str) -> dict[str, Any]:
     link = mavutil.mavlink_connection(url, source_system=254, dialect="ardupilotmega")
     try:
         seen: dict[str, Any] = {}
-        for _ in range(400):
-            link.mav.heartbeat_send(6, 8, 0, 0, 0)
-            for number in _WITNESSED:
-                link.mav.command_long_send(1, 1, 511, 0, number, 100_000, 0, 0, 0, 0, 0)
+        for count in range(20_000):
+            if count % 500 == 0:
+                link.mav.heartbeat_send(6, 8, 0, 0, 0)
+                for number in _WITNESSED:
+                    link.mav.command_long_send(1, 1, 511, 0, number, 100_000, 0, 0, 0, 0, 0)
             message = link.recv_match(blocking=True, timeout=0.5)
             if message is not None and message.get_srcComponent() == 1:
                 seen[message.get_type()] = message
