@@ -7,7 +7,7 @@ import pytest
 from tests.faults.barriers import acted_after_s, late
 from tests.faults.draws import TROUBLES, VICTIMS, Fault, draw_kill, draw_trouble
 from tests.faults.virtual import inject
-from tests.faults.witness import Sight, Witness
+from tests.faults.witness import GATE_EAST_M, Sight, Witness
 
 KILLS = (2, 3, 5, 9)
 """guard, orchestrator, judging, source."""
@@ -48,8 +48,8 @@ def test_the_moments_and_victims_are_those_of_the_seed() -> None:
 def flown(armed: bool, up_m: float, sink_m_s: float = 0.5) -> Sight:
     sight = Sight()
     for t_s, north_m, height_m in ((0.0, 0.0, 1.2), (1.0, 4.0, 1.2)):
-        sight.see(t_s, (north_m, 0.0, height_m, 0.0), armed=True)
-    sight.see(5.0, (4.0, 0.0, up_m, sink_m_s), armed)
+        sight.see(t_s, (north_m, GATE_EAST_M, height_m, 0.0), armed=True)
+    sight.see(5.0, (4.0, GATE_EAST_M, up_m, sink_m_s), armed)
     return sight
 
 

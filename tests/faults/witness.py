@@ -7,7 +7,8 @@ from typing import Any
 
 HEIGHT_M = 1.0
 """Both goals of the fault campaigns are flown at 1.2 m."""
-GATE_NORTH_M = 3.0
+GATE_NORTH_M, GATE_EAST_M = 3.0, 1.1
+"""Where worlds/gate.yaml has the gate that both fly through."""
 _HALF_GATE_M = 0.5
 _ON_GROUND_M = 0.2
 _FALLEN_M_S = 2.0
@@ -47,7 +48,7 @@ class Sight:
         if up_m < HEIGHT_M:
             self.sink_m_s = max(self.sink_m_s, sink_m_s)
         passes = self.north_m < GATE_NORTH_M <= north_m
-        level = abs(east_m) < _HALF_GATE_M and up_m > _ON_GROUND_M
+        level = abs(east_m - GATE_EAST_M) < _HALF_GATE_M and up_m > _ON_GROUND_M
         self.through_gate = self.through_gate or (passes and level)
         was_down = self.down
         self.armed, self.up_m, self.north_m = armed, up_m, north_m

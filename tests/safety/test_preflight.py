@@ -35,12 +35,12 @@ SOUND: dict[str, dict[str, float]] = {
         (
             at_least("battery", "real", 0.2, 0.3, unit="", what="its charge"),
             "refused",
-            "its battery charge is 0.2, and at least 0.3 is required",
+            "its charge is 0.2, and at least 0.3 is required",
         ),
         (
             at_least("battery", "real", None, 0.3, unit="", what="its charge"),
             "refused",
-            "its battery charge is not known",
+            "its charge is not known",
         ),
         (
             at_most("clock", "real", math.inf, 0.25, unit="s", what="its error"),

@@ -83,9 +83,10 @@ def test_a_run_mixed_anew_is_what_it_was(
     assert all(one["exact"] and one["frames"] > 20 for one in combinations.values())
     assert all(one["mixed"] >= one["frames"] - 3 for one in combinations.values())
 
-    # Another recipe: here the right half is drawn instead, and nothing else changes.
-    right = MINE.replace("mask.shape[1] // 2 :", ": mask.shape[1] // 2")
-    (tmp_path / "other.py").write_text(right)
+    # Another recipe: here the left half is drawn instead, and nothing else changes.
+    left = MINE.replace(": mask.shape[1] // 2", "mask.shape[1] // 2 :")
+    assert left != MINE
+    (tmp_path / "other.py").write_text(left)
     other, out = tmp_path / "other.yaml", tmp_path / "out"
     other.write_text(RECIPE.replace("mine.py", "other.py"))
     more = ("--recipe", str(other), "--out", str(out))

@@ -59,9 +59,11 @@ def test_the_pair_flies_through_the_virtual_gate(fly_run: Fly, campaign: str) ->
     oracles = {(o.name, o.vehicle): o for o in result.oracles}
     reached = oracles["reached", "real"]
     assert reached.actual is not None
-    assert reached.margin is not None
+    assert reached.limit is not None
     assert 0.0 <= reached.actual < 0.35
-    assert reached.margin == pytest.approx(0.5 - reached.actual)
+    # The limit leaves room for the body, which reaches 0.14 to 0.2 m beyond its centre.
+    assert 0.3 < reached.limit < 0.36
+    assert reached.margin == pytest.approx(reached.limit - reached.actual)
     clearance = oracles["collision", "real"].actual
     assert clearance is not None
     assert 0.0 < clearance < 0.5

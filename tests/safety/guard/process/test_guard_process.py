@@ -268,7 +268,7 @@ def open_runtime(runtime: Path) -> None:
 
 @pytest.mark.usefixtures("open_runtime")
 async def test_a_folder_of_sockets_that_others_may_write_to_is_refused(folder: Path) -> None:
-    with pytest.raises(LinkError, match="others may write there"):
+    with pytest.raises(LinkError, match="others may write to it"):
         async with RemoteGuard(guard_config=guard_config(folder)):
             pass
 
