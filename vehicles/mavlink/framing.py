@@ -73,7 +73,8 @@ class FrameSplitter:
 
     The checksum decides what a frame is, so that a start byte within garbage swallows nothing.
     Frames of messages that the dialect does not know cannot be checked: they are taken from a
-    system and component that sent a checked frame before, in MAVLink 2.
+    system and component that sent a checked frame before, in MAVLink 2, when no checked frame
+    lies within them and a frame, or nothing, follows them.
     """
 
     def __init__(self) -> None:
@@ -100,8 +101,8 @@ class FrameSplitter:
             length = _frame_length(buffer, at)
             if length and at + length > end:
                 break
-            frame = self._check_sum(_frame(buffer, at, length)) if length else None
-            if frame is not None:
+            frame = _frame(buffer, at, length) if length else None
+            if frame is not None and self._is_frame(frame, buffer[at + length : at + length + 1]):
                 frames.append(frame)
                 at += length
             else:
@@ -111,15 +112,23 @@ class FrameSplitter:
         self._rest = buffer[at:]
         return frames
 
-    def _check_sum(self, frame: Frame) -> Frame | None:
-        """Return the frame, or None when it is none."""
+    def _is_frame(self, frame: Frame, following: bytes) -> bool:
+        """Return whether this is a frame by its checksum or, of an unknown message, by its place.
+
+        following: the byte after it; empty when it is the last one.
+        """
         who = (frame.system, frame.component)
-        if frame.message_id not in _CRC_EXTRAS:
-            return frame if frame.version == 2 and who in self._known else None
-        if not _is_sound(frame):
-            return None
-        self._known.add(who)
-        return frame
+        if frame.message_id in _CRC_EXTRAS:
+            is_sound = _is_sound(frame)
+            if is_sound:
+                self._known.add(who)
+            return is_sound
+        return (
+            frame.version == 2
+            and who in self._known
+            and (not following or following[0] in (_MAGIC_V1, _MAGIC_V2))
+            and not _holds_frame(frame.raw)
+        )
 
 
 @lru_cache(maxsize=16)
@@ -150,6 +159,17 @@ def _is_sound(frame: Frame) -> bool:
     raw = frame.raw
     tail = len(raw) - (2 + _SIGNATURE_BYTES if frame.signed else 2)
     return checksum(raw[1:tail], extra) == raw[tail] | raw[tail + 1] << 8
+
+
+def _holds_frame(raw: bytes) -> bool:
+    """Return whether a frame with a right checksum lies within these bytes, after the first."""
+    at, end = _next_magic(raw, 1), len(raw)
+    while end - at >= 3:
+        length = _frame_length(raw, at)
+        if 0 < length <= end - at and _is_sound(_frame(raw, at, length)):
+            return True
+        at = _next_magic(raw, at + 1)
+    return False
 
 
 def _frame_length(buffer: bytes, at: int) -> int:

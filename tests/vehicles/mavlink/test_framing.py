@@ -174,3 +174,12 @@ def test_names_for_people() -> None:
     assert result_name(99) == "MAV_RESULT 99"
     assert message_name(32) == "LOCAL_POSITION_NED"
     assert message_name(60001) == "message 60001"
+
+
+def test_a_stray_header_of_an_unknown_message_swallows_no_frame() -> None:
+    raw = _stream(1)[0]
+    splitter = FrameSplitter()
+    (known,) = splitter.feed(raw)
+    stray = bytes((0xFD, 255, 0, 0, 0, known.system, known.component, 0x45, 0x23, 0x01))
+    frames = [frame.raw for _ in range(20) for frame in splitter.feed(stray + raw * 20)]
+    assert frames == [raw] * 400
