@@ -12,7 +12,7 @@ _ANONYMOUS = "amqtt.plugins.authentication.AnonymousAuthPlugin"
 
 @asynccontextmanager
 async def embedded_broker(address: BrokerAddress) -> AsyncIterator[None]:
-    """Run a broker at an address. Raises OperatingError when it cannot be had."""
+    """Run an MQTT broker at an address. Raises OperatingError when it cannot."""
     try:
         from amqtt.broker import Broker  # noqa: PLC0415 - slow, optional, rarely used
         from amqtt.errors import BrokerError  # noqa: PLC0415

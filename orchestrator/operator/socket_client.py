@@ -12,11 +12,11 @@ _TELL_S = 0.2
 
 
 class NoAnswerError(Exception):
-    """A socket that is not there, or does not answer."""
+    """An operator socket that is missing or does not reply."""
 
 
 def ask(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
-    """Return what a socket answers to a command. Raises NoAnswerError."""
+    """Return an operator socket's reply to a command. Raises NoAnswerError."""
     try:
         with socket.socket(socket.AF_UNIX) as end:
             end.settimeout(_ANSWER_S)
@@ -32,7 +32,7 @@ def ask(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
 
 
 def tell(path: Path, command: str, *, who: str) -> None:
-    """Give a command without waiting for the answer; a socket that is gone is passed over."""
+    """Send a command to an operator socket without waiting; a missing one is ignored."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as end:
         end.settimeout(_TELL_S)
         end.connect(str(path))
@@ -40,4 +40,5 @@ def tell(path: Path, command: str, *, who: str) -> None:
 
 
 def _line(command: str, who: str, **more: str) -> bytes:
+    """Return a command's line for the operator socket."""
     return json.dumps({"command": command, "who": who, **more}).encode() + b"\n"

@@ -46,6 +46,7 @@ def doctor(
 
 
 def _findings(results: Path) -> Iterable[Finding]:
+    """Yield all findings of `doctor`."""
     yield from installed.python()
     yield from installed.packages()
     yield from installed.drivers()
@@ -62,6 +63,7 @@ def _findings(results: Path) -> Iterable[Finding]:
 
 
 def _left_over(results: Path) -> Iterable[Finding]:
+    """Yield doctor's findings about orphaned processes and parameter backups."""
     launches = find_orphans(results) if results.is_dir() else ()
     try:
         guards = records(runtime_folder())

@@ -20,12 +20,12 @@ _LONGEST_BASE_BYTES = 107 - len("/wil-campaign/campaign-4194304.sock")
 
 
 class RuntimeFolderError(OSError):
-    """The folder for records and sockets cannot be had safely; says why."""
+    """The runtime folder for guard records and sockets is unsafe or unavailable."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardRecord:
-    """One guard. run, folder: what it guards. socket: where it hears its operator.
+    """The record of one guard, to find orphans. run, folder: guarded. socket: operator's.
 
     owner: the orchestrator's process. children: of the vehicles. since_s: CLOCK_BOOTTIME.
     """
@@ -39,12 +39,12 @@ class GuardRecord:
     children: tuple[ProcessId, ...] = ()
 
     def with_child(self, child: ProcessId) -> "GuardRecord":
-        """Return the record with one more child."""
+        """Return the guard's record with one more child process."""
         return replace(self, children=(*self.children, child))
 
 
 def runtime_folder() -> Path:
-    """Return the user's own folder for sockets and records; it is made when it is not there.
+    """Return the user's folder for guard records and sockets; created when missing.
 
     XDG_RUNTIME_DIR where there is one that is short enough, else beneath the folder for temporary
     files: paths of Unix sockets have at most 107 bytes. Raises RuntimeFolderError when it is not
@@ -64,12 +64,12 @@ def runtime_folder() -> Path:
 
 
 def record_path(folder: Path, guard: ProcessId) -> Path:
-    """Return where a guard's record is."""
+    """Return the path of a guard's record."""
     return folder / f"guard-{guard.pid}-{guard.started}.json"
 
 
 def write_record(folder: Path, record: GuardRecord) -> None:
-    """Write a guard's record, whole. Raises OSError."""
+    """Write a guard's record atomically, so that orphans are found. Raises OSError."""
     path = record_path(folder, record.guard)
     part = path.with_suffix(".part")
     part.write_bytes(msgspec.json.encode(record))
@@ -82,7 +82,7 @@ def remove_record(folder: Path, guard: ProcessId) -> None:
 
 
 def records(folder: Path) -> tuple[GuardRecord, ...]:
-    """Return all records, the newest last; what cannot be read is passed over."""
+    """Return all guard records, the newest last; unreadable ones are skipped."""
     return tuple(sorted(_records(folder), key=lambda record: record.since_s))
 
 
@@ -92,13 +92,14 @@ def running(folder: Path) -> tuple[GuardRecord, ...]:
 
 
 def _records(folder: Path) -> Iterator[GuardRecord]:
+    """Yield the readable guard records of a folder."""
     for path in sorted(folder.glob("guard-*.json")):
         with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
             yield msgspec.json.decode(path.read_bytes(), type=GuardRecord)
 
 
 def reap_orphans(folder: Path) -> tuple[str, ...]:
-    """End vehicle processes whose guard and orchestrator are both gone; returns what was done.
+    """End orphaned vehicle processes whose guard and orchestrator are gone; return a report.
 
     A guard that lives looks after its own; without it its orchestrator does, while it lives.
     Waits up to three seconds for each process: for the start of a program, not for a flight.
