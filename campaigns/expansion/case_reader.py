@@ -40,23 +40,29 @@ _GRACE_S = 1.0
 
 
 def read_setup(
-    files: CaseFiles, modes: tuple[Mode, ...], *, builds: IsolatedBuilds | None = None
+    files: CaseFiles,
+    modes: tuple[Mode, ...],
+    *,
+    builds: IsolatedBuilds | None = None,
+    loads_code: bool = True,
 ) -> Setup:
-    """Return the setup of a case, valid for these modes. Raises BadInput with every problem.
+    """Return the setup of a case, good for these modes. Raises BadInput with every problem.
 
     builds: tries the autonomy in a child process, for a limited time; None: in this one.
+    loads_code: whether the autonomy and the user's own steps are loaded to check them.
     """
     problems: list[Problem] = []
     part = gathered(problems, partial(check, files.campaign, CampaignPart))
     uses, oracle_problems = oracle_uses(files.campaign)
     problems += oracle_problems
     world = _read_case(World.parse, files.world, problems)
-    recipe = _read_case(load_recipe, files.recipe, problems)
-    if part is not None:
+    recipe = _read_case(partial(load_recipe, loads_code=loads_code), files.recipe, problems)
+    if part is not None and loads_code:
         # It is said also where the world is missing.
         problems += autonomy_problems(files.campaign, _under_test(files, part), builds)
     if part is None or world is None or (files.recipe is not None and recipe is None):
         raise BadInput(problems)
+    mqtt = part.operator.mqtt
     setup = Setup(
         vehicles=vehicle_setups(files.campaign, part.vehicles, problems),
         world=world,
@@ -75,6 +81,7 @@ def read_setup(
         gcs=_gcs(part.operator.gcs),
         speed=None if part.clock is None else part.clock.speed,
         collision_always=part.collision_always == "on",
+        unsigned_commands=mqtt is not None and mqtt.commands == "unsigned",
     )
     if part.geofence is None or setup.fences:
         # Without the fence that it has, everything would be said to lack one.
@@ -85,7 +92,7 @@ def read_setup(
 
 
 def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
-    """Return what a reader function returns; None, with its problems collected, on BadInput."""
+    """Return what is read; None, with its problems noted, when it is bad."""
     try:
         return read()
     except BadInput as error:
@@ -100,13 +107,11 @@ def _read_case(
 
 
 def _links(part: LinksPart) -> dict[VehicleName, LinkSetup]:
-    """Return the link setups of a case's real and twin vehicles."""
     given: dict[VehicleName, LinkPart | None] = {"real": part.real, "twin": part.twin}
     return {name: link_setup(one) for name, one in given.items() if one is not None}
 
 
 def _gcs(part: GcsPart) -> dict[VehicleName, str]:
-    """Return the ground station links of a case by vehicle."""
     given: dict[VehicleName, str | None] = {"real": part.real, "twin": part.twin}
     return {name: link for name, link in given.items() if link is not None}
 
@@ -114,7 +119,6 @@ def _gcs(part: GcsPart) -> dict[VehicleName, str]:
 def _fences(
     files: CaseFiles, part: CampaignPart, world: World, problems: list[Problem]
 ) -> Mapping[VehicleName, Fence]:
-    """Return the fences of a case by vehicle; problems are collected."""
     if part.geofence is None:
         return {}
     drawing = Drawing(files.campaign, files.fences, world.frame)
@@ -122,7 +126,6 @@ def _fences(
 
 
 def _guard_setup(part: CampaignPart) -> GuardingSetup:
-    """Return the guard's distances and latencies of a case, from its `geofence`."""
     given = part.geofence
     if given is None:
         return GuardingSetup()
@@ -132,7 +135,6 @@ def _guard_setup(part: CampaignPart) -> GuardingSetup:
 
 
 def _goal(part: GoalPart) -> GoalSetup:
-    """Return the goal of a case as the run needs it: altitude, gates, position in NED."""
     place = part.position
     return GoalSetup(
         altitude_m=part.altitude_m,
@@ -142,7 +144,6 @@ def _goal(part: GoalPart) -> GoalSetup:
 
 
 def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
-    """Return the time-outs and skew limits of a case; the goal time-out covers its time limits."""
     limits = [use.parameters for use in uses if isinstance(use.parameters, TimeLimitParameters)]
     longest_s = max([_GOAL_S, *(limit.limit_s + _GRACE_S for limit in limits)])
     return SyncSetup(
@@ -159,7 +160,7 @@ def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
 
 
 def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
-    """Return a case's autonomy with its goal: altitude, place, number of gates; no geometry."""
+    """Return the autonomy with its goal: the height, the place, how many gates; no geometry."""
     goal: dict[str, float | str] = {"altitude_m": part.goal.altitude_m}
     if part.goal.gates:
         goal["gate_count"] = len(part.goal.gates)
@@ -177,7 +178,7 @@ def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
 
 
 def unique(problems: list[Problem]) -> tuple[Problem, ...]:
-    """Return the problems of a case once each, by file and in the order of lines."""
+    """Return each problem once, those of one file together and in the order of its lines."""
     files = list(dict.fromkeys(problem.file for problem in problems))
     ordered = sorted(dict.fromkeys(problems), key=lambda p: (files.index(p.file), p.line, p.column))
     return tuple(problem for problem, _ in itertools.groupby(ordered))

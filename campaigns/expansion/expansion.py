@@ -35,10 +35,11 @@ from worlds.files.documents import BadInput, Document, Problem, check, closest, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """The command line's selections and overrides before expansion; None keeps the file's.
+    """What the command line selects or overrides; empty or None leaves the file's.
 
     cases: globs. sets: KEY=VALUE as given to --set, stronger than what a case overrides.
     is_autonomy_isolated: whether the autonomy is tried in a child process, for a limited time.
+    loads_code: False: neither the autonomy nor a step of the user's is loaded, nor can be flown.
     """
 
     cases: tuple[str, ...] = ()
@@ -47,13 +48,15 @@ class Options:
     seed: int | None = None
     sets: tuple[str, ...] = ()
     is_autonomy_isolated: bool = False
+    loads_code: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunPlan:
-    """One planned run of the expansion; picklable. repetition from 1; required: for `accept`.
+    """One run to be flown; picklable. repetition counts from 1. required: counts for `accept`.
 
-    control: how it must end, where it is a control; its name then is the case.
+    control: how it must end, where it is a control; its name then is the case. loads_code: as of
+    the options.
     """
 
     campaign: str
@@ -64,20 +67,21 @@ class RunPlan:
     required: bool
     files: CaseFiles
     control: Expectation | None = None
+    loads_code: bool = True
 
     @property
     def name(self) -> str:
-        """Return the planned run's folder below the campaign's: case/mode/repetition."""
+        """Return the run's folder beneath the campaign's: case/mode/repetition."""
         return f"{self.case}/{self.mode}/{self.repetition}"
 
     def setup(self) -> Setup:
-        """Return the setup of a planned run, read from its documents. Raises BadInput."""
-        return read_setup(self.files, (self.mode,))
+        """Return what the run needs, read anew from its documents. Raises BadInput."""
+        return read_setup(self.files, (self.mode,), loads_code=self.loads_code)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Campaign:
-    """A checked campaign expanded into runs, ordered by case, mode and repetition; then controls.
+    """A checked campaign with its runs in order: by case, mode and repetition; then its controls.
 
     document: the campaign file after --repetitions, --seed and --set. paths: every file it was
     read from. modes, cases: those selected. setups: of these cases and of the controls. retries:
@@ -111,12 +115,12 @@ class Campaign:
 
     @property
     def plans(self) -> tuple[RunPlan, ...]:
-        """Return the planned runs of the expansion: the cases' runs, then the controls."""
+        """Return all that is flown: the runs, then the controls."""
         return (*self.runs, *self.controls)
 
 
 def load_campaign(path: Path, options: Options | None = None) -> Campaign:
-    """Return a campaign file expanded into its runs. Raises BadInput with every problem."""
+    """Return the campaign in a file. Raises BadInput with every problem in all of its files."""
     options = options or Options()
     original = load(path)
     overrides = _option_overrides(options)
@@ -125,7 +129,11 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     part = gathered(problems, partial(check, base, CampaignPart))
     files = _files_of_cases(base, overrides, problems)
     of_controls = files_of_controls(base, part, overrides, problems)
-    read = partial(read_setup, builds=IsolatedBuilds() if options.is_autonomy_isolated else None)
+    read = partial(
+        read_setup,
+        builds=IsolatedBuilds() if options.is_autonomy_isolated else None,
+        loads_code=options.loads_code,
+    )
     setups = _setups(read, files, tuple(part.modes) if part is not None else (), problems)
     if part is not None:
         for name, one in of_controls.items():
@@ -150,7 +158,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     chosen = [(case, mode) for case in case_names for mode in modes]
     controls = tuple(
         plan
-        for plan in _controls(part, of_controls)
+        for plan in _controls(part, of_controls, options)
         if plan.case in names and plan.mode in mode_names
     )
     flown = {*chosen, *((plan.case, plan.mode) for plan in controls)}
@@ -165,7 +173,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         repetitions=part.repetitions,
         seed=part.seed,
         setups={name: setups[name] for name in names},
-        runs=tuple(_runs(part, chosen, shares, files)),
+        runs=tuple(_runs(part, chosen, shares, files, options)),
         requirements=tuple(
             Requirement(case, mode, shares[case, mode])
             for case, mode in chosen
@@ -183,7 +191,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
 
 
 def _option_overrides(options: Options) -> tuple[Override, ...]:
-    """Return --set, --repetitions and --seed as overrides of the campaign to be expanded."""
+    """Return --set, --repetitions and --seed as overrides. Raises BadInput."""
     problems: list[Problem] = []
     found = [
         gathered(problems, partial(override_from_option, "--set", text)) for text in options.sets
@@ -198,7 +206,6 @@ def _option_overrides(options: Options) -> tuple[Override, ...]:
 
 
 def _with_overrides(document: Document, overrides: Iterable[Override]) -> Document:
-    """Return the campaign document with those overrides applied that concern it."""
     for override in overrides:
         if override.file == "campaign":
             document = document.override(override.dotted_key, override.entry)
@@ -208,7 +215,7 @@ def _with_overrides(document: Document, overrides: Iterable[Override]) -> Docume
 def _files_of_cases(
     base: Document, overrides: tuple[Override, ...], problems: list[Problem]
 ) -> dict[str, CaseFiles]:
-    """Return the files of every expanded case; the command line's overrides win."""
+    """Return the files of every case; those of the command line win over those of the case."""
     given = base.get(("cases",))
     names = list(given) if isinstance(given, dict) and given else [DEFAULT_CASE]
     found: dict[str, CaseFiles] = {}
@@ -225,7 +232,6 @@ def _setups(
     modes: tuple[Mode, ...],
     problems: list[Problem],
 ) -> dict[str, Setup]:
-    """Return the setup of every expanded case; problems are collected."""
     found: dict[str, Setup] = {}
     for name, one in files.items():
         setup = gathered(problems, partial(read, one, modes))
@@ -237,7 +243,7 @@ def _setups(
 def _select_cases(
     option: str, patterns: Sequence[str], known: tuple[str, ...], problems: list[Problem]
 ) -> tuple[str, ...]:
-    """Return the cases of the expansion that match a pattern, in file order; all without one."""
+    """Return what any of the patterns matches, in the order of the file; all without patterns."""
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in known):
             said = f"matches none of {', '.join(known)}"
@@ -250,7 +256,7 @@ def _select_cases(
 def _shares(
     original: Document, base: Document, part: CampaignPart, problems: list[Problem]
 ) -> dict[tuple[str, str], Share]:
-    """Return the required share of passes of each expanded case and mode; all without `accept`.
+    """Return the share of each required case and mode; without `accept` all of all.
 
     A share is written for the file's own repetitions. Where the command line changes them, it is
     scaled, rounded up: 4/5 of 1 is 1/1, of 10 it is 8/10.
@@ -285,8 +291,8 @@ def _runs(
     chosen: Iterable[tuple[str, Mode]],
     shares: Mapping[tuple[str, str], Share],
     files: Mapping[str, CaseFiles],
+    options: Options,
 ) -> Iterable[RunPlan]:
-    """Yield the planned runs of the chosen cases and modes, repetition by repetition."""
     for case, mode in chosen:
         for repetition in range(1, part.repetitions + 1):
             yield RunPlan(
@@ -297,11 +303,14 @@ def _runs(
                 seed=run_seed(part.seed, case, repetition),
                 required=(case, mode) in shares,
                 files=files[case],
+                loads_code=options.loads_code,
             )
 
 
-def _controls(part: CampaignPart, files: Mapping[str, CaseFiles]) -> Iterable[RunPlan]:
-    """Yield each control run of the expansion once in each of its modes.
+def _controls(
+    part: CampaignPart, files: Mapping[str, CaseFiles], options: Options
+) -> Iterable[RunPlan]:
+    """Yield each control once in each of its modes.
 
     Its seed is that of the first repetition of the case that it changes: nothing else differs.
     """
@@ -317,4 +326,5 @@ def _controls(part: CampaignPart, files: Mapping[str, CaseFiles]) -> Iterable[Ru
                 required=False,
                 files=files[name],
                 control=expected,
+                loads_code=options.loads_code,
             )

@@ -17,13 +17,13 @@ from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES
 
 
 class Output(Protocol):
-    """An output of mixtures in their order (protocol); a context manager."""
+    """Takes mixtures in their order; a context manager."""
 
     def __enter__(self) -> Self:
-        """Open the output of mixtures. Raises OfflineError, OSError."""
+        """Open it. Raises OfflineError, OSError."""
 
     def take(self, name: str, pair: MixedPair) -> None:
-        """Write a combination's mixture to the output. Raises OfflineError, OSError."""
+        """Take a mixture of a combination. Raises OfflineError, OSError."""
 
     def __exit__(
         self,
@@ -31,11 +31,11 @@ class Output(Protocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the output of mixtures."""
+        """Close it."""
 
 
 def write_image(path: Path, image_bgr: BgrImage) -> None:
-    """Write an image atomically. Raises OfflineError, OSError."""
+    """Write an image, whole or not at all. Raises OfflineError, OSError."""
     coded, data = cv2.imencode(path.suffix.lower(), image_bgr)
     if not coded:
         raise OfflineError(f"{path}: cannot be written as {path.suffix}; take .png or .jpg")
@@ -43,8 +43,6 @@ def write_image(path: Path, image_bgr: BgrImage) -> None:
 
 
 class _Closing:
-    """An output of mixtures that is closed on exit."""
-
     def __enter__(self) -> Self:
         return self
 
@@ -53,14 +51,14 @@ class _Closing:
 
 
 class ImageOut(_Closing):
-    """An output of one mixed image; frames without mixture are not written."""
+    """One mixed picture as an image; what is no mixture is not written."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._taken = False
 
     def take(self, name: str, pair: MixedPair) -> None:
-        """Write the first complete mixture as the image."""
+        """Write the first mixture that is whole."""
         del name
         reading = pair.mixed.reading
         if self._taken:
@@ -74,7 +72,7 @@ class ImageOut(_Closing):
 
 
 class VideoOut:
-    """An output of mixed images as a video, at their times."""
+    """Mixed pictures as a video, at their times."""
 
     def __init__(self, path: Path, *, rate_hz: float) -> None:
         self._video = VideoWriter(path=path, rate_hz=rate_hz)
@@ -84,7 +82,7 @@ class VideoOut:
         return self
 
     def take(self, name: str, pair: MixedPair) -> None:
-        """Append a mixture's image to the video."""
+        """Append a picture."""
         del name
         if isinstance(pair.mixed.reading, CameraReading):
             self._video.write(pair.mixed.reading.t_s, pair.mixed.reading.image_bgr)
@@ -99,7 +97,7 @@ class VideoOut:
 
 
 class RecordingOut:
-    """An output of mixtures as lossless MCAP. epoch_s: UTC of the run clock's zero."""
+    """Mixtures with their provenance as MCAP, to the bit. epoch_s: UTC of the run clock's zero."""
 
     def __init__(self, path: Path, *, epoch_s: float) -> None:
         path.unlink(missing_ok=True)
@@ -112,7 +110,7 @@ class RecordingOut:
         return self
 
     def take(self, name: str, pair: MixedPair) -> None:
-        """Append a mixture to the MCAP output."""
+        """Append a mixture."""
         told = pair.mixed.provenance
         now_s = told.mixed_s if told.mixed_s is not None else pair.real.arrived_s
         self._recorder.mixed(name, pair.mixed.reading, told, now_s=now_s)
@@ -129,7 +127,7 @@ class RecordingOut:
 
 
 def output_for(path: Path, *, rate_hz: float, epoch_s: float) -> Output:
-    """Return the output for mixtures that a file's name asks for. Raises OfflineError."""
+    """Return the output that a file's name asks for. Raises OfflineError."""
     suffix = path.suffix.lower()
     if suffix in IMAGE_SUFFIXES:
         return ImageOut(path)

@@ -18,6 +18,7 @@ from recipes.pipeline.mixture import Mixed
 from recipes.pipeline.pipeline import Mixer, compile_recipe
 from vehicles.readings import Reading
 from worlds.files.documents import BadInput
+from worlds.files.problems import printable
 
 _KEPT = 512
 """Readings of a sensor that may still be mixed; a mixture comes some periods after its readings."""
@@ -29,7 +30,7 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """A replay's divergence from the recorded mixture. frame: from 0; t_s: of the real reading."""
+    """Where a mixture differs from the recorded one. frame: from 0; t_s: of the real reading."""
 
     frame: int
     t_s: float | None
@@ -38,7 +39,7 @@ class Divergence:
 
 @dataclass(slots=True)
 class Replayed:
-    """The report of one replayed combination.
+    """What became of one combination mixed anew.
 
     frames: mixed again. compared: of them those that the recording has too. divergences: all of
     them, in order. worst: that with the largest share, with both readings.
@@ -56,14 +57,14 @@ class Replayed:
 
 @dataclass(frozen=True, slots=True)
 class ReplayReport:
-    """The report of a replay. without: recorded mixtures that the recipe does not make."""
+    """What became of a replay. without: recorded mixtures that the recipe does not make."""
 
     combinations: tuple[Replayed, ...]
     without: tuple[str, ...]
 
     @property
     def diverges(self) -> bool:
-        """Return whether the replay differs from the recording anywhere."""
+        """Return whether anything came out otherwise than it was recorded."""
         return bool(self.without) or any(one.divergences for one in self.combinations)
 
 
@@ -71,22 +72,24 @@ Tell = Callable[[str, MixedPair], None]
 
 
 def _ignore_progress(name: str, pair: MixedPair) -> None:
-    """Ignore a replayed mixture: no output is wanted."""
     del name, pair
 
 
 def replay(
-    path: Path, recipe: Recipe | None = None, *, tell: Tell = _ignore_progress
+    path: Path,
+    recipe: Recipe | None = None,
+    *,
+    trusted: bool = False,
+    tell: Tell = _ignore_progress,
 ) -> ReplayReport:
-    """Replay a recording's mixing and compare. recipe: None for the recorded one.
+    """Mix a recording anew and compare. recipe: None for the one that it was mixed by.
 
+    trusted: whether code that the recording names may run; a recipe that is given may run its own.
     tell: takes each mixture. Raises OfflineError, BadInput, StepError.
     """
     file = recorded_inputs.recording_file(path)
     facts = recorded_inputs.facts_of_recording(file)
-    recipe = recipe or recipe_in(facts)
-    if recipe is None:
-        raise OfflineError(f"{file}: nothing was mixed in this run; give a --recipe")
+    recipe = recipe or _recorded_recipe(file, facts, trusted=trusted)
     objects = objects_in(facts)
     problems = recipe.unknown_objects(frozenset(objects))
     if problems:
@@ -101,8 +104,26 @@ def replay(
     return anew.report()
 
 
+def _recorded_recipe(file: Path, facts: Mapping[str, str], *, trusted: bool) -> Recipe:
+    """Return the recipe in a recording. Raises OfflineError for code that is not trusted."""
+    recipe = recipe_in(facts, loads_code=False)
+    if recipe is None:
+        raise OfflineError(f"{file}: nothing was mixed in this run; give a --recipe")
+    references = recipe.references()
+    if not references:
+        return recipe
+    if not trusted:
+        folder = recipe.document.path.parent
+        named = ", ".join(printable(str(folder / reference)) for reference in references)
+        raise OfflineError(
+            f"{file}: the recording names code that would run: {named}; give a recipe of your own "
+            "by --recipe, or --trust to run what the recording names"
+        )
+    return recipe_in(facts, loads_code=True) or recipe
+
+
 class _Replay:
-    """Replays a recording: gives mixers what they got in flight."""
+    """Follows a recording; hands mixers what they were handed in flight."""
 
     def __init__(self, mixers: Mapping[str, Mixer], tell: Tell) -> None:
         self._mixers = mixers
@@ -114,7 +135,7 @@ class _Replay:
         self._without: Counter[str] = Counter()
 
     def reading(self, item: RecordedReading) -> None:
-        """Take a recorded reading for the replay."""
+        """Take a reading of the file."""
         reading = item.reading
         if reading.source == "mixed":
             self._recorded[item.sensor] = (reading, item.exact)
@@ -132,7 +153,7 @@ class _Replay:
                     mixer.offer("twin", reading)
 
     def mixture(self, item: RecordedProvenance) -> None:
-        """Mix again what was mixed here in flight, and compare with the recording."""
+        """Mix again what was mixed here, and compare."""
         told = item.fields
         recorded = self._recorded.pop(item.sensor, None)
         names = [name for name in self._mixers if _is_of(name, item.sensor)]
@@ -142,7 +163,7 @@ class _Replay:
             self._mix(name, self._mixers[name], told, recorded)
 
     def report(self) -> ReplayReport:
-        """Return the replay's report of all combinations."""
+        """Return what became of all."""
         for name, mixer in self._mixers.items():
             counts = mixer.counts()
             self._replayed[name].mixed = counts.mixed
@@ -207,14 +228,14 @@ class _Replay:
 
 
 def _most(reading: Reading) -> int:
-    """Return how many readings like this one the replay keeps."""
+    """Return how many readings like this one are kept."""
     size = getattr(getattr(reading, "image_bgr", None), "nbytes", 0)
     size += getattr(getattr(reading, "depth_m", None), "nbytes", 0)
     return min(_KEPT, max(8, _KEPT_BYTES // (size + 1024) // 4))
 
 
 def _is_of(name: str, recorded: str) -> bool:
-    """Return whether a replayed combination corresponds to a recorded one.
+    """Return whether a combination makes what a recorded one made: the same, for some receiver.
 
     A sensor mixed for both vehicles alike in one recipe is compared with each one's in another.
     """

@@ -11,7 +11,7 @@ from worlds.files.documents import parse
 
 
 def facts_of(setup: RunSetup) -> dict[str, str]:
-    """Return a run's facts for its recording: its name, recipe, ids of the twin's objects."""
+    """Return the facts of a run: which it is, its recipe, the ids of what its twin sees."""
     plan = setup.order.plan
     objects = {thing.name: thing.object_id for thing in setup.virtual_scene.objects}
     facts = {
@@ -37,23 +37,27 @@ def facts_of(setup: RunSetup) -> dict[str, str]:
     return facts
 
 
-def recipe_in(facts: Mapping[str, str]) -> Recipe | None:
-    """Return the recipe in a recording's facts; None where nothing was mixed. Raises BadInput."""
+def recipe_in(facts: Mapping[str, str], *, loads_code: bool) -> Recipe | None:
+    """Return the recipe that a run was mixed by; None where nothing was mixed. Raises BadInput.
+
+    loads_code: whether steps of the user's that it names are loaded; False: no file is run.
+    """
     text = facts.get("recipe")
     if text is None:
         return None
     file = facts.get("recipe_file", "recipe.yaml")
     name = f"{file} (as recorded)"
-    return load_recipe(parse(text.encode(), name=name, path=Path(file)))
+    document = parse(text.encode(), name=name, path=Path(file))
+    return load_recipe(document, loads_code=loads_code)
 
 
 def latencies_in(facts: Mapping[str, str]) -> dict[str, float]:
-    """Return a recording's camera latencies by vehicle and camera, as subtracted in flight."""
+    """Return by vehicle and camera what was taken off the stamps of pictures from outside."""
     found: dict[str, float] = json.loads(facts.get("latency_s", "{}"))
     return found
 
 
 def objects_in(facts: Mapping[str, str]) -> dict[str, int]:
-    """Return the object ids in a recording's facts."""
+    """Return the ids of the objects that the twin's readings tell of."""
     found: dict[str, int] = json.loads(facts.get("objects", "{}"))
     return found

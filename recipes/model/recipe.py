@@ -9,7 +9,7 @@ from worlds.files.documents import Document, Path, Problem, closest
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step of a recipe with its parameters. path: where these stand in the document."""
+    """A step of a recipe. path: where it stands in the document, down to its parameters."""
 
     kind: StepType
     parameters: StepParameters
@@ -17,18 +17,18 @@ class Step:
     shorthand: bool = False
 
     def place_of(self, inner: Path) -> Path:
-        """Return the path in the recipe document of a parameter of this step."""
+        """Return the path in the document of a parameter of this step."""
         return (*self.path, *(inner[1:] if self.shorthand else inner))
 
     @property
     def label(self) -> str:
-        """Return the recipe step's name in messages."""
+        """Return what people call the step."""
         return self.parameters.label() or self.kind.name
 
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A sensor that a recipe declares.
+    """A sensor that the recipe declares.
 
     kind: type of the mixed readings. rate_hz: theirs; None: the real's. real_kind, twin_kind: what
     the two sources deliver, where transforms make it into `kind`; None: the same.
@@ -41,13 +41,13 @@ class Sensor:
     twin_kind: str | None = None
 
     def kind_of(self, side: Side) -> str:
-        """Return the sensor type of what a side's source delivers to the recipe."""
+        """Return the type of what a side's source delivers."""
         return (self.real_kind if side == "real" else self.twin_kind) or self.kind
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """A recipe's mixing budget for a sensor: beyond it a run is INVALID; None: no limit.
+    """What the mixing of a sensor may cost before a run proves nothing; None: no limit.
 
     max_skew_s: between the two exposures. max_latency_s: from the older exposure to delivery.
     min_rate_hz: of the mixed readings. max_registration_error_px: of what is overlaid.
@@ -61,7 +61,7 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Combination:
-    """A recipe's combination: how one sensor's readings are mixed, and for which vehicles.
+    """How one sensor's readings are mixed, and for whom.
 
     steps: transforms and filters in their order. budget: an overlay beyond its skew or latency is
     not drawn. publish_raw: whether S and Sv go out beside Sm. shows: the virtual objects that the
@@ -79,11 +79,11 @@ class Combination:
 
     @property
     def max_skew_s(self) -> float:
-        """Return the largest skew of exposures that the recipe's combination allows."""
+        """Return by how much the exposures may differ."""
         return self.budget.max_skew_s
 
     def tolerated(self, side: Side) -> frozenset[str]:
-        """Return the reading faults that the recipe's steps mend, or that are no news.
+        """Return what is no fault of a side's readings: its steps mend it, or it is no news.
 
         The twin's cloud may be empty: a virtual world need not hold anything within reach.
         """
@@ -95,15 +95,24 @@ class Combination:
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A recipe file's combinations."""
+    """All combinations of a recipe file."""
 
     description: str
     sensors: tuple[Sensor, ...]
     combinations: tuple[Combination, ...]
     document: Document
 
+    def references(self) -> tuple[str, ...]:
+        """Return the user's code that the steps run, each once, as file.py:name."""
+        used = (
+            step.parameters.reference()
+            for combination in self.combinations
+            for step in (*combination.steps, combination.merge)
+        )
+        return tuple(dict.fromkeys(reference for reference in used if reference))
+
     def objects(self) -> tuple[tuple[Path, str], ...]:
-        """Return the world objects that the recipe names, each with its path in the document."""
+        """Return the objects that the recipe names, each with its path in the document."""
         named = tuple(
             (step.place_of(path), name)
             for combination in self.combinations
@@ -118,7 +127,7 @@ class Recipe:
         return named + shown
 
     def unknown_objects(self, known: frozenset[str]) -> tuple[Problem, ...]:
-        """Return a problem for each object that the recipe names and the world lacks."""
+        """Return a problem for each object named that the world does not know."""
         return tuple(
             self.document.problem(path, f"no object '{name}' in the world", closest(name, known))
             for path, name in self.objects()

@@ -19,11 +19,10 @@ _READINGS = tuple(SENSOR_TYPES.values())
 
 
 class BadResultError(TypeError):
-    """A user's own step returned what is no reading, or a bad one."""
+    """A user's step returned what is no reading, or a reading that is at fault."""
 
 
 def _load_function(use: str, folder: FilePath) -> Callable[..., Any]:
-    """Return the function or class of a user's own step. Raises BadReferenceError."""
     found = load_reference(use, folder, beside="the recipe")
     if not callable(found):
         raise BadReferenceError(f"'{use}' is neither a function nor a class")
@@ -33,7 +32,7 @@ def _load_function(use: str, folder: FilePath) -> Callable[..., Any]:
 def _function_faults(
     use: str, given: dict[str, JsonValue], folder: FilePath, arguments: tuple[str, ...]
 ) -> tuple[ParameterFault, ...]:
-    """Return what is wrong with the reference of a user's own step: where it leads, its call."""
+    """Return what is wrong with a reference: where it leads, and how it can be called."""
     try:
         found = _load_function(use, folder)
     except BadReferenceError as error:
@@ -54,7 +53,7 @@ def _function_faults(
 def _prepare_function(
     use: str, given: dict[str, JsonValue], context: Context
 ) -> Callable[..., Any]:
-    """Return the callable of a user's own step: the function, or an instance of the class."""
+    """Return what is called for each reading: a function, or an instance of a class."""
     found = _load_function(use, context.folder)
     if inspect.isclass(found):
         return cast("Callable[..., Any]", found(**given))
@@ -68,11 +67,15 @@ class UseParameters(SidedParameters):
     with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
 
     def label(self) -> str:
-        """Return the name of the user's own step."""
+        """Return the user's own name of the step."""
+        return self.use
+
+    def reference(self) -> str:
+        """Return the user's function or class."""
         return self.use
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
-        """Return why the user's own step cannot be used."""
+        """Return why the function cannot be used."""
         return _function_faults(self.use, self.with_, folder, ("work", "other"))
 
 
@@ -109,11 +112,15 @@ class UseMergeParameters(StepParameters):
     with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
 
     def label(self) -> str:
-        """Return the name of the user's own merge."""
+        """Return the user's own name of the step."""
+        return self.use
+
+    def reference(self) -> str:
+        """Return the user's function or class."""
         return self.use
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
-        """Return why the user's own merge cannot be used."""
+        """Return why the function cannot be used."""
         return _function_faults(self.use, self.with_, folder, ("sides",))
 
 
@@ -137,7 +144,6 @@ def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
 
 
 def _refuse_bad(made: Any, kind: str) -> None:
-    """Raise BadResultError for a result of a user's own step that is no valid reading."""
     if sensor_type_of(made) != kind:
         raise BadResultError(f"returned a {sensor_type_of(made)} reading of a {kind} one")
     # The mixer sets the time of delivery.

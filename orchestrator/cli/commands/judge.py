@@ -28,6 +28,8 @@ def judge(
 ) -> int:
     """Judge recorded runs again, by the oracles that the campaign file has now; fly nothing.
 
+    Neither the autonomy nor a step of the recipe is loaded: no code but this program's runs.
+
     The last line and the exit code are those of `run`: what is required and is not in the folder
     was not flown, and then it is 3.
 
@@ -49,7 +51,8 @@ def judge(
         Print one JSON document: the runs as they are judged now.
     """
     campaign = load_campaign(
-        file, Options(cases=case, modes=mode, repetitions=repetitions, sets=set_)
+        file,
+        Options(cases=case, modes=mode, repetitions=repetitions, sets=set_, loads_code=False),
     )
     try:
         rejudged = judge_campaign_again(campaign, folder)
@@ -73,13 +76,12 @@ def judge(
 
 
 def _row(each: Reevaluation) -> tuple[str, str, str, str]:
-    """Return the table row of a run judged again."""
     run = each.now
     return (f"{run.case}/{run.mode}/{run.rep}", each.before.verdict, run.verdict, run.reason)
 
 
 def _changes(rejudged: tuple[Reevaluation, ...]) -> list[str]:
-    """Return a line for each oracle that judges differently now."""
+    """Return a line for each oracle that says something else now."""
     lines = []
     for each in rejudged:
         before = {(one.name, one.vehicle): one for one in each.before.oracles}

@@ -25,6 +25,7 @@ def replay_run(
     run: Path,
     *,
     recipe: Path | None = None,
+    trust: Annotated[bool, Parameter(negative=())] = False,
     out_: Annotated[Path | None, Parameter(name="--out")] = None,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
@@ -38,6 +39,9 @@ def replay_run(
         A run's folder, or its run.mcap.
     recipe
         Another recipe; by default the one that the run was mixed by.
+    trust
+        Run the user's own steps that the recording names; without it a recording that names code
+        is refused. Steps of a --recipe run in any case.
     out_
         A folder for the mixture as a video, and for the worst divergence as a picture: what was
         recorded, what came now, and where they differ.
@@ -47,11 +51,11 @@ def replay_run(
     try:
         other = None if recipe is None else load_recipe_file(recipe)
         if out_ is None:
-            report = replay(run, other)
+            report = replay(run, other, trusted=trust)
         else:
             out_.mkdir(parents=True, exist_ok=True)
             with _Film(out_ / "mixed.mp4") as film:
-                report = replay(run, other, tell=film.take)
+                report = replay(run, other, trusted=trust, tell=film.take)
             _write_worst(report, out_)
     except OfflineError as error:
         err(error)
@@ -64,14 +68,14 @@ def replay_run(
 
 
 class _Film(VideoOut):
-    """The video that `replay` writes: of the first combination with images."""
+    """The video of the first combination that has pictures."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, rate_hz=_VIDEO_HZ)
         self._name: str | None = None
 
     def take(self, name: str, pair: MixedPair) -> None:
-        """Append a replayed image to the video, unless it is of another combination."""
+        """Append a picture, unless it is of another combination."""
         if isinstance(pair.mixed.reading, CameraReading):
             self._name = self._name or name
             if name == self._name:
@@ -79,7 +83,6 @@ class _Film(VideoOut):
 
 
 def _write_worst(report: ReplayReport, folder: Path) -> None:
-    """Write the images of replay's worst divergences."""
     for one in report.combinations:
         if one.worst is None:
             continue
@@ -89,7 +92,6 @@ def _write_worst(report: ReplayReport, folder: Path) -> None:
 
 
 def _side_by_side(recorded: CameraReading, again: CameraReading) -> BgrImage:
-    """Return a recorded and a replayed image side by side, with their difference."""
     if recorded.image_bgr.shape != again.image_bgr.shape:
         return again.image_bgr
     apart = cv2.absdiff(recorded.image_bgr, again.image_bgr)
@@ -97,14 +99,12 @@ def _side_by_side(recorded: CameraReading, again: CameraReading) -> BgrImage:
 
 
 def _as_text(report: ReplayReport) -> str:
-    """Return the replay's report as text."""
     lines = [line for one in report.combinations for line in _lines(one)]
     lines += [f"{name}: recorded, but the recipe makes none" for name in report.without]
     return "\n".join(lines)
 
 
 def _lines(one: Replayed) -> list[str]:
-    """Return the report lines of one replayed combination."""
     how = "to the bit" if one.exact else "within the loss of JPEG"
     left_out = ", ".join(f"{what} {count}" for what, count in one.dropped.items())
     mixed = f"{one.name}: {one.mixed} of {one.frames} mixed"
@@ -121,7 +121,6 @@ def _lines(one: Replayed) -> list[str]:
 
 
 def _as_json(report: ReplayReport) -> str:
-    """Return the replay's report as JSON."""
     document = {
         "diverges": report.diverges,
         "without": list(report.without),

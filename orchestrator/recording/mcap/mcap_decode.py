@@ -30,7 +30,7 @@ Parts = Mapping[str, NDArray[Any]]
 
 
 def decode(document: Json, parts: Parts) -> Reading:
-    """Return the reading decoded from an MCAP message.
+    """Return the reading of a message.
 
     Raises KeyError, ValueError or TypeError for a document that is none of ours.
     """
@@ -40,7 +40,7 @@ def decode(document: Json, parts: Parts) -> Reading:
 
 
 def image_of(document: Json) -> NDArray[Any]:
-    """Return the pixels decoded from an MCAP image message. Raises ValueError."""
+    """Return the pixels of a picture's message. Raises ValueError when they are none."""
     wil, data = document["wil"], np.frombuffer(bytes_of(document["data"]), np.uint8)
     if "format" not in document:
         pixels: NDArray[Any] = data.view(np.dtype(wil["dtype"])).reshape(wil["shape"])
@@ -53,12 +53,10 @@ def image_of(document: Json) -> NDArray[Any]:
 
 
 def _times(wil: Json) -> tuple[float, float, int, Source]:
-    """Return decoded times, sequence number and source of a reading."""
     return number(wil["t_s"]), number(wil["arrived_s"]), wil["seq"], wil["source"]
 
 
 def _intrinsics(value: Json) -> Intrinsics:
-    """Decode a camera's intrinsics."""
     return Intrinsics(
         width_px=value["width_px"],
         height_px=value["height_px"],
@@ -71,7 +69,6 @@ def _intrinsics(value: Json) -> Intrinsics:
 
 
 def _camera_pose(value: Json) -> Pose | None:
-    """Decode the pose of a rendered image's camera; None for None."""
     if value is None:
         return None
     w, x, y, z = (number(one) for one in value["q_wxyz"])
@@ -79,7 +76,6 @@ def _camera_pose(value: Json) -> Pose | None:
 
 
 def _camera(document: Json, parts: Parts) -> CameraReading:
-    """Decode a camera reading."""
     wil = document["wil"]
     return CameraReading(
         *_times(wil),
@@ -93,7 +89,6 @@ def _camera(document: Json, parts: Parts) -> CameraReading:
 
 
 def _depth(document: Json, parts: Parts) -> DepthReading:
-    """Decode a depth reading."""
     wil = document["wil"]
     return DepthReading(
         *_times(wil),
@@ -106,7 +101,6 @@ def _depth(document: Json, parts: Parts) -> DepthReading:
 
 
 def _scan(document: Json, _: Parts) -> LidarScanReading:
-    """Decode a lidar scan."""
     wil = document["wil"]
     ids = wil["object_ids"]
     return LidarScanReading(
@@ -122,7 +116,6 @@ def _scan(document: Json, _: Parts) -> LidarScanReading:
 
 
 def _points(document: Json, _: Parts) -> LidarPointsReading:
-    """Decode a point cloud."""
     stride = document["point_stride"]
     packed = np.frombuffer(bytes_of(document["data"]), np.uint8).reshape(-1, stride)
     points = np.ascontiguousarray(packed[:, :12]).view("<f4")
@@ -135,7 +128,6 @@ def _points(document: Json, _: Parts) -> LidarPointsReading:
 
 
 def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
-    """Decode a rangefinder reading."""
     wil = document["wil"]
     return RangefinderReading(
         *_times(wil),
@@ -147,7 +139,6 @@ def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
 
 
 def _gps(document: Json, _: Parts) -> GpsReading:
-    """Decode a GPS reading."""
     wil = document["wil"]
     return GpsReading(
         *_times(wil),
@@ -163,7 +154,6 @@ def _gps(document: Json, _: Parts) -> GpsReading:
 
 
 def _pose(document: Json, _: Parts) -> PoseReading:
-    """Decode a pose reading."""
     wil = document["wil"]
     t_s, arrived_s, seq, source = _times(wil)
     velocity = wil["velocity_ned_m_s"]
@@ -178,7 +168,6 @@ def _pose(document: Json, _: Parts) -> PoseReading:
 
 
 def _imu(document: Json, _: Parts) -> ImuReading:
-    """Decode an IMU reading."""
     force, rates = document["linear_acceleration"], document["angular_velocity"]
     return ImuReading(
         *_times(document["wil"]),
@@ -188,7 +177,6 @@ def _imu(document: Json, _: Parts) -> ImuReading:
 
 
 def _microphone(document: Json, _: Parts) -> MicrophoneReading:
-    """Decode a microphone reading."""
     wil = document["wil"]
     return MicrophoneReading(
         *_times(wil),

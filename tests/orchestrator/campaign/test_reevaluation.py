@@ -88,6 +88,40 @@ def test_another_limit_is_tried_without_a_flight(recorded: Path, capsys: Any) ->
     assert after == before
 
 
+THEIRS = """\
+from pathlib import Path
+
+Path({marker!r}).write_text("ran")
+
+
+class Mine:
+    def __init__(self, **_): ...
+    def perceive(self, reading): ...
+    def act(self, state): ...
+
+
+def take(work, other):
+    return work
+"""
+
+
+def test_no_code_that_the_files_name_is_run(recorded: Path, tmp_path: Path, capsys: Any) -> None:
+    marker = tmp_path / "ran"
+    (tmp_path / "theirs.py").write_text(THEIRS.format(marker=str(marker)))
+    recipe = (ROOT / "recipes" / "gate.yaml").read_text()
+    own = "filter: [{use: theirs.py:take}, "
+    assert "filter: [" in recipe
+    (tmp_path / "recipe.yaml").write_text(recipe.replace("filter: [", own))
+    sets = (f"autonomy={{use: {tmp_path}/theirs.py:Mine}}", f"recipe={tmp_path}/recipe.yaml")
+    assert judge(recorded, *sets) == 0
+    assert "large/sim/1  PASS   PASS" in capsys.readouterr().out
+    assert not marker.exists()
+    # The same files do run where a person flies them.
+    given = [option for value in sets for option in ("--set", value)]
+    assert main(["plan", str(GATE), *given]) == 0
+    assert marker.exists()
+
+
 def test_what_is_no_recording_is_told(recorded: Path, tmp_path: Path, capsys: Any) -> None:
     assert judge(tmp_path) == 3
     assert "has no run of this campaign, such as large/sim/1" in capsys.readouterr().err

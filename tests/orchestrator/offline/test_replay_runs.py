@@ -66,7 +66,7 @@ def run_of(fly_run: Fly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cal
 
 
 def replayed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
-    code = main(["replay", *arguments, "--json"])
+    code = main(["replay", *arguments, "--trust", "--json"])
     told = capsys.readouterr()
     assert "Traceback" not in told.err
     return code, json.loads(told.out)
@@ -123,7 +123,7 @@ def test_pictures_recorded_as_jpeg_are_replayed_within_what_jpeg_loses(
     code, report = replayed(capsys, str(folder))
     assert code == 0
     assert [one["exact"] for one in report["combinations"]] == [False, True, True]
-    assert main(["replay", str(folder)]) == 0
+    assert main(["replay", str(folder), "--trust"]) == 0
     said = capsys.readouterr().out
     assert "all as recorded, within the loss of JPEG" in said
     other = tmp_path / "other.yaml"
