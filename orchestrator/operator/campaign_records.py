@@ -10,28 +10,33 @@ from typing import Self
 
 import msgspec
 
-from safety.guard.process.orphaned_processes import running, runtime_folder
+from safety.guard.process.orphaned_processes import running
+from safety.guard.process.runtime_folder import open_runtime_folder, runtime_folders, sweep
 from vehicles.processes.identity import ProcessId
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A socket that takes operator commands. folder: of the results; name: for people."""
+    """A socket that takes an operator's commands. folder: of the results; name: for people.
+
+    process: what listens there; a signal reaches it where the socket does not.
+    """
 
     name: str
     folder: Path
     socket: Path
+    process: ProcessId | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """The records of what flies on this machine; a campaign's runs have guards in `guards`."""
+    """What flies on this machine; a campaign's own runs have their guards among `guards`."""
 
     campaigns: tuple[Place, ...]
     guards: tuple[Place, ...]
 
     def beneath(self, folder: Path | None) -> "Places":
-        """Return the records of one results folder, a campaign's or a run's; all for None."""
+        """Return those of one folder of results, a campaign's or a run's; all for None."""
         if folder is None:
             return self
         wanted = folder.absolute()
@@ -40,20 +45,25 @@ class Places:
         return Places(tuple(related), tuple(guards))
 
     def guards_of(self, campaign: Place) -> tuple[Place, ...]:
-        """Return the guards' records of a campaign's runs."""
+        """Return the guards of a campaign's runs."""
         return tuple(one for one in self.guards if one.folder.is_relative_to(campaign.folder))
 
 
 def places() -> Places:
-    """Return the records of what this user flies on this machine. Raises OSError."""
-    runtime = runtime_folder()
-    guards = [Place(one.run, Path(one.folder), Path(one.socket)) for one in running(runtime)]
-    return Places(tuple(_campaigns(runtime)), tuple(guards))
+    """Return what flies on this machine, of this user. Raises OSError."""
+    folders = runtime_folders()
+    guards = [
+        Place(one.run, Path(one.folder), Path(one.socket), one.guard)
+        for folder in folders
+        for one in running(folder)
+    ]
+    campaigns = [campaign for folder in folders for campaign in _campaigns(folder)]
+    return Places(tuple(campaigns), tuple(guards))
 
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """The content of a campaign record's file."""
+    """What a record's file holds."""
 
     name: str
     folder: str
@@ -62,10 +72,16 @@ class _Entry:
 
 
 class CampaignRecord:
-    """The record on this machine that a campaign flies; a context manager. Raises OSError."""
+    """Says on this machine that a campaign flies; a context manager. Raises OSError.
+
+    passed_over: which folders for sockets are not safe and were not used, in words.
+    """
 
     def __init__(self, *, name: str, folder: Path) -> None:
-        runtime = runtime_folder()
+        opened = open_runtime_folder()
+        runtime = opened.path
+        sweep(runtime)
+        self.passed_over = tuple(f"{text}; {runtime} is used" for text in opened.passed_over)
         self.socket = runtime / f"campaign-{os.getpid()}.sock"
         self._path = runtime / f"campaign-{os.getpid()}.json"
         self._entry = _Entry(
@@ -89,7 +105,6 @@ class CampaignRecord:
 
 
 def _related_folder(one: Path, other: Path) -> bool:
-    """Return whether one recorded folder contains the other."""
     return one.is_relative_to(other) or other.is_relative_to(one)
 
 
@@ -98,7 +113,7 @@ def _campaigns(runtime: Path) -> Iterator[Place]:
         with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
             entry = msgspec.json.decode(path.read_bytes(), type=_Entry)
             if entry.process.lives:
-                yield Place(entry.name, Path(entry.folder), Path(entry.socket))
+                yield Place(entry.name, Path(entry.folder), Path(entry.socket), entry.process)
             else:
                 path.unlink()
                 Path(entry.socket).unlink(missing_ok=True)

@@ -2,25 +2,30 @@
 
 import contextlib
 import json
+import os
 import socket
+import stat
+import time
 from pathlib import Path
 from typing import Any
+
+from vehicles.processes.linux import UnsupportedSystemError, peer_uid
 
 _ANSWER_S = 2.0
 _LONGEST_ANSWER_BYTES = 1 << 20
 _TELL_S = 0.2
+_RETRY_S = 0.001
 
 
 class NoAnswerError(Exception):
-    """An operator socket that is missing or does not reply."""
+    """A socket that is not there, or does not answer."""
 
 
 def ask(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
-    """Return an operator socket's reply to a command. Raises NoAnswerError."""
+    """Return what a socket answers to a command. Raises NoAnswerError."""
     try:
         with socket.socket(socket.AF_UNIX) as end:
-            end.settimeout(_ANSWER_S)
-            end.connect(str(path))
+            _connect(end, path, within_s=_ANSWER_S)
             end.sendall(_line(command, who, **more))
             with end.makefile("rb") as stream:
                 answer = json.loads(stream.readline(_LONGEST_ANSWER_BYTES))
@@ -32,13 +37,33 @@ def ask(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
 
 
 def tell(path: Path, command: str, *, who: str) -> None:
-    """Send a command to an operator socket without waiting; a missing one is ignored."""
+    """Give a command without waiting for the answer; a socket that is gone is passed over."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as end:
-        end.settimeout(_TELL_S)
-        end.connect(str(path))
+        _connect(end, path, within_s=_TELL_S)
         end.sendall(_line(command, who))
 
 
+def _connect(end: socket.socket, path: Path, *, within_s: float) -> None:
+    """Connect to a socket of this user's. Raises OSError.
+
+    A queue of connections that is full is tried again: unix(7) reports it at once, as EAGAIN.
+    """
+    if not stat.S_ISSOCK(path.lstat().st_mode):
+        raise OSError("it is not a socket")
+    end.settimeout(within_s)
+    deadline_s = time.monotonic() + within_s
+    while True:
+        try:
+            end.connect(str(path))
+            break
+        except BlockingIOError:
+            if time.monotonic() > deadline_s:
+                raise
+            time.sleep(_RETRY_S)
+    with contextlib.suppress(UnsupportedSystemError):
+        if peer_uid(end) not in {os.getuid(), 0}:
+            raise OSError("it belongs to another user")
+
+
 def _line(command: str, who: str, **more: str) -> bytes:
-    """Return a command's line for the operator socket."""
     return json.dumps({"command": command, "who": who, **more}).encode() + b"\n"

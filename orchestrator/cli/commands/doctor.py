@@ -12,7 +12,8 @@ from orchestrator.cli.standard_streams import out
 from orchestrator.doctor import installed, links, machine, ports, programs
 from orchestrator.doctor.findings import Finding, as_text
 from orchestrator.state.parameter_backups import parameter_backup_folder
-from safety.guard.process.orphaned_processes import RuntimeFolderError, records, runtime_folder
+from safety.guard.process.orphaned_processes import records
+from safety.guard.process.runtime_folder import runtime_folders, unsafe_folders
 from vehicles.launch.launch_records import find_orphans
 from vehicles.links.serial_port import ports as serial_ports
 
@@ -46,7 +47,6 @@ def doctor(
 
 
 def _findings(results: Path) -> Iterable[Finding]:
-    """Yield all findings of `doctor`."""
     yield from installed.python()
     yield from installed.packages()
     yield from installed.drivers()
@@ -63,11 +63,8 @@ def _findings(results: Path) -> Iterable[Finding]:
 
 
 def _left_over(results: Path) -> Iterable[Finding]:
-    """Yield doctor's findings about orphaned processes and parameter backups."""
     launches = find_orphans(results) if results.is_dir() else ()
-    try:
-        guards = records(runtime_folder())
-    except RuntimeFolderError as error:
-        yield Finding(machine.LEFT, "trouble", str(error))
-        guards = ()
+    for text in unsafe_folders():
+        yield Finding(machine.LEFT, "trouble", f"{text}; remove it")
+    guards = tuple(record for folder in runtime_folders() for record in records(folder))
     yield from machine.orphans(launches, guards, parameter_backup_folder())

@@ -1,7 +1,10 @@
 """`wil-campaign abort | hold | resume`: an operator's commands, by the sockets of this machine."""
 
 import getpass
+import os
+import signal
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +12,7 @@ from orchestrator.cli.standard_streams import err, out
 from orchestrator.operator.campaign_records import Place, Places, places
 from orchestrator.operator.socket_client import NoAnswerError, ask
 from safety.guard.core.operator_command import OperatorKind
+from safety.guard.process.runtime_folder import unsafe_folders
 
 NOBODY = 3
 """The exit code when nothing flies, or nothing obeyed."""
@@ -17,7 +21,8 @@ NOBODY = 3
 def abort(folder: Path | None = None, *, who: str | None = None) -> int:
     """Land what flies on this machine, at once; nothing more of its campaigns is flown.
 
-    It goes to the guards first, and works when the program that started them is dead.
+    It goes to all guards and campaigns at once, and works when the program that started them is
+    dead. A process whose socket does not answer gets SIGTERM, on which it lands as well.
 
     Parameters
     ----------
@@ -58,7 +63,7 @@ def resume(folder: Path | None = None, *, who: str | None = None) -> int:
 
 
 def find_campaigns(folder: Path | None) -> Places | None:
-    """Return what flies, for an operator's command; None, after a message, when nothing does."""
+    """Return what flies; None, after a word to the person, when nothing does."""
     try:
         flying = places().beneath(folder)
     except OSError as error:
@@ -70,25 +75,47 @@ def find_campaigns(folder: Path | None) -> Places | None:
             if folder is None
             else f"no run is in flight in {folder}"
         )
+        for text in unsafe_folders():
+            err(f"{text}: it was not searched")
         return None
     return flying
 
 
 def _command(kind: OperatorKind, folder: Path | None, who: str | None) -> int:
-    """Send an operator's command to what flies; return the exit code."""
     flying = find_campaigns(folder)
     if flying is None:
         return NOBODY
     name = f"cli:{who or account()}"
-    if kind == "abort":
-        answers = [_ask_sockets(one, kind, name) for one in (*flying.guards, *flying.campaigns)]
-    else:
-        answers = list(_by_campaigns(flying, kind, name))
+    answers = _abort(flying, name) if kind == "abort" else list(_by_campaigns(flying, kind, name))
     return 0 if any(answers) else NOBODY
 
 
+def _abort(flying: Places, who: str) -> list[bool]:
+    """Ask all sockets at once, so that none which hangs delays another; then signal those."""
+    everyone = (*flying.guards, *flying.campaigns)
+    with ThreadPoolExecutor(len(everyone)) as threads:
+        answers = list(threads.map(lambda one: _ask_sockets(one, "abort", who), everyone))
+    for place, obeyed in zip(everyone, answers, strict=True):
+        if not obeyed:
+            _signal(place)
+    return answers
+
+
+def _signal(place: Place) -> None:
+    """Send SIGTERM to a campaign or a guard: both take it as an order to land."""
+    process = place.process
+    if process is None or not process.lives:
+        return
+    try:
+        os.kill(process.pid, signal.SIGTERM)
+    except OSError as error:
+        err(f"{place.name}: SIGTERM cannot be sent to process {process.pid}: {error.strerror}")
+        return
+    err(f"{place.name}: SIGTERM is sent to process {process.pid}; watch shows whether it lands")
+
+
 def _by_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterable[bool]:
-    """Send an operator's command to campaigns; to guards only where no campaign is left."""
+    """Ask the campaigns, which pass it on to their runs; guards only where none is left to."""
     orphans = list(flying.guards)
     for campaign in flying.campaigns:
         own = flying.guards_of(campaign)
@@ -103,7 +130,6 @@ def _by_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterable[bool
 
 
 def _ask_sockets(place: Place, kind: OperatorKind, who: str) -> bool:
-    """Send an operator's command to a socket; return whether it was executed."""
     try:
         return _describe_answers(place, ask(place.socket, kind, who=who))
     except NoAnswerError as error:
@@ -112,14 +138,13 @@ def _ask_sockets(place: Place, kind: OperatorKind, who: str) -> bool:
 
 
 def _describe_answers(place: Place, answer: dict[str, Any]) -> bool:
-    """Print the reply to an operator's command; return whether it was executed."""
     obeyed = answer.get("ok") is True
     (out if obeyed else err)(f"{place.name}: {answer.get('text', '')}")
     return obeyed
 
 
 def account() -> str:
-    """Return the login name of the operator."""
+    """Return the name of whoever is logged in."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):

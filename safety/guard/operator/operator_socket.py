@@ -1,9 +1,15 @@
-"""The operator's Unix socket: for its owner only, and for as long as its process lives."""
+"""The operator's Unix socket: for its owner only, and for as long as its process lives.
+
+Nothing keeps a command out: whoever has given none yet yields to who comes later, watchers are
+counted apart, and who does not read what it asked for is dropped.
+"""
 
 import asyncio
 import contextlib
 import json
 import os
+import socket
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -17,20 +23,31 @@ from safety.guard.operator.operator_lines import (
     answer,
     parse_line,
 )
+from safety.guard.operator.rate_limit import RateLimit
 from vehicles.processes.linux import UnsupportedSystemError, peer_uid
 
 POINTER = "operator.json"
 """The file in a results folder that says where the socket is: its own path may be too long."""
+MOST_WATCHERS = 16
+MOST_CLIENTS = 256
+"""Connections that are no watchers: the one that was silent longest yields to a new one."""
+_BACKLOG = 64
+"""Connections accepted in one turn of the loop: fewer than MOST_CLIENTS, so that each is read."""
 _WATCH_S = 0.5
-_MOST_CLIENTS = 16
-_IDLE_S = 60.0
+_WATCHER_BUFFER_BYTES = 8192
+_IDLE_S = 10.0
+_READ_S = 1.0
+"""How long a client may leave answers unread."""
+_MOST_REFUSALS_A_SECOND = 10
 
 Obey = Callable[[OperatorCommand], str]
 """Does what abort, hold or resume says and returns what was done, for the answer."""
 
+_Client = asyncio.Task[None]
+
 
 class OperatorSocket:
-    """The operator's socket, listening at `path`; an async context manager.
+    """Listens at `path`; an async context manager.
 
     obey: called with abort, hold and resume; may raise RefusedLineError. status: what `status` and
     `watch` are told. refused: called with the reason of what was no command at all. pointer:
@@ -50,24 +67,26 @@ class OperatorSocket:
         self._path = path
         self._obey = obey
         self._status = status
-        self._refused = refused
+        self._report_refusal = refused
         self._token = token
         self._pointer = pointer
         self._server: asyncio.Server | None = None
-        self._clients: set[asyncio.Task[None]] = set()
+        self._clients: OrderedDict[_Client, asyncio.StreamWriter] = OrderedDict()
+        self._watchers: set[_Client] = set()
+        self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
 
     async def __aenter__(self) -> Self:
-        """Listen on the operator's socket."""
+        """Listen."""
         before = os.umask(0o177)
         try:
             self._server = await asyncio.start_unix_server(
-                self._serve, path=self._path, limit=LONGEST_LINE_BYTES
+                self._serve, path=self._path, limit=LONGEST_LINE_BYTES, backlog=_BACKLOG
             )
         finally:
             os.umask(before)
         if self._pointer is not None:
             said = {"socket": str(self._path), "pid": os.getpid()}
-            self._pointer.write_text(json.dumps(said) + "\n", encoding="utf-8")
+            write_private(self._pointer, json.dumps(said) + "\n")
         return self
 
     async def __aexit__(
@@ -76,10 +95,10 @@ class OperatorSocket:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop listening, and remove the operator's socket and its pointer."""
+        """Stop to listen, and remove socket and pointer."""
         if self._server is not None:
             self._server.close()
-        clients = list(self._clients)
+        clients = [*self._clients, *self._watchers]
         for client in clients:
             client.cancel()
         await asyncio.gather(*clients, return_exceptions=True)
@@ -90,47 +109,71 @@ class OperatorSocket:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
-        if task is not None:
-            self._clients.add(task)
-        try:
-            if len(self._clients) > _MOST_CLIENTS or not _is_ours(writer):
-                self._refused(
-                    "connection refused: it belongs to another user, or 16 clients "
-                    "are connected already"
-                )
-                return
-            await self._converse(reader, writer)
-        except (ConnectionError, TimeoutError):
+        if task is None:
             return
+        try:
+            if not _is_ours(writer):
+                self._refuse("connection refused: it belongs to another user")
+                return
+            self._admit(task, writer)
+            await self._converse(task, reader, writer)
+        except ConnectionError:
+            return
+        except TimeoutError:
+            # Who leaves answers unread would keep the connection open for as long.
+            writer.transport.abort()
         finally:
             writer.close()
-            if task is not None:
-                self._clients.discard(task)
+            self._clients.pop(task, None)
+            self._watchers.discard(task)
 
-    async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def _admit(self, task: _Client, writer: asyncio.StreamWriter) -> None:
+        """Give a connection a place; where there is none, that of the one silent longest.
+
+        What that one has sent already is obeyed still.
+        """
+        self._clients[task] = writer
+        if len(self._clients) > MOST_CLIENTS:
+            _, oldest = self._clients.popitem(last=False)
+            oldest.transport.abort()
+            self._refuse(f"more than {MOST_CLIENTS} connections: the oldest is closed")
+
+    async def _converse(
+        self, task: _Client, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
         while True:
             try:
                 async with asyncio.timeout(_IDLE_S):
                     line = await reader.readline()
             except ValueError:
-                self._refused("a line is too long")
+                self._refuse("a line is too long")
                 writer.write(answer(ok=False, text=f"longer than {LONGEST_LINE_BYTES} bytes"))
                 return
             if not line:
                 return
+            if task in self._clients:
+                self._clients.move_to_end(task)
             asked = self._take(line, writer)
-            await writer.drain()
+            await _let_read(writer)
             if asked == "watch":
-                await self._watch(writer)
+                await self._watch(task, writer)
+
+    def _refuse(self, text: str) -> None:
+        if not self._refusals.is_exceeded(asyncio.get_running_loop().time()):
+            self._report_refusal(text)  # Who floods does not fill the disk.
 
     def _take(self, line: bytes, writer: asyncio.StreamWriter) -> OperatorCommand | Query | None:
         try:
             asked = parse_line(line, token=self._token)
         except RefusedLineError as error:
-            self._refused(str(error))
+            self._refuse(str(error))
             writer.write(answer(ok=False, text=str(error)))
             return None
         name = asked.kind if isinstance(asked, OperatorCommand) else asked
+        if name == "watch" and len(self._watchers) >= MOST_WATCHERS:
+            said = f"{MOST_WATCHERS} watchers are connected already"
+            writer.write(answer(ok=False, text=said, command=name))
+            return None
         try:
             text = self._obey(asked) if isinstance(asked, OperatorCommand) else "as asked"
         except RefusedLineError as error:
@@ -139,15 +182,35 @@ class OperatorSocket:
         writer.write(answer(ok=True, text=text, command=name, **self._status()))
         return asked
 
-    async def _watch(self, writer: asyncio.StreamWriter) -> None:
+    async def _watch(self, task: _Client, writer: asyncio.StreamWriter) -> None:
+        self._clients.pop(task, None)
+        self._watchers.add(task)
+        # With small buffers it shows within seconds that nobody reads.
+        end: socket.socket = writer.get_extra_info("socket")
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _WATCHER_BUFFER_BYTES)
+        writer.transport.set_write_buffer_limits(high=0)
         while not writer.is_closing():
             await asyncio.sleep(_WATCH_S)
             writer.write(answer(ok=True, text="", command="watch", **self._status()))
-            await writer.drain()
+            await _let_read(writer)
+
+
+async def _let_read(writer: asyncio.StreamWriter) -> None:
+    """Wait until a client has read. Raises TimeoutError."""
+    async with asyncio.timeout(_READ_S):
+        await writer.drain()
+
+
+def write_private(path: Path, text: str) -> None:
+    """Write a file of mode 0600 in place of what stands there; a symbolic link is not followed."""
+    path.unlink(missing_ok=True)
+    made = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    with os.fdopen(made, "w", encoding="utf-8") as file:
+        file.write(text)
 
 
 def _is_ours(writer: asyncio.StreamWriter) -> bool:
-    """Return whether the socket's peer is of the same user, by the kernel (SO_PEERCRED)."""
+    """Return whether the peer is of the same user, by the kernel's word (SO_PEERCRED)."""
     try:
         uid = peer_uid(writer.get_extra_info("socket"))
     except UnsupportedSystemError:

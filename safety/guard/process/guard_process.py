@@ -59,10 +59,10 @@ from safety.guard.process.orphaned_processes import (
     GuardRecord,
     reap_orphans,
     remove_record,
-    runtime_folder,
     write_record,
 )
 from safety.guard.process.process_links import close_quietly, open_ports, spare_links, vehicle_link
+from safety.guard.process.runtime_folder import open_runtime_folder, runtime_folders, sweep
 from safety.model.samples import PoseSample
 from vehicles.clocks.paced_loop import PacedLoop, call_wall_later
 from vehicles.errors import VehicleError
@@ -84,7 +84,7 @@ JOURNAL = "guard.jsonl"
 
 
 class GuardProcess:
-    """The guard process: runs one guard from its config to the end of its last child."""
+    """Runs one guard from its charter to the end of its last child."""
 
     def __init__(self, *, end: socket.socket, lifeline: int) -> None:
         self._channel = Channel(
@@ -105,7 +105,7 @@ class GuardProcess:
         self._following: ClockFollower | None = None
 
     async def run(self) -> int:
-        """Run the guard process until the orchestrator ends it, or is gone and all are down."""
+        """Guard until the orchestrator says the end, or is gone and all are down."""
         loop = asyncio.get_running_loop()
         self._chartered = loop.create_future()
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
@@ -151,9 +151,14 @@ class GuardProcess:
             self._journal.close()
 
     async def _open(self, stack: AsyncExitStack, guard_config: GuardConfig) -> None:
-        runtime = runtime_folder()
-        for text in await asyncio.to_thread(reap_orphans, runtime):
-            self._note("leftover", text=text)
+        opened = open_runtime_folder()
+        runtime = opened.path
+        for text in opened.passed_over:
+            self._note("runtime folder", text=f"{text}; {runtime} is used")
+        for folder in runtime_folders():
+            for text in await asyncio.to_thread(reap_orphans, folder):
+                self._note("leftover", text=text)
+        sweep(runtime)
         raw = {name: vehicle_link(one) for name, one in guard_config.vehicles.items()}
         self._following = self._remote_clock(guard_config)
         links: dict[str, GuardLinks] = {}
@@ -188,7 +193,7 @@ class GuardProcess:
         self._report_opened(raw)
 
     def _remote_clock(self, guard_config: GuardConfig) -> ClockFollower | None:
-        """Return what makes our clock follow a vehicle's; None under the wall clock."""
+        """Return what has our clock follow a vehicle's; None where it is the wall's."""
         loop = asyncio.get_running_loop()
         if guard_config.pace is None or not isinstance(loop, PacedLoop):
             return None
@@ -206,7 +211,7 @@ class GuardProcess:
         (self._shell.vehicle_gone if trouble == "stalled" else self._shell.clocks_apart)(name, text)
 
     async def _write_record(self, stack: AsyncExitStack, runtime: Path) -> None:
-        """Open the operator's socket and write the guard process's record."""
+        """Open the operator's socket and say on this machine that we fly."""
         me = ProcessId.own()
         path = runtime / f"guard-{me.pid}.sock"
         path.unlink(missing_ok=True)
@@ -296,7 +301,7 @@ class GuardProcess:
                 )
 
     async def _start(self, start: Start) -> None:
-        """Start a vehicle as a child of the guard process; its end is reported at once."""
+        """Start a vehicle's process; its death is told as soon as it is seen."""
         child = ChildProcess(
             argv=start.argv,
             stdin=self._lifeline,
@@ -325,14 +330,14 @@ class GuardProcess:
         self._channel.send(Ended(name, code, child.stderr_tail))
 
     async def _reap(self) -> None:
-        """End all children of the guard process, at the same time."""
+        """End all children, at the same time."""
         self._ending = True
         for task in tuple(self._starts):
             await asyncio.wait([task])
         await asyncio.gather(*(child.end() for child in self._children.values()))
 
     async def _last(self) -> None:
-        """Without an orchestrator: bring all down before the guard process ends."""
+        """With no orchestrator any more: have all down before the children end."""
         loop = asyncio.get_running_loop()
         since_s = loop.time()
         self._shell.orchestrator_ended()
@@ -345,7 +350,7 @@ class GuardProcess:
             await asyncio.sleep(_LAST_POLL_S)
 
     def _await_vehicles(self, busy: tuple[str, ...]) -> bool:
-        """Return whether an armed vehicle that may do harm was received lately."""
+        """Return whether an armed vehicle that may break something was heard lately."""
         now_s, core = asyncio.get_running_loop().time(), self._shell.core
         return any(
             self._guard_config.vehicles[name].vehicle.attached
@@ -362,13 +367,13 @@ class GuardProcess:
         self._over.set()
 
     def _on_end_request(self, number: signal.Signals) -> None:
-        """Handle SIGTERM of a machine that shuts down; SIGHUP, SIGINT are ignored."""
+        """Take SIGTERM of a machine that shuts down; SIGHUP and SIGINT are not for us."""
         self._note("signal", text=number.name)
         if number == signal.SIGTERM:
             self._over.set()
 
     def _on_task_error(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Handle an exception in the guard process: it must not go on unnoticed."""
+        """Take an error of our own: whoever guards wrongly must not go on as if all were well."""
         error, where = context.get("exception"), str(context.get("message", ""))
         self._fault(error if isinstance(error, BaseException) else RuntimeError(where), where)
 
@@ -402,7 +407,7 @@ class GuardProcess:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the guard process to its end; return the exit status."""
+    """Guard until the end; returns the exit status."""
     channel, lifeline, hold = (int(argument) for argument in arguments[:3])
     os.set_inheritable(hold, False)
     end = socket.socket(fileno=channel)

@@ -20,13 +20,13 @@ FiniteVec3 = tuple[Finite, Finite, Finite]
 
 
 class ConfigMessage(Message, frozen=True):
-    """Message: what the guard is to guard; packed: see `guard_config`."""
+    """What the guard is to guard; packed: see `charter`."""
 
     packed: bytes
 
 
 class Start(Message, frozen=True):
-    """Message to the guard: start a vehicle's process as a child."""
+    """Start a vehicle's process as a child of the guard."""
 
     vehicle: str
     argv: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
@@ -34,7 +34,7 @@ class Start(Message, frozen=True):
 
 
 class Bytes(Message, frozen=True):
-    """Message: MAVLink frames of or for the vehicle at `index`; t_s: when the guard had them."""
+    """MAVLink frames of the vehicle at `index`, or for it; t_s: when the guard had them."""
 
     index: int
     t_s: Finite
@@ -42,7 +42,7 @@ class Bytes(Message, frozen=True):
 
 
 class Position(Message, frozen=True):
-    """Message to the guard: position of the vehicle at `index`, world frame."""
+    """Where the vehicle at `index` is, world frame."""
 
     index: int
     t_s: Finite
@@ -52,23 +52,23 @@ class Position(Message, frozen=True):
 
 
 class Alive(Message, frozen=True):
-    """Message to the guard: a sign of life of the orchestrator's event loop."""
+    """A sign of life of the orchestrator's event loop."""
 
 
 class Operate(Message, frozen=True):
-    """Message to the guard: an operator's abort, hold or resume."""
+    """An operator's abort, hold or resume."""
 
     command: OperatorCommand
 
 
 class BringDown(Message, frozen=True):
-    """Message to the guard: bring all down for a reason of the orchestrator."""
+    """Bring all down for a reason of the orchestrator's own."""
 
     reason: str
 
 
 class NewFences(Message, frozen=True):
-    """Message to the guard: give vehicles new fences, all or none; who: gave the command.
+    """Give vehicles new fences, all or none; who: gave the command.
 
     proposed: only say whether they could be given.
     """
@@ -79,7 +79,7 @@ class NewFences(Message, frozen=True):
 
 
 class AnchorAt(Message, frozen=True):
-    """Message to the guard: a vehicle's local frame in the world."""
+    """Where a vehicle's local frame is in the world."""
 
     vehicle: str
     origin_ned_m: FiniteVec3
@@ -87,36 +87,36 @@ class AnchorAt(Message, frozen=True):
 
 
 class StartOutage(Message, frozen=True):
-    """Message to the guard: start a link outage of a vehicle for a while."""
+    """Let nothing through between the guard and a vehicle for a while."""
 
     vehicle: str
     duration_s: Finite
 
 
 class Follow(Message, frozen=True):
-    """Message to the guard: let the clock follow the leading vehicle."""
+    """Let the clock follow the vehicle that leads it: all that had to be started runs."""
 
 
 class End(Message, frozen=True):
-    """Message to the guard: nothing more is flown; end children and process."""
+    """Nothing more is to be flown: reap and end."""
 
 
 class Opened(Message, frozen=True):
-    """Message of the guard: links are open; ports: local UDP port of each, 0 without one."""
+    """The links are open; ports: the local UDP port of each, 0 for a link without one."""
 
     pid: int
     ports: tuple[int, ...]
 
 
 class Started(Message, frozen=True):
-    """Message of the guard: a vehicle's process runs."""
+    """A vehicle's process runs."""
 
     vehicle: str
     pid: int
 
 
 class Ended(Message, frozen=True):
-    """Message of the guard: a vehicle's process ended, or failed to start (exit_code None)."""
+    """A vehicle's process ended, or could not be started (exit_code None)."""
 
     vehicle: str
     exit_code: int | None
@@ -124,7 +124,7 @@ class Ended(Message, frozen=True):
 
 
 class FrameSent(Message, frozen=True):
-    """Message of the guard: a command was just sent to a vehicle."""
+    """A command that just went to a vehicle."""
 
     index: int
     t_s: Finite
@@ -132,13 +132,13 @@ class FrameSent(Message, frozen=True):
 
 
 class EventMessage(Message, frozen=True):
-    """Message of the guard: an event."""
+    """An event of the guard."""
 
     event: GuardEvent
 
 
 class Status(Message, frozen=True):
-    """Message of the guard: its status, sent several times a second as its sign of life.
+    """Where the guard stands; sent several times a second, as its sign of life.
 
     at_rest: nothing may be armed, latched or not.
     """
@@ -150,7 +150,7 @@ class Status(Message, frozen=True):
 
 
 class Pace(Message, frozen=True):
-    """Message of the guard: the run clock, `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope."""
+    """The run clock from now on: `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope."""
 
     wall_s: Finite
     run_s: Finite
@@ -158,7 +158,7 @@ class Pace(Message, frozen=True):
 
 
 class Failed(Message, frozen=True):
-    """Message of the guard: it could not begin; says why."""
+    """The guard could not begin; says why."""
 
     text: str
 

@@ -14,23 +14,23 @@ _WITHOUT_A_WORD_S = 0.5
 
 
 class RemoteClock:
-    """Makes the paced loop, and listeners, follow the remote guard's clock."""
+    """Has the running loop, where it is paced, and whoever listens go by the guard's clock."""
 
     def __init__(self) -> None:
         self._listeners: list[Callable[[Segment], None]] = []
         self._led = False
 
     def on_pace(self, listener: Callable[[Segment], None]) -> None:
-        """Register a listener for every segment of the remote clock."""
+        """Have every piece of the clock told to `listener`."""
         self._listeners.append(listener)
 
     def take(self, pace: Pace) -> None:
-        """Follow a segment of the guard's clock; after it the clock goes on without a leap."""
+        """Go on by what the guard says; it ends by itself: the guard's silence is no leap."""
         self._led = True
         self._go_on(pace, _WITHOUT_A_WORD_S)
 
     def go_on_alone(self) -> None:
-        """Continue the remote clock without a guard at its pace, real time at least."""
+        """Go on as it went: nobody leads it any more, and the autopilots' failsafes are awaited."""
         loop = asyncio.get_running_loop()
         if self._led and isinstance(loop, PacedLoop):
             rate = max(1.0, loop.segment.rate)

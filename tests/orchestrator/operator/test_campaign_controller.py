@@ -143,14 +143,18 @@ async def test_what_a_killed_campaign_left_is_swept_away(tmp_path: Path, runtime
 
 
 @pytest.fixture
-def unsafe(runtime: Path) -> None:
-    runtime.mkdir()
-    runtime.chmod(0o755)
+def unsafe(runtime: Path, short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No place for sockets is ours alone."""
+    monkeypatch.setenv("HOME", str(short_folder))
+    for folder in (runtime, short_folder / ".local" / "state" / "wil-campaign"):
+        folder.mkdir(parents=True)
+        folder.chmod(0o755)
 
 
 @pytest.mark.usefixtures("unsafe")
 async def test_an_unsafe_folder_for_sockets_is_said(tmp_path: Path) -> None:
-    with pytest.raises(OperatingError, match="the operator socket cannot be opened"):
+    said = r"the operator socket cannot be opened: no safe folder .* \(mode 0755\)"
+    with pytest.raises(OperatingError, match=said):
         async with open_operator_channels(make_desk(tmp_path, FakeFleet())):
             pass
 

@@ -13,8 +13,9 @@ from safety.fence.geofence import Fence
 from safety.guard.core.contingency import Phase
 from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.operator.operator_socket import POINTER
-from safety.guard.process.orphaned_processes import reap_orphans, records, runtime_folder
+from safety.guard.process.orphaned_processes import reap_orphans, records
 from safety.guard.process.remote_guard import RemoteGuard
+from safety.guard.process.runtime_folder import runtime_folder
 from tests.safety.guard.remote_rigs import (
     ROOT,
     RemoteFlight,
@@ -267,10 +268,16 @@ def open_runtime(runtime: Path) -> None:
 
 
 @pytest.mark.usefixtures("open_runtime")
-async def test_a_folder_of_sockets_that_others_may_write_to_is_refused(folder: Path) -> None:
-    with pytest.raises(LinkError, match="others may write to it"):
-        async with RemoteGuard(guard_config=guard_config(folder)):
-            pass
+async def test_a_folder_of_sockets_that_others_may_write_to_is_passed_over(
+    folder: Path, runtime: Path, short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(short_folder / "home"))
+    async with RemoteFlight(folder):
+        (status,) = await ask(folder, {"command": "status", "who": "anna"})
+    assert status["ok"]
+    assert os.listdir(runtime) == []  # noqa: PTH208
+    (said,) = [line["text"] for line in journal(folder) if line["event"] == "runtime folder"]
+    assert said.startswith(f"{runtime} is open to other users (mode 0777); ")
 
 
 def test_a_runtime_folder_too_deep_for_sockets_is_passed_over(

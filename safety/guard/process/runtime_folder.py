@@ -1,0 +1,118 @@
+"""The folder for this user's sockets and records: of nobody else, whatever stands in its place.
+
+Where the usual folder is not ours alone (another user made it beforehand, it is a symbolic link,
+others may write to it) the next place is used and the reason reported. Readers look in all places.
+"""
+
+import contextlib
+import os
+import re
+import stat
+from dataclasses import dataclass
+from pathlib import Path
+
+from vehicles.processes.identity import ProcessId
+
+_FOLDER = "wil-campaign"
+_LONGEST_BYTES = 107 - len("/campaign-4194304.sock")
+"""Of a folder whose sockets have paths that fit into sockaddr_un, unix(7)."""
+_OF_PROCESS = re.compile(r"(?:campaign|guard)-([0-9]{1,10})(?:-[0-9]+)?\.(?:sock|part)")
+
+
+class RuntimeFolderError(OSError):
+    """There is no safe folder for records and sockets; says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class RuntimeFolder:
+    """A folder of ours alone. passed_over: what is wrong with the places before it, in words."""
+
+    path: Path
+    passed_over: tuple[str, ...] = ()
+
+
+def runtime_folder() -> Path:
+    """Return the folder for new sockets and records. Raises RuntimeFolderError."""
+    return open_runtime_folder().path
+
+
+def open_runtime_folder() -> RuntimeFolder:
+    """Return the first safe place; it is made when it is not there. Raises RuntimeFolderError.
+
+    XDG_RUNTIME_DIR where there is one that is short enough, else beneath /tmp; then beneath the
+    user's home.
+    """
+    passed_over: list[str] = []
+    for folder in _places():
+        try:
+            folder.mkdir(mode=0o700, parents=bool(passed_over), exist_ok=True)
+            fault = _fault(folder)
+        except OSError as error:
+            fault = f"cannot be made: {error.strerror or error}"
+        if not fault:
+            return RuntimeFolder(folder, tuple(passed_over))
+        passed_over.append(f"{folder} {fault}")
+    raise RuntimeFolderError(
+        f"no safe folder for sockets: {'; '.join(passed_over)}; remove it or set "
+        "XDG_RUNTIME_DIR to a folder of your own"
+    )
+
+
+def runtime_folders() -> tuple[Path, ...]:
+    """Return all safe places that are there: a flight may have begun in any of them."""
+    return tuple(folder for folder in _places() if _is_there(folder) and not _fault(folder))
+
+
+def unsafe_folders() -> tuple[str, ...]:
+    """Return what is wrong with the places that are there and not safe, in words."""
+    found = ((folder, _fault(folder)) for folder in _places() if _is_there(folder))
+    return tuple(f"{folder} {fault}" for folder, fault in found if fault)
+
+
+def sweep(folder: Path) -> None:
+    """Remove sockets and unfinished records of processes that are gone."""
+    for path in folder.iterdir():
+        named = _OF_PROCESS.fullmatch(path.name)
+        if named is not None and ProcessId.of(int(named[1])) is None:
+            with contextlib.suppress(OSError):
+                path.unlink()
+
+
+def _places() -> tuple[Path, ...]:
+    base = os.environ.get("XDG_RUNTIME_DIR", "")
+    usual = Path(base) / _FOLDER
+    if not base or len(os.fsencode(usual)) > _LONGEST_BYTES:
+        usual = Path("/tmp") / f"{_FOLDER}-{os.getuid()}"  # noqa: S108 - checked by _fault
+    home = Path("~/.local/state").expanduser() / _FOLDER
+    return tuple(one for one in (usual, home) if len(os.fsencode(one)) <= _LONGEST_BYTES)
+
+
+def _is_there(folder: Path) -> bool:
+    try:
+        folder.lstat()
+    except OSError:
+        return False
+    return True
+
+
+def _fault(folder: Path) -> str:
+    """Return why a folder is not ours alone; empty when it is. Symbolic links are not followed."""
+    try:
+        about, above = folder.lstat(), folder.parent.stat()
+    except OSError as error:
+        return f"cannot be read: {error.strerror or error}"
+    others_move_it = bool(above.st_mode & 0o022) and not above.st_mode & stat.S_ISVTX
+    checks = (
+        (stat.S_ISLNK(about.st_mode), "is a symbolic link"),
+        (not stat.S_ISDIR(about.st_mode), "is not a folder"),
+        (about.st_uid != os.getuid(), f"belongs to another user (uid {about.st_uid})"),
+        (
+            bool(about.st_mode & 0o077),
+            f"is open to other users (mode {stat.S_IMODE(about.st_mode):04o})",
+        ),
+        (
+            above.st_uid not in {0, os.getuid()} or others_move_it,
+            f"can be replaced by other users, who may write to {folder.parent}",
+        ),
+    )
+    return next((text for wrong, text in checks if wrong), "")

@@ -1,0 +1,97 @@
+"""The folder of sockets is this user's alone, whatever others put in its place."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from orchestrator.operator.campaign_records import CampaignRecord, places
+from safety.guard.process.runtime_folder import (
+    RuntimeFolderError,
+    open_runtime_folder,
+    runtime_folders,
+    sweep,
+)
+
+
+@pytest.fixture(autouse=True)
+def usual(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the place that is used where nothing is in the way."""
+    for variable, name in (("XDG_RUNTIME_DIR", "run"), ("HOME", "home")):
+        (short_folder / name).mkdir(mode=0o700)
+        monkeypatch.setenv(variable, str(short_folder / name))
+    return short_folder / "run" / "wil-campaign"
+
+
+@pytest.fixture
+def other(short_folder: Path) -> Path:
+    return short_folder / "home" / ".local" / "state" / "wil-campaign"
+
+
+def test_the_usual_folder_is_ours_alone(usual: Path) -> None:
+    assert open_runtime_folder().path == usual
+    assert usual.stat().st_mode & 0o777 == 0o700
+    assert open_runtime_folder().passed_over == ()
+
+
+@pytest.mark.parametrize("trap", ["open", "link", "file", "shared"])
+def test_a_folder_that_others_made_is_reported_and_another_used(
+    usual: Path, other: Path, tmp_path: Path, trap: str
+) -> None:
+    match trap:
+        case "open":
+            usual.mkdir()
+            usual.chmod(0o777)
+        case "link":
+            usual.symlink_to(tmp_path)
+        case "file":
+            usual.write_text("in the way")
+        case "shared":
+            usual.parent.chmod(0o777)
+    opened = open_runtime_folder()
+    assert opened.path == other
+    said = {
+        "open": "is open to other users (mode 0777)",
+        "link": "is a symbolic link",
+        "file": "cannot be made: File exists",
+        "shared": f"can be replaced by other users, who may write to {usual.parent}",
+    }
+    assert opened.passed_over == (f"{usual} {said[trap]}",)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_of_another_user_is_not_used(
+    usual: Path, other: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usual.mkdir(mode=0o700)
+    other.mkdir(parents=True, mode=0o700)
+    mine = os.getuid()
+    monkeypatch.setattr("os.getuid", lambda: mine + 1)
+    with pytest.raises(RuntimeFolderError, match=f"belongs to another user .uid {mine}."):
+        open_runtime_folder()
+
+
+def test_a_flight_is_found_where_it_began(usual: Path, other: Path, tmp_path: Path) -> None:
+    """The trap is gone when somebody wants to abort."""
+    usual.mkdir()
+    usual.chmod(0o777)
+    record = CampaignRecord(name="gate", folder=tmp_path)
+    with record:
+        assert record.passed_over[0].endswith(f"; {other} is used")
+        usual.rmdir()
+        assert [one.name for one in places().campaigns] == ["gate"]
+        assert record.socket.parent == other
+        assert runtime_folders() == (other,)
+
+
+def test_what_dead_processes_left_is_swept(usual: Path) -> None:
+    folder = open_runtime_folder().path
+    assert folder == usual
+    alive = folder / f"campaign-{os.getpid()}.sock"
+    stays = (alive, folder / "guard-4194303-77.json", folder / "notes.sock")
+    for path in stays:
+        path.touch()
+    for name in ("campaign-4194303.sock", "guard-4194303.sock", "guard-4194303-77.part"):
+        (folder / name).touch()
+    sweep(folder)
+    assert sorted(folder.iterdir()) == sorted(stays)
