@@ -23,6 +23,7 @@ import aiomqtt
 from campaigns.setup.operator_setup import MqttSetup
 from campaigns.values.broker_address import BrokerAddress
 from orchestrator.operator.campaign_records import Place, places
+from orchestrator.operator.message_signing import signed_command
 from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
 from safety.guard.process.remote_guard import RemoteGuard
 from safety.model.samples import PoseSample
@@ -145,12 +146,10 @@ async def by_mqtt(folder: Path, port: int) -> float:
     ):
 
         async def act(_: RemoteGuard) -> float:
-            body = (
-                f'{{"token": "{token}", "session": "{controller.session}", "id": "1", '
-                f'"at": {time.time()}}}'
-            )
+            topic = "wil/gate/operator/abort"
+            said = {"session": controller.session, "id": "1", "at": time.time()}
             began_s = time.monotonic()
-            await client.publish("wil/gate/operator/abort", body, qos=1)
+            await client.publish(topic, signed_command(topic, said, token), qos=1)
             return began_s
 
         return await act_s(folder, act)

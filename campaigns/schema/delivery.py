@@ -22,7 +22,7 @@ RateHz = Annotated[float, Field(gt=0, le=250)]
 
 
 class DeliverPart(Part):
-    """An image delivery: `rtp: HOST:PORT`, `zmq: tcp://HOST:PORT` or `v4l2: /dev/videoN`.
+    """One way out for pictures: `rtp: HOST:PORT`, `zmq: tcp://HOST:PORT` or `v4l2: /dev/videoN`.
 
     sensor: the camera; may be missing where there is one. of: what a vehicle perceives (mixed, in
     mode wil), or the untouched picture of real or twin. vehicle: whose perception; the judged
@@ -54,7 +54,7 @@ class DeliverPart(Part):
         return self
 
     def outlet(self, default_sensor: str) -> ImageOutlet:
-        """Return the image outlet of a delivery; default_sensor where none is named."""
+        """Return the way out; default_sensor where none is named."""
         kind = next(kind for kind in _KINDS if getattr(self, kind) is not None)
         return ImageOutlet(
             kind=kind,
@@ -70,7 +70,6 @@ class DeliverPart(Part):
 
 
 def _check_address(kind: str, address: str) -> None:
-    """Refuse a delivery address of the wrong form: rtp, zmq or v4l2."""
     if kind == "rtp":
         match = _HOST_PORT.fullmatch(address)
         if match is None or not 0 < int(match[2]) < 65536:
@@ -85,7 +84,7 @@ def _check_address(kind: str, address: str) -> None:
 
 
 class _ToVehicles(Part):
-    """An injection's `to`: the vehicles whose autopilots receive it; all without."""
+    """to: which vehicles' autopilots get it; all that fly without."""
 
     to: Annotated[list[Side], Field(min_length=1)] = Field(default_factory=lambda: [*SIDES])
     rate_hz: RateHz | None = None
@@ -93,38 +92,37 @@ class _ToVehicles(Part):
     @field_validator("to")
     @classmethod
     def _once_each(cls, to: list[Side]) -> list[Side]:
-        """Refuse an injection that names a vehicle twice."""
         if len(set(to)) != len(to):
             raise ValueError("names a vehicle twice")
         return to
 
 
 class OfSensorPart(_ToVehicles):
-    """An injection made of a sensor's mixed readings."""
+    """A thing made of a sensor's mixed readings."""
 
     sensor: Annotated[str, Field(min_length=1)]
 
 
 class OfObjectsPart(_ToVehicles):
-    """An injection made of the places of several objects of the virtual world."""
+    """A thing made of where objects of the virtual world are."""
 
     objects: Annotated[list[str], Field(min_length=1)]
 
 
 class OfObjectPart(_ToVehicles):
-    """An injection made of the place of one object of the virtual world."""
+    """A thing made of where one object of the virtual world is."""
 
     object: Annotated[str, Field(min_length=1)]
 
 
 class OfPosePart(_ToVehicles):
-    """An injected pose: motion capture as it arrives, or a mixed sensor of type pose."""
+    """A pose: of motion capture as it comes, or of a sensor of type pose, mixed."""
 
     sensor: Annotated[str, Field(min_length=1)] | None = None
 
 
 class InjectPart(Part):
-    """The campaign's `inject`: deliveries to autopilots by the name of the MAVLink message."""
+    """Things that the autopilots are told, each under its MAVLink message's name."""
 
     obstacle_distance: OfSensorPart | None = None
     distance_sensor: OfSensorPart | None = None
@@ -135,13 +133,12 @@ class InjectPart(Part):
 
     @model_validator(mode="after")
     def _one_estimate(self) -> Self:
-        """Refuse two delivered pose estimates (vision position and odometry)."""
         if self.vision_position_estimate is not None and self.odometry is not None:
             raise KeyFaultError("odometry", "vision_position_estimate delivers the pose already")
         return self
 
     def setups(self) -> tuple[InjectionSetup, ...]:
-        """Return the injections to deliver, in the order of the messages above."""
+        """Return them in the order of the messages above."""
         found: list[InjectionSetup] = []
         for thing in type(self).model_fields:
             part: _ToVehicles | None = getattr(self, thing)
@@ -165,7 +162,7 @@ class InjectPart(Part):
 
 
 def ground_station_link(link: str) -> str:
-    """Return a link that can lead to a ground station. Raises ValueError."""
+    """Return the link when it can lead to a ground station. Raises ValueError."""
     try:
         address = parse_link(link)
     except LinkAddressError as error:

@@ -42,7 +42,7 @@ FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SyncSetup:
-    """The synchronisation limits of a case; seconds of the run clock, metres."""
+    """How closely the pair keeps together; seconds of the run clock, metres."""
 
     identify_timeout_s: float
     ready_timeout_s: float
@@ -57,7 +57,7 @@ class SyncSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoalSetup:
-    """The goal of a case. altitude_m: over the world's origin. gates: object names in order."""
+    """The goal. altitude_m: over the world's origin. gates: object names, in their order."""
 
     altitude_m: float
     gates: tuple[str, ...] = ()
@@ -66,7 +66,7 @@ class GoalSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardingSetup:
-    """The guard's distances of a case; see `GuardSettings`."""
+    """How the guard keeps vehicles inside of their fences; see `GuardSettings`."""
 
     keep_m: float = _USUAL.keep_m
     latency_s: float = _USUAL.latency_s
@@ -75,11 +75,12 @@ class GuardingSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """The complete setup of one case.
+    """All of one case.
 
     recipe: None where no mode mixes. fences: of the vehicles that have one; guarding: how the guard
     keeps them. limits: of setpoints; None for none. links: those that are made worse than they are.
     collision_always: whether contacts are judged whatever the oracles say of `collision`.
+    unsigned_commands: whether operators command by MQTT without a signature.
     gcs: link strings of ground station ports. speed: of the scaled clock, where no launched
     simulation has one of its own; None where the campaign says none.
     """
@@ -101,21 +102,22 @@ class Setup:
     gcs: Mapping[VehicleName, str] = field(default_factory=dict)
     speed: float | None = None
     collision_always: bool = True
+    unsigned_commands: bool = False
 
     def pace(self, names: Iterable[VehicleName]) -> float | None:
-        """Return how many times real time a case's vehicles fly (scaled clock); None: not given."""
+        """Return how many times real time these vehicles fly on the scaled clock; None: unsaid."""
         launched = (self.vehicles[name].launch_pace for name in names)
         return next((pace for pace in launched if pace is not None), self.speed)
 
     def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:
-        """Yield what in this case needs the wall clock: its path in the campaign, its name."""
+        """Yield what this case has outside of this process: its path in the campaign, its name."""
         for name, vehicle in self.vehicles.items():
             if vehicle.driver == "mavsdk":
                 yield ("vehicles", name, "driver"), f"the driver mavsdk of {name}"
         yield from self.shared_by_runs()
 
     def shared_by_runs(self) -> Iterator[tuple[Path, str]]:
-        """Yield a case's external resources that exist once however many runs fly at once."""
+        """Yield what there is one of outside, however many runs fly at once."""
         for name, vehicle in self.vehicles.items():
             if vehicle.mocap is not None:
                 yield ("vehicles", name, "mocap"), f"motion capture at {vehicle.mocap.address}"

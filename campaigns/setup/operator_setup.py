@@ -13,18 +13,19 @@ OnLoss = Literal["continue", "hold", "abort"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MqttSetup:
-    """How to reach the operator's MQTT broker, and what to publish there.
+    """How to reach a broker, and what to say there.
 
-    user: empty for none. password_env, token_env: names of environment variables; empty for none.
-    ca_file: who vouches for the broker; None for the system's. cert_file, key_file: our own
-    certificate; None for none. root: of all topics. on_loss: what is done when the broker was away
-    for lost_after_s.
+    user: empty for none. signed: whether commands have to be. password_env, token_env: names of
+    environment variables; empty for none. ca_file: who vouches for the broker; None for the
+    system's. cert_file, key_file: our own certificate; None for none. root: of all topics.
+    on_loss: what is done when the broker was away for lost_after_s.
     """
 
     broker: BrokerAddress
     user: str = ""
     password_env: str = ""
     token_env: str = ""
+    signed: bool = True
     ca_file: Path | None = None
     cert_file: Path | None = None
     key_file: Path | None = None
@@ -34,7 +35,7 @@ class MqttSetup:
 
 
 def mqtt_setup(campaign: Document, part: OperatorPart, problems: list[Problem]) -> MqttSetup | None:
-    """Return the operator's MQTT setup; None where none is given. Missing files are noted."""
+    """Return the setup of MQTT; None where none is asked for. Notes files that are not there."""
     mqtt = part.mqtt
     if mqtt is None:
         return None
@@ -48,6 +49,7 @@ def mqtt_setup(campaign: Document, part: OperatorPart, problems: list[Problem]) 
         user=mqtt.user or broker.user,
         password_env=mqtt.password_env or "",
         token_env=mqtt.token_env or "",
+        signed=mqtt.commands == "signed",
         root=mqtt.root,
         on_loss=part.on_operator_loss,
         lost_after_s=part.lost_after_s,
@@ -56,7 +58,6 @@ def mqtt_setup(campaign: Document, part: OperatorPart, problems: list[Problem]) 
 
 
 def _file(campaign: Document, key: str, name: str | None, problems: list[Problem]) -> Path | None:
-    """Return the path of an operator's TLS or secret file; None, and a problem, if missing."""
     if name is None:
         return None
     path = (campaign.path.parent / name).resolve()

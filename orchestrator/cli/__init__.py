@@ -45,6 +45,11 @@ _COMMANDS = (
         "Send new fences to the vehicles in flight.",
     ),
     (
+        "sign",
+        "orchestrator.cli.commands.sign:sign",
+        "Sign an operator's command for MQTT.",
+    ),
+    (
         "watch",
         "orchestrator.cli.commands.watch:watch",
         "Show the runs in flight on this machine until they end.",
@@ -100,7 +105,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _call_command(tokens: list[str]) -> int:
-    """Run the command of the command line's tokens; return the exit code."""
     app = build_app()
     if not tokens:
         app.help_print(console=app.error_console)
@@ -111,7 +115,7 @@ def _call_command(tokens: list[str]) -> int:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Handle SIGTERM, and SIGHUP unless ignored (nohup), as Ctrl-C on the command line."""
+    """Take SIGTERM, and the terminal's end unless that is ignored (nohup), as Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -127,7 +131,7 @@ def _interruptible() -> Iterator[None]:
 
 
 def build_app() -> App:
-    """Return the command-line program with its commands, none of them imported yet."""
+    """Return the program with its commands, none of them imported yet."""
     app = App(
         name="wil-campaign",
         help="World-in-the-loop testing: a real vehicle and its twin fly one test together.",
@@ -141,7 +145,6 @@ def build_app() -> App:
 
 
 def _version() -> str:
-    """Return the program's version for the command line."""
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - slow, rarely used
 
     try:
@@ -151,7 +154,7 @@ def _version() -> str:
 
 
 def _report_failure(error: BaseException) -> int:
-    """Print an error, the user's or ours, on the command line; return the exit code."""
+    """Tell a person about an error, which is the user's to mend or ours; return the exit code."""
     import tempfile  # noqa: PLC0415 - not needed for --help
     import traceback  # noqa: PLC0415 - not needed for --help
 

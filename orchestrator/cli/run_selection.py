@@ -11,7 +11,7 @@ from campaigns.expansion.expansion import Options
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """The selection of runs on the command line: cases, modes, overrides.
+    """Which runs.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Choice:
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = ()
 
     def options(self, *further: str) -> Options:
-        """Return the run selection as options with further KEY=VALUE after it."""
+        """Return the choice with further KEY=VALUE after it."""
         return Options(
             cases=self.case,
             modes=self.mode,

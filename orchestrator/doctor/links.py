@@ -17,7 +17,7 @@ _OPEN_S = 5.0
 
 
 def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
-    """Yield a finding per campaign: whether its files are valid and its links open."""
+    """Yield for each campaign whether its files are good and its links can be had."""
     for file in files:
         try:
             campaign = load_campaign(file)

@@ -23,8 +23,6 @@ _POLL_S = 0.05
 
 @dataclass(slots=True)
 class _Feed:
-    """The motion capture feed of one vehicle, with its listeners."""
-
     setup: MocapSetup
     capture: MotionCapture
     listeners: list[Listener] = field(default_factory=list)
@@ -32,7 +30,7 @@ class _Feed:
 
 
 class MotionCaptures:
-    """A run's motion capture inputs; vehicles with one address share one input."""
+    """The motion-capture inputs of a run; vehicles that name one address share one input."""
 
     def __init__(self, wanted: Mapping[Source, MocapSetup]) -> None:
         self._feeds: dict[Source, _Feed] = {}
@@ -46,19 +44,19 @@ class MotionCaptures:
             self._add(group)
 
     async def open(self, stack: AsyncExitStack) -> None:
-        """Open all motion capture inputs. Raises SourceError."""
+        """Open all inputs. Raises SourceError."""
         for one in self._inputs:
             await stack.enter_async_context(one)
 
     def listen(self, vehicle: Source, listener: Listener) -> bool:
-        """Call `listener` with each motion capture pose of a vehicle; False without feed."""
+        """Call `listener` with each pose of a vehicle; False when none comes from outside."""
         if vehicle not in self._feeds:
             return False
         self._feeds[vehicle].listeners.append(listener)
         return True
 
     async def ready(self, within_s: float = _FIRST_S) -> None:
-        """Wait until motion capture has seen every vehicle. Raises SourceError."""
+        """Wait until every vehicle has been seen. Raises SourceError."""
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + within_s
         for vehicle, feed in self._feeds.items():
@@ -68,7 +66,7 @@ class MotionCaptures:
                 await asyncio.sleep(_POLL_S)
 
     def silent(self, now_s: float) -> str:
-        """Return in words which vehicle motion capture lost for too long; "" for none."""
+        """Return who has not been seen for longer than the campaign allows; empty for nobody."""
         for vehicle, feed in self._feeds.items():
             gap_s = now_s - (feed.last_s if feed.last_s is not None else now_s)
             if gap_s > feed.setup.stall_s:
@@ -80,7 +78,7 @@ class MotionCaptures:
 
     @property
     def results(self) -> tuple[CaptureResult, ...]:
-        """Return the figures of each vehicle's motion capture feed."""
+        """Return the figures of each vehicle's feed."""
         return tuple(
             CaptureResult(
                 vehicle=vehicle,
@@ -129,7 +127,6 @@ class MotionCaptures:
 
 
 def _unseen_bodies(vehicle: Source, feed: _Feed, within_s: float) -> str:
-    """Return why motion capture has not seen a vehicle's body, in words."""
     setup, capture = feed.setup, feed.capture
     figures = capture.statistics(setup.body)
     if capture.garbage:

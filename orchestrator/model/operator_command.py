@@ -8,14 +8,14 @@ from safety.guard.core.operator_command import OperatorCommand
 
 
 class Inbox(Protocol):
-    """The inbox of operator commands (protocol): polled by a run, never blocking."""
+    """Where a run looks for commands, often and without waiting."""
 
     def poll(self) -> OperatorCommand | None:
-        """Return the next operator command, or None."""
+        """Return the next command that has come, or None."""
 
 
 class ScriptedInbox:
-    """Operator commands at given times of the run clock: for tests and for virtual time."""
+    """Commands that come at given times of the run clock: for tests and for virtual time."""
 
     def __init__(
         self, *, time: Callable[[], float], script: tuple[tuple[float, OperatorCommand], ...] = ()
@@ -24,7 +24,7 @@ class ScriptedInbox:
         self._script = deque(sorted(script, key=lambda item: item[0]))
 
     def poll(self) -> OperatorCommand | None:
-        """Return the next operator command whose time has come, or None."""
+        """Return the next command whose time has come, or None."""
         if self._script and self._script[0][0] <= self._time():
             return self._script.popleft()[1]
         return None

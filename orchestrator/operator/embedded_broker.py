@@ -1,18 +1,22 @@
-"""A broker of our own for a campaign without one: on loopback, for whoever has an account here."""
+"""A broker of our own for a campaign without one: on loopback, for the campaign's users alone."""
 
 import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from campaigns.values.broker_address import BrokerAddress
+from orchestrator.operator.broker_access import BrokerAccess
 from orchestrator.operator.errors import OperatingError
 
-_ANONYMOUS = "amqtt.plugins.authentication.AnonymousAuthPlugin"
+_PLUGINS = "orchestrator.operator.broker_plugins"
 
 
 @asynccontextmanager
-async def embedded_broker(address: BrokerAddress) -> AsyncIterator[None]:
-    """Run an MQTT broker at an address. Raises OperatingError when it cannot."""
+async def embedded_broker(address: BrokerAddress, access: BrokerAccess) -> AsyncIterator[None]:
+    """Run a broker at an address. access: who may connect, and to what.
+
+    Raises OperatingError when it cannot be started.
+    """
     try:
         from amqtt.broker import Broker  # noqa: PLC0415 - slow, optional, rarely used
         from amqtt.errors import BrokerError  # noqa: PLC0415
@@ -23,10 +27,14 @@ async def embedded_broker(address: BrokerAddress) -> AsyncIterator[None]:
     # It logs every client that goes without a word as an error.
     for name in ("amqtt", "transitions"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    users = {"base": access.base, "passwords": dict(access.passwords)}
     broker = Broker(
         {
             "listeners": {"default": {"type": "tcp", "bind": f"{address.host}:{address.port}"}},
-            "plugins": {_ANONYMOUS: {"allow_anonymous": True}},
+            "plugins": {
+                f"{_PLUGINS}.CampaignAuth": dict(users),
+                f"{_PLUGINS}.CampaignTopics": dict(users),
+            },
         }
     )
     try:

@@ -8,7 +8,7 @@ import ssl
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import aiomqtt
 
@@ -17,11 +17,13 @@ from orchestrator.model.progress import News
 from orchestrator.model.results import RunResult
 from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.errors import OperatingError
+from orchestrator.operator.message_signing import signed, status_key
 from orchestrator.operator.mqtt_commands import CommandReader, RefusedCommandError
 from orchestrator.operator.mqtt_reports import ack_of, publications, status_of, verdict_of
 from orchestrator.operator.outbox import Outbox
 from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.operator.operator_lines import RefusedLineError
+from safety.guard.operator.rate_limit import RateLimit
 from vehicles.tasks import FAULTS, Contained, asked_to_end, leaves, report, start, stop
 
 _CONNECT_S = 5.0
@@ -36,9 +38,12 @@ _OF_THE_CONNECTION = (aiomqtt.MqttError, OSError, UnicodeError)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MqttSecrets:
-    """The secrets of MQTT: the command token, and the broker's password (empty for none)."""
+    """What is secret: what commands are signed by, and the password at the broker (empty for none).
 
-    token: str
+    token: None where commands are not signed, and what is published is not either.
+    """
+
+    token: str | None
     password: str = ""
 
 
@@ -46,7 +51,7 @@ class MqttSecrets:
 async def mqtt_operating(
     setup: MqttSetup, secrets_: MqttSecrets, controller: CampaignController
 ) -> AsyncIterator[None]:
-    """Connect a campaign controller to an MQTT broker for the context's duration.
+    """Connect a desk to a broker for as long as this lasts.
 
     Raises OperatingError when the broker cannot be had at the start; afterwards the connection is
     made again as often as it is lost.
@@ -68,7 +73,7 @@ _OF_OPENSSL = re.compile(r"^\[SSL: \w+\] | \(_ssl\.c:\d+\)$")
 
 
 class MqttOperator:
-    """One campaign at one MQTT broker. jitter: a random share of each wait to reconnect."""
+    """One campaign at one broker. jitter: a random share of each wait for the next attempt."""
 
     def __init__(
         self,
@@ -86,21 +91,25 @@ class MqttOperator:
         self._jitter = jitter
         self._base = f"{setup.root}/{controller.campaign}"
         self._reader = CommandReader(
-            token=secrets_.token, session=controller.session, flying=lambda: controller.flying
+            base=self._base,
+            token=secrets_.token,
+            session=controller.session,
+            flying=lambda: controller.flying,
         )
+        self._status_key = None if secrets_.token is None else status_key(secrets_.token)
         self._outbox = Outbox()
         self._first: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._away: asyncio.TimerHandle | None = None
         self._connected = False
-        self._refusals = _Flood(_MOST_REFUSALS_A_SECOND)
+        self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
 
     async def first_connection(self) -> None:
-        """Wait for the first connection to the broker. Raises OperatingError."""
+        """Wait for the first connection. Raises OperatingError when it cannot be made."""
         await self._first
         self._controller.follow(self)
 
     async def run(self) -> None:
-        """Stay connected to the MQTT broker until cancelled.
+        """Be connected until cancelled.
 
         An exception of ours stops no flight either: it is reported, and the connection made again.
         """
@@ -116,7 +125,7 @@ class MqttOperator:
             await asyncio.sleep(wait_s * (0.5 + 0.5 * self._jitter()))
 
     async def _connection(self) -> str:
-        """Connect once to the MQTT broker; return why it ended.
+        """Be connected once; return why it ended. What the broker has nothing to do with is told.
 
         Before the first connection whatever it is is told to who waits for that.
         """
@@ -132,7 +141,7 @@ class MqttOperator:
         return "the connection ended"
 
     async def finish(self) -> None:
-        """Publish the last status, and wait a moment for pending MQTT messages."""
+        """Tell the last status, and wait a moment for what must arrive to be on its way."""
         self._outbox.put(status_of(self._controller.summary("ended")))
         deadline_s = asyncio.get_running_loop().time() + _FLUSH_S
         while self._connected and asyncio.get_running_loop().time() < deadline_s:
@@ -143,32 +152,33 @@ class MqttOperator:
         await asyncio.sleep(0.05)
 
     def close(self) -> None:
-        """Stop handling an absent MQTT broker."""
+        """Do nothing more about a broker that is away."""
         if self._away is not None:
             self._away.cancel()
 
     def news(self, news: News) -> None:
-        """Publish a run's news by MQTT."""
+        """Publish what a run tells."""
         for publication in publications(news):
             self._outbox.put(publication)
 
     def finished(self, result: RunResult) -> None:
-        """Publish a verdict by MQTT."""
+        """Publish a verdict."""
         self._outbox.put(verdict_of(result))
 
     def status(self) -> None:
-        """Publish the campaign's status by MQTT."""
+        """Publish where the campaign stands."""
         self._outbox.put(status_of(self._controller.summary(self._controller.state)))
 
     async def _keep_connected(self) -> None:
         will = status_of({"state": "lost", "session": self._controller.session})
+        will_topic = f"{self._base}/{will.topic}"
         client = aiomqtt.Client(
             self._setup.broker.host,
             self._setup.broker.port,
             username=self._setup.user or None,
             password=self._secrets.password or None,
             identifier=f"wil-{secrets.token_hex(6)}",
-            will=aiomqtt.Will(f"{self._base}/status", will.payload, qos=1, retain=True),
+            will=aiomqtt.Will(will_topic, self._sign(will_topic, will.payload), 1, True),
             timeout=_CONNECT_S,
             keepalive=_KEEPALIVE_S,
             tls_params=self._tls(),
@@ -191,13 +201,21 @@ class MqttOperator:
             cert_reqs=ssl.CERT_REQUIRED,
         )
 
+    def _sign(self, topic: str, payload: bytes) -> bytes:
+        """Return what is published: with its time, so that an old one is seen to be old."""
+        if self._status_key is None:
+            return payload
+        at = f', "at": {round(self._utc(), 3)}}}'
+        return signed(topic, payload[:-1] + at.encode(), self._status_key)
+
     async def _publish(self, client: aiomqtt.Client) -> None:
         while True:
             publication = await self._outbox.take()
+            topic = f"{self._base}/{publication.topic}"
             try:
                 await client.publish(
-                    f"{self._base}/{publication.topic}",
-                    publication.payload,
+                    topic,
+                    self._sign(topic, publication.payload),
                     qos=1 if publication.important else 0,
                     retain=publication.retain,
                 )
@@ -228,7 +246,7 @@ class MqttOperator:
         self._answer(id=asked.command_id, command=kind, ok=ok, text=text, who=who, final=final)
 
     def _refuse(self, kind: str, error: RefusedCommandError) -> None:
-        if self._refusals.too_much(asyncio.get_running_loop().time()):
+        if self._refusals.is_exceeded(asyncio.get_running_loop().time()):
             return  # Who floods gets no answers, and does not fill the disk.
         self._controller.log.refused(f"mqtt: {kind}: {error}", who=error.who)
         self._answer(
@@ -278,23 +296,6 @@ class MqttOperator:
 
 
 def _error_text(error: BaseException) -> str:
-    """Return an MQTT connection error in words, without OpenSSL's source place."""
     error = leaves(error)[0]
     # OpenSSL's words without where in its source they stand.
     return _OF_OPENSSL.sub("", str(error)) or type(error).__name__
-
-
-@dataclass(slots=True)
-class _Flood:
-    """Limits how many MQTT commands are answered in each second."""
-
-    most: int
-    _second: int = 0
-    _count: int = field(default=0)
-
-    def too_much(self, now_s: float) -> bool:
-        """Return whether this second has more MQTT commands than are answered."""
-        if int(now_s) != self._second:
-            self._second, self._count = int(now_s), 0
-        self._count += 1
-        return self._count > self.most

@@ -2,31 +2,34 @@
 
 A command is a JSON object on <root>/<campaign>/operator/{abort,hold,resume,geofence}:
 
-    {"token": "...", "session": "20261121T153936Z", "id": "a1", "at": 1763739601.2, "who": "anna"}
+    {"session": "20261121T153936Z", "id": "a1", "at": 1763739601.2, "who": "anna",
+     "signature": "..."}
 
-session: which start of the campaign is meant, as `status` says it. id: anything that is not used
-twice. at: seconds since 1970. run: "case/mode/repetition", when only that run is meant; it has to
-fly. geofence, for the command of that name alone: an object as of a campaign, a QGroundControl
-plan, GeoJSON, or the text of a file with one of them.
+signature: by the operators' token, see message_signing; none where a campaign has `commands:
+unsigned`. session: which start of the campaign is meant, as `status` says it. id: anything that is
+not used twice. at: seconds since 1970. run: "case/mode/repetition", when only that run is meant; it
+has to fly. geofence, for the command of that name alone: an object as of a campaign, a
+QGroundControl plan, GeoJSON, or the text of a file with one of them.
 """
 
 import json
 from collections.abc import Callable, Collection
 from typing import Any, cast, get_args
 
+from orchestrator.operator.message_signing import SignatureError, command_key, verified
 from safety.guard.core.operator_command import OperatorCommand, OperatorKind
-from safety.guard.operator.operator_lines import RefusedLineError, checked_who, same_token
+from safety.guard.operator.operator_lines import RefusedLineError, checked_who
 
 LONGEST_COMMAND_BYTES = 1 << 16
 OLDEST_S = 5.0
 _LONGEST_ID = 64
 _LONGEST_REASON = 200
-_KEYS = frozenset({"token", "session", "id", "at", "who", "run", "reason", "geofence"})
+_KEYS = frozenset({"session", "id", "at", "who", "run", "reason", "geofence"})
 _KINDS: frozenset[str] = frozenset(get_args(OperatorKind))
 
 
 class RefusedCommandError(Exception):
-    """A refused MQTT command; says why. id, who: as far as they could be read."""
+    """A message that is not obeyed; says why. id, who: as far as they could be read."""
 
     def __init__(self, reason: str, *, command_id: str = "", who: str = "") -> None:
         super().__init__(reason)
@@ -35,26 +38,32 @@ class RefusedCommandError(Exception):
 
 
 class CommandReader:
-    """Reads one campaign's MQTT commands; remembers ids, so that none runs twice.
+    """Reads the messages of one campaign's start; remembers ids, so that none is obeyed twice.
 
-    flying: returns the runs in flight.
+    base: above the topics of the campaign. token: what commands are signed by; None where they are
+    not. flying: returns the runs in flight.
     """
 
-    def __init__(self, *, token: str, session: str, flying: Callable[[], Collection[str]]) -> None:
-        if not token:
-            raise ValueError("without a token anybody could send commands")
-        self._token = token
+    def __init__(
+        self,
+        *,
+        base: str,
+        token: str | None,
+        session: str,
+        flying: Callable[[], Collection[str]],
+    ) -> None:
+        if token == "":
+            raise ValueError("with an empty token anybody could sign commands")
+        self._base = base
+        self._key = None if token is None else command_key(token)
         self._session = session
         self._flying = flying
         self._seen: dict[str, float] = {}
 
     def read(self, kind: str, payload: bytes, *, retained: bool, now_s: float) -> OperatorCommand:
-        """Return the command in an MQTT message. now_s: since 1970. Raises RefusedCommandError."""
-        said = _object(payload)
+        """Return the command in a message. now_s: since 1970. Raises RefusedCommandError."""
+        said = self._authentic(kind, payload)
         command_id = _id(said)
-        if not same_token(said.get("token"), self._token):
-            why = "wrong token" if "token" in said else "a token is needed"
-            raise RefusedCommandError(why, command_id=command_id)
         if not command_id:
             raise RefusedCommandError(f"id is a text of 1 to {_LONGEST_ID} printable characters")
         try:
@@ -72,8 +81,23 @@ class CommandReader:
             cast("OperatorKind", kind), f"mqtt:{who}", text, _document(said), command_id
         )
 
+    def _authentic(self, kind: str, payload: bytes) -> dict[str, Any]:
+        """Return the object that was signed, or that needs no signature.
+
+        Raises RefusedCommandError.
+        """
+        said = _object(payload)
+        if self._key is None:
+            return said
+        try:
+            body = verified(f"{self._base}/operator/{kind}", payload, self._key)
+        except SignatureError as error:
+            raise RefusedCommandError(str(error), command_id=_id(said)) from error
+        # What was signed, and not what else a parser may read into the message.
+        return _object(body)
+
     def _refusal(self, kind: str, said: dict[str, Any], *, retained: bool, now_s: float) -> str:
-        """Return why an authorised MQTT command is refused; empty when it is not."""
+        """Return why an authentic command is not obeyed; empty when it is."""
         unknown = sorted(ascii(key)[1:-1] for key in set(said) - _KEYS)
         checks = (
             (bool(unknown), f"unknown keys: {', '.join(unknown)[:_LONGEST_ID]}"),
@@ -100,7 +124,7 @@ class CommandReader:
         return next((text for wrong, text in checks if wrong), "")
 
     def _is_known(self, command_id: str, now_s: float) -> bool:
-        """Return whether a command's id is known, and remember it; old ones are dropped."""
+        """Remember an id; what is older than any command may be is forgotten."""
         self._seen = {one: t_s for one, t_s in self._seen.items() if now_s - t_s < 3.0 * OLDEST_S}
         known = command_id in self._seen
         self._seen.setdefault(command_id, now_s)
@@ -108,7 +132,6 @@ class CommandReader:
 
 
 def _object(payload: bytes) -> dict[str, Any]:
-    """Return the JSON object of an MQTT command. Raises RefusedCommandError."""
     if len(payload) > LONGEST_COMMAND_BYTES:
         raise RefusedCommandError(f"longer than {LONGEST_COMMAND_BYTES} bytes")
     try:
@@ -123,28 +146,24 @@ def _object(payload: bytes) -> dict[str, Any]:
 
 
 def _is_time(at_s: Any) -> bool:
-    """Return whether an MQTT command's time is a number."""
     return isinstance(at_s, int | float) and not isinstance(at_s, bool)
 
 
 def _is_fresh(at_s: Any, now_s: float) -> bool:
-    """Return whether an MQTT command's time is recent."""
     # Written so that NaN is not fresh, and integers beyond every float may come.
     return _is_time(at_s) and now_s - OLDEST_S <= at_s <= now_s + OLDEST_S
 
 
 def _id(said: dict[str, Any]) -> str:
-    """Return an MQTT command's id; empty when it has none that is fit for a record."""
+    """Return the id of a command; empty when it has none that is fit for a record."""
     value = said.get("id")
     return value if isinstance(value, str) and _is_fit(value, _LONGEST_ID) else ""
 
 
 def _document(said: dict[str, Any]) -> str:
-    """Return the fence document of an MQTT command as text."""
     given = said.get("geofence", "")
     return given if isinstance(given, str) else json.dumps(given)
 
 
 def _is_fit(text: str, longest: int) -> bool:
-    """Return whether a text of an MQTT command is short and printable."""
     return len(text) <= longest and text.isprintable()

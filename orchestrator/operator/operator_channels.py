@@ -1,25 +1,30 @@
 """Opens the ways in which an operator reaches a campaign, for as long as it flies."""
 
+import json
 import os
 import secrets
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from campaigns.setup.operator_setup import MqttSetup
+from orchestrator.operator.broker_access import CAMPAIGN, BrokerAccess
 from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.campaign_records import CampaignRecord, Place, places
 from orchestrator.operator.errors import OperatingError
-from safety.guard.operator.operator_socket import POINTER, OperatorSocket
+from safety.guard.operator.operator_socket import POINTER, OperatorSocket, write_private
 
 TOKEN = "operator.token"  # noqa: S105 - a file's name
+ACCESS = "operator.access.json"
+"""The file in a results folder with what it takes to reach the campaign's broker."""
 
 
 @asynccontextmanager
 async def open_operator_channels(
     controller: CampaignController, mqtt: MqttSetup | None = None
 ) -> AsyncIterator[None]:
-    """Open the campaign controller's operator channels: its socket, and MQTT.
+    """Have the desk reached by its socket, and by MQTT where a broker is named.
 
     Says on this machine that the campaign flies. Raises OperatingError.
     """
@@ -35,22 +40,48 @@ async def open_operator_channels(
 
 
 async def _connect(stack: AsyncExitStack, controller: CampaignController, mqtt: MqttSetup) -> None:
-    """Connect the campaign controller to its MQTT broker."""
     # Slow to import, and most campaigns have no broker.
     from orchestrator.operator.embedded_broker import embedded_broker  # noqa: PLC0415
     from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating  # noqa: PLC0415
 
-    found = MqttSecrets(
-        token=_variable(mqtt.token_env, "token_env") or _make_token(controller.folder),
-        password=_variable(mqtt.password_env, "password_env"),
-    )
+    token: str | None = None
+    if mqtt.signed:
+        token = _variable(mqtt.token_env, "token_env") or _make_token(controller.folder)
+    else:
+        controller.warn(
+            f"operator.mqtt.commands is unsigned: whoever may publish at {mqtt.broker} commands "
+            "this flight"
+        )
+    password = _variable(mqtt.password_env, "password_env")
+    access: BrokerAccess | None = None
     if mqtt.broker.embedded:
-        await stack.enter_async_context(embedded_broker(mqtt.broker))
+        access = BrokerAccess.new(f"{mqtt.root}/{controller.campaign}")
+        mqtt, password = replace(mqtt, user=CAMPAIGN), access.passwords[CAMPAIGN]
+        await stack.enter_async_context(embedded_broker(mqtt.broker, access))
+    _write_access(controller, mqtt, access)
+    found = MqttSecrets(token=token, password=password)
     await stack.enter_async_context(mqtt_operating(mqtt, found, controller))
 
 
+def _write_access(
+    controller: CampaignController, mqtt: MqttSetup, access: BrokerAccess | None
+) -> None:
+    """Write where operators reach the campaign, for its owner alone; without the token."""
+    passwords = {} if access is None else access.passwords
+    said = {
+        "host": mqtt.broker.host,
+        "port": mqtt.broker.port,
+        "tls": mqtt.broker.tls,
+        "topics": f"{mqtt.root}/{controller.campaign}",
+        "session": controller.session,
+        "signed": mqtt.signed,
+        "passwords": {user: passwords[user] for user in passwords if user != CAMPAIGN},
+    }
+    _write_secret(controller.folder / ACCESS, json.dumps(said, indent=2))
+
+
 def _variable(name: str, key: str) -> str:
-    """Return an environment variable with an operator's secret; empty where none is named."""
+    """Return what a variable of the environment holds; empty where none is named."""
     if not name:
         return ""
     value = os.environ.get(name, "")
@@ -60,20 +91,24 @@ def _variable(name: str, key: str) -> str:
 
 
 def _make_token(folder: Path) -> str:
-    """Return a new operator token, stored in the campaign's folder for its owner alone."""
-    token = secrets.token_urlsafe(12)
-    path = folder / TOKEN
-    try:
-        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-            file.write(token + "\n")
-    except OSError as error:
-        raise OperatingError(f"the token of operators cannot be written: {error}") from error
+    """Return a new token, which stands in the campaign's folder for its owner alone."""
+    token = secrets.token_urlsafe(24)
+    _write_secret(folder / TOKEN, token)
     return token
 
 
+def _write_secret(path: Path, text: str) -> None:
+    """Write a file for its owner alone, in place of an earlier one. Raises OperatingError."""
+    try:
+        write_private(path, text + "\n")
+    except OSError as error:
+        raise OperatingError(f"{path.name} cannot be written: {error}") from error
+
+
 async def _serve_socket(stack: AsyncExitStack, controller: CampaignController) -> None:
-    """Serve the campaign controller's operator socket, and record it."""
     record = stack.enter_context(CampaignRecord(name=controller.campaign, folder=controller.folder))
+    for text in record.passed_over:
+        controller.warn(text)
     await stack.enter_async_context(
         OperatorSocket(
             path=record.socket,
@@ -86,7 +121,6 @@ async def _serve_socket(stack: AsyncExitStack, controller: CampaignController) -
 
 
 def _guards(controller: CampaignController) -> Sequence[Place]:
-    """Return the guards of the controlled campaign's runs."""
     try:
         return places().beneath(controller.folder).guards
     except OSError:

@@ -30,11 +30,13 @@ _JUMP_S = 86400.0
 _DISK_MB = 400
 _BROKER = """
 import asyncio, sys
-from campaigns.values.broker_address import BrokerAddress
-from orchestrator.operator.embedded_broker import embedded_broker
+from amqtt.broker import Broker
+ANYBODY = {"amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True}}
 async def main():
-    async with embedded_broker(BrokerAddress("127.0.0.1", int(sys.argv[1]), embedded=True)):
-        await asyncio.Event().wait()
+    listener = {"type": "tcp", "bind": f"127.0.0.1:{sys.argv[1]}"}
+    broker = Broker({"listeners": {"default": listener}, "plugins": ANYBODY})
+    await broker.start()
+    await asyncio.Event().wait()
 asyncio.run(main())
 """
 
@@ -200,7 +202,7 @@ async def _garbage_by_mqtt(program: Program, port: int, rng: np.random.Generator
     import aiomqtt
 
     session = program.folder.name
-    wrong = {"token": "wrong", "session": session, "id": "x1", "at": time.time(), "who": "eve"}
+    wrong = {"signature": "0" * 64, "session": session, "id": "x1", "at": time.time(), "who": "eve"}
     payloads: list[bytes] = [
         b"",
         b"abort",

@@ -21,7 +21,7 @@ _FULL_CIRCLE_RAD = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True)
 class LidarModel:
-    """A lidar scanner's beams; a 2-D scanner has one row.
+    """A scanner's beams. A 2-D scanner has one row.
 
     columns: beams across horizontal_fov_rad, the outer ones on its edges; a full circle has
     no beam twice. rows: beams across vertical_fov_rad, the same. range_min_m, range_max_m:
@@ -55,7 +55,7 @@ class LidarModel:
 
     @property
     def azimuths_rad(self) -> FloatArray:
-        """Return the lidar beams' angles right of forward, (columns,)."""
+        """Return the beams' angles to the right of forward, (columns,)."""
         half = self.horizontal_fov_rad / 2.0
         if self.columns == 1:
             return np.zeros(1)
@@ -64,14 +64,14 @@ class LidarModel:
 
     @property
     def elevations_rad(self) -> FloatArray:
-        """Return the lidar rows' angles above level, (rows,), the highest first."""
+        """Return the rows' angles above level, (rows,), the highest first."""
         half = self.vertical_fov_rad / 2.0
         return np.linspace(half, -half, self.rows) if self.rows > 1 else np.zeros(1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """A lidar scan. ranges_m: (rows, columns) float32, inf for nothing within range.
+    """What a scanner saw. ranges_m: (rows, columns) float32, inf for nothing within range.
 
     object_ids: (rows, columns) uint8, 0 for nothing.
     """
@@ -87,7 +87,7 @@ def scan(
     t_s: float,
     events: Mapping[str, float] = NO_EVENTS,
 ) -> Scan:
-    """Return a lidar's scan from a sensor pose (FRD axes, in the world) at a time."""
+    """Return what a scanner sees from a pose (FRD axes, in the world) at a time."""
     directions = model.directions @ matrix_from_quat(sensor_pose.q_wxyz).T
     hits = caster.cast(sensor_pose.position_ned_m, directions, t_s, events)
     seen = (hits.ranges_m >= model.range_min_m) & (hits.ranges_m <= model.range_max_m)

@@ -35,26 +35,26 @@ TRUTH_HZ = 125.0
 
 
 class Feed(Protocol):
-    """What a vehicle backend provides beside MAVLink: truth, motion capture (protocol)."""
+    """What an embedded vehicle gives beside MAVLink."""
 
     def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
-        """Call `callback` with the backend's truth at a rate."""
+        """Have the truth given to `callback` so often."""
 
     def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
-        """Call `callback` with the backend's motion capture readings."""
+        """Have motion capture's readings given to `callback`."""
 
     def notify(self, event: str, t_s: float) -> None:
-        """Pass an event of the world to the backend's vehicle."""
+        """Pass an event of the world to the vehicle's surroundings."""
 
 
 class VehicleBackend(Protocol):
-    """Starts the vehicles of a run, once the guard holds their links (protocol)."""
+    """Starts the vehicles of a run, once the guard holds the links to them."""
 
     async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
-        """Start a vehicle whose link is open; the stack stops it. Raises LinkError."""
+        """Start a vehicle whose link is open; leaving the stack stops it. Raises LinkError."""
 
     def all_started(self) -> None:
-        """Take that the backend has no more vehicles to start: clocks may scale."""
+        """Take that no other vehicle has to be started: a scaled clock may leave the wall's."""
 
 
 class InProcessBackend:
@@ -65,7 +65,7 @@ class InProcessBackend:
         self._far: dict[str, Link] = {}
 
     def link(self, vehicle: VehicleSetup) -> Link:
-        """Return the near end of a vehicle's link in memory."""
+        """Return the near end of a link in memory."""
         far, near = memory_pair(latency_s=_LINK_LATENCY_S, name=vehicle.name)
         self._far[vehicle.name] = far
         return near
@@ -95,24 +95,24 @@ class InProcessBackend:
         return embedded
 
     def all_started(self) -> None:
-        """Do nothing: virtual time has no pace."""
+        """Leave it alone: virtual time is nobody's pace."""
 
 
 class NoFeed:
-    """The feed of a vehicle that is not ours: nothing beside MAVLink."""
+    """What a vehicle gives beside MAVLink that we have not made: nothing."""
 
     def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
-        """Ignore the callback: this vehicle backend knows no truth."""
+        """Never call it: nobody knows the truth."""
 
     def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
-        """Ignore the callback: this vehicle backend has no motion capture."""
+        """Never call it: it brings no motion capture along."""
 
     def notify(self, event: str, t_s: float) -> None:
-        """Ignore the event: the vehicle's surroundings are not ours."""
+        """Leave it alone: its surroundings are not ours."""
 
 
 class SubprocessBackend:
-    """Vehicles in processes of their own, children of the guard; or attached ones."""
+    """Each vehicle a process of its own, a child of the guard's; or one that is there already."""
 
     def __init__(
         self, setup: RunSetup, guard: RemoteGuard, prepared: Mapping[str, PreparedLaunch]
@@ -134,7 +134,7 @@ class SubprocessBackend:
         self._guard.follow()
 
     async def _start_embedded(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
-        """Start an embedded vehicle's process; its feed comes to us."""
+        """Start an embedded vehicle; its feed comes straight to us."""
         feed = FeedClient(source=vehicle.name)
         await stack.enter_async_context(feed)
         self._guard.on_pace(feed.pace)
@@ -175,7 +175,7 @@ class SubprocessBackend:
         )
 
     def _contact_settings(self) -> ContactWorldSettings | None:
-        """Return what the real vehicle's backend lets it collide with."""
+        """Return what the real vehicle can hit: only it can break anything."""
         world = self._setup.order.plan.files.world
         if world is None:
             return None

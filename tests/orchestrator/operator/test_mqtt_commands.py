@@ -1,12 +1,19 @@
 """Commands by MQTT: what is obeyed, what is refused, and that nothing makes the reader fall."""
 
 import json
+import time
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from orchestrator.operator.message_signing import (
+    SignatureError,
+    signed,
+    status_key,
+    verified,
+)
 from orchestrator.operator.mqtt_commands import CommandReader, RefusedCommandError
 from safety.guard.core.operator_command import OperatorCommand
 
@@ -16,12 +23,15 @@ SESSION = "20261121T153936Z"
 
 
 def make_reader() -> CommandReader:
-    return CommandReader(token=TOKEN, session=SESSION, flying=lambda: ["large/wil/1"])
+    return CommandReader(
+        base="wil/gate", token=TOKEN, session=SESSION, flying=lambda: ["large/wil/1"]
+    )
 
 
-def said(**changes: Any) -> bytes:
-    body = {"token": TOKEN, "session": SESSION, "id": "a1", "at": NOW_S, "who": "anna", **changes}
-    return json.dumps({key: value for key, value in body.items() if value is not ...}).encode()
+def said(kind: str = "abort", *, token: str = TOKEN, **changes: Any) -> bytes:
+    body = {"session": SESSION, "id": "a1", "at": NOW_S, "who": "anna", **changes}
+    kept = {key: value for key, value in body.items() if value is not ...}
+    return signed(f"wil/gate/operator/{kind}", json.dumps(kept).encode(), token.encode())
 
 
 def read(payload: bytes, kind: str = "abort", *, retained: bool = False) -> Any:
@@ -30,7 +40,7 @@ def read(payload: bytes, kind: str = "abort", *, retained: bool = False) -> Any:
 
 @pytest.mark.parametrize("kind", ["abort", "hold", "resume"])
 def test_a_good_command_is_obeyed(kind: str) -> None:
-    asked = read(said(reason="a bird", run="large/wil/1"), kind)
+    asked = read(said(kind, reason="a bird", run="large/wil/1"), kind)
     assert (asked.kind, asked.command_id) == (kind, "a1")
     assert asked == OperatorCommand(
         kind,  # type: ignore[arg-type]
@@ -49,16 +59,21 @@ def test_a_good_command_is_obeyed(kind: str) -> None:
         (b"[" * 4000, "not JSON"),
         (b"[1]", "not a JSON object"),
         (b"{" + b" " * 66000 + b"}", "longer than 65536 bytes"),
-        (b"{}", "a token is needed"),
-        (said(token="guess"), "wrong token"),  # noqa: S106
-        (said(token=None), "wrong token"),
-        (said(token=5), "wrong token"),
+        (b"{}", "a signature is needed"),
+        (b'{"id": "a1", "signature": 5}', "a signature is needed"),
+        (said()[:-3] + b'"}', "a signature is needed"),
+        (said().replace(b'"}', b'", "x": 1}'), "a signature is needed"),
+        (said(token="guess"), "wrong signature"),  # noqa: S106
+        (said("hold"), "wrong signature"),
+        (said().replace(b"anna", b"eve!"), "wrong signature"),
+        (said(signature="x"), "unknown keys: signature"),
+        (said(token_="of the test"), "unknown keys: token_"),  # noqa: S106
         (said(id=...), "id is a text of 1 to 64"),
         (said(id="x" * 65), "id is a text of 1 to 64"),
         (said(id=7), "id is a text of 1 to 64"),
         (said(who="x\n"), "who is a name of 1 to 64"),
         (said(more=1), "unknown keys: more"),
-        (said(**{"\ud800": 1}), "unknown keys: \\ud800"),
+        (said("abort", **{"\ud800": 1}), "unknown keys: \\ud800"),
         (said(at=...), "at is the time in seconds"),
         (said(at="now"), "at is the time in seconds"),
         (said(at=True), "at is the time in seconds"),
@@ -82,13 +97,13 @@ def test_what_is_wrong_is_refused_with_the_reason(payload: bytes, why: str) -> N
 
 @pytest.mark.parametrize("given", ["box: {}", {"box": {"up_m": [0, 2]}}])
 def test_a_geofence_comes_as_text_or_as_an_object(given: Any) -> None:
-    command = read(said(geofence=given), "geofence")
+    command = read(said("geofence", geofence=given), "geofence")
     assert (command.kind, command.command_id) == ("geofence", "a1")
     assert given in (command.document, json.loads(command.document) if given != "box: {}" else "")
     with pytest.raises(RefusedCommandError, match="geofence is for"):
-        read(said(geofence=given), "hold")
+        read(said("hold", geofence=given), "hold")
     with pytest.raises(RefusedCommandError, match="geofence is for"):
-        read(said(), "geofence")
+        read(said("geofence"), "geofence")
 
 
 def test_a_reason_that_is_fit_for_no_record_is_left_out() -> None:
@@ -100,24 +115,53 @@ def test_a_retained_command_and_an_unknown_one_are_refused() -> None:
     with pytest.raises(RefusedCommandError, match="retained"):
         read(said(), retained=True)
     with pytest.raises(RefusedCommandError, match="no command 'land'"):
-        read(said(), "land")
+        read(said("land"), "land")
 
 
 def test_no_id_is_obeyed_twice_while_it_is_fresh() -> None:
     reader = make_reader()
-    reader.read("hold", said(), retained=False, now_s=NOW_S)
+    reader.read("hold", said("hold"), retained=False, now_s=NOW_S)
     with pytest.raises(RefusedCommandError, match="used already") as refused:
-        reader.read("hold", said(), retained=False, now_s=NOW_S + 4.0)
+        reader.read("hold", said("hold"), retained=False, now_s=NOW_S + 4.0)
     assert (refused.value.command_id, refused.value.who) == ("a1", "anna")
     with pytest.raises(RefusedCommandError, match="stale"):
-        reader.read("hold", said(), retained=False, now_s=NOW_S + 60.0)
-    later = said(at=NOW_S + 60.0)
+        reader.read("hold", said("hold"), retained=False, now_s=NOW_S + 60.0)
+    later = said("hold", at=NOW_S + 60.0)
     assert reader.read("hold", later, retained=False, now_s=NOW_S + 60.0).command_id == "a1"
 
 
 def test_without_a_token_of_ours_there_is_no_reader() -> None:
     with pytest.raises(ValueError, match="anybody"):
-        CommandReader(token="", session=SESSION, flying=list)
+        CommandReader(base="wil/gate", token="", session=SESSION, flying=list)
+
+
+def test_an_unsigned_command_is_obeyed_where_a_campaign_has_no_key() -> None:
+    reader = CommandReader(base="wil/gate", token=None, session=SESSION, flying=list)
+    payload = json.dumps({"session": SESSION, "id": "a1", "at": NOW_S}).encode()
+    assert reader.read("abort", payload, retained=False, now_s=NOW_S).kind == "abort"
+
+
+def test_a_signature_is_for_one_campaign_and_for_what_was_said() -> None:
+    body = b'{"state": "ended", "at": 1.5}'
+    message = signed("wil/gate/status", body, status_key(TOKEN))
+    assert json.loads(message)["state"] == "ended"
+    assert verified("wil/gate/status", message, status_key(TOKEN)) == body
+    for topic, key in (("wil/hall/status", status_key(TOKEN)), ("wil/gate/status", b"other")):
+        with pytest.raises(SignatureError, match="wrong"):
+            verified(topic, message, key)
+    # Who can only check statuses cannot command.
+    topic = "wil/gate/operator/abort"
+    body = verified(topic, said(), TOKEN.encode())
+    forged = signed(topic, body, status_key(TOKEN))
+    with pytest.raises(RefusedCommandError, match="wrong signature"):
+        read(forged)
+
+
+def test_signing_and_checking_take_less_than_a_tenth_of_a_millisecond() -> None:
+    begin_s = time.perf_counter()
+    for _ in range(200):
+        verified("wil/gate/operator/abort", said(), TOKEN.encode())
+    assert (time.perf_counter() - begin_s) / 200 < 1e-4
 
 
 values = st.recursive(
@@ -125,7 +169,7 @@ values = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
     max_leaves=6,
 )
-keys = st.sampled_from(["token", "session", "id", "at", "who", "run", "reason", "x"])
+keys = st.sampled_from(["token", "signature", "session", "id", "at", "who", "run", "reason", "x"])
 
 
 @given(st.binary(max_size=200) | st.dictionaries(keys, values).map(json.dumps).map(str.encode))
@@ -135,7 +179,8 @@ def test_nothing_but_a_refusal_comes_of_garbage(payload: bytes) -> None:
 
 
 @given(st.dictionaries(keys, values))
-def test_nor_of_garbage_with_the_right_token(body: dict[str, Any]) -> None:
-    payload = json.dumps({**body, "token": TOKEN, "session": "another"}).encode()
+def test_nor_of_garbage_with_the_right_signature(body: dict[str, Any]) -> None:
+    text = json.dumps({**body, "session": "another"}).encode()
+    payload = signed("wil/gate/operator/abort", text, TOKEN.encode())
     with pytest.raises(RefusedCommandError):
         read(payload)

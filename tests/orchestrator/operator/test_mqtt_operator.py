@@ -16,15 +16,18 @@ from campaigns.setup.operator_setup import MqttSetup
 from campaigns.values.broker_address import BrokerAddress
 from orchestrator.cli import main
 from orchestrator.model.progress import Happening
+from orchestrator.operator.broker_access import BrokerAccess
 from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.embedded_broker import embedded_broker
 from orchestrator.operator.errors import OperatingError
+from orchestrator.operator.message_signing import signed_command, status_key, verified
 from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
 from orchestrator.operator.operator_channels import open_operator_channels
 from tests.orchestrator.operator.controllers import FakeFleet, make_desk
 
 TOKEN = "of the test"  # noqa: S105 - opens nothing
-SECRETS = MqttSecrets(token=TOKEN)
+ACCESS = BrokerAccess.new("wil/gate")
+SECRETS = MqttSecrets(token=TOKEN, password=ACCESS.passwords["wil"])
 
 
 def free_port() -> int:
@@ -36,8 +39,12 @@ def free_port() -> int:
 class Person:
     """Follows a campaign at a broker, and commands it."""
 
-    def __init__(self, port: int, controller: CampaignController) -> None:
-        self._client = aiomqtt.Client("127.0.0.1", port)
+    def __init__(
+        self, port: int, controller: CampaignController, access: BrokerAccess = ACCESS
+    ) -> None:
+        self._client = aiomqtt.Client(
+            "127.0.0.1", port, username="operator", password=access.passwords["operator"]
+        )
         self._controller = controller
         self.heard: list[tuple[str, dict[str, Any]]] = []
         self._count = 0
@@ -72,12 +79,12 @@ class Person:
     async def say(self, kind: str, payload: bytes, *, retain: bool = False) -> None:
         await self._client.publish(f"wil/gate/operator/{kind}", payload, qos=1, retain=retain)
 
-    async def command(self, kind: str, **changes: Any) -> dict[str, Any]:
+    async def command(self, kind: str, *, token: str = TOKEN, **changes: Any) -> dict[str, Any]:
         self._count += 1
-        body = {"token": TOKEN, "session": self._controller.session, "id": f"id {self._count}"}
+        body = {"session": self._controller.session, "id": f"id {self._count}"}
         said = {**body, "at": time.time(), "who": "anna", **changes}
         before = len(self._answers(said["id"]))
-        await self.say(kind, json.dumps(said).encode())
+        await self.say(kind, signed_command(f"wil/gate/operator/{kind}", said, token))
         async with asyncio.timeout(10.0):
             while len(self._answers(said["id"])) <= before:  # noqa: ASYNC110 - as above
                 await asyncio.sleep(0.01)
@@ -93,13 +100,13 @@ class Scene:
     def __init__(self, folder: Path, **setup: Any) -> None:
         self.port = free_port()
         address = BrokerAddress("127.0.0.1", self.port, embedded=True)
-        self.setup = MqttSetup(broker=address, **setup)
+        self.setup = MqttSetup(broker=address, **{"user": "wil", **setup})
         self.fleet = FakeFleet()
         self.controller = make_desk(folder, self.fleet)
         self.broker = AsyncExitStack()
 
     async def start_broker(self) -> None:
-        await self.broker.enter_async_context(embedded_broker(self.setup.broker))
+        await self.broker.enter_async_context(embedded_broker(self.setup.broker, ACCESS))
 
     async def stop_broker(self) -> None:
         await self.broker.aclose()
@@ -153,7 +160,7 @@ async def test_commands_are_obeyed_and_answered(scene: Scene, tmp_path: Path) ->
 
 async def test_what_is_hostile_is_refused_and_changes_nothing(scene: Scene, tmp_path: Path) -> None:
     person = scene.person
-    for payload in (b"\xff", b"[]", b"{", b"x" * 200_000, b'{"token": "guess", "id": "1"}'):
+    for payload in (b"\xff", b"[]", b"{", b"x" * 200_000, b'{"id": "1"}'):
         await person.say("abort", payload)
     answers = await person.until("operator/ack", 5)
     assert [said["ok"] for said in answers] == [False] * 5
@@ -162,27 +169,30 @@ async def test_what_is_hostile_is_refused_and_changes_nothing(scene: Scene, tmp_
         "not a JSON object",
         "not JSON",
         "longer than 65536 bytes",
-        "wrong token",
+        "a signature is needed, as the last member of the object (see docs/operator.md)",
     ]
     stale = await person.command("abort", at=time.time() - 30.0)
     assert stale["text"].startswith("stale")
     other = await person.command("abort", session="20200101T000000Z")
     assert other["text"].startswith("for another session")
+    forged = await person.command("abort", token="guess")  # noqa: S106
+    assert forged["text"] == "wrong signature"
     await person.say("explode", b"{}")
     assert scene.fleet.aborted == []
     good = await person.command("hold", id="once")
     twice = await person.command("resume", id="once")
     assert (good["ok"], twice["text"]) == (True, "this id was used already")
     refused = [one["text"] for one in log(tmp_path) if not one["ok"]]
-    assert "mqtt: abort: wrong token" in refused
+    assert "mqtt: abort: wrong signature" in refused
 
 
 async def test_a_retained_command_waits_for_nobody(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     await scene.start_broker()
     async with Person(scene.port, scene.controller) as person:
-        body = {"token": TOKEN, "session": scene.controller.session, "id": "1", "at": time.time()}
-        await person.say("abort", json.dumps(body).encode(), retain=True)
+        body = {"session": scene.controller.session, "id": "1", "at": time.time()}
+        payload = signed_command("wil/gate/operator/abort", body, TOKEN)
+        await person.say("abort", payload, retain=True)
         async with mqtt_operating(scene.setup, SECRETS, scene.controller):
             answer = (await person.until("operator/ack"))[0]
     assert answer["text"].startswith("it was retained")
@@ -293,7 +303,7 @@ async def test_a_taken_port_is_an_error_of_the_embedded_broker(tmp_path: Path) -
         taken.listen()
         address = BrokerAddress("127.0.0.1", taken.getsockname()[1], embedded=True)
         with pytest.raises(OperatingError, match="choose another"):
-            async with embedded_broker(address):
+            async with embedded_broker(address, ACCESS):
                 pass
 
 
@@ -308,10 +318,100 @@ async def test_a_token_is_made_where_none_is_named(tmp_path: Path) -> None:
     async with open_operator_channels(scene.controller, scene.setup):
         path = tmp_path / "operator.token"
         token = path.read_text().strip()
-        assert path.stat().st_mode & 0o777 == 0o600
-        async with Person(scene.port, scene.controller) as person:
-            assert (await person.command("abort"))["text"] == "wrong token"
+        known = json.loads((tmp_path / "operator.access.json").read_text())
+        for name in ("operator.token", "operator.access.json"):
+            assert (tmp_path / name).stat().st_mode & 0o777 == 0o600
+        assert set(known["passwords"]) == {"operator", "watcher"}
+        access = BrokerAccess(base=known["topics"], passwords=known["passwords"])
+        async with Person(scene.port, scene.controller, access) as person:
+            assert (await person.command("abort"))["text"] == "wrong signature"
             assert (await person.command("abort", token=token))["ok"]
+
+
+@pytest.mark.usefixtures("runtime")
+async def test_a_command_is_signed_on_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = Scene(tmp_path)
+    async with open_operator_channels(scene.controller, scene.setup):
+        known = json.loads((tmp_path / "operator.access.json").read_text())
+        access = BrokerAccess(base=known["topics"], passwords=known["passwords"])
+        async with Person(scene.port, scene.controller, access) as person:
+            assert main(["sign", "hold", str(tmp_path), "--who", "ben"]) == 0
+            await person.say("hold", capsys.readouterr().out.strip().encode())
+            (answer,) = await person.until("operator/ack")
+    assert (answer["ok"], answer["who"]) == (True, "mqtt:ben")
+
+
+async def test_the_token_is_never_on_the_wire(scene: Scene) -> None:
+    """Whatever the broker passes on, nothing of it lets anybody command."""
+    taken: list[bytes] = []
+    async with aiomqtt.Client(
+        "127.0.0.1", scene.port, username="watcher", password=ACCESS.passwords["watcher"]
+    ) as spy:
+        await spy.subscribe("wil/gate/#")
+
+        async def listen() -> None:
+            async for message in spy.messages:
+                assert isinstance(message.payload, bytes)
+                taken.append(bytes(message.payload))
+
+        listening = asyncio.create_task(listen())
+        assert (await scene.person.command("hold"))["ok"]
+        await asyncio.sleep(0.2)
+        listening.cancel()
+    heard = [payload for payload in taken if b'"who": "anna"' in payload]
+    assert heard
+    assert not any(TOKEN.encode() in payload for payload in taken)
+    before = len(await scene.person.until("operator/ack"))
+    await scene.person.say("hold", heard[0])
+    await scene.person.say("abort", heard[0])
+    answers = (await scene.person.until("operator/ack", before + 2))[before:]
+    assert sorted(said["text"] for said in answers) == [
+        "this id was used already",
+        "wrong signature",
+    ]
+    assert scene.fleet.aborted == []
+
+
+@pytest.mark.parametrize("who", [None, ("operator", "guess"), ("wil", ""), ("eve", "eve")])
+async def test_nobody_without_a_password_reaches_the_embedded_broker(
+    scene: Scene, who: tuple[str, str] | None
+) -> None:
+    user, password = who or (None, None)
+    with pytest.raises(aiomqtt.MqttError):
+        async with aiomqtt.Client("127.0.0.1", scene.port, username=user, password=password):
+            pass
+
+
+async def test_users_of_the_embedded_broker_keep_to_their_topics(scene: Scene) -> None:
+    (status,) = await scene.person.until("status")
+
+    def client(user: str, **more: Any) -> aiomqtt.Client:
+        password = ACCESS.passwords[user]
+        return aiomqtt.Client("127.0.0.1", scene.port, username=user, password=password, **more)
+
+    ended = json.dumps({"state": "ended"}).encode()
+    for user in ("operator", "watcher"):
+        async with client(user) as one:
+            await one.publish("wil/gate/status", ended, qos=1, retain=True)
+            await one.publish("wil/gate/operator/ack", ended, qos=1)
+        will = aiomqtt.Will("wil/gate/status", ended, qos=1, retain=True)
+        with pytest.raises(aiomqtt.MqttError):
+            async with client(user, will=will):
+                pass
+    body = {"session": scene.controller.session, "id": "w", "at": time.time()}
+    async with client("watcher") as one:
+        payload = signed_command("wil/gate/operator/abort", body, TOKEN)
+        await one.publish("wil/gate/operator/abort", payload, qos=1)
+    assert (await scene.person.command("hold"))["ok"]
+    assert scene.fleet.aborted == []
+    states = [said["state"] for said in scene.person.of("status")]
+    assert states == ["flying", "held"]
+    # Who knows the key sees which statuses are the program's.
+    key = status_key(TOKEN)
+    assert set(status) >= {"state", "at", "signature"}
+    assert verified("wil/gate/status", json.dumps(status).encode(), key)
 
 
 @pytest.mark.usefixtures("runtime")

@@ -1,7 +1,6 @@
 """A desk at mosquitto with TLS, certificates, a password and an ACL: who gets in."""
 
 import asyncio
-import json
 import subprocess
 import time
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ import pytest
 from campaigns.setup.operator_setup import MqttSetup
 from campaigns.values.broker_address import BrokerAddress
 from orchestrator.operator.errors import OperatingError
+from orchestrator.operator.message_signing import signed_command
 from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
 from tests.orchestrator.operator.controllers import FakeFleet, make_desk
 from tests.orchestrator.operator.mosquitto import (
@@ -26,7 +26,8 @@ from tests.orchestrator.operator.mosquitto import (
 )
 
 pytestmark = needs_mosquitto
-SECRETS = MqttSecrets(token="of the test", password=PASSWORD)  # noqa: S106 - opens nothing
+TOKEN = "of the test"  # noqa: S105 - opens nothing
+SECRETS = MqttSecrets(token=TOKEN, password=PASSWORD)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,7 @@ def publish(setup: MqttSetup, kind: str, body: dict[str, object]) -> None:
             *("mosquitto_pub", "-h", "localhost", "-p", str(setup.broker.port), "-q", "1"),
             *("--cafile", "ca.pem", "--cert", "client.pem", "--key", "client.key"),
             *("-u", "anna", "-P", PASSWORD, "-t", f"wil/gate/operator/{kind}"),
-            *("-m", json.dumps(body)),
+            *("-m", signed_command(f"wil/gate/operator/{kind}", body, TOKEN).decode()),
         ],
         cwd=folder_of(setup),
         check=True,
@@ -76,7 +77,6 @@ async def test_commands_come_through_as_far_as_the_broker_lets_them(
                 setup,
                 kind,
                 {
-                    "token": SECRETS.token,
                     "session": controller.session,
                     "id": str(number),
                     "at": time.time(),

@@ -1,0 +1,69 @@
+"""`wil-campaign sign`: an operator's command as it is published by MQTT, signed."""
+
+import json
+import os
+import secrets
+import time
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from orchestrator.cli.commands.operate import account
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.operator.message_signing import signed_command
+from orchestrator.operator.operator_channels import ACCESS, TOKEN
+
+
+def sign(
+    command: Literal["abort", "hold", "resume", "geofence"],
+    folder: Path,
+    *,
+    who: str | None = None,
+    reason: str = "",
+    run: str | None = None,
+    fence: Path | None = None,
+    token_env: Annotated[str, Parameter(name="--token-env")] = "",
+) -> int:
+    """Print a command for a campaign's broker, signed and good for five seconds.
+
+    Publish it on <topics>/operator/<command>; it reaches no broker by itself.
+
+    Parameters
+    ----------
+    command
+        abort, hold, resume or geofence.
+    folder
+        The campaign's folder of results, which says topics and session.
+    who
+        Your name, for the record; by default that of your account.
+    reason
+        Why, for the record.
+    run
+        CASE/MODE/REPETITION, where only that run is meant.
+    fence
+        The file of the new fences, for geofence.
+    token_env
+        The variable with the token, where the campaign names one; else the folder has it.
+    """
+    said: dict[str, Any] = {"id": secrets.token_hex(8), "at": time.time(), "who": who or account()}
+    try:
+        access = json.loads((folder / ACCESS).read_text("utf-8"))
+        topic, said["session"] = f"{access['topics']}/operator/{command}", access["session"]
+        token = os.environ.get(token_env, "") if token_env else _token(folder)
+        if fence is not None:
+            said["geofence"] = fence.read_text("utf-8")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        err(f"{folder}: no command can be signed: {error}")
+        return 2
+    if not token:
+        err(f"the variable {token_env} is not set")
+        return 2
+    said |= {"reason": reason} if reason else {}
+    said |= {"run": run} if run is not None else {}
+    out(signed_command(topic, said, token).decode())
+    return 0
+
+
+def _token(folder: Path) -> str:
+    return (folder / TOKEN).read_text("utf-8").strip()
