@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -66,7 +66,13 @@ class MountPart(Part):
         return Pose((self.forward_m, self.right_m, self.down_m), quat_from_euler(*angles))
 
 
-class ImagePart(Part):
+class CarriedPart(Part):
+    """Any sensor. embedded_only: it feels what only a simulation of ours tells."""
+
+    embedded_only: ClassVar[bool] = False
+
+
+class ImagePart(CarriedPart):
     """A pinhole, its optics given by `fov_deg` (edge to edge, horizontal) or by `fx_px`.
 
     fy_px defaults to fx_px, cx_px and cy_px to the middle. distortion: OpenCV's k1, k2, p1, p2
@@ -175,7 +181,7 @@ class DepthPart(ImagePart):
         )
 
 
-class RangingPart(Part):
+class RangingPart(CarriedPart):
     """What every ranging sensor says; its reach defaults to that of the profile's sensor."""
 
     range_min_m: Metres | None = None
@@ -264,7 +270,7 @@ class RangefinderPart(RangingPart):
         )
 
 
-class GpsPart(Part):
+class GpsPart(CarriedPart):
     """A satellite receiver."""
 
     type: Literal["gps"]
@@ -275,9 +281,10 @@ class GpsPart(Part):
         return GpsSetup(name=name, rate_hz=self.rate_hz)
 
 
-class ImuPart(Part):
+class ImuPart(CarriedPart):
     """Accelerometer and gyroscope."""
 
+    embedded_only: ClassVar[bool] = True
     type: Literal["imu"]
     rate_hz: TruthRate = 200.0
 
@@ -286,9 +293,10 @@ class ImuPart(Part):
         return ImuSetup(name=name, rate_hz=self.rate_hz)
 
 
-class PosePart(Part):
+class PosePart(CarriedPart):
     """Motion capture. rate_hz: at most; as fast as the profile's motion capture without."""
 
+    embedded_only: ClassVar[bool] = True
     type: Literal["pose"]
     rate_hz: TruthRate | None = None
 
@@ -297,9 +305,10 @@ class PosePart(Part):
         return PoseSetup(name=name, rate_hz=self.rate_hz)
 
 
-class MicrophonePart(Part):
+class MicrophonePart(CarriedPart):
     """A microphone that gives blocks of sound."""
 
+    embedded_only: ClassVar[bool] = True
     type: Literal["microphone"]
     sample_rate_hz: Annotated[int, Field(ge=1000, le=192_000)] = 16_000
     block_samples: Annotated[int, Field(ge=16, le=65_536)] = 512

@@ -23,10 +23,6 @@ Text = Annotated[str, Field(min_length=1)]
 Speedup = Annotated[float, Field(gt=0, le=100)]
 
 
-_OURS_ALONE = frozenset({"imu", "microphone", "pose"})
-"""Sensors that feel what only a simulation of ours tells."""
-
-
 class StartPart(Part):
     """Where in the world a vehicle stands before it takes off; yaw_deg clockwise from north."""
 
@@ -171,7 +167,7 @@ class VehiclePart(Part):
             raise KeyFaultError("pose_source", said)
         for name, sensor in self.sensors.items():
             captured = sensor.type == "pose" and self.pose_source == "mocap"
-            if self.link != "embedded" and sensor.type in _OURS_ALONE and not captured:
+            if self.link != "embedded" and sensor.embedded_only and not captured:
                 said = "only the embedded vehicle takes a profile; remove it"
                 raise KeyFaultError(("sensors", name, "type"), said)
         if self.anchor == "mocap" and self.pose_source != "mocap":

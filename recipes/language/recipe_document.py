@@ -8,6 +8,7 @@ from pydantic import Field, JsonValue, ValidationError, field_validator
 from recipes.model.recipe import Budget, Combination, Recipe, Sensor, Step
 from recipes.model.registry import STAGES, Stage, StepParameters, StepType, find, resembling, steps
 from recipes.working import SIDES, Side
+from vehicles.readings import SensorType
 from worlds.files.documents import (
     BadInput,
     Data,
@@ -24,19 +25,6 @@ SCHEMA = "wil/recipe/1"
 
 MAX_SKEW_MS = 100.0
 """Bound of the skew where a recipe sets none: an overlay is never held for ever."""
-
-
-SensorType = Literal[
-    "camera",
-    "depth",
-    "lidar",
-    "lidar_points",
-    "rangefinder",
-    "gps",
-    "pose",
-    "imu",
-    "microphone",
-]
 
 
 class SensorPart(Part):

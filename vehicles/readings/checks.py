@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vehicles.readings.images import CameraReading, DepthReading
 from vehicles.readings.kinds import Reading
 from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
+from vehicles.readings.numbers import number_fields
 from vehicles.readings.ranging import LidarPointsReading, LidarScanReading, RangefinderReading
 from vehicles.readings.sound import MicrophoneReading
 from worlds.camera import Intrinsics
@@ -46,7 +47,7 @@ class Fault:
 
 def fault_of(reading: Reading) -> Fault | None:
     """Return the first thing that is wrong with a reading in itself; None when nothing is."""
-    return _time_fault(reading) or _CHECKS[type(reading)](reading)
+    return _time_fault(reading) or _CHECKS.get(type(reading), _numbers)(reading)
 
 
 def fault_after(reading: Reading, previous: Reading | None) -> Fault | None:
@@ -220,6 +221,13 @@ def _ids(reading: LidarScanReading | LidarPointsReading, count: int) -> Fault | 
     if reading.object_ids is None:
         return None
     return _array(reading.object_ids, (count,), np.uint8, "object ids")
+
+
+def _numbers(reading: Any) -> Fault | None:
+    for name in number_fields(type(reading)):
+        if not math.isfinite(value := getattr(reading, name)):
+            return Fault("not_finite", f"{name} is {value}")
+    return None
 
 
 def _limits(min_m: float, max_m: float) -> Fault | None:

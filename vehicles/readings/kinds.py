@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Literal
 
 from vehicles.readings.images import CameraReading, DepthReading
 from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
@@ -19,6 +20,19 @@ Reading = (
     | ImuReading
     | MicrophoneReading
 )
+
+SensorType = Literal[
+    "camera",
+    "depth",
+    "lidar",
+    "lidar_points",
+    "rangefinder",
+    "gps",
+    "pose",
+    "imu",
+    "microphone",
+]
+"""Sensor type as files name it."""
 
 SENSOR_TYPES: Mapping[str, type[Reading]] = MappingProxyType(
     {

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.recording.mcap.mcap_json import Json, numbers, plain, pose_out, text_of
-from orchestrator.recording.mcap.mcap_schemas import FLOAT32, UINT8
+from orchestrator.recording.mcap.mcap_schemas import FLOAT32, UINT8, numbers_schema
 from orchestrator.recording.mcap.mcap_settings import ImageSettings
 from vehicles.readings import (
     CameraReading,
@@ -22,6 +22,7 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
+from vehicles.readings.numbers import number_fields
 from worlds.camera import Intrinsics
 
 Body = tuple[str, dict[str, Json], bytes | None]
@@ -188,6 +189,15 @@ def _microphone_body(reading: MicrophoneReading) -> Body:
     return "foxglove.RawAudio", fields, reading.samples.astype("<i2").tobytes()
 
 
+def _numbers_body(reading: Any) -> Body:
+    kind = type(reading)
+    return (
+        numbers_schema(kind),
+        {name: getattr(reading, name) for name in number_fields(kind)},
+        None,
+    )
+
+
 _BODIES: Mapping[type, Callable[[Any], Body]] = {
     LidarScanReading: _scan_body,
     LidarPointsReading: _points_body,
@@ -201,4 +211,4 @@ _BODIES: Mapping[type, Callable[[Any], Body]] = {
 
 def body_of(reading: Reading) -> Body:
     """Return any reading but a picture."""
-    return _BODIES[type(reading)](reading)
+    return _BODIES.get(type(reading), _numbers_body)(reading)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from orchestrator.recording.mcap.mcap_json import Json, bytes_of, number, pose_in, vector
 from vehicles.readings import (
+    SENSOR_TYPES,
     CameraReading,
     DepthReading,
     GpsReading,
@@ -22,6 +23,7 @@ from vehicles.readings import (
     Reading,
     Source,
 )
+from vehicles.readings.numbers import number_fields
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 
@@ -35,7 +37,7 @@ def decode(document: Json, parts: Parts) -> Reading:
     Raises KeyError, ValueError or TypeError for a document that is none of ours.
     """
     wil = document["wil"]
-    reading: Reading = _READINGS[wil["type"]](document, parts)
+    reading: Reading = _READINGS.get(wil["type"], _numbers)(document, parts)
     return replace(reading, sensor=wil["sensor"]) if "sensor" in wil else reading
 
 
@@ -184,6 +186,16 @@ def _microphone(document: Json, _: Parts) -> MicrophoneReading:
         sample_rate_hz=document["sample_rate"],
         full_scale_pa=number(wil["full_scale_pa"]),
     )
+
+
+def _numbers(document: Json, _: Parts) -> Reading:
+    wil = document["wil"]
+    kind: Any = SENSOR_TYPES[wil["type"]]
+    numbers = number_fields(kind).items()
+    reading: Reading = kind(
+        *_times(wil), **{name: of(number(document[name])) for name, of in numbers}
+    )
+    return reading
 
 
 _READINGS: Mapping[str, Callable[[Json, Parts], Reading]] = {

@@ -11,6 +11,9 @@ import typing
 from collections.abc import Mapping
 from typing import Any
 
+from vehicles.readings import SENSOR_TYPES
+from vehicles.readings.numbers import is_numbers, number_fields
+
 Schema = dict[str, Any]
 """A JSON schema, as it is written to the file."""
 
@@ -41,6 +44,15 @@ UINT8, FLOAT32 = 1, 7
 
 def _with_stamp(title: str, **properties: Schema) -> Schema:
     return _object(title, timestamp=_TIME, frame_id=_STRING, **properties, wil=_WIL)
+
+
+def numbers_schema(kind: type) -> str:
+    """Return the name of the schema of readings that are numbers alone."""
+    return f"wil.{kind.__name__}"
+
+
+def _numbers(kind: type) -> Schema:
+    return _with_stamp(numbers_schema(kind), **dict.fromkeys(number_fields(kind), _NUMBER))
 
 
 _ALL: tuple[Schema, ...] = (
@@ -112,6 +124,7 @@ _ALL: tuple[Schema, ...] = (
         line=_INTEGER,
     ),
     _with_stamp("wil.Imu", linear_acceleration=_VECTOR3, angular_velocity=_VECTOR3),
+    *map(_numbers, filter(is_numbers, SENSOR_TYPES.values())),
 )
 
 SCHEMAS: Mapping[str, bytes] = types.MappingProxyType(
