@@ -26,22 +26,6 @@ Check = Literal[
     "disk",
     "operator",
 ]
-CHECKS: Mapping[Check, str] = {
-    "failsafe": "what the autopilot does by itself when it loses the link",
-    "return_altitude": "its RTL altitude is below the fence's ceiling",
-    "fence": "the autopilot's fence, read back, is the one that was sent",
-    "home": "it stands inside the fence, at least keep_m from its boundary",
-    "battery": "its battery charge is at least min_battery",
-    "estimator": "its estimator has attitude, velocity, position and height",
-    "position": "its poses arrive, from GPS or motion capture, and match its start pose",
-    "gps": "its receiver has a 3D fix with enough satellites and a low HDOP",
-    "mocap": "motion capture reports its pose now, at a sufficient rate",
-    "clock": "the offset of its clock is known to within a limit",
-    "pair": "real and twin have the same offset from their start poses",
-    "disk": "the disk has room for the recordings",
-    "operator": "commands of operators by MQTT are signed",
-}
-"""In words for people."""
 _FIX_WITH_HEIGHT = 3
 """GPS_FIX_TYPE_3D_FIX; what is better has greater numbers."""
 _NO_RECEIVER = "it has no GPS receiver; set preflight.gps: null where it flies without one"

@@ -61,15 +61,9 @@ def ned_from_enu(enu: Vec3) -> Vec3:
     return (enu[1], enu[0], -enu[2])
 
 
-enu_from_ned = ned_from_enu
-
-
 def frd_from_flu(flu: Vec3) -> Vec3:
     """Return forward-right-down of a forward-left-up vector; the same swap goes back."""
     return (flu[0], -flu[1], -flu[2])
-
-
-flu_from_frd = frd_from_flu
 
 
 def quat_multiply(a: Quat, b: Quat) -> Quat:

@@ -8,8 +8,6 @@ from campaigns.schema.sensors import Distortion, Focal, MountPart, Pixels
 from worlds.camera import Intrinsics
 from worlds.files.documents import Document, Part, check
 
-SCHEMA = "wil/calibration/1"
-
 
 class OpticsPart(Part):
     """The camera model: OpenCV's pinhole with distortion, for one size of picture."""

@@ -137,8 +137,3 @@ def _interpret(
     wil = document["wil"]
     reading = decode(document, pictures.take(source, sensor, wil))
     return RecordedReading(sensor, reading, wil.get("exact", True))
-
-
-def read_recording(path: Path) -> Iterator[Recorded]:
-    """Return an iterator over what a file holds, up to where it is whole."""
-    return iter(Recording(path))

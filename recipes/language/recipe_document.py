@@ -21,8 +21,6 @@ from worlds.files.documents import (
     closest,
 )
 
-SCHEMA = "wil/recipe/1"
-
 MAX_SKEW_MS = 100.0
 """Bound of the skew where a recipe sets none: an overlay is never held for ever."""
 

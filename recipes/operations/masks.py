@@ -1,7 +1,5 @@
 """Masks: which elements of a reading are kept."""
 
-from typing import Any, TypeVar
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +8,6 @@ from recipes.working import AnyMasked, Masked, R, element_shape
 from vehicles.perception.hsv import Mask
 
 Bools = NDArray[np.bool_]
-A = TypeVar("A", bound=NDArray[Any])
 
 KEPT = 255
 
@@ -42,8 +39,3 @@ def with_mask(work: AnyMasked) -> Bools:
 def is_kept(work: AnyMasked) -> bool:
     """Return whether a reading of one value is kept."""
     return work.mask is None or bool(work.mask.any())
-
-
-def take_elements(array: A | None, keep: Bools) -> A | None:
-    """Return those entries of an array, one per element, that are kept; None for None."""
-    return None if array is None else array[keep]  # type: ignore[return-value]  # numpy widens it

@@ -163,13 +163,6 @@ class Fence:
         }
         return min(distances, key=lambda name: distances[name])
 
-    def require_inside(self, position_ned_m: Vec3, what: str) -> None:
-        """Raise FenceError when a place ("start of real") is not inside."""
-        if (margin_m := self.margin_m(position_ned_m)) < 0.0:
-            side = self.boundary(position_ned_m)
-            message = f"{what} is {-margin_m:.2f} m outside of the fence's {side}"
-            raise FenceError("excludes_point", message)
-
     def _flat_margin_m(self, north_m: float, east_m: float) -> float:
         inside_m = -math.inf if self._inside else math.inf
         for part in self._inside:

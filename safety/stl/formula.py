@@ -147,15 +147,5 @@ def names_of(node: Node) -> tuple[Name, ...]:
     return tuple(name for child in children(node) for name in names_of(child))
 
 
-def horizon_s(formula: Formula) -> float:
-    """Return how far into the future it looks, where its intervals say so."""
-    own_s = 0.0
-    match formula:
-        case Temporal("always" | "eventually", interval) | Until(interval):
-            own_s = interval.until_s or interval.from_s
-    inner = [horizon_s(c) for c in children(formula) if isinstance(c, FORMULAS)]
-    return own_s + max(inner, default=0.0)
-
-
 FORMULAS = (Comparison, Holds, Not, Junctor, Temporal, Until)
 TERMS = (Number, Name, Calculation, Absolute)

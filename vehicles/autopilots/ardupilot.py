@@ -15,7 +15,6 @@ from vehicles.autopilots.autopilot import (
     IGNORE_YAW_RATE,
     Autopilot,
     AutopilotName,
-    FailsafeParameter,
     MessageRate,
     Mode,
     Target,
@@ -87,21 +86,6 @@ class ArduCopter(Autopilot):
         estimator_message="EKF_STATUS_REPORT",
         forbidden_flags=mavlink.ESTIMATOR_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED,
         needs_home=False,
-    )
-    failsafes: ClassVar[tuple[FailsafeParameter, ...]] = (
-        FailsafeParameter("GUID_TIMEOUT", "seconds without setpoints until GUIDED stops"),
-        FailsafeParameter(
-            "FS_GCS_ENABLE", "what it does when it loses the ground station; 0 is off"
-        ),
-        FailsafeParameter("FS_GCS_TIMEOUT", "seconds until the ground station counts as lost"),
-        FailsafeParameter("FS_THR_ENABLE", "what it does when the remote control is lost"),
-        FailsafeParameter("FS_EKF_ACTION", "what it does when its estimator fails"),
-        FailsafeParameter("FS_OPTIONS", "modes that go on in spite of a failsafe"),
-        FailsafeParameter("BATT_FS_LOW_ACT", "what it does on a low battery"),
-        FailsafeParameter("DISARM_DELAY", "seconds after arming until it disarms again"),
-        FailsafeParameter("FENCE_ENABLE", "whether its own fence is on"),
-        FailsafeParameter("FENCE_ACTION", "what it does on a breach of its own fence"),
-        FailsafeParameter("RTL_ALT", "centimetres above home that RTL climbs to"),
     )
 
     def mode_of(self, custom_mode: int) -> Mode:

@@ -60,14 +60,6 @@ class MessageRate:
     required: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class FailsafeParameter:
-    """A parameter that says what the autopilot does by itself when something is lost."""
-
-    name: str
-    meaning: str
-
-
 def command_long(target: Target, command: int, *parameters: float) -> Any:
     """Return a COMMAND_LONG; parameters that are not given are 0."""
     padded = (*parameters, *([0.0] * (7 - len(parameters))))
@@ -114,7 +106,6 @@ class Autopilot(ABC):
     refusal_prefixes: ClassVar[tuple[str, ...]]
     """How a STATUSTEXT begins that says why it does not arm."""
     readiness_rules: ClassVar[ReadinessRules]
-    failsafes: ClassVar[tuple[FailsafeParameter, ...]]
 
     @abstractmethod
     def mode_of(self, custom_mode: int) -> Mode:

@@ -16,7 +16,6 @@ from vehicles.autopilots.autopilot import (
     IGNORE_YAW_RATE,
     Autopilot,
     AutopilotName,
-    FailsafeParameter,
     MessageRate,
     Mode,
     Target,
@@ -60,11 +59,6 @@ _AUTO_SUB: dict[int, tuple[str, Mode]] = {
 }
 
 
-def px4_custom_mode(main: int, sub: int = 0) -> int:
-    """Return HEARTBEAT.custom_mode of a main and sub mode."""
-    return main << 16 | sub << 24
-
-
 def _describe_mode(custom_mode: int) -> tuple[str, Mode]:
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     if main == _AUTO:
@@ -101,19 +95,6 @@ class Px4(Autopilot):
     # Its flags keep CONST_POS_MODE set on the ground (1023): that bit says nothing here.
     readiness_rules: ClassVar[ReadinessRules] = ReadinessRules(
         estimator_message="ESTIMATOR_STATUS", forbidden_flags=0, needs_home=True
-    )
-    failsafes: ClassVar[tuple[FailsafeParameter, ...]] = (
-        FailsafeParameter("COM_OF_LOSS_T", "seconds without setpoints until OFFBOARD is lost"),
-        FailsafeParameter("COM_OBL_RC_ACT", "what it does when OFFBOARD is lost"),
-        FailsafeParameter("NAV_DLL_ACT", "what it does when it loses the ground station"),
-        FailsafeParameter("COM_DL_LOSS_T", "seconds until the ground station counts as lost"),
-        FailsafeParameter("NAV_RCL_ACT", "what it does when the remote control is lost"),
-        FailsafeParameter("COM_RCL_EXCEPT", "modes in which a lost remote control is ignored"),
-        FailsafeParameter("COM_LOW_BAT_ACT", "what it does on a low battery"),
-        FailsafeParameter("COM_DISARM_PRFLT", "seconds after arming until it disarms again"),
-        FailsafeParameter("GF_ACTION", "what it does on a breach of its own fence"),
-        FailsafeParameter("RTL_RETURN_ALT", "metres above home that RTL climbs to"),
-        FailsafeParameter("CBRK_FLIGHTTERM", "121212 blocks the automatic flight termination"),
     )
 
     def mode_of(self, custom_mode: int) -> Mode:

@@ -39,8 +39,8 @@ _ANSWER_WITHIN_S = 1.0
 class Driver:
     """A vehicle at the end of a link; an async context manager that opens and closes the link.
 
-    In order: `identify`, `ready`, `arm`, `begin_takeoff`, `enter_guided`, `send`, and `land` or
-    `rtl`, `disarmed`. Times and deadlines are on the loop's clock, positions in the world frame.
+    In order: `identify`, `ready`, `arm`, `begin_takeoff`, `enter_guided`, `send`, `land`,
+    `disarmed`. Times and deadlines are on the loop's clock, positions in the world frame.
 
     system_id: its own; None for the first vehicle that is heard. start: where in the world it
     stands; unless `set_anchor` says otherwise, arming maps the place and heading that its
@@ -334,10 +334,6 @@ class Driver:
     async def land(self) -> None:
         """Begin to land here; `disarmed` tells the end. Raises CommandError, StateTimeoutError."""
         await self._reach(Mode.LAND)
-
-    async def rtl(self) -> None:
-        """Begin to return and land. Raises CommandError, StateTimeoutError."""
-        await self._reach(Mode.RTL)
 
     async def terminate(self) -> None:
         """Stop the motors at once, in the air too. Raises CommandError."""

@@ -13,7 +13,6 @@ _MAGIC_V1 = 0xFE
 _MAGIC_V2 = 0xFD
 _SIGNED = 0x01
 _SIGNATURE_BYTES = 13
-_LONGEST_FRAME = 12 + 255 + _SIGNATURE_BYTES
 
 # pymavlink has it from fastcrc where that is installed; its own wrapper costs thrice as much.
 _crc_in_c: Callable[[bytes, int], int] | None = getattr(mavlink, "mcrf4xx", None)

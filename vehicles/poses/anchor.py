@@ -93,15 +93,6 @@ class Anchor:
         return _turn(shifted, -self.turn_rad)
 
 
-def geodetic_anchor(estimator_origin_ned_m: Vec3) -> Anchor:
-    """Return the anchor of a vehicle whose estimator's origin is known in the world.
-
-    estimator_origin_ned_m: GPS_GLOBAL_ORIGIN by the world's geodesy. Both frames then point to
-    true north.
-    """
-    return Anchor(estimator_origin_ned_m)
-
-
 class PoseAverage:
     """Averages a standing vehicle's local pose over the last `span_s`."""
 

@@ -49,7 +49,7 @@ class CameraSource(Protocol):
     was missed, damaged or dropped leaves a gap. Opening raises SourceError when the source
     cannot be had. Iterating raises SourceStalledError when nothing comes for too long,
     PictureChangedError when the size changes, SourceError when a live source ends; a file that
-    is over ends the loop. Whoever wants a callback uses `pump`.
+    is over ends the loop.
     """
 
     @property

@@ -18,7 +18,7 @@ from worlds.scene.motion import Travel
 from worlds.scene.parts import BoxShape, SphereShape
 from worlds.scene.scene import NO_EVENTS, Scene, SceneObject
 
-__all__ = ["Body", "BoxShape", "Clearance", "ClearanceMinima", "ClearanceProbe", "SphereShape"]
+__all__ = ["Body", "BoxShape", "Clearance", "ClearanceProbe", "SphereShape"]
 
 TOLERANCE_M = 2e-4
 _SHORTEST = 2.0**-30
@@ -99,33 +99,6 @@ class ClearanceProbe:
                 if clearance is not None:
                     found.append(clearance)
         return tuple(found)
-
-
-class ClearanceMinima:
-    """Keeps the least clearance of a run by thing; each stretch costs what it must."""
-
-    def __init__(self, probe: ClearanceProbe) -> None:
-        self._probe = probe
-        self._least: dict[_Key, Clearance] = {}
-
-    @property
-    def least(self) -> tuple[Clearance, ...]:
-        """Return the least clearances so far, one per thing (and floor) that was ever near."""
-        return tuple(self._least.values())
-
-    def sweep(
-        self,
-        pose_0: Pose,
-        t_0_s: float,
-        pose_1: Pose,
-        t_1_s: float,
-        events: Mapping[str, float] = NO_EVENTS,
-    ) -> tuple[Clearance, ...]:
-        """Take a stretch of the way; return what came closer on it than ever before."""
-        known = {key: each.clearance_m for key, each in self._least.items()}
-        closer = self._probe.sweep(pose_0, t_0_s, pose_1, t_1_s, events, below_m=known)
-        self._least.update((each.key, each) for each in closer)
-        return closer
 
 
 class _Stretch:

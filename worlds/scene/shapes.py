@@ -20,7 +20,6 @@ from worlds.scene.parts import BoxShape, HullShape, Opening, Part
 
 RING_SEGMENTS = 48
 WALL_THICKNESS_M = 0.1
-PERSON_HEIGHT_M = 1.75
 SHIRT_RGB: Rgb = (70, 110, 160)
 
 

@@ -50,9 +50,6 @@ class RecordingSettings:
 LOSSLESS = RecordingSettings(real=EXACT, twin=EXACT, mixed=EXACT)
 """Everything to the bit, so that a mixing replayed from the file does not diverge."""
 
-REPLAYABLE = RecordingSettings(real=EXACT, twin=EXACT, mixed=ImageSettings())
-"""The inputs of the mixing to the bit, its results for the eye."""
-
 
 def recording_settings(record: RecordPart) -> RecordingSettings:
     """Return what a campaign wants to be recorded.

@@ -21,7 +21,6 @@ from vehicles.mavlink.names import enum_name
 
 _DOUBTS = 2
 """How often an answer with another value is doubted before it is believed."""
-_REAL32 = mavlink.MAV_PARAM_TYPE_REAL32
 _FORMATS: dict[int, str] = {
     mavlink.MAV_PARAM_TYPE_UINT8: "B",
     mavlink.MAV_PARAM_TYPE_INT8: "b",

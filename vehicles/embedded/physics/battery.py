@@ -37,12 +37,6 @@ class Battery:
         self.charge = self._battery_reading(current_a)
         self.thrust_factor = self._thrust_left()
 
-    def set_remaining(self, remaining: float) -> None:
-        """Set the charge (0 to 1), for tests and fault runs."""
-        self._used_mah = (1.0 - remaining) * self._profile.capacity_mah
-        self.charge = self._battery_reading(self.charge.current_a)
-        self.thrust_factor = self._thrust_left()
-
     def _thrust_left(self) -> float:
         return 1.0 - self._profile.thrust_loss * (1.0 - self.charge.remaining)
 

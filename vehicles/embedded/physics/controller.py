@@ -75,11 +75,6 @@ class Controller:
         self._yaw_rad = 0.0
 
     @property
-    def velocity_setpoint_ned_m_s(self) -> Vec3:
-        """Return the velocity that it now flies, after limits."""
-        return self._velocity_setpoint
-
-    @property
     def yaw_setpoint_rad(self) -> float:
         """Return the heading that it now holds."""
         return self._yaw_rad
