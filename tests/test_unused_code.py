@@ -35,6 +35,8 @@ CALLED_FROM_OUTSIDE = {
     "error_received": "asyncio calls it",
     "_run_once": "asyncio calls it",
     "_timer_handle_cancelled": "asyncio calls it",
+    "authenticate": "amqtt calls it",
+    "topic_filtering": "amqtt calls it",
     "set_level": "JSBSim calls it",
     "file_location": "JSBSim calls it",
 }
