@@ -1,10 +1,16 @@
-"""A share of the flights that must fail; `python -m tests.faults.signals` flies hundreds."""
+"""A share of the flights that must fail; `python bench/must_fail.py` flies a thousand."""
 
 from pathlib import Path
 
 import pytest
 
-from tests.faults.signals import KINDS, MISSIONS, draw, inject, shown_by_none
+from tests.faults.alterations import KINDS, POSSIBLE
+from tests.faults.missions import CAUSES
+from tests.faults.signals import (
+    draw,
+    inject,
+    shown_by_none,
+)
 
 SEEDS = (5, 9, 26, 55)
 """NaN, freeze, delay and a step of the clock."""
@@ -20,9 +26,18 @@ def test_no_fault_of_a_signal_makes_a_flight_pass_that_must_fail(tmp_path: Path,
 
 def test_the_faults_are_those_of_the_seed_and_cover_all_kinds() -> None:
     assert draw(7) == draw(7)
-    drawn = [draw(seed) for seed in range(64)]
+    drawn = [draw(seed) for seed in range(1000)]
     assert {one.kind for one in drawn} == set(KINDS)
-    assert {one.cause for one in drawn} == set(MISSIONS)
-    assert {one.lone for one in drawn} == {True, False}
+    assert {one.cause for one in drawn} == set(CAUSES)
+    assert {(one.signal, one.kind) for one in drawn} == {
+        (signal, kind) for signal, kinds in POSSIBLE.items() for kind in kinds
+    }
+    assert {(one.mode, one.vehicle) for one in drawn} == {
+        ("sim", "twin"), ("wil", "real"), ("wil", "twin")
+    }  # fmt: skip
     # Of a source that is alone, only where it says that the vehicle is cannot be checked.
-    assert {one.kind for one in drawn if shown_by_none(one)} == {"bias", "jump"}
+    exempt = [one for one in drawn if shown_by_none(one)]
+    assert {(one.signal, one.kind, one.judged_by, one.lone) for one in exempt} == {
+        ("position", "bias", "mavlink", True), ("position", "jump", "mavlink", True)
+    }  # fmt: skip
+    assert len(exempt) < len(drawn) / 20
