@@ -123,7 +123,8 @@ def write_mission(
         "oracles": {"landed": {}, "vehicle_fault": {}, "battery": {"min_percent": 10}},
     }
     if mode == "wil":
-        sensors = {"camera": {"type": "camera", "rate_hz": 10, "width_px": 96, "height_px": 72}}
+        camera = {"type": "camera", "rate_hz": 10, "width_px": 96, "height_px": 72, "fov_deg": 69}
+        sensors = {"camera": camera}
         twin = {"link": "embedded", "autopilot": "px4", "sensors": sensors}
         campaign["vehicles"] = {
             "real": {**vehicle, "profile": "cage", "sensors": sensors},
