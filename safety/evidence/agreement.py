@@ -15,8 +15,9 @@ SPANS_S = (0.2, 1.0)
 MOST_APART_M = 0.5
 """By how much, on an axis, a judged place may differ from that of a better source at most, whatever
 it states: more would hide a touch that the better source shows."""
-_STAMPS_S = 0.02
-"""How well the times of two sources are mapped to one clock."""
+_STAMPS_S = 0.1
+"""By how much the times of two sources may be mapped apart: half of what a poor radio takes there
+and back. What moves evenly is displaced alike at both; what is braked is not."""
 _KEPT_S = 3.0
 _MOST_GAP_S = 0.3
 """Over a longer silence of the other source its velocity is not integrated."""
@@ -105,7 +106,7 @@ class Agreement:
 
     def _differences(self, reference: ReferenceSample, judged_m: Vec3) -> Iterator[Disagreement]:
         apart_m = subtract(judged_m, reference.position_ned_m)
-        limit_m, t_s = self._place_limit_m(), reference.t_s
+        limit_m, t_s = self._place_limit_m(reference), reference.t_s
         if _on_an_axis(apart_m) > limit_m:
             said = f"it is {norm(apart_m):.2f} m from where {self._source} has the vehicle"
             said += f" at {t_s:.2f} s; the limit is {limit_m:.2f} m on each axis"
@@ -116,10 +117,13 @@ class Agreement:
             if before is not None:
                 yield from self._moved_apart(before, now)
 
-    def _place_limit_m(self) -> float:
+    def _place_limit_m(self, reference: ReferenceSample) -> float:
         judged_m, other_m = self._judged.position_m, self._other.position_m
         limit_m = SIGMAS * math.hypot(judged_m, other_m)
-        return min(limit_m, MOST_APART_M) if other_m < judged_m else limit_m
+        if other_m >= judged_m:
+            return limit_m
+        most_m = MOST_APART_M + _STAMPS_S * norm(reference.velocity_ned_m_s)
+        return min(limit_m, most_m)
 
     def _remember(self, reference: ReferenceSample, judged_m: Vec3) -> "_Compared":
         pairs, t_s = self._pairs, reference.t_s
