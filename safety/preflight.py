@@ -34,7 +34,7 @@ Outcome = Literal["ok", "refused", "overridden"]
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One check of one vehicle; vehicle: empty when it concerns all.
+    """A preflight check's item for one vehicle; vehicle: empty when it concerns all.
 
     actual, limit: what was found and what is wanted, in unit; None where it is no number. text: in
     words; empty when all is well. by: who takes the responsibility for what is overridden.
@@ -56,7 +56,7 @@ class Item:
 
 
 def settled(items: Iterable[Item], overrides: Mapping[Check, str]) -> tuple[Item, ...]:
-    """Return items of which those that somebody overrides are marked so."""
+    """Return the preflight items, overridden ones marked so."""
     return tuple(
         replace(item, outcome="overridden", by=overrides[item.check])
         if item.outcome == "refused" and item.check in overrides
@@ -66,14 +66,14 @@ def settled(items: Iterable[Item], overrides: Mapping[Check, str]) -> tuple[Item
 
 
 def refused(items: Iterable[Item]) -> str:
-    """Return in words what speaks against arming; empty when nothing does."""
+    """Return in words which preflight items speak against arming; empty when none."""
     return "; ".join(str(item) for item in items if item.outcome == "refused")
 
 
 def at_least(
     check: Check, vehicle: str, actual: float | None, limit: float, *, unit: str, what: str
 ) -> Item:
-    """Return the item of something of which there has to be enough; None is not known."""
+    """Return the preflight item of a value with a least limit; None is unknown."""
     if actual is None or not math.isfinite(actual):
         return Item(check, vehicle, "refused", None, limit, unit, f"{what} is not known")
     if actual < limit:
@@ -85,7 +85,7 @@ def at_least(
 def at_most(
     check: Check, vehicle: str, actual: float | None, limit: float, *, unit: str, what: str
 ) -> Item:
-    """Return the item of something of which there must not be too much; None is not known."""
+    """Return the preflight item of a value with a greatest limit; None is unknown."""
     if actual is None or not math.isfinite(actual):
         return Item(check, vehicle, "refused", None, limit, unit, f"{what} is not known")
     if actual > limit:
@@ -95,13 +95,13 @@ def at_most(
 
 
 def without_faults(check: Check, vehicle: str, faults: Iterable[str]) -> Item:
-    """Return the item of what is told in words."""
+    """Return the preflight item of faults in words; none passes."""
     text = "; ".join(faults)
     return Item(check, vehicle, "refused" if text else "ok", text=text)
 
 
 def home_item(vehicle: str, fence: Fence, position_ned_m: Vec3 | None, keep_m: float) -> Item:
-    """Return whether a vehicle stands inside of its fence."""
+    """Return the preflight item that a vehicle stands inside its fence."""
     if position_ned_m is None:
         return Item("home", vehicle, "refused", None, keep_m, "m", "its position is not known")
     margin_m = fence.margin_m(position_ned_m)
@@ -123,7 +123,7 @@ def gps_items(
     min_satellites: int,
     max_hdop: float,
 ) -> tuple[Item, ...]:
-    """Return whether a GPS receiver has what it takes to fly by.
+    """Return the preflight items of a GPS fix: kind, satellites, accuracy.
 
     fix: GPS_FIX_TYPE, satellites, and HDOP; None where nothing was said of it.
     """
@@ -149,11 +149,12 @@ def unsigned_commands_item() -> Item:
 
 
 def pair_item(real_m: Vec3 | None, twin_m: Vec3 | None, tolerance_m: float) -> Item:
-    """Return whether the vehicles of a pair stand alike; where each is, from its own start."""
+    """Return the preflight item that the pair has equal offsets from the start poses."""
     apart_m = None if real_m is None or twin_m is None else norm(subtract(real_m, twin_m))
     what = "the difference of the offsets of real and twin from their start poses"
     return at_most("pair", "", apart_m, tolerance_m, unit="m", what=what)
 
 
 def _amount(value: float, unit: str) -> str:
+    """Return a preflight value with its unit."""
     return f"{value:.3g} {unit}".rstrip()

@@ -6,7 +6,7 @@ from safety.guard.core.operator_command import OperatorCommand
 
 
 class Inbox(Protocol):
-    """Where a run looks for commands, often and without waiting."""
+    """The inbox of operator commands (protocol): polled by a run, never blocking."""
 
     def poll(self) -> OperatorCommand | None:
-        """Return the next command that has come, or None."""
+        """Return the next operator command, or None."""

@@ -13,14 +13,14 @@ KEPT = 255
 
 
 def both(mask: Mask, earlier: Mask | None) -> Mask:
-    """Return the elements that this mask and an earlier one keep; writes into this one."""
+    """Return the conjunction of two masks; writes into the first."""
     if earlier is not None:
         cv2.bitwise_and(mask, earlier.reshape(mask.shape), dst=mask)
     return mask
 
 
 def narrowed(work: Masked[R], keep: Bools) -> Masked[R]:
-    """Return the side with what `keep` keeps of it; keep: bool, one per element."""
+    """Return the side with its mask narrowed by `keep`: bool, one per element."""
     mask = keep.astype(np.uint8)
     mask *= KEPT
     if work.mask is not None:
@@ -29,7 +29,7 @@ def narrowed(work: Masked[R], keep: Bools) -> Masked[R]:
 
 
 def with_mask(work: AnyMasked) -> Bools:
-    """Return one bool per element: whether it is kept."""
+    """Return the mask of a side: one bool per element, whether it is kept."""
     if work.mask is None:
         return np.ones(element_shape(work.reading), np.bool_)
     chosen: Bools = work.mask != 0
@@ -37,5 +37,5 @@ def with_mask(work: AnyMasked) -> Bools:
 
 
 def is_kept(work: AnyMasked) -> bool:
-    """Return whether a reading of one value is kept."""
+    """Return whether the mask keeps a reading of one value."""
     return work.mask is None or bool(work.mask.any())

@@ -21,10 +21,12 @@ Quantity = Callable[[Any], Values | None]
 
 
 def _rms_pa(reading: Any) -> float:
+    """Return the RMS sound pressure of a microphone reading: a quantity for conditions."""
     return float(np.sqrt(np.mean(np.square(reading.pressure_pa, dtype=np.float64))))
 
 
 def _speed_of(velocity: Any) -> float | None:
+    """Return the speed of a velocity as a quantity for conditions; None for None."""
     return None if velocity is None else norm(velocity)
 
 

@@ -25,7 +25,7 @@ _MOST_GAP_S = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """How exact a source is, one standard deviation on each axis.
+    """The accuracy of a position source, one standard deviation on each axis.
 
     position_m: of where it says that the vehicle is; velocity_m_s: of its velocity, and of how its
     place moves, None where the velocity is made of its positions.
@@ -35,7 +35,7 @@ class Accuracy:
     velocity_m_s: float | None = None
 
     def displacement_m(self, span_s: float) -> float:
-        """Return how exactly it knows how far the vehicle moved within a time."""
+        """Return the accuracy of a displacement within a time, metres."""
         by_places_m = math.sqrt(2.0) * self.position_m
         if self.velocity_m_s is None:
             return by_places_m
@@ -44,14 +44,14 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """Two sources exclude each other. at_s: since when; text: how, for people."""
+    """A disagreement of two position sources. at_s: since when; text: how, for people."""
 
     at_s: float
     text: str
 
 
 class Agreement:
-    """Compares the positions that are judged with another source's, at the other's moments.
+    """Checks the judged positions for agreement with another source, at the other's times.
 
     Places are compared, and what both moved within each of SPANS_S. Each difference is held to
     SIGMAS times what both state; that of places to MOST_APART_M where the other is the better one.
@@ -73,13 +73,13 @@ class Agreement:
         self._pairs: deque[_Compared] = deque()
 
     def restart(self) -> None:
-        """Forget what was: the window opens now."""
+        """Reset the agreement check: its window starts now."""
         self._poses.clear()
         self._waiting.clear()
         self._pairs.clear()
 
     def pose(self, sample: PoseSample) -> Disagreement | None:
-        """Take a pose that is judged."""
+        """Add a judged pose to the agreement check."""
         if self._poses and sample.t_s <= self._poses[-1].t_s:
             return None
         self._poses.append(sample)
@@ -88,7 +88,7 @@ class Agreement:
         return self._compare()
 
     def reference(self, sample: ReferenceSample) -> Disagreement | None:
-        """Take what the other source says."""
+        """Add a position of the other source; return a disagreement, or None."""
         self._waiting.append(sample)
         return self._compare()
 
@@ -126,6 +126,7 @@ class Agreement:
         return min(limit_m, most_m)
 
     def _remember(self, reference: ReferenceSample, judged_m: Vec3) -> "_Compared":
+        """Keep a comparison with the integral of the other's velocity; return it."""
         pairs, t_s = self._pairs, reference.t_s
         if pairs and t_s - pairs[-1].t_s > _MOST_GAP_S:
             pairs.clear()  # What it did in between, the other does not say.
@@ -140,7 +141,7 @@ class Agreement:
         return pairs[-1]
 
     def _before(self, t_s: float) -> "_Compared | None":
-        """Return the last comparison that is not after a moment; None when there is none."""
+        """Return the last comparison not after a time; None when there is none."""
         return next((one for one in reversed(self._pairs) if one.t_s <= t_s + 1e-9), None)
 
     def _moved_apart(self, before: "_Compared", now: "_Compared") -> Iterator[Disagreement]:
@@ -162,7 +163,7 @@ class Agreement:
             yield Disagreement(t_s, f"{said}; the limit is {limit_m:.2f} m on each axis")
 
     def _judged_at(self, t_s: float) -> Vec3 | None:
-        """Return where the judged source has the vehicle at a moment; None before its first."""
+        """Return the judged position at a time for comparison; None before the first."""
         after: PoseSample | None = None
         for sample in reversed(self._poses):
             if sample.t_s <= t_s:
@@ -177,7 +178,7 @@ class Agreement:
 
 @dataclass(frozen=True, slots=True)
 class _Compared:
-    """One comparison. integral_m: of the other's velocity since the first that is remembered."""
+    """One comparison of two position sources. integral_m: of the other's velocity since the first that is remembered."""
 
     reference: ReferenceSample
     judged_m: Vec3
@@ -189,7 +190,7 @@ class _Compared:
 
 
 class OwnVelocity:
-    """Compares how a source's places move with the velocity that it states itself.
+    """Checks how the positions of one source move against the velocity that it states itself.
 
     What a vehicle at rest or in flight does within a fifth of a second, its velocity shows: a
     place that steps by more than MOST_APART_M beside it was corrected, relayed wrongly, or is of
@@ -200,11 +201,11 @@ class OwnVelocity:
         self._steps: deque[tuple[PoseSample, Vec3]] = deque()
 
     def restart(self) -> None:
-        """Forget what was: the window opens now."""
+        """Reset the comparison with the own velocity: its window starts now."""
         self._steps.clear()
 
     def pose(self, sample: PoseSample) -> Disagreement | None:
-        """Take a pose of the source."""
+        """Add a pose of the source; return a step beside its velocity, or None."""
         steps, t_s = self._steps, sample.t_s
         if steps and t_s <= steps[-1][0].t_s:
             return None
@@ -229,4 +230,5 @@ class OwnVelocity:
 
 
 def _on_an_axis(apart_m: Vec3) -> float:
+    """Return the largest disagreement on any axis, metres."""
     return max(map(abs, apart_m))

@@ -89,7 +89,7 @@ class ArduCopter(Autopilot):
     )
 
     def mode_of(self, custom_mode: int) -> Mode:
-        """Return what the mode of a HEARTBEAT means."""
+        """Return our mode for an ArduCopter HEARTBEAT."""
         return _MODES.get(custom_mode, ("", Mode.OTHER))[1]
 
     def mode_name(self, custom_mode: int) -> str:
@@ -97,20 +97,20 @@ class ArduCopter(Autopilot):
         return _MODES.get(custom_mode, (f"mode {custom_mode}", Mode.OTHER))[0]
 
     def set_mode(self, target: Target, mode: Mode) -> Any:
-        """Return the DO_SET_MODE; raises ValueError for other modes."""
+        """Return ArduCopter's DO_SET_MODE; raises ValueError for other modes."""
         if mode not in _ASKED:
             raise ValueError(f"{mode} is not asked of ArduCopter")
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(_ASKED[mode]))
 
     def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
-        """Return the NAV_TAKEOFF; its height is relative, so that the ground's does not matter."""
+        """Return ArduCopter's NAV_TAKEOFF; its height is relative to the ground."""
         del ground_amsl_m
         unused = (0.0,) * 6
         return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, altitude_m)
 
     def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
-        """Return which messages to ask for, and how often."""
+        """Return the messages to request from ArduCopter, and how often."""
         return (
             MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
             MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
@@ -132,7 +132,7 @@ class ArduCopter(Autopilot):
         yaw_rad: float | None = None,
         yaw_rate_rad_s: float | None = None,
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a velocity."""
+        """Return ArduCopter's SET_POSITION_TARGET_LOCAL_NED of a velocity."""
         if yaw_rad is not None and yaw_rate_rad_s is not None:
             raise ValueError("a setpoint has a heading or a heading rate, not both")
         mask = IGNORE_POSITION | IGNORE_ACCELERATION
@@ -150,7 +150,7 @@ class ArduCopter(Autopilot):
     def position_setpoint(
         self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a position."""
+        """Return ArduCopter's SET_POSITION_TARGET_LOCAL_NED of a position."""
         mask = IGNORE_VELOCITY | IGNORE_ACCELERATION
         mask |= IGNORE_YAW if yaw_rad is None else IGNORE_YAW_RATE
         return local_target(

@@ -60,6 +60,7 @@ _AUTO_SUB: dict[int, tuple[str, Mode]] = {
 
 
 def _describe_mode(custom_mode: int) -> tuple[str, Mode]:
+    """Return PX4's name of a custom mode, and our mode."""
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     if main == _AUTO:
         return _AUTO_SUB.get(sub, (f"AUTO {sub}", Mode.OTHER))
@@ -98,7 +99,7 @@ class Px4(Autopilot):
     )
 
     def mode_of(self, custom_mode: int) -> Mode:
-        """Return what the mode of a HEARTBEAT means."""
+        """Return our mode for a PX4 HEARTBEAT."""
         return _describe_mode(custom_mode)[1]
 
     def mode_name(self, custom_mode: int) -> str:
@@ -106,7 +107,7 @@ class Px4(Autopilot):
         return _describe_mode(custom_mode)[0]
 
     def set_mode(self, target: Target, mode: Mode) -> Any:
-        """Return the DO_SET_MODE (main mode, sub mode); raises ValueError for other modes."""
+        """Return PX4's DO_SET_MODE (main mode, sub mode); raises ValueError for other modes."""
         if mode not in _ASKED:
             raise ValueError(f"{mode} is not asked of PX4")
         main, sub = _ASKED[mode]
@@ -114,13 +115,13 @@ class Px4(Autopilot):
         return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(main), float(sub))
 
     def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
-        """Return the NAV_TAKEOFF, here and with the present heading."""
+        """Return PX4's NAV_TAKEOFF, here and with the present heading."""
         amsl_m = self._needed_amsl(ground_amsl_m) + altitude_m
         unused = (math.nan,) * 6
         return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, amsl_m)
 
     def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
-        """Return which messages to ask for, and how often."""
+        """Return the messages to request from PX4, and how often."""
         return (
             MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
             MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
@@ -142,7 +143,7 @@ class Px4(Autopilot):
         yaw_rad: float | None = None,
         yaw_rate_rad_s: float | None = None,
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a velocity."""
+        """Return PX4's SET_POSITION_TARGET_LOCAL_NED of a velocity."""
         if yaw_rad is not None and yaw_rate_rad_s is not None:
             raise ValueError("a setpoint has a heading or a heading rate, not both")
         mask = IGNORE_POSITION | IGNORE_ACCELERATION
@@ -161,7 +162,7 @@ class Px4(Autopilot):
     def position_setpoint(
         self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a position."""
+        """Return PX4's SET_POSITION_TARGET_LOCAL_NED of a position."""
         mask = IGNORE_VELOCITY | IGNORE_ACCELERATION | IGNORE_YAW_RATE
         mask |= IGNORE_YAW if yaw_rad is None else 0
         return local_target(

@@ -55,5 +55,5 @@ _NAMES: Mapping[type[Reading], str] = MappingProxyType(
 
 
 def sensor_type_of(reading: Reading) -> str:
-    """Return the sensor type that gives such a reading."""
+    """Return the sensor type that gives this kind of reading."""
     return _NAMES[type(reading)]

@@ -32,7 +32,7 @@ Parts = Mapping[str, NDArray[Any]]
 
 
 def decode(document: Json, parts: Parts) -> Reading:
-    """Return the reading of a message.
+    """Return the reading decoded from an MCAP message.
 
     Raises KeyError, ValueError or TypeError for a document that is none of ours.
     """
@@ -42,7 +42,7 @@ def decode(document: Json, parts: Parts) -> Reading:
 
 
 def image_of(document: Json) -> NDArray[Any]:
-    """Return the pixels of a picture's message. Raises ValueError when they are none."""
+    """Return the pixels decoded from an MCAP image message. Raises ValueError."""
     wil, data = document["wil"], np.frombuffer(bytes_of(document["data"]), np.uint8)
     if "format" not in document:
         pixels: NDArray[Any] = data.view(np.dtype(wil["dtype"])).reshape(wil["shape"])
@@ -55,10 +55,12 @@ def image_of(document: Json) -> NDArray[Any]:
 
 
 def _times(wil: Json) -> tuple[float, float, int, Source]:
+    """Return decoded times, sequence number and source of a reading."""
     return number(wil["t_s"]), number(wil["arrived_s"]), wil["seq"], wil["source"]
 
 
 def _intrinsics(value: Json) -> Intrinsics:
+    """Decode a camera's intrinsics."""
     return Intrinsics(
         width_px=value["width_px"],
         height_px=value["height_px"],
@@ -71,6 +73,7 @@ def _intrinsics(value: Json) -> Intrinsics:
 
 
 def _camera_pose(value: Json) -> Pose | None:
+    """Decode the pose of a rendered image's camera; None for None."""
     if value is None:
         return None
     w, x, y, z = (number(one) for one in value["q_wxyz"])
@@ -78,6 +81,7 @@ def _camera_pose(value: Json) -> Pose | None:
 
 
 def _camera(document: Json, parts: Parts) -> CameraReading:
+    """Decode a camera reading."""
     wil = document["wil"]
     return CameraReading(
         *_times(wil),
@@ -91,6 +95,7 @@ def _camera(document: Json, parts: Parts) -> CameraReading:
 
 
 def _depth(document: Json, parts: Parts) -> DepthReading:
+    """Decode a depth reading."""
     wil = document["wil"]
     return DepthReading(
         *_times(wil),
@@ -103,6 +108,7 @@ def _depth(document: Json, parts: Parts) -> DepthReading:
 
 
 def _scan(document: Json, _: Parts) -> LidarScanReading:
+    """Decode a lidar scan."""
     wil = document["wil"]
     ids = wil["object_ids"]
     return LidarScanReading(
@@ -118,6 +124,7 @@ def _scan(document: Json, _: Parts) -> LidarScanReading:
 
 
 def _points(document: Json, _: Parts) -> LidarPointsReading:
+    """Decode a point cloud."""
     stride = document["point_stride"]
     packed = np.frombuffer(bytes_of(document["data"]), np.uint8).reshape(-1, stride)
     points = np.ascontiguousarray(packed[:, :12]).view("<f4")
@@ -130,6 +137,7 @@ def _points(document: Json, _: Parts) -> LidarPointsReading:
 
 
 def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
+    """Decode a rangefinder reading."""
     wil = document["wil"]
     return RangefinderReading(
         *_times(wil),
@@ -141,6 +149,7 @@ def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
 
 
 def _gps(document: Json, _: Parts) -> GpsReading:
+    """Decode a GPS reading."""
     wil = document["wil"]
     return GpsReading(
         *_times(wil),
@@ -156,6 +165,7 @@ def _gps(document: Json, _: Parts) -> GpsReading:
 
 
 def _pose(document: Json, _: Parts) -> PoseReading:
+    """Decode a pose reading."""
     wil = document["wil"]
     t_s, arrived_s, seq, source = _times(wil)
     velocity = wil["velocity_ned_m_s"]
@@ -170,6 +180,7 @@ def _pose(document: Json, _: Parts) -> PoseReading:
 
 
 def _imu(document: Json, _: Parts) -> ImuReading:
+    """Decode an IMU reading."""
     force, rates = document["linear_acceleration"], document["angular_velocity"]
     return ImuReading(
         *_times(document["wil"]),
@@ -179,6 +190,7 @@ def _imu(document: Json, _: Parts) -> ImuReading:
 
 
 def _microphone(document: Json, _: Parts) -> MicrophoneReading:
+    """Decode a microphone reading."""
     wil = document["wil"]
     return MicrophoneReading(
         *_times(wil),

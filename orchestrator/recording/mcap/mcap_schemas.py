@@ -24,10 +24,12 @@ _BASE64: Schema = {"type": "string", "contentEncoding": "base64"}
 
 
 def _object(title: str, **properties: Schema) -> Schema:
+    """Return the JSON schema of an object."""
     return {"title": title, "type": "object", "properties": properties}
 
 
 def _array(items: Schema) -> Schema:
+    """Return the JSON schema of an array."""
     return {"type": "array", "items": items}
 
 
@@ -43,6 +45,7 @@ UINT8, FLOAT32 = 1, 7
 
 
 def _with_stamp(title: str, **properties: Schema) -> Schema:
+    """Return the JSON schema of a message with a timestamp."""
     return _object(title, timestamp=_TIME, frame_id=_STRING, **properties, wil=_WIL)
 
 
@@ -134,13 +137,14 @@ SCHEMAS: Mapping[str, bytes] = types.MappingProxyType(
 
 
 def schema_of(title: str, kind: type) -> bytes:
-    """Return the schema of a dataclass, with a timestamp: its fields by name and type."""
+    """Return the JSON schema of a dataclass, with a timestamp: its fields by name and type."""
     properties = _fields_of(kind)
     schema = _object(title, timestamp=_TIME, **properties)
     return json.dumps(schema, separators=(",", ":")).encode()
 
 
 def _fields_of(kind: type) -> dict[str, Schema]:
+    """Return the JSON schemas of a dataclass's fields."""
     hints = typing.get_type_hints(kind)
     return {field.name: _schema_of_hint(hints[field.name]) for field in dataclasses.fields(kind)}
 

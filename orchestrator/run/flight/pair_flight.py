@@ -35,7 +35,7 @@ async def fly_together(
     preflight: Callable[[tuple[VehicleContext, ...]], Awaitable[None]],
     arm: bool = True,
 ) -> None:
-    """Take all stations through the stages up to landed; `goal(t0_s)` flies the goal.
+    """Fly all vehicles of the pair through the stages up to landed; `goal(t0_s)` flies the goal.
 
     heights_m: to which height above its start each takes off, by name. prepare: puts aboard a
     ready vehicle what it needs. before_arming: what has to be proven when all have it. preflight:
@@ -77,6 +77,7 @@ async def fly_together(
 
 
 async def _arm(contexts: tuple[VehicleContext, ...]) -> None:
+    """Arm the pair's vehicles, and wait for their motors."""
     await _each(contexts, lambda context: context.driver.arm())
     if len(contexts) > 1:
         # Who was armed first is ahead by as much: motors that are not up make a takeoff wait.
@@ -87,7 +88,7 @@ async def _arm(contexts: tuple[VehicleContext, ...]) -> None:
 async def _take_off(
     contexts: Iterable[VehicleContext], heights_m: Mapping[str, float], sync: SyncSetup
 ) -> None:
-    """Give all their takeoff commands in one turn of the loop, and wait until they are up."""
+    """Send the pair's takeoff commands in one turn of the loop, and wait until they are up."""
     acknowledged = [one.driver.begin_takeoff(heights_m[one.name]) for one in contexts]
     await asyncio.gather(*acknowledged)
     await _each(contexts, lambda one: _at_height(one, heights_m[one.name], sync))
@@ -96,7 +97,7 @@ async def _take_off(
 async def _go_on_taking_off(
     contexts: Iterable[VehicleContext], heights_m: Mapping[str, float], sync: SyncSetup
 ) -> None:
-    """Take off who is on the ground still, or again; who was held in the air climbs on."""
+    """Continue the pair's takeoff after a hold: again from the ground, climbing in the air."""
     grounded = [one for one in contexts if one.driver.state.landed in {"on_ground", "unknown"}]
     await _each(grounded, lambda one: one.driver.arm())
     acknowledged = [one.driver.begin_takeoff(heights_m[one.name]) for one in grounded]
@@ -110,7 +111,7 @@ async def _go_on_taking_off(
 
 
 async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> None:
-    """Fly to a height above the start by setpoints: no autopilot takes off twice."""
+    """Fly a vehicle of the pair to a height by setpoints: no autopilot takes off twice."""
     await context.driver.enter_guided()
     north_m, east_m, down_m = context.start.position_ned_m
     place = PositionSetpoint((north_m, east_m, down_m - height_m), context.start.yaw_rad)
@@ -124,10 +125,12 @@ async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> N
 
 
 async def _guide(contexts: Iterable[VehicleContext]) -> None:
+    """Bring the pair into the mode that follows setpoints."""
     await _each(contexts, lambda context: context.driver.enter_guided())
 
 
 async def _land(contexts: Iterable[VehicleContext], sync: SyncSetup) -> None:
+    """Land the pair and wait until both are disarmed."""
     await _each(contexts, lambda context: context.driver.land())
     await _each(contexts, lambda context: context.driver.disarmed(sync.landing_timeout_s))
 
@@ -135,7 +138,7 @@ async def _land(contexts: Iterable[VehicleContext], sync: SyncSetup) -> None:
 async def _with_operator_holds(
     contexts: Iterable[VehicleContext], holding: OperatorHold, goal: Awaitable[None]
 ) -> None:
-    """Fly the goal; after each hold bring all back into the mode that follows setpoints."""
+    """Fly the pair's goal; after each operator hold return to the guided mode."""
 
     async def guide_again() -> None:
         while True:
@@ -150,7 +153,7 @@ async def _with_operator_holds(
 
 
 def _require_two(contexts: tuple[VehicleContext, ...]) -> None:
-    """Refuse one vehicle that answers on both links. Raises FlightError."""
+    """Refuse a pair that is one vehicle on both links. Raises FlightError."""
     for one, other in itertools.combinations(contexts, 2):
         if same_vehicle(one.driver.identity, other.driver.identity):
             raise FlightError(
@@ -162,7 +165,7 @@ def _require_two(contexts: tuple[VehicleContext, ...]) -> None:
 async def _each(
     contexts: Iterable[VehicleContext], do: Callable[[VehicleContext], Awaitable[object]]
 ) -> None:
-    """Do a thing with all stations at once; the first error cancels the others' waiting."""
+    """Do something with all of the pair at once; the first error cancels the others."""
 
     async def one(context: VehicleContext) -> None:
         await do(context)
@@ -176,7 +179,7 @@ async def _each(
 
 
 async def _at_height(context: VehicleContext, altitude_m: float, sync: SyncSetup) -> None:
-    """Wait until the vehicle has been within tolerance of the height for a moment."""
+    """Wait until a vehicle of the pair has been near the height for a moment."""
     loop = asyncio.get_running_loop()
     since_s: float | None = None
     try:

@@ -34,16 +34,16 @@ _MAX_MESSAGE_BYTES = 256 * 1024 * 1024
 
 
 class SimulatorError(SourceError, NoImageError):
-    """The simulator gave no picture that can be used."""
+    """The simulator's camera gave no usable image."""
 
 
 class SimulatorTimeoutError(SimulatorError):
-    """The simulator did not answer in time."""
+    """The simulator did not reply in time."""
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatorCounts:
-    """What became of the questions.
+    """The counts of requests to the simulator's camera by outcome.
 
     late: answers to questions that had been given up. garbage: answers that broke the protocol.
     refused: questions that the simulator said it cannot answer.
@@ -58,11 +58,12 @@ class SimulatorCounts:
 
 
 def _no_events() -> Mapping[str, float]:
+    """Return no events: the simulator's world is static."""
     return {}
 
 
 class ZmqImageSource:
-    """A simulator as a `vehicles.cameras.rendered_cameras.ImageSource`; an async context manager.
+    """A simulator's camera by ZMQ as an ImageSource; an async context manager.
 
     address: `tcp://HOST:PORT` where the simulator has bound. objects: which id stands for which
     object, told to the simulator. events: asked for before each question. `picture` blocks, for
@@ -93,7 +94,7 @@ class ZmqImageSource:
         self.welcome = Welcome("")
 
     async def __aenter__(self) -> Self:
-        """Connect and greet. Raises SimulatorError."""
+        """Connect to the simulator and greet it. Raises SimulatorError."""
         self._context = zmq.Context()
         try:
             self._socket = self._connect()
@@ -109,7 +110,7 @@ class ZmqImageSource:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Disconnect; a question under way is waited for."""
+        """Disconnect from the simulator; a request under way is awaited."""
         await self._close()
 
     async def ask(
@@ -121,7 +122,7 @@ class ZmqImageSource:
         want_depth: bool = True,
         want_ids: bool = True,
     ) -> SimulatedImage:
-        """Return a picture without blocking the loop. Raises SimulatorError."""
+        """Return a simulator's image without blocking the loop. Raises SimulatorError."""
         return await asyncio.to_thread(
             self.picture,
             camera_pose,
@@ -140,7 +141,7 @@ class ZmqImageSource:
         want_depth: bool = False,
         want_ids: bool = False,
     ) -> SimulatedImage:
-        """Return a picture; blocks for `timeout_s` at most. Raises SimulatorError."""
+        """Return a simulator's image; blocks for `timeout_s`. Raises SimulatorError."""
         events = self._events()
         with self._lock:
             self._seq += 1
@@ -160,11 +161,13 @@ class ZmqImageSource:
             return picture
 
     def _await_answer(self, ask: Ask) -> SimulatedImage:
+        """Return the simulator's image for a request. Raises SimulatorError."""
         deadline_s = time.monotonic() + self._timeout_s
         self._send(ask_parts(ask), deadline_s)
         return self._answer(lambda parts: image_of(parts, ask), deadline_s)
 
     def _connect(self) -> "zmq.Socket[bytes]":
+        """Return a new socket connected to the simulator."""
         socket = self._context.socket(zmq.DEALER)
         socket.setsockopt(zmq.LINGER, 0)
         # A question is for a simulator that is there, not for the one that comes back later.
@@ -183,12 +186,14 @@ class ZmqImageSource:
         return socket
 
     def _greet(self) -> None:
+        """Send the simulator hello and keep its welcome."""
         deadline_s = time.monotonic() + self._open_timeout_s
         with self._lock:
             self._send(hello_parts(self._objects), deadline_s)
             self.welcome = self._answer(welcome_of, deadline_s)
 
     def _send(self, parts: Sequence[Buffer], deadline_s: float) -> None:
+        """Send a request to the simulator. Raises SimulatorTimeoutError."""
         if not self._socket.poll(_left_ms(deadline_s), zmq.POLLOUT):
             self._count(timeouts=1)
             raise SimulatorTimeoutError(
@@ -198,6 +203,7 @@ class ZmqImageSource:
         self._socket.send_multipart([b"", *parts])
 
     def _answer(self, read: Callable[[Sequence[Buffer]], T], deadline_s: float) -> T:
+        """Return the simulator's reply to the present request; late ones are skipped."""
         while True:
             parts = self._receive(deadline_s)
             try:
@@ -215,6 +221,7 @@ class ZmqImageSource:
                 ) from error
 
     def _receive(self, deadline_s: float) -> Sequence[Buffer]:
+        """Return the simulator's next message. Raises SimulatorTimeoutError."""
         if not self._socket.poll(_left_ms(deadline_s), zmq.POLLIN):
             self._count(timeouts=1)
             raise SimulatorTimeoutError(
@@ -225,16 +232,20 @@ class ZmqImageSource:
         return parts[1:] if len(parts[0]) == 0 else parts
 
     def _count(self, **more: int) -> None:
+        """Count outcomes of requests to the simulator."""
         changed = {name: getattr(self.counts, name) + n for name, n in more.items()}
         self.counts = replace(self.counts, **changed)
 
     async def _close(self) -> None:
+        """Close the simulator's socket in a thread."""
         await asyncio.to_thread(self._close_socket)
 
     def _close_socket(self) -> None:
+        """Close the simulator's socket and context."""
         with self._lock:
             self._context.destroy(linger=0)
 
 
 def _left_ms(deadline_s: float) -> int:
+    """Return the milliseconds left to wait for the simulator."""
     return max(0, round((deadline_s - time.monotonic()) * 1000.0))
