@@ -178,7 +178,7 @@ class Agreement:
 
 @dataclass(frozen=True, slots=True)
 class _Compared:
-    """One comparison of two position sources. integral_m: of the other's velocity since the first that is remembered."""
+    """One comparison of two position sources. integral_m: of the other's velocity so far."""
 
     reference: ReferenceSample
     judged_m: Vec3
