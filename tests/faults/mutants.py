@@ -74,9 +74,7 @@ def _beside_counts() -> None:
 def _early(fault: SignalFault, *kinds: str) -> bool:
     """Return whether a fault of the judged source hides what the flight does after takeoff."""
     source = "mocap" if fault.judged_by == "mocap" else "position"
-    begins = fault.stage in {"takeoff", "at_height"} or (
-        fault.stage == "goal" and fault.after_s < 1.0
-    )
+    begins = fault.stage == "at_height" or (fault.stage == "goal" and fault.after_s < 1.0)
     hidden = fault.cause in {"wall", "table", "area", "fence"}
     judged = fault.vehicle == fault.subject and fault.signal == source
     return fault.mode == "sim" and judged and begins and hidden and fault.kind in kinds

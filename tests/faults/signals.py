@@ -215,7 +215,8 @@ class _Strike:
         """Begin it when its stage comes."""
         fault, self.run_state = self.fault, run_state
         if fault.lone:
-            _silence(pair, fault)
+            # The judge listens by then.
+            run_state.on_stage(lambda stage, _: _silence(pair, fault, stage))
         if fault.signal == "mocap":
             alter = reading_change(fault.alteration)
             captured(fault.vehicle, alter, stage=fault.stage, after_s=fault.after_s)(
@@ -252,8 +253,10 @@ def _go_on(vehicle: Any) -> None:
     vehicle._timer = vehicle._loop.call_soon(vehicle._tick)
 
 
-def _silence(pair: Pair, fault: SignalFault) -> None:
-    """Keep from the judge what knows better than the judged source, as outdoors."""
+def _silence(pair: Pair, fault: SignalFault, stage: Stage) -> None:
+    """Keep from the judge what knows better than the judged source, from takeoff on."""
+    if stage != "takeoff":
+        return
     unknown = _BETTER[fault.judged_by]
     for context in pair.contexts:
         if context.name != fault.subject:
