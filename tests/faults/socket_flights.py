@@ -40,7 +40,7 @@ _SIGNALS = (
     *("picture",) * 4,
     *("attitude", "heartbeat", "landed_state", "link", "process", "timesync"),
 )
-_ENDS_WITHIN_S = 150.0
+_ENDS_WITHIN_S = 300.0
 _SIZE_PX = (96, 72)
 _PATIENT = {f"max_{what}_skew_s": 10 for what in ("command", "takeoff", "t0")}
 
