@@ -52,7 +52,7 @@ class ExternalIo:
         self._proofs: tuple[InjectionProof, ...] = ()
         self.cameras: dict[Key, ExternalCamera] = {}
         self.simulators: dict[Key, ZmqImageSource] = {}
-        for vehicle in setup.vehicles:
+        for vehicle in setup.with_sensors:
             for camera in vehicle.cameras:
                 self._add(vehicle.name, camera)
         captured: dict[Source, MocapSetup] = {
@@ -69,6 +69,7 @@ class ExternalIo:
                 await camera.open(stack)
             for simulator in self.simulators.values():
                 await stack.enter_async_context(simulator)
+            await self._warm_up_simulators()
             await self.captures.open(stack)
             await self.outlets.open(stack)
             if self._ground is not None:
@@ -213,6 +214,15 @@ class ExternalIo:
                 return
             before = said
 
+    async def _warm_up_simulators(self) -> None:
+        """Have each simulator draw once, from where its vehicle stands. Raises SourceError."""
+        now_s = asyncio.get_running_loop().time()
+        for (name, sensor), simulator in self.simulators.items():
+            vehicle = self._setup.vehicle(name)
+            camera = next(one for one in vehicle.cameras if one.name == sensor)
+            pose = camera.mount.camera_pose(vehicle.start)
+            await simulator.warm_up(pose, camera.intrinsics, now_s)
+
     def _add(self, vehicle: Source, camera: CameraSetup) -> None:
         source, key = camera.source, (str(vehicle), camera.name)
         if source is None:
@@ -230,14 +240,14 @@ class ExternalIo:
         )
 
     def _outlets(self) -> Iterable[Outlet]:
-        flying = {vehicle.name: vehicle for vehicle in self._setup.vehicles}
+        there = {vehicle.name: vehicle for vehicle in self._setup.with_sensors}
         for outlet in self._setup.campaign.outside.pictures:
             perceived = outlet.of == "perceived"
             name = (outlet.vehicle or self._setup.subject) if perceived else outlet.of
-            if name not in flying:
+            if name not in there:
                 continue
             # The mixed picture is as large as that of the real vehicle, whose it replaces.
-            owner = flying.get("real", flying[name]) if perceived else flying[name]
+            owner = there.get("real", there[name]) if perceived else there[name]
             camera = next(one for one in owner.cameras if one.name == outlet.sensor)
             sdp = self._setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"
             delivery = image_delivery(outlet, camera, sdp_path=sdp)

@@ -112,6 +112,16 @@ class ZmqImageSource:
         """Disconnect; a question under way is waited for."""
         await self._close()
 
+    async def warm_up(self, camera_pose: Pose, intrinsics: Intrinsics, t_s: float) -> None:
+        """Have a first image drawn, which takes an engine long, and leave it out of the counts.
+
+        Waits as long as for the connection. Raises SimulatorError.
+        """
+        await asyncio.to_thread(
+            self.picture, camera_pose, intrinsics, t_s, within_s=self._open_timeout_s
+        )
+        self.counts = SimulatorCounts()
+
     async def ask(
         self,
         camera_pose: Pose,
@@ -139,15 +149,16 @@ class ZmqImageSource:
         *,
         want_depth: bool = False,
         want_ids: bool = False,
+        within_s: float | None = None,
     ) -> SimulatedImage:
-        """Return a picture; blocks for `timeout_s` at most. Raises SimulatorError."""
+        """Return a picture; blocks for `within_s` or `timeout_s` at most. Raises SimulatorError."""
         events = self._events()
         with self._lock:
             self._seq += 1
             ask = Ask(self._seq, t_s, camera_pose, intrinsics, want_depth, want_ids, events)
             self._count(asked=1)
             try:
-                picture = self._await_answer(ask)
+                picture = self._await_answer(ask, within_s or self._timeout_s)
             except SimulatorError as error:
                 self.trouble = str(error)
                 raise
@@ -159,8 +170,8 @@ class ZmqImageSource:
             self._count(answered=1)
             return picture
 
-    def _await_answer(self, ask: Ask) -> SimulatedImage:
-        deadline_s = time.monotonic() + self._timeout_s
+    def _await_answer(self, ask: Ask, within_s: float) -> SimulatedImage:
+        deadline_s = time.monotonic() + within_s
         self._send(ask_parts(ask), deadline_s)
         return self._answer(lambda parts: image_of(parts, ask), deadline_s)
 

@@ -17,7 +17,7 @@ from recipes.language.recipe_document import load_recipe
 from recipes.pipeline.pipeline import compile_recipe
 from recipes.working import StepError
 from tests.recipes.samples import beam, camera
-from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.cameras.rendered_cameras import NoImageError, sleep_until
 from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import Reading
 from worlds.files.documents import parse
@@ -160,6 +160,121 @@ class Slow:
 
 
 REGISTERED = "transform: [register], merge: overlay"
+
+
+def film(rig: Rig, rate_hz: float, *, seconds: float = 3.0, jitter_s: float = 0.0) -> None:
+    """Feed the images of a live camera, and the poses that its vehicle has meanwhile."""
+    loop = asyncio.get_running_loop()
+    for k in range(round(100 * (seconds + 2.0))):
+        pose = Pose((k * 0.01, 0, 0))
+        loop.call_at(k * 0.01, rig.poses.add, k * 0.01, pose, (1.0, 0.0, 0.0))
+    for k in range(round(rate_hz * seconds)):
+        early_s = jitter_s * (-1) ** k
+        rig.real(1 + k / rate_hz + early_s, late_s=0.02, made=camera(source="real"))
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 30.0, 45.0, 100.0])
+@pytest.mark.parametrize("takes_s", [0.0, 0.04])
+def test_a_live_camera_of_any_rate_is_mixed_at_the_recipe_s(rate_hz: float, takes_s: float) -> None:
+    rig = flown(
+        lambda: Rig(
+            REGISTERED, sensor="camera", twin=Slow(takes_s), period_s=1 / rate_hz, rate_hz=15.0
+        ),
+        lambda rig: film(rig, rate_hz),
+        5.0,
+    )
+    assert {told.dropped for told in rig.told} == {None}
+    assert rig.loop.mixer.counts().faults == ()
+    assert len(rig.frames) == pytest.approx(45, abs=2)
+
+
+def test_jitter_of_its_stamps_loses_no_image_of_a_camera_at_the_recipe_s_rate() -> None:
+    rig = flown(
+        lambda: Rig(REGISTERED, sensor="camera", twin=Slow(0.0), period_s=1 / 15, rate_hz=15.0),
+        lambda rig: film(rig, 15.0, jitter_s=0.01),
+        5.0,
+    )
+    assert len(rig.frames) == 45
+
+
+def test_a_step_that_chooses_by_time_sees_also_what_is_not_due_in_its_order() -> None:
+    body = "transform: [register, {delay: {by_ms: 30, on: real}}], merge: overlay"
+    rig = flown(
+        lambda: Rig(body, sensor="camera", twin=Slow(0.04), period_s=1 / 45, rate_hz=15.0),
+        lambda rig: film(rig, 45.0),
+        5.0,
+    )
+    delays_s = [told.given_real_seq / 1000 - told.real_t_s for told in rig.told[1:]]
+    assert delays_s == pytest.approx([2 / 45] * len(delays_s), abs=1e-3)
+    assert rig.loop.mixer.counts().faults == ()
+
+
+class Unsteady(Slow):
+    """A twin whose simulator gives no image, or a late one, for some of the questions."""
+
+    def __init__(self, *, fails: range = range(0), is_late: range = range(0)) -> None:
+        super().__init__(0.0)
+        self._fails, self._is_late = fails, is_late
+
+    async def ask(self, body: Pose, t_s: float, **more: bool) -> Any:
+        number = len(self.asked)
+        self.takes_s = 0.4 if number in self._is_late else 0.0
+        answer = await super().ask(body, t_s, **more)
+        if number in self._fails:
+            raise NoImageError("the simulator did not answer in 0.2 s")
+        return answer
+
+
+def watched(twin: Unsteady, budget: str = "") -> tuple[Rig, RunState]:
+    """Return what came of a flight whose simulator is unsteady, its goal flown from 1 s on."""
+
+    async def run() -> tuple[Rig, RunState]:
+        run_state = RunState(time=asyncio.get_running_loop().time)
+        rig = Rig(REGISTERED + budget, sensor="camera", twin=twin, period_s=1 / 15)
+        watch = MixingBudgetWatch(run_state=run_state, someone_is_silent=lambda: False)
+        watch.watch(rig.loop, 1 / 15)
+        watching = asyncio.ensure_future(watch.run(lambda: None))
+        film(rig, 15.0, seconds=5.0)
+        asyncio.get_running_loop().call_at(1.0, run_state.enter, "goal")
+        task = asyncio.ensure_future(rig.run(6.5))
+        asyncio.get_running_loop().call_at(5.9, run_state.enter, "done")
+        await task
+        watching.cancel()
+        await asyncio.wait([watching])
+        return rig, run_state
+
+    return run_virtual(run())
+
+
+def test_an_image_that_is_missing_is_a_dropped_frame() -> None:
+    rig, run_state = watched(Unsteady(fails=range(20, 23)))
+    assert run_state.decisive == []
+    assert rig.loop.statistics.missed == 3
+    assert rig.loop.statistics.last_miss == "the simulator did not answer in 0.2 s"
+    # Nothing is delivered for it: a bare image would say that nothing virtual is there.
+    assert len(rig.frames) == 75 - 3
+    assert {told.dropped for told in rig.told} == {None}
+
+
+def test_an_image_that_is_late_is_a_dropped_frame() -> None:
+    rig, run_state = watched(Unsteady(is_late=range(20, 21)), ", max_latency_ms: 200")
+    assert run_state.decisive == []
+    assert rig.loop.statistics.missed == 1
+    assert rig.loop.statistics.last_miss.startswith("the twin's image came 4")
+
+
+@pytest.mark.parametrize(
+    ("budget", "fails", "said"),
+    [
+        ("", range(20, 40), "no mixed reading for more than 1 s: the simulator did not answer"),
+        (", min_rate_hz: 13", range(20, 23), "min_rate_hz: "),
+    ],
+)
+def test_more_than_the_budget_forgives_is_invalid(budget: str, fails: range, said: str) -> None:
+    _, run_state = watched(Unsteady(fails=fails), budget)
+    (event,) = run_state.decisive
+    assert event.kind == "INVALID"
+    assert event.text.startswith(f"mixing of s: {said}")
 
 
 def test_pictures_that_come_while_one_is_mixed_make_way_for_the_newest() -> None:
