@@ -12,7 +12,6 @@ from campaigns.schema import (
     CampaignPart,
     GoalPart,
     Mode,
-    SyncPart,
     VehicleName,
 )
 from campaigns.schema.links import LinkPart, LinksPart
@@ -29,6 +28,7 @@ from recipes.language.recipe_document import load_recipe
 from safety.evaluation.judge import OracleUse
 from safety.fence.geofence import Fence
 from safety.oracles.goal import TimeLimitParameters
+from vehicles.coupling import LIMITS_M
 from worlds.files.documents import BadInput, Document, Problem, check
 from worlds.world_file.world import World
 
@@ -69,7 +69,7 @@ def read_setup(
         recipe=recipe,
         under_test=_under_test(files, part),
         goal=_goal(part.goal),
-        sync=_sync(part.sync, uses),
+        sync=_sync(part, uses),
         fences=_fences(files, part, world, problems),
         guarding=_guard_setup(part),
         oracles=uses,
@@ -143,7 +143,8 @@ def _goal(part: GoalPart) -> GoalSetup:
     )
 
 
-def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
+def _sync(campaign: CampaignPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
+    part, twin = campaign.sync, campaign.vehicles.twin
     limits = [use.parameters for use in uses if isinstance(use.parameters, TimeLimitParameters)]
     longest_s = max([_GOAL_S, *(limit.limit_s + _GRACE_S for limit in limits)])
     return SyncSetup(
@@ -156,6 +157,8 @@ def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
         max_command_skew_s=part.max_command_skew_s,
         max_takeoff_skew_s=part.max_takeoff_skew_s,
         max_t0_skew_s=part.max_t0_skew_s,
+        max_twin_distance_m=part.max_twin_distance_m
+        or LIMITS_M["follow" if twin is None else twin.coupling],
     )
 
 

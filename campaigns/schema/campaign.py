@@ -119,7 +119,10 @@ class GoalPart(Part):
 
 
 class SyncPart(Part):
-    """How closely the pair keeps together; a run that exceeds a skew is INVALID."""
+    """How closely the pair keeps together; a run that exceeds a skew or the distance is INVALID.
+
+    max_twin_distance_m: None: by the twin's coupling.
+    """
 
     identify_timeout_s: Seconds = 5.0
     ready_timeout_s: Seconds = 90.0
@@ -130,6 +133,7 @@ class SyncPart(Part):
     max_command_skew_s: Seconds = 0.1
     max_takeoff_skew_s: Seconds = 1.0
     max_t0_skew_s: Seconds = 0.1
+    max_twin_distance_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
 
 
 class ClockPart(Part):

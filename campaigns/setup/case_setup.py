@@ -14,6 +14,7 @@ from safety.evaluation.judge import OracleUse
 from safety.fence.geofence import Fence
 from safety.guard.core.events import GuardSettings
 from safety.guard.core.setpoint_limits import SetpointLimits
+from vehicles.coupling import LIMITS_M
 from worlds.files.documents import Path
 from worlds.frames import Vec3
 from worlds.world_file.world import World
@@ -37,7 +38,8 @@ FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
     "wil": ("real", "twin"),
     "real": ("real",),
 }
-"""Whose vehicles fly in a mode; the first is the subject, the one that is judged."""
+"""Whose vehicles there are in a mode; the first is the subject, the one that is judged. All of them
+fly, but for a twin that is placed (`Setup.flying`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +55,7 @@ class SyncSetup:
     max_command_skew_s: float
     max_takeoff_skew_s: float
     max_t0_skew_s: float
+    max_twin_distance_m: float = LIMITS_M["follow"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,6 +106,14 @@ class Setup:
     speed: float | None = None
     collision_always: bool = True
     unsigned_commands: bool = False
+
+    def flying(self, mode: Mode) -> tuple[VehicleName, ...]:
+        """Return whose vehicles fly in a mode, the subject first: nothing flies a placed twin."""
+        return tuple(
+            name
+            for name in FLIES[mode]
+            if mode != "wil" or name != "twin" or self.vehicles[name].coupling != "placed"
+        )
 
     def pace(self, names: Iterable[VehicleName]) -> float | None:
         """Return how many times real time these vehicles fly on the scaled clock; None: unsaid."""

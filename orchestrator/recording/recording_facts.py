@@ -23,7 +23,7 @@ def facts_of(setup: RunSetup) -> dict[str, str]:
     }
     latencies = {
         f"{vehicle.name} {camera.name}": camera.source.latency_s
-        for vehicle in setup.vehicles
+        for vehicle in setup.with_sensors
         for camera in vehicle.cameras
         if camera.source is not None
     }

@@ -35,7 +35,8 @@ class RunOrder:
 class RunSetup:
     """An order with all that it names looked up.
 
-    vehicles: those that fly. real_scene, virtual_scene: what stands in W and in Wv in this mode.
+    vehicles: those that fly. placed: a twin that does not, and has sensors where the real vehicle
+    is. real_scene, virtual_scene: what stands in W and in Wv in this mode.
     """
 
     order: RunOrder
@@ -44,17 +45,20 @@ class RunSetup:
     profiles: Mapping[VehicleName, Profile]
     real_scene: Scene
     virtual_scene: Scene
+    placed: VehicleSetup | None = None
 
     @classmethod
     def of(cls, order: RunOrder) -> Self:
         """Look up everything that an order names. Raises BadInput, ProfileError."""
         campaign, mode = order.plan.setup(), order.plan.mode
-        vehicles = tuple(campaign.vehicles[name] for name in FLIES[mode])
+        there = tuple(campaign.vehicles[name] for name in FLIES[mode])
+        flying = campaign.flying(mode)
         return cls(
             order=order,
             campaign=campaign,
-            vehicles=vehicles,
-            profiles={vehicle.name: load_profile(vehicle.profile) for vehicle in vehicles},
+            vehicles=tuple(one for one in there if one.name in flying),
+            placed=next((one for one in there if one.name not in flying), None),
+            profiles={vehicle.name: load_profile(vehicle.profile) for vehicle in there},
             real_scene=campaign.world.scene(mode, "W"),
             virtual_scene=campaign.world.scene(mode, "Wv"),
         )
@@ -77,7 +81,9 @@ class RunSetup:
     @property
     def pace(self) -> float:
         """Return how many times real time its clock is asked to run; 1 for what is not scaled."""
-        asked = self.campaign.pace(FLIES[self.mode]) if self.clock == "scaled" else None
+        asked = (
+            self.campaign.pace(self.campaign.flying(self.mode)) if self.clock == "scaled" else None
+        )
         return asked or 1.0
 
     @property
@@ -86,13 +92,23 @@ class RunSetup:
         return "twin" if self.mode == "sim" else "real"
 
     @property
+    def companion(self) -> VehicleName | None:
+        """Return who flies beside the subject, and is judged by nobody; None where nobody does."""
+        return "twin" if self.mode == "wil" and self.placed is None else None
+
+    @property
+    def with_sensors(self) -> tuple[VehicleSetup, ...]:
+        """Return the vehicles that have sensors: those that fly, and a placed twin."""
+        return self.vehicles if self.placed is None else (*self.vehicles, self.placed)
+
+    @property
     def judged_scene(self) -> Scene:
         """Return the world against which poses are judged."""
         return self.real_scene if self.mode == "real" else self.virtual_scene
 
     def vehicle(self, name: str) -> VehicleSetup:
-        """Return a vehicle that flies. Raises StopIteration for another."""
-        return next(one for one in self.vehicles if one.name == name)
+        """Return a vehicle that flies or is placed. Raises StopIteration for another."""
+        return next(one for one in self.with_sensors if one.name == name)
 
     def height_m(self, vehicle: VehicleSetup) -> float:
         """Return how far above its start a vehicle takes off to."""

@@ -35,8 +35,9 @@ class VehicleContext:
 
     poses: by the campaign's pose source, world frame; what judging and rendering use. truth:
     where it truly is; empty for vehicles that are not embedded. setpoint, note: the newest of its
-    autonomy; program_setpoints: of which kind a program's newest was. lift: when it left the
-    ground by the vehicle's own clock, mapped.
+    autonomy; program_setpoints: of which kind a program's newest was. liftoff: when it left the
+    ground by the vehicle's own clock, mapped. may_drop_out: from the takeoff on the run goes on
+    without it.
     """
 
     name: str
@@ -50,6 +51,7 @@ class VehicleContext:
     note: str = ""
     liftoff: LiftoffDetector = field(default_factory=LiftoffDetector)
     contact: str | None = None
+    may_drop_out: bool = False
     _listeners: list[PoseListener] = field(default_factory=list)
     _reference_listeners: list[ReferenceListener] = field(default_factory=list)
     _contact_listeners: list[ContactListener] = field(default_factory=list)

@@ -70,7 +70,7 @@ class OracleRunner:
         context.on_pose(self._pose)
         context.on_reference(self._reference)
         context.driver.on_event(lambda event: self._event(context, event))
-        context.driver.on_failure(lambda error: self._run_state.decide("ERROR", str(error)))
+        context.driver.on_failure(lambda error: self._failure(context, str(error)))
         context.on_contact(lambda truth: self._contact(context, truth))
 
     async def run(self, alive: Callable[[], None]) -> None:
@@ -157,6 +157,12 @@ class OracleRunner:
     def _event(self, context: VehicleContext, event: VehicleEvent) -> None:
         if event.kind != "text":
             self._judge_state(state_sample(context.name, context.driver.state, event.t_s))
+
+    def _failure(self, context: VehicleContext, reason: str) -> None:
+        if context.may_drop_out and self._run_state.reached("takeoff"):
+            self._run_state.drop_out(context.name, reason)
+        else:
+            self._run_state.decide("ERROR", reason)
 
     def _contact(self, context: VehicleContext, truth: TruthSample) -> None:
         """Take that a vehicle physically hit something: a broken drone, whatever it judged."""

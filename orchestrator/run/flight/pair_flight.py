@@ -6,10 +6,12 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping
 
 from campaigns.setup.case_setup import SyncSetup
 from orchestrator.model.results import NOT_ARMED
+from orchestrator.run.flight.drop_outs import unless_out
 from orchestrator.run.flight.operator_hold import OperatorHold
 from orchestrator.state.run_state import FlightError, RunState
 from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.autopilots.registry import autopilot_named
+from vehicles.cameras.rendered_cameras import sleep_until
 from vehicles.driver.session.identity import same_vehicle
 from vehicles.errors import VehicleError
 from vehicles.setpoints import PositionSetpoint
@@ -19,6 +21,8 @@ _SETTLED_S = 0.5
 """How long a vehicle has to be at height before it counts: not merely passing through."""
 _POLL_S = 0.02
 _CLIMB_HZ = 10.0
+_SILENT_S = 3.0
+"""A vehicle that dropped out and is silent for so long is not waited for."""
 
 
 async def fly_together(
@@ -35,7 +39,7 @@ async def fly_together(
     preflight: Callable[[tuple[VehicleContext, ...]], Awaitable[None]],
     arm: bool = True,
 ) -> None:
-    """Take all stations through the stages up to landed; `goal(t0_s)` flies the goal.
+    """Take all vehicles through the stages up to landed; `goal(t0_s)` flies the goal.
 
     heights_m: to which height above its start each takes off, by name. prepare: puts aboard a
     ready vehicle what it needs. before_arming: what has to be proven when all have it. preflight:
@@ -43,8 +47,9 @@ async def fly_together(
     height, before the goal.
 
     Every barrier waits for all, and for an operator who holds. An error at any stage is raised to
-    the caller, who brings everything down; so does `course.over` when it is set before the goal is
-    given.
+    the caller, who brings everything down; so does `run_state.over` when it is set before the goal
+    is given. From the takeoff on a vehicle that may drop out does so by its errors, and the others
+    fly on without it.
     """
     run_state.enter("identify")
     await _each(contexts, lambda context: context.driver.identify(sync.identify_timeout_s))
@@ -63,16 +68,16 @@ async def fly_together(
     await holding.through(lambda: _arm(contexts))
     run_state.enter("takeoff")
     await holding.through(
-        lambda: _take_off(contexts, heights_m, sync),
-        again=lambda: _go_on_taking_off(contexts, heights_m, sync),
+        lambda: _take_off(contexts, heights_m, sync, run_state),
+        again=lambda: _go_on_taking_off(contexts, heights_m, sync, run_state),
     )
     run_state.enter("at_height")
     barrier()
-    await holding.through(lambda: _guide(contexts))
+    await holding.through(lambda: _guide(contexts, run_state))
     t0_s = run_state.enter("goal")
-    await _with_operator_holds(contexts, holding, goal(t0_s))
+    await _with_operator_holds(contexts, holding, goal(t0_s), run_state)
     run_state.enter("land")
-    await holding.through(lambda: _land(contexts, sync))
+    await holding.through(lambda: _land(contexts, sync, run_state))
     run_state.enter("landed")
 
 
@@ -85,28 +90,40 @@ async def _arm(contexts: tuple[VehicleContext, ...]) -> None:
 
 
 async def _take_off(
-    contexts: Iterable[VehicleContext], heights_m: Mapping[str, float], sync: SyncSetup
+    contexts: Iterable[VehicleContext],
+    heights_m: Mapping[str, float],
+    sync: SyncSetup,
+    run_state: RunState,
 ) -> None:
     """Give all their takeoff commands in one turn of the loop, and wait until they are up."""
-    acknowledged = [one.driver.begin_takeoff(heights_m[one.name]) for one in contexts]
-    await asyncio.gather(*acknowledged)
-    await _each(contexts, lambda one: _at_height(one, heights_m[one.name], sync))
+    await _command_takeoff(contexts, heights_m, run_state)
+    await _each_left(contexts, run_state, lambda one: _at_height(one, heights_m[one.name], sync))
 
 
 async def _go_on_taking_off(
-    contexts: Iterable[VehicleContext], heights_m: Mapping[str, float], sync: SyncSetup
+    contexts: Iterable[VehicleContext],
+    heights_m: Mapping[str, float],
+    sync: SyncSetup,
+    run_state: RunState,
 ) -> None:
     """Take off who is on the ground still, or again; who was held in the air climbs on."""
     grounded = [one for one in contexts if one.driver.state.landed in {"on_ground", "unknown"}]
-    await _each(grounded, lambda one: one.driver.arm())
-    acknowledged = [one.driver.begin_takeoff(heights_m[one.name]) for one in grounded]
-    await asyncio.gather(*acknowledged)
+    await _each_left(grounded, run_state, lambda one: one.driver.arm())
+    await _command_takeoff(grounded, heights_m, run_state)
 
     async def go_up(context: VehicleContext) -> None:
         up = _at_height if context in grounded else _climb
         await up(context, heights_m[context.name], sync)
 
-    await _each(contexts, go_up)
+    await _each_left(contexts, run_state, go_up)
+
+
+async def _command_takeoff(
+    contexts: Iterable[VehicleContext], heights_m: Mapping[str, float], run_state: RunState
+) -> None:
+    left = [one for one in contexts if one.name not in run_state.dropped_out]
+    acknowledged = {one.name: one.driver.begin_takeoff(heights_m[one.name]) for one in left}
+    await _each_left(left, run_state, lambda one: acknowledged[one.name])
 
 
 async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> None:
@@ -123,17 +140,37 @@ async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> N
             await asyncio.wait([there], timeout=1.0 / _CLIMB_HZ)
 
 
-async def _guide(contexts: Iterable[VehicleContext]) -> None:
-    await _each(contexts, lambda context: context.driver.enter_guided())
+async def _guide(contexts: Iterable[VehicleContext], run_state: RunState) -> None:
+    await _each_left(contexts, run_state, lambda context: context.driver.enter_guided())
 
 
-async def _land(contexts: Iterable[VehicleContext], sync: SyncSetup) -> None:
-    await _each(contexts, lambda context: context.driver.land())
-    await _each(contexts, lambda context: context.driver.disarmed(sync.landing_timeout_s))
+async def _land(contexts: tuple[VehicleContext, ...], sync: SyncSetup, run_state: RunState) -> None:
+    await _each_left(contexts, run_state, lambda context: context.driver.land())
+    await _each_left(
+        contexts, run_state, lambda context: context.driver.disarmed(sync.landing_timeout_s)
+    )
+    await _grounded([one for one in contexts if one.name in run_state.dropped_out], sync)
+
+
+async def _grounded(dropped_out: Iterable[VehicleContext], sync: SyncSetup) -> None:
+    """Wait until those that the guard lands alone are disarmed, as long as they are heard."""
+    loop = asyncio.get_running_loop()
+
+    def is_coming_down(context: VehicleContext) -> bool:
+        state = context.driver.state
+        heard_s = state.last_heard_s
+        return state.armed and heard_s is not None and loop.time() - heard_s < _SILENT_S
+
+    until_s = loop.time() + sync.landing_timeout_s
+    while loop.time() < until_s and any(map(is_coming_down, dropped_out)):
+        await sleep_until(loop.time() + _POLL_S)
 
 
 async def _with_operator_holds(
-    contexts: Iterable[VehicleContext], holding: OperatorHold, goal: Awaitable[None]
+    contexts: Iterable[VehicleContext],
+    holding: OperatorHold,
+    goal: Awaitable[None],
+    run_state: RunState,
 ) -> None:
     """Fly the goal; after each hold bring all back into the mode that follows setpoints."""
 
@@ -141,7 +178,7 @@ async def _with_operator_holds(
         while True:
             count = holding.count
             await holding.resumed(after=count)
-            await holding.through(lambda: _guide(contexts))
+            await holding.through(lambda: _guide(contexts, run_state))
 
     async with together() as tasks:
         guiding = tasks.create_task(guide_again(), name="guided after a hold")
@@ -162,7 +199,7 @@ def _require_two(contexts: tuple[VehicleContext, ...]) -> None:
 async def _each(
     contexts: Iterable[VehicleContext], do: Callable[[VehicleContext], Awaitable[object]]
 ) -> None:
-    """Do a thing with all stations at once; the first error cancels the others' waiting."""
+    """Do a thing with all vehicles at once; the first error cancels the others' waiting."""
 
     async def one(context: VehicleContext) -> None:
         await do(context)
@@ -173,6 +210,22 @@ async def _each(
                 group.create_task(one(context), name=f"{context.name} stage")
     except* (VehicleError, FlightError) as errors:
         raise errors.exceptions[0] from None
+
+
+async def _each_left(
+    contexts: Iterable[VehicleContext],
+    run_state: RunState,
+    do: Callable[[VehicleContext], Awaitable[object]],
+) -> None:
+    """Do a thing with all that have not dropped out; what drops out meanwhile is let go."""
+
+    async def one(context: VehicleContext) -> None:
+        if not context.may_drop_out:
+            await do(context)
+        else:
+            await unless_out(context.name, run_state, lambda: do(context))
+
+    await _each(contexts, one)
 
 
 async def _at_height(context: VehicleContext, altitude_m: float, sync: SyncSetup) -> None:

@@ -27,6 +27,7 @@ from orchestrator.run.flight.recorder_factory import recorder_of
 from orchestrator.run.flight.run_oracles import build_judge
 from orchestrator.run.flight.run_outcome import broken_result, external_result, result_of
 from orchestrator.run.flight.synchronisation import Synchronisation
+from orchestrator.run.flight.twin_monitor import TwinMonitor
 from orchestrator.run.flight.watchdog import Watchdog
 from orchestrator.run.perception.autonomy_calls import AutonomyFault
 from orchestrator.run.perception.perception import Perception
@@ -92,6 +93,7 @@ class _Run:
     recorder: RunRecorder
     goal: GoalFlight
     sync: Synchronisation
+    twin: TwinMonitor | None
     holding: OperatorHold
     reporter: ProgressReporter
     aboard: OnboardConfiguration
@@ -112,6 +114,7 @@ class _Ground:
     outside: ExternalIo
     recorder: RunRecorder
     sync: Synchronisation
+    twin: TwinMonitor | None
     reporter: ProgressReporter
     preflight: Preflight
     perception: Perception | None = None
@@ -177,6 +180,7 @@ class Flown:
                     artifacts=ground.recorder.artifacts,
                     preflight=ground.preflight.items,
                     fence_changes=tuple(ground.bench.fence_changes),
+                    twin=None if ground.twin is None else ground.twin.result(),
                     end_s=end_s,
                     wall_s=wall_s,
                 )
@@ -211,8 +215,20 @@ def _ground_of(setup: RunSetup, run_state: RunState, report: Report, streams: Ex
         outside=outside,
         recorder=recorder,
         sync=Synchronisation(setup=setup.campaign.sync, run_state=run_state),
+        twin=_twin_monitor(setup, run_state),
         reporter=reporter,
         preflight=Preflight(setup=setup),
+    )
+
+
+def _twin_monitor(setup: RunSetup, run_state: RunState) -> TwinMonitor | None:
+    """Return what watches the twin beside the judged vehicle; None where there is none."""
+    if setup.mode != "wil":
+        return None
+    return TwinMonitor(
+        coupling=setup.vehicle("twin").coupling,
+        limit_m=setup.campaign.sync.max_twin_distance_m,
+        run_state=run_state,
     )
 
 
@@ -255,10 +271,13 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
         events=ground.events,
         started=sync.goal_given,
         within_s=setup.campaign.sync.goal_timeout_s,
+        companion=setup.companion,
         notify=partial(_world_event, recorder, pair),
     )
     run_state.on_stage(partial(_moment, ground.events, goal.notify))
     sync.attach(pair.contexts)
+    if ground.twin is not None and setup.companion is not None:
+        ground.twin.attach(setup.companion, needed_by=perception.bound_to_twin)
     pair.begin_outage(setup.campaign.links, run_state)
     aboard = OnboardConfiguration(
         setup=setup, contexts=pair.contexts, run_state=run_state, note=recorder.note
@@ -273,6 +292,7 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
         recorder=recorder,
         goal=goal,
         sync=sync,
+        twin=ground.twin,
         holding=OperatorHold(run_state=run_state),
         reporter=reporter,
         aboard=aboard,
@@ -317,6 +337,9 @@ async def _conduct(run: _Run) -> None:
         ("outside", lambda: run.outside.run(run_state)),
         ("watchdog", watchdog.run),
     )
+    if (twin := run.twin) is not None and run.setup.companion is not None:
+        sign = watchdog.watch("twin distance")
+        lasting += (("twin distance", lambda: twin.run(run.pair.contexts, sign)),)
     async with together() as tasks:
         background = [
             tasks.create_task(_last(run_state, name, begin), name=name) for name, begin in lasting
@@ -437,10 +460,22 @@ def _guard_event(run: _Run, event: GuardEvent) -> None:
     run.recorder.guard_event(event)
     run.holding.take(event)
     run.reporter.guard(event)
+    if event.kind == "alone":
+        _drop_out(run, event)
     settled = decisive(event)
     if settled is not None:
         text = settled.text + last_statustext(run.pair, event)
         run.run_state.decide(settled.kind, text, t_s=settled.t_s, source=settled.source)
+
+
+def _drop_out(run: _Run, event: GuardEvent) -> None:
+    """Take that the guard lands a vehicle alone; before the takeoff there is no flight to go on."""
+    text = event.text + last_statustext(run.pair, event)
+    if run.run_state.reached("takeoff"):
+        run.run_state.drop_out(event.vehicle, text)
+    else:
+        source = f"guard.{event.kind}/{event.vehicle}"
+        run.run_state.decide("ERROR", text, t_s=event.t_s, source=source)
 
 
 async def _record(run: _Run) -> None:

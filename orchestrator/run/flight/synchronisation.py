@@ -46,8 +46,11 @@ class Synchronisation:
     def check_takeoff(self) -> None:
         """Hold the takeoff of a pair to its limits; called once both are at height.
 
-        A skew that was not measured is not shown to be small: INVALID too.
+        A skew that was not measured is not shown to be small: INVALID too. There is none to a
+        vehicle that dropped out meanwhile.
         """
+        if any(context.name in self._run_state.dropped_out for context in self._contexts):
+            return
         result = self.result()
         lifted = [
             context.name for context in self._contexts if context.liftoff.liftoff_s is not None

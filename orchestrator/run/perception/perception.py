@@ -59,6 +59,11 @@ class Perception:
         return tuple(self.budgets.loops)
 
     @property
+    def bound_to_twin(self) -> tuple[str, ...]:
+        """Return the mixings that take the twin's readings from wherever the twin is."""
+        return tuple(one.name for one in self.mixings if one.mixer.pose_request is None)
+
+    @property
     def statistics(self) -> MixingStatistics | None:
         """Return the figures of the recipe's first combination; None where nothing is mixed."""
         return self.mixings[0].statistics if self.mixings else None

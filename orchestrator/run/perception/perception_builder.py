@@ -61,12 +61,15 @@ def build_perception(
 
     def someone_is_silent() -> bool:
         now_s = asyncio.get_running_loop().time()
-        heard_s = [context.driver.state.last_heard_s for context in pair.contexts]
+        awaited = [one for one in pair.contexts if one.name not in run_state.dropped_out]
+        heard_s = [context.driver.state.last_heard_s for context in awaited]
         return any(t_s is None or now_s - t_s > _SILENT_S for t_s in heard_s)
 
     budgets = MixingBudgetWatch(run_state=run_state, someone_is_silent=someone_is_silent)
     perception = Perception(runners, run_state, budgets)
     contexts = {context.name: context for context in pair.contexts}
+    if setup.placed is not None:
+        contexts[setup.placed.name] = contexts[setup.subject]
     senses = SensorFactory(
         setup=setup, contexts=contexts, feeds=pair.vehicles, events=events, outside=outside
     )
@@ -114,6 +117,8 @@ class _PerceptionBuilder:
         mixers = self._mixers() if self._setup.mode == "wil" else ()
         combined = Counter(mixer.sensor for mixer in mixers)
         for mixer in mixers:
+            if not self._receivers(mixer):
+                continue
             name = mixer.sensor
             if combined[name] > 1:
                 name = f"{name}.{'_'.join(mixer.publish)}"
@@ -166,7 +171,8 @@ class _PerceptionBuilder:
 
     def _delivery(self, mixer: Mixer, name: str, *, asked: bool) -> Callable[[MixedFrame], None]:
         """Return who records a mixture and hands it to the autonomies that it is for."""
-        runners = [self._perception.runners[vehicle] for vehicle in mixer.publish]
+        receivers = self._receivers(mixer)
+        runners = [self._perception.runners[vehicle] for vehicle in receivers]
         raw = mixer.combination.publish_raw
         subject = self._setup.subject in mixer.publish
         filmed = subject and mixer.combination.sensor.kind == "camera" and self._film(name)
@@ -178,13 +184,17 @@ class _PerceptionBuilder:
                 self._watchers.reading(frame.twin)
             self._watchers.frame(frame)
             if frame.mixed.reading is not None:
-                self._watchers.perceived(frame.mixed.reading, mixer.publish)
+                self._watchers.perceived(frame.mixed.reading, receivers)
             if filmed:
                 self._show(frame)
             for runner in runners:
                 _hand_over(runner, frame, raw=raw)
 
         return deliver
+
+    def _receivers(self, mixer: Mixer) -> tuple[str, ...]:
+        """Return whose autonomies perceive a mixture: nobody perceives for a placed twin."""
+        return tuple(one for one in mixer.publish if one in self._perception.runners)
 
     def _film(self, name: str) -> bool:
         """Return whether this is what the run's video shows: the first picture of the subject."""

@@ -155,7 +155,7 @@ class SensorFactory:
             source=self._image_source(*key),
             on_missing=lambda reason: self._outside.missing(key, reason),
             # Where nobody knows the truth, it stands where its pose source says.
-            history=context.truth if vehicle.embedded else context.poses,
+            history=context.truth if self._has_truth(vehicle) else context.poses,
             intrinsics=camera.intrinsics,
             rate_hz=camera.rate_hz,
             side=vehicle.name,
@@ -163,7 +163,7 @@ class SensorFactory:
             mount=camera.mount,
             quality=CameraQuality.of_profile(self._setup.profiles[vehicle.name].camera),
             compute=self._compute(camera),
-            pose_delay_s=POSE_DELAY_S if vehicle.embedded else _TELEMETRY_DELAY_S,
+            pose_delay_s=POSE_DELAY_S if self._has_truth(vehicle) else _TELEMETRY_DELAY_S,
         )
 
     def _model(self, vehicle: VehicleSetup, sensor: SensorSetup, *, like: SensorSetup) -> Sensor:
@@ -244,6 +244,10 @@ class SensorFactory:
         late_s = 1.0 / rate_hz if datasheet.latency_s == turn_s else datasheet.latency_s
         return Timing(rate_hz, late_s, datasheet.jitter_s)
 
+    def _has_truth(self, vehicle: VehicleSetup) -> bool:
+        """Return whether it is a simulation of ours that flies: a placed twin has the real's."""
+        return vehicle.embedded and vehicle != self._setup.placed
+
     def _scene(self, name: str) -> Scene:
         return self._setup.real_scene if name == "real" else self._setup.virtual_scene
 
@@ -262,7 +266,7 @@ class SensorFactory:
     def _track(self, name: str) -> TruthHistory:
         if name not in self._tracks:
             self._tracks[name] = TruthHistory()
-            if self._setup.vehicle(name).embedded:
+            if self._has_truth(self._setup.vehicle(name)):
                 self._feeds[name].on_truth(self._tracks[name].add, FELT_TRUTH_HZ)
             else:
                 self._contexts[name].on_pose(partial(_trust_profile, self._tracks[name]))

@@ -16,6 +16,21 @@ ONE_PLACE = [
     ("profile: cage", "profile: @caeg", "no profile 'caeg'"),
     ("pose_source: mocap", "pose_source: @vicon", "must be mavlink or mocap, is 'vicon'"),
     (
+        "pose_source: mocap",
+        "pose_source: mocap\n    coupling: @free",
+        "is of the twin; write it there",
+    ),
+    (
+        "autopilot: ardupilot",
+        "autopilot: ardupilot\n    coupling: @fallow",
+        "must be follow, free, shadow or placed, is 'fallow'; did you mean 'follow'?",
+    ),
+    (
+        "autopilot: ardupilot\n    sensors:\n",
+        "autopilot: ardupilot\n    coupling: placed\n    sensors:\n      imu: @{type: imu}\n",
+        "nothing flies a placed twin, and imu is of a flight; write follow",
+    ),
+    (
         "start: {north_m: 0, east_m: 0}",
         "start: {@north_ft: 0, east_m: 0}",
         "unknown key 'north_ft'; did you mean 'north_m'?",

@@ -13,6 +13,7 @@ from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.junit import junit_xml
 from orchestrator.model.results import FenceChange, RunResult, Summary, SyncResult, summarize
 from orchestrator.model.results_reader import read_result
+from orchestrator.model.twin_results import DropOut, TwinResult
 from safety.model.oracle_results import OracleResult, Verdict
 from tests.orchestrator.hover import write_hover
 
@@ -129,3 +130,11 @@ def test_a_flown_campaign_says_what_failed_and_was_only_reported(
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--set", low]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "reported only, and failed: low (default sim, 2 runs) accepted; reported only" in said
+
+
+def test_a_twin_that_dropped_out_is_told_of_what_passed() -> None:
+    left = TwinResult("free", 0.1, 0.2, 0.3, 10.0, DropOut(17.5, "twin was not heard for 3 s"))
+    runs = [run(twin=left), run(2), run(3, verdict="FAIL", twin=left)]
+    text = "twin was not heard for 3 s (large wil, 1 run)"
+    assert f"the twin dropped out: {text}" in told(*runs)
+    assert properties(*runs)["twin_dropped_out"] == text
