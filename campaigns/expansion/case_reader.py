@@ -157,6 +157,7 @@ def _sync(campaign: CampaignPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
         max_command_skew_s=part.max_command_skew_s,
         max_takeoff_skew_s=part.max_takeoff_skew_s,
         max_t0_skew_s=part.max_t0_skew_s,
+        takeoff=part.takeoff,
         max_twin_distance_m=part.max_twin_distance_m
         or LIMITS_M["follow" if twin is None else twin.coupling],
     )

@@ -18,6 +18,7 @@ from campaigns.values.acceptance import parse_share
 from worlds.files.documents import KeyFaultError, Part
 
 Mode = Literal["sim", "wil", "real"]
+Takeoff = Literal["liftoff", "command"]
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
 MATRIX_KEYS = frozenset(
@@ -121,6 +122,7 @@ class GoalPart(Part):
 class SyncPart(Part):
     """How closely the pair keeps together; a run that exceeds a skew or the distance is INVALID.
 
+    takeoff: whether the vehicles leave the ground together, or get their commands together.
     max_twin_distance_m: None: by the twin's coupling.
     """
 
@@ -133,6 +135,7 @@ class SyncPart(Part):
     max_command_skew_s: Seconds = 0.1
     max_takeoff_skew_s: Seconds = 1.0
     max_t0_skew_s: Seconds = 0.1
+    takeoff: Takeoff = "liftoff"
     max_twin_distance_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
 
 

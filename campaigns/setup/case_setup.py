@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from campaigns.schema import Mode, PreflightPart, RecordPart, VehicleName
 from campaigns.setup.autonomy_under_test import UnderTest
@@ -56,6 +57,7 @@ class SyncSetup:
     max_takeoff_skew_s: float
     max_t0_skew_s: float
     max_twin_distance_m: float = LIMITS_M["follow"]
+    takeoff: Literal["liftoff", "command"] = "liftoff"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -41,12 +41,14 @@ class SyncResult:
     """Skews of the pair in seconds, None when the stage was not reached or one vehicle flew.
 
     command: between the takeoff commands on the wire. takeoff: between the times off the ground,
-    by mapped clocks. t0: between the times at which each was given its goal.
+    by mapped clocks. t0: between the times at which each was given its goal. liftoff_delays_s: of
+    each vehicle, from its takeoff command on the wire to its liftoff.
     """
 
     command_skew_s: float | None = None
     takeoff_skew_s: float | None = None
     t0_skew_s: float | None = None
+    liftoff_delays_s: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """What one run is given: its plan resolved, its folder, its clock."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
@@ -11,6 +11,7 @@ from campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
 from orchestrator.model.clock import Clock
 from orchestrator.model.results import Attempt
 from orchestrator.model.return_path import ReturnPath
+from vehicles.autopilots.registry import autopilot_named
 from vehicles.embedded.profile import Profile, load_profile
 from worlds.scene.scene import Scene
 
@@ -19,6 +20,7 @@ from worlds.scene.scene import Scene
 class RunOrder:
     """A run to be flown; picklable. folder: where its files go; it exists and is empty.
 
+    liftoff_delays_s: by vehicle, from takeoff command to liftoff, as runs before this one measured;
     attempts: those at this run that do not count. arm: False for everything up to arming. back: not
     the run, but the flight back to the start after it.
     """
@@ -29,6 +31,7 @@ class RunOrder:
     attempts: tuple[Attempt, ...] = ()
     arm: bool = True
     back: ReturnPath | None = None
+    liftoff_delays_s: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +112,18 @@ class RunSetup:
     def vehicle(self, name: str) -> VehicleSetup:
         """Return a vehicle that flies or is placed. Raises StopIteration for another."""
         return next(one for one in self.with_sensors if one.name == name)
+
+    @property
+    def liftoff_delays_s(self) -> Mapping[str, float]:
+        """Return how long each vehicle takes from its takeoff command to its liftoff.
+
+        As it was measured in earlier runs, else as its autopilot is known for; nothing where the
+        commands are to be given together.
+        """
+        if self.campaign.sync.takeoff == "command":
+            return {}
+        known = {one.name: autopilot_named(one.autopilot).liftoff_s for one in self.vehicles}
+        return {**known, **self.order.liftoff_delays_s}
 
     def height_m(self, vehicle: VehicleSetup) -> float:
         """Return how far above its start a vehicle takes off to."""

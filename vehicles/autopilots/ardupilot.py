@@ -79,6 +79,8 @@ class ArduCopter(Autopilot):
     takeoff_modes: ClassVar[tuple[Mode, ...]] = (Mode.GUIDED,)
     spool_s: ClassVar[float] = 2.0
     """The delay after arming, and MOT_SPOOL_TIME: before, a takeoff command waits (4.7)."""
+    # Measured with the embedded vehicle, which is held against a trace of 4.7.
+    liftoff_s: ClassVar[float] = 1.4
     takeoff_needs_amsl: ClassVar[bool] = False
     parameters_bytewise: ClassVar[bool] = False
     changes_mode_on_disarm: ClassVar[bool] = False

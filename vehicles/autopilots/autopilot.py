@@ -105,6 +105,8 @@ class Autopilot(ABC):
     """The modes that it goes through by itself after a takeoff command."""
     spool_s: ClassVar[float]
     """How long after arming its motors are not yet up to take off at once."""
+    liftoff_s: ClassVar[float]
+    """How long it takes, its motors being up, from the takeoff command until it begins to climb."""
     takeoff_needs_amsl: ClassVar[bool]
     """Whether the takeoff command carries a height above mean sea level."""
     parameters_bytewise: ClassVar[bool]

@@ -5,6 +5,7 @@ import itertools
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 
 from campaigns.setup.case_setup import SyncSetup
+from orchestrator.model.liftoff_delays import staggers_s
 from orchestrator.model.results import NOT_ARMED
 from orchestrator.run.flight.drop_outs import unless_out
 from orchestrator.run.flight.operator_hold import OperatorHold
@@ -32,6 +33,8 @@ async def fly_together(
     holding: OperatorHold,
     sync: SyncSetup,
     heights_m: Mapping[str, float],
+    liftoff_delays_s: Mapping[str, float],
+    stagger: Callable[[Mapping[str, float]], None],
     before_arming: Callable[[], Awaitable[None]],
     barrier: Callable[[], None],
     goal: Callable[[float], Awaitable[None]],
@@ -41,7 +44,9 @@ async def fly_together(
 ) -> None:
     """Take all vehicles through the stages up to landed; `goal(t0_s)` flies the goal.
 
-    heights_m: to which height above its start each takes off, by name. prepare: puts aboard a
+    heights_m: to which height above its start each takes off, by name. liftoff_delays_s: how long
+    each takes from its command to its liftoff; whose is shorter gets its command later. stagger: is
+    told by how much. prepare: puts aboard a
     ready vehicle what it needs. before_arming: what has to be proven when all have it. preflight:
     raises what speaks against arming. arm: False stops there. barrier: called when all are at
     height, before the goal.
@@ -66,10 +71,12 @@ async def fly_together(
         return
     run_state.enter("arm")
     await holding.through(lambda: _arm(contexts))
+    stagger(staggers_s(liftoff_delays_s, [context.name for context in contexts]))
     run_state.enter("takeoff")
+    delays_s = liftoff_delays_s
     await holding.through(
-        lambda: _take_off(contexts, heights_m, sync, run_state),
-        again=lambda: _go_on_taking_off(contexts, heights_m, sync, run_state),
+        lambda: _take_off(contexts, heights_m, sync, run_state, delays_s),
+        again=lambda: _go_on_taking_off(contexts, heights_m, sync, run_state, delays_s),
     )
     run_state.enter("at_height")
     barrier()
@@ -94,9 +101,10 @@ async def _take_off(
     heights_m: Mapping[str, float],
     sync: SyncSetup,
     run_state: RunState,
+    delays_s: Mapping[str, float],
 ) -> None:
-    """Give all their takeoff commands in one turn of the loop, and wait until they are up."""
-    await _command_takeoff(contexts, heights_m, run_state)
+    """Give all their takeoff commands, so that they lift together, and wait until they are up."""
+    await _command_takeoff(contexts, heights_m, run_state, delays_s)
     await _each_left(contexts, run_state, lambda one: _at_height(one, heights_m[one.name], sync))
 
 
@@ -105,11 +113,12 @@ async def _go_on_taking_off(
     heights_m: Mapping[str, float],
     sync: SyncSetup,
     run_state: RunState,
+    delays_s: Mapping[str, float],
 ) -> None:
     """Take off who is on the ground still, or again; who was held in the air climbs on."""
     grounded = [one for one in contexts if one.driver.state.landed in {"on_ground", "unknown"}]
     await _each_left(grounded, run_state, lambda one: one.driver.arm())
-    await _command_takeoff(grounded, heights_m, run_state)
+    await _command_takeoff(grounded, heights_m, run_state, delays_s)
 
     async def go_up(context: VehicleContext) -> None:
         up = _at_height if context in grounded else _climb
@@ -119,11 +128,24 @@ async def _go_on_taking_off(
 
 
 async def _command_takeoff(
-    contexts: Iterable[VehicleContext], heights_m: Mapping[str, float], run_state: RunState
+    contexts: Iterable[VehicleContext],
+    heights_m: Mapping[str, float],
+    run_state: RunState,
+    delays_s: Mapping[str, float],
 ) -> None:
+    """Command who takes longest to lift at once, in one turn of the loop; the others later."""
     left = [one for one in contexts if one.name not in run_state.dropped_out]
-    acknowledged = {one.name: one.driver.begin_takeoff(heights_m[one.name]) for one in left}
-    await _each_left(left, run_state, lambda one: acknowledged[one.name])
+    waits_s = staggers_s(delays_s, [one.name for one in left])
+    at_once = [one for one in left if waits_s[one.name] == 0.0]
+    acknowledged = {one.name: one.driver.begin_takeoff(heights_m[one.name]) for one in at_once}
+
+    async def command(context: VehicleContext) -> None:
+        if context.name not in acknowledged:
+            await asyncio.sleep(waits_s[context.name])
+            acknowledged[context.name] = context.driver.begin_takeoff(heights_m[context.name])
+        await acknowledged[context.name]
+
+    await _each_left(left, run_state, command)
 
 
 async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> None:

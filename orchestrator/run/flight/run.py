@@ -447,6 +447,8 @@ async def _fly_stages(run: _Run) -> None:
         holding=run.holding,
         sync=setup.campaign.sync,
         heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
+        liftoff_delays_s=setup.liftoff_delays_s,
+        stagger=run.sync.stagger,
         before_arming=partial(prove_and_anchor, setup, run.pair.contexts, run.outside, run.aboard),
         barrier=run.sync.check_takeoff,
         goal=run.goal.fly,

@@ -74,6 +74,8 @@ def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> No
             holding=OperatorHold(run_state=run_state),
             sync=SYNC,
             heights_m={},
+            liftoff_delays_s={},
+            stagger=lambda _: None,
             before_arming=partial(told, "proven"),
             barrier=lambda: None,
             goal=partial(told, "goal"),
