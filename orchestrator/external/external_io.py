@@ -23,6 +23,7 @@ from safety.model.oracle_results import Flag
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
 from vehicles.readings import CameraReading, Reading, Source
+from vehicles.sources.simulator.shown_world import asked_world
 from vehicles.sources.simulator.simulator_camera import ZmqImageSource
 
 _WATCH_S = 0.1
@@ -85,6 +86,15 @@ class ExternalIo:
     ) -> None:
         """Close all."""
         await self._stack.aclose()
+
+    @property
+    def disagreements(self) -> tuple[str, ...]:
+        """Return in words where a simulator shows another world than the one that is judged."""
+        return tuple(
+            f"{' '.join(key)} at {simulator.name}: {text}"
+            for key, simulator in self.simulators.items()
+            for text in simulator.disagreements
+        )
 
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
         """Take the vehicles, whose autopilots are told from now on what is injected."""
@@ -235,9 +245,13 @@ class ExternalIo:
             address=source.address,
             timeout_s=source.answer_s,
             open_timeout_s=source.open_s,
-            objects={thing.name: thing.object_id for thing in scene.objects},
+            world=asked_world(scene, world=self._world_name(), case=self._setup.order.plan.case),
             events=lambda: dict(self._events),
         )
+
+    def _world_name(self) -> str:
+        document = self._setup.order.plan.files.world
+        return "" if document is None else document.path.stem
 
     def _outlets(self) -> Iterable[Outlet]:
         there = {vehicle.name: vehicle for vehicle in self._setup.with_sensors}

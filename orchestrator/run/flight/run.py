@@ -234,10 +234,19 @@ def _twin_monitor(setup: RunSetup, run_state: RunState) -> TwinMonitor | None:
 
 async def _fly_pair(ground: _Ground, inbox: Inbox, disturb: Disturb | None) -> None:
     """Start the vehicles, fly them, and have them down and gone before this returns."""
+    async with ground.outside as outside:
+        if outside.disagreements:
+            # What is mixed in would not be what is judged: nothing has to be flown to know that.
+            text = "; ".join(outside.disagreements)
+            ground.run_state.decide("INVALID", text, source="simulator")
+            return
+        await _fly_in_world(ground, inbox, disturb)
+
+
+async def _fly_in_world(ground: _Ground, inbox: Inbox, disturb: Disturb | None) -> None:
     setup, outside, run_state = ground.setup, ground.outside, ground.run_state
     record = ground.sync.recording(ground.recorder.frame)
     async with (
-        outside,
         open_pair(setup, record=record, captures=outside.captures) as pair,
         open_runners(setup, pair, run_state) as runners,
     ):

@@ -14,6 +14,7 @@ from vehicles.cameras.rendered_cameras import NoImageError
 from vehicles.sources.camera_source import SourceError
 from vehicles.sources.messagepack import BadMessageError
 from vehicles.sources.simulator.image_parts import Buffer
+from vehicles.sources.simulator.shown_world import AskedWorld, disagreements
 from vehicles.sources.simulator.simulator_protocol import (
     Ask,
     LateAnswerError,
@@ -64,9 +65,10 @@ def _no_events() -> Mapping[str, float]:
 class ZmqImageSource:
     """A simulator as a `vehicles.cameras.rendered_cameras.ImageSource`; an async context manager.
 
-    address: `tcp://HOST:PORT` where the simulator has bound. objects: which id stands for which
-    object, told to the simulator. events: asked for before each question. `picture` blocks, for
-    a thread (`compute=asyncio.to_thread`); several threads may call it, they wait in turn.
+    address: `tcp://HOST:PORT` where the simulator has bound. world: what the simulator is asked to
+    show; `disagreements` says where it shows something else. events: asked for before each
+    question. `picture` blocks, for a thread (`compute=asyncio.to_thread`); several threads may call
+    it, they wait in turn.
     Whatever the simulator answers, a picture is returned only if it is the right one: its number,
     pose, time, size and type are checked. Wall clock only.
     """
@@ -77,13 +79,13 @@ class ZmqImageSource:
         address: str,
         timeout_s: float = 1.0,
         open_timeout_s: float = 5.0,
-        objects: Mapping[str, int] | None = None,
+        world: AskedWorld = AskedWorld(),  # noqa: B008 - frozen
         events: Callable[[], Mapping[str, float]] = _no_events,
     ) -> None:
         self.name = address
         self._timeout_s = timeout_s
         self._open_timeout_s = open_timeout_s
-        self._objects = dict(objects or {})
+        self._world = world
         self._events = events
         self._lock = threading.Lock()
         self._seq = 0
@@ -91,6 +93,11 @@ class ZmqImageSource:
         self.trouble = ""
         """Why the last question that got no picture got none."""
         self.welcome = Welcome("")
+
+    @property
+    def disagreements(self) -> tuple[str, ...]:
+        """Return in words what it says that it shows otherwise than it was asked."""
+        return disagreements(self._world, self.welcome.shown)
 
     async def __aenter__(self) -> Self:
         """Connect and greet. Raises SimulatorError."""
@@ -196,7 +203,7 @@ class ZmqImageSource:
     def _greet(self) -> None:
         deadline_s = time.monotonic() + self._open_timeout_s
         with self._lock:
-            self._send(hello_parts(self._objects), deadline_s)
+            self._send(hello_parts(self._world), deadline_s)
             self.welcome = self._answer(welcome_of, deadline_s)
 
     def _send(self, parts: Sequence[Buffer], deadline_s: float) -> None:

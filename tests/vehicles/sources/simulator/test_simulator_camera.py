@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Self
@@ -15,6 +16,7 @@ import pytest
 import zmq
 
 from vehicles.cameras.rendered_cameras import ImageSource, OnDemandCamera
+from vehicles.sources.simulator.shown_world import asked_world
 from vehicles.sources.simulator.simulator_camera import (
     SimulatorError,
     SimulatorTimeoutError,
@@ -24,12 +26,16 @@ from worlds.camera import Intrinsics
 from worlds.files.documents import load
 from worlds.frames import Pose
 from worlds.render.renderer import Renderer
+from worlds.scene.scene import Scene, SceneObject
+from worlds.scene.shapes import gate
 from worlds.world_file.world import World
 
 ROOT = Path(__file__).parents[4]
 WORLD = ROOT / "worlds" / "gate.yaml"
 CAMERA = Intrinsics.from_fov(160, 120, math.radians(69.0))
 AHEAD = Pose.of(0.0, 0.0, 1.2)
+SMALL_GATE = SceneObject(2, "gate", gate("square", 0.5, 0.1), Pose.of(3.0, 1.1, 1.2))
+WORLD_ASKED = asked_world(Scene((SMALL_GATE,)), world="gate", case="small")
 
 Answer = Callable[[dict[str, Any]], list[bytes]]
 
@@ -242,8 +248,37 @@ async def test_events_and_objects_are_told() -> None:
 
     with Simulator(note, greets=False) as simulator:
         async with ZmqImageSource(
-            address=simulator.address, objects={"gate": 2}, events=lambda: {"t0": 3.5}
+            address=simulator.address, world=WORLD_ASKED, events=lambda: {"t0": 3.5}
         ) as source:
             await ask(source)
     assert asked[0]["objects"] == {"gate": 2}
+    assert (asked[0]["world"], asked[0]["case"]) == ("gate", "small")
+    assert asked[0]["shapes"]["gate"]["opening_m"] == 0.5
     assert asked[1]["events"] == {"t0": 3.5}
+
+
+async def test_the_reference_simulator_says_that_it_shows_another_case(
+    reference: tuple[str, Any],
+) -> None:
+    address, _ = reference
+    async with ZmqImageSource(address=address, world=WORLD_ASKED, open_timeout_s=20.0) as source:
+        said = source.disagreements
+    assert said[0] == "it shows gate with an opening of 1.00 m, and 0.50 m is judged"
+
+
+async def test_a_first_image_that_takes_long_is_waited_for_and_not_counted() -> None:
+    asked: list[int] = []
+
+    def slow_at_first(question: dict[str, Any]) -> list[bytes]:
+        asked.append(question["seq"])
+        if len(asked) == 1:
+            time.sleep(0.5)
+        return right(question)
+
+    with Simulator(slow_at_first) as simulator:
+        async with ZmqImageSource(address=simulator.address, timeout_s=0.2) as source:
+            await source.warm_up(AHEAD, CAMERA, 0.0)
+            assert source.counts.asked == 0
+            await ask(source)
+    assert source.counts.answered == 1
+    assert source.counts.timeouts == 0
