@@ -42,7 +42,7 @@ R = TypeVar("R", bound=Reading)
 
 @dataclass(frozen=True, slots=True)
 class Masked(Generic[R]):
-    """A reading between two steps, and which of its elements are kept.
+    """A reading in work between two recipe steps, and the mask of its kept elements.
 
     mask: one value per element, never per channel: (height, width) uint8 for a picture, (beams,)
     for a scan, (points,) for points, (1,) for a reading of one value; 255 kept and 0 not; None
@@ -59,7 +59,7 @@ AnyMasked = Masked[Any]
 
 
 def element_shape(reading: Reading) -> tuple[int, ...]:
-    """Return the shape of a mask for this reading: how its elements are laid out."""
+    """Return the shape of a mask for a reading: how its elements are laid out."""
     if isinstance(reading, CameraReading):
         return reading.image_bgr.shape[:2]
     if isinstance(reading, DepthReading):
@@ -75,7 +75,7 @@ def element_shape(reading: Reading) -> tuple[int, ...]:
 
 @dataclass(frozen=True, slots=True)
 class PoseRequest:
-    """What `register` asks of a side's source: a reading from this pose at the real exposure.
+    """The request of `register` for a reading from this pose at the real exposure.
 
     pose: whose pose it is taken from. align: `interpolate` between the samples around the middle
     of the exposure; `latest` takes the newest sample there is; `hold` the last one at or before
@@ -90,7 +90,7 @@ class PoseRequest:
 
 @dataclass(frozen=True, slots=True)
 class AlignedPose:
-    """The pose that a request found. t_s: the time it stands for, so the picture's exposure.
+    """The pose found for a PoseRequest. t_s: its time, so the image's exposure.
 
     how: "interpolated", "predicted", "latest" or "hold", for the record. gap_s: between the
     samples used, or from the one used to the exposure.
@@ -103,7 +103,7 @@ class AlignedPose:
 
 
 class CannotMixError(Exception):
-    """A frame that a step cannot work on; the overlay is left out, and counted under `reason`."""
+    """A step cannot work on this frame; the overlay is left out, counted under `reason`."""
 
     def __init__(self, reason: DropReason, message: str) -> None:
         super().__init__(message)
@@ -111,7 +111,7 @@ class CannotMixError(Exception):
 
 
 class StepError(Exception):
-    """A step failed by a fault of its own: the run proves nothing, and its verdict is ERROR.
+    """A recipe step failed by a fault of its own: the run's verdict is ERROR.
 
     file, line: of the step in the recipe. step: its name, or the user's file and function.
     frame: how many readings were mixed before. detail: what was raised, and where.
@@ -137,18 +137,18 @@ Merge = Callable[[Sides], Reading]
 
 
 class TimedOperator(ABC):
-    """An operator that chooses among a side's readings by time, so it wants to see all of them."""
+    """A step's operator that selects readings by time, so it is offered all of them."""
 
     @abstractmethod
     def offer(self, reading: Reading) -> Reading | None:
-        """Take a reading of this side; one that is there already changes nothing.
+        """Take a reading of this side; a repeated one changes nothing.
 
         Returns what stands for it in the step after this one; None when there is nothing yet.
         """
 
     @abstractmethod
     def __call__(self, work: AnyMasked, other: AnyMasked | None) -> AnyMasked:
-        """Return the reading of this side that stands for the time of the other."""
+        """Return this side's working reading for the time of the other."""
 
 
 Built = Operator | Merge | PoseRequest

@@ -26,22 +26,6 @@ Check = Literal[
     "disk",
     "operator",
 ]
-CHECKS: Mapping[Check, str] = {
-    "failsafe": "what the autopilot does by itself when it loses the link",
-    "return_altitude": "its RTL altitude is below the fence's ceiling",
-    "fence": "the autopilot's fence, read back, is the one that was sent",
-    "home": "it stands inside the fence, at least keep_m from its boundary",
-    "battery": "its battery charge is at least min_battery",
-    "estimator": "its estimator has attitude, velocity, position and height",
-    "position": "its poses arrive, from GPS or motion capture, and match its start pose",
-    "gps": "its receiver has a 3D fix with enough satellites and a low HDOP",
-    "mocap": "motion capture reports its pose now, at a sufficient rate",
-    "clock": "the offset of its clock is known to within a limit",
-    "pair": "real and twin have the same offset from their start poses",
-    "disk": "the disk has room for the recordings",
-    "operator": "commands of operators by MQTT are signed",
-}
-"""In words for people."""
 _FIX_WITH_HEIGHT = 3
 """GPS_FIX_TYPE_3D_FIX; what is better has greater numbers."""
 _NO_RECEIVER = "it has no GPS receiver; set preflight.gps: null where it flies without one"
@@ -50,7 +34,7 @@ Outcome = Literal["ok", "refused", "overridden"]
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One check of one vehicle; vehicle: empty when it concerns all.
+    """A preflight check's item for one vehicle; vehicle: empty when it concerns all.
 
     actual, limit: what was found and what is wanted, in unit; None where it is no number. text: in
     words; empty when all is well. by: who takes the responsibility for what is overridden.
@@ -72,7 +56,7 @@ class Item:
 
 
 def settled(items: Iterable[Item], overrides: Mapping[Check, str]) -> tuple[Item, ...]:
-    """Return items of which those that somebody overrides are marked so."""
+    """Return the preflight items, overridden ones marked so."""
     return tuple(
         replace(item, outcome="overridden", by=overrides[item.check])
         if item.outcome == "refused" and item.check in overrides
@@ -82,14 +66,14 @@ def settled(items: Iterable[Item], overrides: Mapping[Check, str]) -> tuple[Item
 
 
 def refused(items: Iterable[Item]) -> str:
-    """Return in words what speaks against arming; empty when nothing does."""
+    """Return in words which preflight items speak against arming; empty when none."""
     return "; ".join(str(item) for item in items if item.outcome == "refused")
 
 
 def at_least(
     check: Check, vehicle: str, actual: float | None, limit: float, *, unit: str, what: str
 ) -> Item:
-    """Return the item of something of which there has to be enough; None is not known."""
+    """Return the preflight item of a value with a least limit; None is unknown."""
     if actual is None or not math.isfinite(actual):
         return Item(check, vehicle, "refused", None, limit, unit, f"{what} is not known")
     if actual < limit:
@@ -101,7 +85,7 @@ def at_least(
 def at_most(
     check: Check, vehicle: str, actual: float | None, limit: float, *, unit: str, what: str
 ) -> Item:
-    """Return the item of something of which there must not be too much; None is not known."""
+    """Return the preflight item of a value with a greatest limit; None is unknown."""
     if actual is None or not math.isfinite(actual):
         return Item(check, vehicle, "refused", None, limit, unit, f"{what} is not known")
     if actual > limit:
@@ -111,13 +95,13 @@ def at_most(
 
 
 def without_faults(check: Check, vehicle: str, faults: Iterable[str]) -> Item:
-    """Return the item of what is told in words."""
+    """Return the preflight item of faults in words; none passes."""
     text = "; ".join(faults)
     return Item(check, vehicle, "refused" if text else "ok", text=text)
 
 
 def home_item(vehicle: str, fence: Fence, position_ned_m: Vec3 | None, keep_m: float) -> Item:
-    """Return whether a vehicle stands inside of its fence."""
+    """Return the preflight item that a vehicle stands inside its fence."""
     if position_ned_m is None:
         return Item("home", vehicle, "refused", None, keep_m, "m", "its position is not known")
     margin_m = fence.margin_m(position_ned_m)
@@ -139,7 +123,7 @@ def gps_items(
     min_satellites: int,
     max_hdop: float,
 ) -> tuple[Item, ...]:
-    """Return whether a GPS receiver has what it takes to fly by.
+    """Return the preflight items of a GPS fix: kind, satellites, accuracy.
 
     fix: GPS_FIX_TYPE, satellites, and HDOP; None where nothing was said of it.
     """
@@ -165,11 +149,12 @@ def unsigned_commands_item() -> Item:
 
 
 def pair_item(real_m: Vec3 | None, twin_m: Vec3 | None, tolerance_m: float) -> Item:
-    """Return whether the vehicles of a pair stand alike; where each is, from its own start."""
+    """Return the preflight item that the pair has equal offsets from the start poses."""
     apart_m = None if real_m is None or twin_m is None else norm(subtract(real_m, twin_m))
     what = "the difference of the offsets of real and twin from their start poses"
     return at_most("pair", "", apart_m, tolerance_m, unit="m", what=what)
 
 
 def _amount(value: float, unit: str) -> str:
+    """Return a preflight value with its unit."""
     return f"{value:.3g} {unit}".rstrip()

@@ -16,7 +16,7 @@ from worlds.frames import Pose, Vec3
 
 @dataclass(frozen=True, slots=True)
 class Telemetry:
-    """The vehicle's own estimate, world frame, as its autopilot reports it over MAVLink."""
+    """The telemetry that an autonomy gets: the vehicle's own estimate, world frame."""
 
     t_s: float
     pose: Pose
@@ -25,7 +25,7 @@ class Telemetry:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What the autonomy wants now; `done` says that it considers its goal reached.
+    """The autonomy's command for now; `done`: it considers its goal reached.
 
     `note` is a short word for the record ("search", "approach", "through"), shown to people.
     """
@@ -37,24 +37,24 @@ class Command:
 
 @runtime_checkable
 class Autonomy(Protocol):
-    """An autonomy; built as `factory(goal=..., parameters=..., seed=...)` for each run."""
+    """An autonomy under test; built as `factory(goal=..., parameters=..., seed=...)` per run."""
 
     def perceive(self, reading: Reading) -> None:
-        """Take a new (mixed) reading, in order of delivery.
+        """Give the autonomy a new (mixed) reading, in order of delivery.
 
         `reading.sensor` is the name of its sensor in the recipe.
         """
 
     def act(self, telemetry: Telemetry) -> Command:
-        """Return the command for now; called at the campaign's control rate."""
+        """Return the autonomy's command for now; called at the campaign's control rate."""
 
 
 @runtime_checkable
 class PerceivesRaw(Protocol):
-    """An autonomy that also wants what its mixtures are made of, where a recipe publishes it."""
+    """An autonomy that also takes its mixtures' inputs, where a recipe publishes them."""
 
     def perceive_raw(self, reading: Reading) -> None:
-        """Take a reading of `source` real or twin, just before its mixture."""
+        """Give the autonomy a reading of real or twin, just before its mixture."""
 
 
 class AutonomyFactory(Protocol):
@@ -63,4 +63,4 @@ class AutonomyFactory(Protocol):
     def __call__(
         self, *, goal: Mapping[str, float | str], parameters: Mapping[str, object], seed: int
     ) -> Autonomy:
-        """Return a new autonomy. Raises ValueError on parameters that it does not know."""
+        """Return a new autonomy. Raises ValueError on unknown parameters."""

@@ -9,5 +9,5 @@ DriverName = Literal["mavlink", "mavsdk"]
 
 
 def command_backend_of(driver: DriverName, *, name: str) -> CommandBackend:
-    """Return who speaks for the driver of a vehicle; name: of the vehicle, for messages."""
+    """Return the command backend of a driver; name: of the vehicle, for messages."""
     return MavsdkBackend(name=name) if driver == "mavsdk" else FrameBackend()

@@ -2,15 +2,15 @@
 
 
 class VehicleError(Exception):
-    """Anything that a vehicle, its link or its autopilot would not do."""
+    """The base of errors of vehicles, their links and autopilots."""
 
 
 class AnchorError(VehicleError):
-    """The vehicle's place in the world cannot be told: too few estimates, or it moves."""
+    """The vehicle cannot be anchored in the world: too few estimates, or it moves."""
 
 
 class IdentifyError(VehicleError):
-    """No fitting vehicle was found on the link; says what was heard instead."""
+    """No fitting vehicle was identified on the link; says what was received instead."""
 
 
 class NotReadyError(VehicleError):

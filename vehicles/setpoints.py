@@ -7,7 +7,7 @@ from worlds.frames import Vec3
 
 @dataclass(frozen=True, slots=True)
 class PositionSetpoint:
-    """Go to a position (NED metres, world frame) and heading (radians; None keeps the present)."""
+    """A setpoint of a position (NED metres, world frame), heading (radians; None keeps it)."""
 
     position_ned_m: Vec3
     yaw_rad: float | None = None
@@ -15,7 +15,7 @@ class PositionSetpoint:
 
 @dataclass(frozen=True, slots=True)
 class VelocitySetpoint:
-    """Fly a velocity (NED m/s, world frame) and a heading (radians) or heading rate (rad/s).
+    """A setpoint of a velocity (NED m/s, world frame), heading (rad) or its rate (rad/s).
 
     At most one of yaw_rad and yaw_rate_rad_s is given; neither keeps the present heading.
     """

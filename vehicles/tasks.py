@@ -28,12 +28,12 @@ TakeFault = Callable[[BaseException, str], None]
 
 
 def start(coroutine: Coroutine[Any, Any, T], *, name: str) -> asyncio.Task[T]:
-    """Start a task beside the caller, who has to `stop` or await it."""
+    """Start a task beside the caller, which has to `stop` or await it."""
     return asyncio.get_running_loop().create_task(coroutine, name=name)
 
 
 async def stop(*tasks: asyncio.Task[Any]) -> None:
-    """Cancel tasks and wait until all have ended. Raises what one of them ended by instead."""
+    """Cancel tasks and wait until all have ended. Raises another error that ended one of them."""
     for task in tasks:
         task.cancel()
     if tasks:
@@ -44,7 +44,7 @@ async def stop(*tasks: asyncio.Task[Any]) -> None:
 
 
 async def finish(coroutine: Coroutine[Any, Any, T], *, name: str) -> T:
-    """Run a coroutine to its end in a task of its own, whatever comes to the caller meanwhile.
+    """Run a coroutine to its end in its own task, whatever happens to the caller meanwhile.
 
     A cancellation of the caller, however often, is raised when the task has ended.
     """
@@ -64,7 +64,7 @@ async def finish(coroutine: Coroutine[Any, Any, T], *, name: str) -> T:
 
 @asynccontextmanager
 async def together() -> AsyncIterator[asyncio.TaskGroup]:
-    """Open a TaskGroup that raises a single error as it is, in no group of one."""
+    """Open a group of tasks (TaskGroup) that raises a single error as it is, in no group."""
     try:
         async with asyncio.TaskGroup() as group:
             yield group
@@ -73,14 +73,14 @@ async def together() -> AsyncIterator[asyncio.TaskGroup]:
 
 
 def leaves(error: BaseException) -> list[BaseException]:
-    """Return the errors within groups of errors, the first one first."""
+    """Return the errors within error groups of tasks, the first one first."""
     if isinstance(error, BaseExceptionGroup):
         return [leaf for one in error.exceptions for leaf in leaves(one)]
     return [error]
 
 
 def asked_to_end(error: BaseException) -> bool:
-    """Return whether an error is a cancellation of this task that somebody asked for."""
+    """Return whether an error is a requested cancellation of this task."""
     if not isinstance(error, asyncio.CancelledError):
         return False
     task = asyncio.current_task()
@@ -88,7 +88,7 @@ def asked_to_end(error: BaseException) -> bool:
 
 
 def report(error: BaseException, where: str) -> None:
-    """Hand an exception to who accounts for this loop: its exception handler.
+    """Report a task's exception to the loop's exception handler.
 
     For callbacks that have to go on: one listener that fails must not keep the others from what
     they have to know.
@@ -98,7 +98,7 @@ def report(error: BaseException, where: str) -> None:
 
 
 class Contained:
-    """Reports what is raised within it, and goes on after it; a context manager for plain code."""
+    """Reports exceptions raised within it, and goes on; a context manager for plain code."""
 
     __slots__ = ("_where",)
 
@@ -106,7 +106,7 @@ class Contained:
         self._where = where
 
     def __enter__(self) -> None:
-        """Begin."""
+        """Start to contain exceptions."""
 
     def __exit__(
         self,
@@ -114,7 +114,7 @@ class Contained:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> bool:
-        """Report an exception of ours."""
+        """Report an exception of ours to the loop's handler."""
         if not isinstance(error, FAULTS):
             return False
         report(error, self._where)
@@ -122,7 +122,7 @@ class Contained:
 
 
 class TaskAccount:
-    """Sees how every task ends that its loop starts, but for those within other people's packages.
+    """Accounts for every task that its loop starts, except in other people's packages.
 
     fault: told at once of a task that ended in another way than it was asked to, with its name.
     expected: errors that the task's starter knows what to do with; they are faults only when nobody
@@ -137,7 +137,7 @@ class TaskAccount:
 
     @contextmanager
     def of(self, loop: asyncio.AbstractEventLoop) -> Iterator[None]:
-        """Account for all tasks that are started meanwhile; at the end all must be over."""
+        """Account for all tasks started meanwhile; at the end all must be over."""
         before = loop.get_task_factory()
         loop.set_task_factory(self._start_task)
         try:
@@ -182,12 +182,12 @@ class TaskAccount:
 
 
 def _peek(task: asyncio.Task[Any], name: str) -> Any:
-    """Return an attribute of asyncio's own: `task.exception()` would count as having read it."""
+    """Return an attribute of a task of asyncio's: `exception()` would count as having read it."""
     return getattr(task, name)
 
 
 def _is_library(coroutine: Any) -> bool:
-    """Return whether a coroutine is of an installed package that is none of ours.
+    """Return whether a task's coroutine is of an installed package that is none of ours.
 
     Who calls such a package awaits what it starts, and learns of its errors by what it raises.
     """
@@ -197,6 +197,7 @@ def _is_library(coroutine: Any) -> bool:
 
 
 def _cancellation_of(task: asyncio.Task[Any]) -> BaseException:
+    """Return the CancelledError of a cancelled task."""
     try:
         task.result()
     except asyncio.CancelledError as error:
@@ -205,5 +206,5 @@ def _cancellation_of(task: asyncio.Task[Any]) -> BaseException:
 
 
 def _one_of(errors: list[BaseException]) -> BaseException:
-    """Return the only error, or all in a group."""
+    """Return the only error of tasks, or all in a group."""
     return errors[0] if len(errors) == 1 else BaseExceptionGroup("several tasks failed", errors)

@@ -21,11 +21,11 @@ _UNASKED = (
 
 
 class RadioTooSlowError(ValueError):
-    """A radio that does not carry enough telemetry to guard a vehicle; says what it would."""
+    """A radio too slow for the telemetry that guarding needs; says what would fit."""
 
 
 def telemetry_bytes_s(autopilot: Autopilot, rates: TelemetryRates, *, signed: bool) -> float:
-    """Return how many bytes in a second a vehicle's telemetry takes at such rates, at most.
+    """Return a vehicle's telemetry at such rates in bytes per second, at most.
 
     MAVLink 2 frames have 12 bytes beside their payload, 13 more when they are signed.
     """
@@ -36,7 +36,7 @@ def telemetry_bytes_s(autopilot: Autopilot, rates: TelemetryRates, *, signed: bo
 def fitted(
     autopilot: Autopilot, wanted: TelemetryRates, *, radio_bit_s: float, signed: bool = False
 ) -> TelemetryRates:
-    """Return the wanted rates, positions and attitudes less often where the radio needs it.
+    """Return the wanted telemetry rates fitted to a radio: positions and attitudes less often.
 
     radio_bit_s: what the radio carries in a second, both ways together. Raises RadioTooSlowError
     when fewer than 10 positions in a second fit.
@@ -60,5 +60,6 @@ def fitted(
 
 
 def _frame_bytes(message_id: int, *, signed: bool) -> int:
+    """Return a telemetry frame's size in bytes, with or without signature."""
     payload: int = mavlink.mavlink_map[message_id].unpacker.size
     return payload + _FRAME_BYTES + (_SIGNATURE_BYTES if signed else 0)

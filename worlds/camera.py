@@ -25,7 +25,7 @@ class Intrinsics:
 
     @classmethod
     def from_fov(cls, width_px: int, height_px: int, horizontal_fov_rad: float) -> Self:
-        """Return square pixels that see `horizontal_fov_rad` from edge to edge."""
+        """Return a camera of square pixels that sees `horizontal_fov_rad` edge to edge."""
         focal_px = width_px / 2.0 / math.tan(horizontal_fov_rad / 2.0)
         return cls(
             width_px, height_px, focal_px, focal_px, (width_px - 1) / 2.0, (height_px - 1) / 2.0

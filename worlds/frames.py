@@ -28,27 +28,27 @@ def wrap_pi(angle_rad: float) -> float:
 
 
 def add(a: Vec3, b: Vec3) -> Vec3:
-    """Return a + b."""
+    """Return the vector a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 def subtract(a: Vec3, b: Vec3) -> Vec3:
-    """Return a - b."""
+    """Return the vector a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def scale(a: Vec3, factor: float) -> Vec3:
-    """Return a * factor."""
+    """Return the vector a * factor."""
     return (a[0] * factor, a[1] * factor, a[2] * factor)
 
 
 def norm(a: Vec3) -> float:
-    """Return the Euclidean length of a."""
+    """Return the Euclidean length of the vector a."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
 def lerp(a: Vec3, b: Vec3, fraction: float) -> Vec3:
-    """Return the point at `fraction` of the way from a to b."""
+    """Return the point at `fraction` of the line from a to b."""
     return (
         a[0] + (b[0] - a[0]) * fraction,
         a[1] + (b[1] - a[1]) * fraction,
@@ -61,15 +61,9 @@ def ned_from_enu(enu: Vec3) -> Vec3:
     return (enu[1], enu[0], -enu[2])
 
 
-enu_from_ned = ned_from_enu
-
-
 def frd_from_flu(flu: Vec3) -> Vec3:
     """Return forward-right-down of a forward-left-up vector; the same swap goes back."""
     return (flu[0], -flu[1], -flu[2])
-
-
-flu_from_frd = frd_from_flu
 
 
 def quat_multiply(a: Quat, b: Quat) -> Quat:
@@ -216,7 +210,7 @@ class Pose:
 
     @property
     def yaw_rad(self) -> float:
-        """Return the heading, clockwise from north, in [-pi, pi]."""
+        """Return the pose's heading, clockwise from north, in [-pi, pi]."""
         w, x, y, z = self.q_wxyz
         return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
@@ -238,7 +232,7 @@ class Pose:
         return Pose(rotate(back, scale(self.position_ned_m, -1.0)), back)
 
     def interpolate(self, other: "Pose", fraction: float) -> "Pose":
-        """Return the pose at `fraction` of the way to another (linear, slerp)."""
+        """Return the pose at `fraction` between two (linear, slerp)."""
         return Pose(
             lerp(self.position_ned_m, other.position_ned_m, fraction),
             slerp(self.q_wxyz, other.q_wxyz, fraction),

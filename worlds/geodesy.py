@@ -21,7 +21,7 @@ _E2 = 1.0 - _B2 / _A2
 
 @dataclass(frozen=True, slots=True)
 class Geodetic:
-    """A place on WGS-84: degrees, and metres above the ellipsoid."""
+    """A geodetic place on WGS-84: degrees, and metres above the ellipsoid."""
 
     latitude_deg: float
     longitude_deg: float
@@ -29,7 +29,7 @@ class Geodetic:
 
 
 def ecef_from_geodetic(latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vec3:
-    """Return Earth-centred, Earth-fixed metres."""
+    """Return the Earth-centred, Earth-fixed metres of a geodetic place."""
     lat, lon = math.radians(latitude_deg), math.radians(longitude_deg)
     sin_lat, cos_lat = math.sin(lat), math.cos(lat)
     normal_m = SEMI_MAJOR_M / math.sqrt(1.0 - _E2 * sin_lat * sin_lat)
@@ -42,7 +42,7 @@ def ecef_from_geodetic(latitude_deg: float, longitude_deg: float, altitude_m: fl
 
 
 def geodetic_from_ecef(ecef_m: Vec3) -> Geodetic:
-    """Return the place of an ECEF point; exact to micrometres outside of the Earth's core."""
+    """Return the geodetic place of an ECEF point; exact to micrometres outside the core."""
     x, y, z = ecef_m
     ring = math.hypot(x, y)
     z2 = z * z
@@ -70,7 +70,7 @@ def geodetic_from_ecef(ecef_m: Vec3) -> Geodetic:
 
 @dataclass(frozen=True, slots=True)
 class LocalFrame:
-    """A tangent plane with its origin at a place on WGS-84; axes north, east, down in metres.
+    """The tangent plane at a geodetic origin on WGS-84; axes north, east, down in metres.
 
     Raises ValueError when latitude or longitude is out of range or anything is not finite.
     """
@@ -95,7 +95,7 @@ class LocalFrame:
         object.__setattr__(self, "_sin_cos", trig)
 
     def to_ned(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vec3:
-        """Return the NED metres of a place given in degrees and metres above the ellipsoid."""
+        """Return the NED metres of a geodetic place (degrees, metres above the ellipsoid)."""
         sin_lat, cos_lat, sin_lon, cos_lon = self._sin_cos
         x0, y0, z0 = self._origin_ecef_m
         x, y, z = ecef_from_geodetic(latitude_deg, longitude_deg, altitude_m)
@@ -108,7 +108,7 @@ class LocalFrame:
         )
 
     def to_geodetic(self, position_ned_m: Vec3) -> Geodetic:
-        """Return the place on WGS-84 of a point given in NED metres."""
+        """Return the geodetic place on WGS-84 of a point given in NED metres."""
         sin_lat, cos_lat, sin_lon, cos_lon = self._sin_cos
         x0, y0, z0 = self._origin_ecef_m
         north, east, down = position_ned_m

@@ -29,7 +29,7 @@ _KERNEL_FILES = ("jit.py", "clearance/gjk.py", "clearance/surfaces.py")
 
 
 def sources_digest(files: list[Path]) -> str:
-    """Return a digest of what stands in files, told apart by their names."""
+    """Return a digest of source files, the key of the cache of JIT-compiled kernels."""
     digest = hashlib.sha256()
     for file in sorted(files):
         digest.update(f"{file.name}\0".encode())
@@ -38,7 +38,7 @@ def sources_digest(files: list[Path]) -> str:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder for compiled kernels, made if need be; None when none can be written."""
+    """Return the cache folder of JIT-compiled kernels; None when none is writable."""
     name = "kernels-" + sources_digest(
         [*(_HERE / file for file in _KERNEL_FILES), *_HERE.glob("render/*.py")]
     )
@@ -60,7 +60,7 @@ _FOLDER = cache_folder()
 
 
 def compiled(function: Function) -> Function:
-    """Return the function compiled at its first call (arguments give the types)."""
+    """Return the function JIT-compiled at its first call (arguments give the types)."""
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(_FOLDER or "")
     try:
@@ -73,7 +73,7 @@ def compiled(function: Function) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """Return a helper that is compiled as a part of each kernel that calls it.
+    """Return a helper that is JIT-compiled into each kernel that calls it.
 
     Not kept on disk by itself. It saves about 0.2 s of the first compilation, each.
     """

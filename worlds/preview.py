@@ -23,7 +23,7 @@ from worlds.world_file.world import Mode, Which, World
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw a picture and say what shows in it; 2 for a bad file, 3 for what cannot be written."""
+    """Render a preview of a world file; 2 for a bad file, 3 for an output that fails."""
     asked = _parser().parse_args(arguments)
     try:
         world = World.parse(load(asked.world))
@@ -43,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
+    """Return the parser of the preview's command line."""
     parser = argparse.ArgumentParser(prog="python -m worlds.preview", description=__doc__)
     parser.add_argument("world", type=Path, help="a world file")
     parser.add_argument("picture", type=_image_file, help="the image to write (.png, .jpg)")
@@ -73,12 +74,14 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _image_file(text: str) -> Path:
+    """Return the preview's output path. Raises ArgumentTypeError for an unknown suffix."""
     if Path(text).suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise argparse.ArgumentTypeError("the image's name must end in .png or .jpg")
     return Path(text)
 
 
 def _size(text: str) -> tuple[int, int]:
+    """Return the preview's image size. Raises ArgumentTypeError."""
     width, cross, height = text.partition("x")
     if not cross or not (width.isdecimal() and height.isdecimal()):
         raise argparse.ArgumentTypeError("must be WIDTHxHEIGHT, such as 960x540")
@@ -89,6 +92,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _event(text: str) -> tuple[str, float]:
+    """Return name and time of an event given to the preview. Raises ArgumentTypeError."""
     name, equals, at_s = text.partition("=")
     if not equals:
         raise argparse.ArgumentTypeError("must be NAME=SECONDS, such as goal=0")
@@ -98,6 +102,7 @@ def _event(text: str) -> tuple[str, float]:
 
 
 def _draw_image(scene: Scene, asked: argparse.Namespace) -> RenderOutput:
+    """Return the rendered preview of a scene from the given camera pose."""
     width_px, height_px = asked.size
     camera = Intrinsics.from_fov(width_px, height_px, math.radians(asked.fov))
     turn = {"pitch_rad": math.radians(asked.pitch), "yaw_rad": math.radians(asked.yaw)}
@@ -106,7 +111,7 @@ def _draw_image(scene: Scene, asked: argparse.Namespace) -> RenderOutput:
 
 
 def _shown_objects(scene: Scene, picture: RenderOutput) -> list[str]:
-    """Return a line for each thing: how much of the picture it fills, and how near it is."""
+    """Return a line per object of the preview: its share of the image, its nearness."""
     lines: list[str] = []
     depth_m, object_ids = picture.depth_m, picture.object_ids
     if depth_m is None or object_ids is None:

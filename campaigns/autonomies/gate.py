@@ -44,7 +44,7 @@ STANDING_M_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where the vehicle is along the course (m) and how fast (m/s): ahead, right, down."""
+    """The vehicle's place (m) and velocity (m/s) in the gate frame: ahead, right, down."""
 
     t_s: float
     at_m: Vec3
@@ -52,12 +52,12 @@ class _Place:
 
 
 class GateAutonomy:
-    """Finds the gate, flies through the middle of its opening, stops behind it."""
+    """The shipped gate autonomy: finds the gate, flies through its middle, stops behind it."""
 
     def __init__(
         self, *, goal: Mapping[str, float | str], parameters: Mapping[str, object], seed: int
     ) -> None:
-        """Raise ValueError on parameters that are not known or of the wrong kind.
+        """Raise ValueError on unknown gate parameters, or ones of the wrong type.
 
         parameters: those of GateParameters. goal: altitude_m above the world's ground, to search
         at; the rest of it is for the judge. seed: unused, nothing is left to chance.
@@ -79,7 +79,7 @@ class GateAutonomy:
         self._last_s: float | None = None
 
     def perceive(self, reading: Reading) -> None:
-        """Take a picture; other readings, and pictures before the first telemetry, pass by."""
+        """Look for the gate in an image; other readings, and early images, are ignored."""
         if not isinstance(reading, CameraReading) or self._start is None or self._phase == "stop":
             return
         pose = self._history.at(reading.t_s).pose
@@ -94,7 +94,7 @@ class GateAutonomy:
         self._track.update(sight_of(blob, view), at_m, reading.t_s)
 
     def act(self, telemetry: Telemetry) -> Command:
-        """Return the velocity to fly now."""
+        """Return the velocity setpoint towards, or through, the gate."""
         self._history.add(telemetry.t_s, telemetry.pose, telemetry.velocity_ned_m_s)
         if self._start is None:
             self._begin(telemetry)
@@ -110,7 +110,7 @@ class GateAutonomy:
         return self._command(place, min(max(elapsed_s, 0.0), LONGEST_TURN_S))
 
     def _begin(self, telemetry: Telemetry) -> None:
-        """Set the course: from here, with this heading, at the altitude of the goal."""
+        """Set the gate frame: origin and heading of the vehicle, altitude of the goal."""
         self._start = telemetry.pose
         self._since_s = telemetry.t_s
         down_m = -self._altitude_m - telemetry.pose.position_ned_m[2]
@@ -118,14 +118,14 @@ class GateAutonomy:
         self._track = GateTrack(0.0, down_m)
 
     def _in_flight_frame(self, vector_ned: Vec3) -> Vec3:
-        """Return a NED vector as ahead, right, down of the course."""
+        """Return a NED vector in the gate frame: ahead, right, down."""
         course_rad = self._start.yaw_rad if self._start is not None else 0.0
         cos, sin = math.cos(course_rad), math.sin(course_rad)
         north, east, down = vector_ned
         return (north * cos + east * sin, east * cos - north * sin, down)
 
     def _move_on(self, place: _Place) -> None:
-        """Go to the next phase when its time has come."""
+        """Enter the next phase of the gate flight when its condition holds."""
         track, along_m = self._track, place.at_m[0]
         seen = track.seen_within(place.t_s, self._set.lost_s)
         if self._phase == "search" and seen:
@@ -151,7 +151,7 @@ class GateAutonomy:
         return self._track.along_m + self._set.past_m
 
     def _miss_m(self, place: _Place) -> float:
-        """Return how far beside the line through the gate's centre the vehicle is."""
+        """Return the vehicle's distance from the line through the gate's centre, metres."""
         track = self._track
         return math.hypot(track.right_m - place.at_m[1], track.down_m - place.at_m[2])
 
@@ -177,7 +177,7 @@ class GateAutonomy:
         return max(-limit_m_s, min(limit_m_s, self._hold_m[0] - place.at_m[0]))
 
     def _ahead(self, place: _Place) -> float:
-        """Return the speed ahead: less while beside the line, none until it is known."""
+        """Return the forward speed to the gate: lower off its centre line, 0 before it is known."""
         track, along_m = self._track, place.at_m[0]
         fastest_m_s = min(self._set.speed_m_s, self._stoppable(self._stop_at_m() - along_m))
         if self._phase == "through":
@@ -188,7 +188,7 @@ class GateAutonomy:
         return fastest_m_s * max(0.0, min(1.0, 1.5 - self._miss_m(place) / allowed_m))
 
     def _stoppable(self, way_m: float) -> float:
-        """Return the speed v from which it stops within a way: way = v REACTION_S + v^2 / 2a."""
+        """Return the speed v that stops before the gate: way = v REACTION_S + v^2 / 2a."""
         a_m_s2 = self._set.acceleration_m_s2
         lost_m_s = a_m_s2 * REACTION_S
         return math.sqrt(lost_m_s * lost_m_s + 2.0 * a_m_s2 * max(0.0, way_m)) - lost_m_s

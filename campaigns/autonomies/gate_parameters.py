@@ -9,7 +9,7 @@ from campaigns.api import NAMED_COLORS
 
 @dataclass(frozen=True, slots=True)
 class GateParameters:
-    """What may stand under `with`.
+    """The parameters of the gate autonomy: what may stand under `with`.
 
     speed_m_s, acceleration_m_s2: ahead. side_speed_m_s: most that is asked sideways, up and down;
     kp, ki, kd: their controllers. past_m: how far behind the gate to stop. color: of the gate.
@@ -38,7 +38,7 @@ _MAY_BE_ZERO = {"ki", "kd"}
 
 
 def parse_parameters(given: Mapping[str, object]) -> GateParameters:
-    """Return the parameters. Raises ValueError with all that are unknown or wrong."""
+    """Return the gate autonomy's parameters. Raises ValueError listing unknown or wrong ones."""
     known = {field.name: field.type for field in fields(GateParameters)}
     faults = [
         f"unknown parameter '{name}' (known: {', '.join(known)})"
@@ -56,7 +56,7 @@ def parse_parameters(given: Mapping[str, object]) -> GateParameters:
 
 
 def parse_goal(goal: Mapping[str, object]) -> float:
-    """Return the altitude (m) to search at. Raises ValueError when the goal has none."""
+    """Return the altitude (m) of the gate autonomy's search. Raises ValueError without one."""
     altitude_m = goal.get("altitude_m")
     if fault := _fault("altitude_m", altitude_m, float):
         raise ValueError(f"gate autonomy: goal: {fault}")
@@ -64,7 +64,7 @@ def parse_goal(goal: Mapping[str, object]) -> float:
 
 
 def _fault(name: str, value: object, kind: object) -> str:
-    """Return what is wrong with a value; "" when nothing is."""
+    """Return what is wrong with the value of a gate parameter; "" when nothing is."""
     if kind is bool:
         return "" if isinstance(value, bool) else f"{name} must be true or false, is {value!r}"
     if kind is str:

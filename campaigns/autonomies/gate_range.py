@@ -13,14 +13,14 @@ WIDTHS_M = (0.2, 4.0)
 
 @dataclass(frozen=True, slots=True)
 class GateRange:
-    """Where the gate stands along the course, and the width of its opening; metres."""
+    """The range of the gate ahead and the width of its opening; metres."""
 
     along_m: float
     width_m: float
 
 
 class Looming:
-    """A straight line through what was seen: 1 / width = (gate - vehicle) / size.
+    """The gate's range from its growth: a line fit of 1 / width = (gate - vehicle) / size.
 
     Least squares over (way along the course, inverse of the width as a slope); the nearer the
     gate, the finer a pixel, so a sample weighs with the fourth power of the width.
@@ -32,7 +32,7 @@ class Looming:
         self._first_m = self._last_m = 0.0
 
     def add(self, along_m: float, width: float) -> None:
-        """Take a sight of the opening's width, as a slope, from a place along the course."""
+        """Add a measured width of the gate's opening (a slope) from a place along the way."""
         inverse, weight = 1.0 / width, width**4
         one, s, ss, y, sy = self._sums
         self._sums = (
@@ -47,7 +47,7 @@ class Looming:
         self._count += 1
 
     def fit(self) -> GateRange | None:
-        """Return place and width of the gate; None while too little was seen or it is absurd."""
+        """Return range and width of the gate; None with too few sights or an implausible fit."""
         if self._count < MIN_SAMPLES or self._last_m - self._first_m < MIN_TRAVEL_M:
             return None
         one, s, ss, y, sy = self._sums

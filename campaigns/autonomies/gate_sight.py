@@ -8,7 +8,7 @@ from campaigns.api import Blob, Intrinsics, Opening, Quat, rotate
 
 @dataclass(frozen=True, slots=True)
 class Bearing:
-    """The slope of the line of sight to the gate's centre along one axis: metres per metre ahead.
+    """The slope of the line of sight to the gate's centre on one axis: metres per metre ahead.
 
     only_side: the gate is cut off there, so that the slope tells the side but not how far.
     """
@@ -19,7 +19,7 @@ class Bearing:
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """The gate from one pose, in a level frame along the course.
+    """A sight of the gate from one pose, in a level frame ahead of the vehicle.
 
     right, down: None where the picture does not tell. width: of the opening, as a slope; None
     likewise.
@@ -31,7 +31,7 @@ class Sight:
 
     @property
     def only_side(self) -> bool:
-        """Return whether the gate is cut off and its centre not known."""
+        """Return whether the gate is cut off by the image's edge and its centre unknown."""
         return any(axis is not None and axis.only_side for axis in (self.right, self.down))
 
 
@@ -40,14 +40,14 @@ NOTHING = Sight(None, None)
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """How a camera looks: attitude of the camera (FRD to NED), course, pinhole."""
+    """The camera view of a gate sight: camera attitude (FRD to NED), heading, pinhole."""
 
     intrinsics: Intrinsics
     q_wxyz: Quat
     course_rad: float
 
     def slopes(self, u_px: float, v_px: float) -> tuple[float, float] | None:
-        """Return right and down per metre along the course; None when seen from behind."""
+        """Return a pixel's slopes right and down per metre ahead; None behind the camera."""
         pinhole = self.intrinsics
         ray = (
             1.0,
@@ -61,7 +61,7 @@ class View:
 
 
 def sight_of(blob: Blob, view: View) -> Sight:
-    """Return where a gate is that a picture shows, as far as the picture tells.
+    """Return the sight of the gate in an image; None where the image shows no gate.
 
     The opening tells the centre along each axis on which both its ends are in view. Otherwise the
     centre of mass does, but of a frame that one edge of the picture cuts off it tells the side
@@ -87,13 +87,14 @@ def sight_of(blob: Blob, view: View) -> Sight:
 
 
 def _of_mass(slope: float, cut_before: bool, cut_behind: bool) -> Bearing | None:
+    """Return the gate's bearing from its centre of mass; None when both sides are cut off."""
     if cut_before and cut_behind:
         return None
     return Bearing(slope, only_side=cut_before or cut_behind)
 
 
 def _centre(opening: Opening) -> tuple[float, float]:
-    """Return the opening's centre of mass; the middle of what is whole where the rest is cut."""
+    """Return the pixel centre of the gate's opening; the middle of what is whole when cut off."""
     across, down = opening.across_px, opening.down_px
     u_px, v_px = opening.centre_px
     if across and not down:
@@ -104,6 +105,7 @@ def _centre(opening: Opening) -> tuple[float, float]:
 
 
 def _width(across: tuple[float, float], v_px: float, view: View) -> float | None:
+    """Return the apparent width of the gate's opening, as a slope; None behind the camera."""
     left, right = view.slopes(across[0], v_px), view.slopes(across[1], v_px)
     if left is None or right is None:
         return None

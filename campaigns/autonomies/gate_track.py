@@ -19,7 +19,7 @@ BLIND_M = 0.45
 
 
 class GateTrack:
-    """The gate's place: metres ahead, right and down of the start of the course."""
+    """The estimated place of the gate: metres ahead, right and down of the start."""
 
     def __init__(self, right_m: float, down_m: float) -> None:
         self.right_m = right_m
@@ -32,16 +32,16 @@ class GateTrack:
         self._centred = [False, False]
 
     def near(self, along_m: float) -> bool:
-        """Return whether the frame is about to leave the picture, or has left it."""
+        """Return whether the tracked gate's frame is leaving the image, or has left it."""
         blind_m = max(BLIND_M, BLIND_WIDTHS * self.width_m)
         return self.seen_s is not None and self.along_m - along_m < blind_m
 
     def seen_within(self, now_s: float, limit_s: float) -> bool:
-        """Return whether a picture of at most this age showed the gate."""
+        """Return whether an image of at most this age showed the gate."""
         return self.seen_s is not None and now_s - self.seen_s <= limit_s
 
     def update(self, sight: Sight, at_m: Vec3, t_s: float) -> None:
-        """Take a sight from a place (metres ahead, right, down) at a time.
+        """Update the gate's estimated place by a sight at a time (metres ahead, right, down).
 
         Near the gate only a sight that tells the centre counts: bars that leave the picture
         would pull the aim to the side on which they are still seen.
@@ -57,7 +57,7 @@ class GateTrack:
         self.down_m = self._aim(1, sight.down, self.down_m, at_m[2], range_m)
 
     def _range(self, sight: Sight, at_m: float) -> None:
-        """Say how far the gate is: by its growth, else by an assumed size."""
+        """Return the range to the tracked gate: by its growth, else by an assumed size."""
         if sight.width is None or sight.width <= 0.0:
             self.along_m = max(self.along_m, at_m + ASSUMED_WIDTH_M)
             return

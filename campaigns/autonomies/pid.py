@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """kp in 1/s, ki in 1/s^2, kd without unit; limit_m_s bounds answer and integral."""
+    """PID gains: kp in 1/s, ki in 1/s^2, kd without unit; limit_m_s bounds output and integral."""
 
     kp: float
     ki: float
@@ -14,18 +14,18 @@ class Gains:
 
 
 class Pid:
-    """One axis. The derivative is taken of the measurement: a step of the aim gives no kick."""
+    """A PID controller of one axis; the derivative is of the measurement, so steps give no kick."""
 
     def __init__(self, gains: Gains) -> None:
         self._gains = gains
         self._integral_m_s = 0.0
 
     def reset(self) -> None:
-        """Forget what was summed up."""
+        """Reset the PID's integral."""
         self._integral_m_s = 0.0
 
     def step(self, error_m: float, speed_m_s: float, dt_s: float) -> float:
-        """Return the speed to ask for; speed_m_s: how fast the error is being closed now.
+        """Return the PID's speed command; speed_m_s: the rate at which the error shrinks now.
 
         The sum stands still while the answer is at its limit (conditional integration).
         """

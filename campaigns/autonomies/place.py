@@ -10,12 +10,12 @@ _FACE = "yaw_deg"
 
 
 class PlaceAutonomy:
-    """Asks for places on the straight line to the goal's, and is done when it stands at it."""
+    """The shipped autonomy `place`: position setpoints on the line to the goal; done there."""
 
     def __init__(
         self, *, goal: Mapping[str, float | str], parameters: Mapping[str, object], seed: int
     ) -> None:
-        """Raise ValueError on a goal without a place, and on parameters that are no numbers.
+        """Raise ValueError on a goal without a place, and on non-numeric parameters.
 
         parameters: speed_m_s; tolerance_m and still_m_s for how long (for_s) it has to stand there;
         yaw_deg: which way it faces in the end, without it as before.
@@ -42,10 +42,10 @@ class PlaceAutonomy:
         self._there_s: float | None = None
 
     def perceive(self, reading: Reading) -> None:
-        """Look at nothing."""
+        """Ignore the reading: flying to a place needs no perception."""
 
     def act(self, telemetry: Telemetry) -> Command:
-        """Return the place on the way where it should be by now."""
+        """Return the position setpoint on the line to the goal's place at this time."""
         t_s, here = telemetry.t_s, telemetry.pose.position_ned_m
         if self._from is None:
             self._from = (t_s, here)

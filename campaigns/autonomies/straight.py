@@ -8,12 +8,12 @@ _KNOWN = {"speed_m_s": 1.0, "for_s": 10.0}
 
 
 class StraightAutonomy:
-    """Asks for a speed along the heading at the start, perceives nothing, is done after a time."""
+    """The shipped autonomy `straight`: a constant speed along the heading for a time."""
 
     def __init__(
         self, *, goal: Mapping[str, float | str], parameters: Mapping[str, object], seed: int
     ) -> None:
-        """Raise ValueError on parameters that are not known or no positive numbers.
+        """Raise ValueError on unknown or non-positive parameters of `straight`.
 
         parameters: speed_m_s, for_s. goal, seed: unused.
         """
@@ -30,10 +30,10 @@ class StraightAutonomy:
         self._velocity = (0.0, 0.0, 0.0)
 
     def perceive(self, reading: Reading) -> None:
-        """Look at nothing."""
+        """Ignore the reading: straight flight needs no perception."""
 
     def act(self, telemetry: Telemetry) -> Command:
-        """Return the speed ahead; zero when the time is over."""
+        """Return the velocity setpoint straight ahead; zero when the time is over."""
         if self._began_s is None:
             self._began_s = telemetry.t_s
             self._yaw_rad = telemetry.pose.yaw_rad

@@ -19,7 +19,7 @@ _GRACE_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class _Refusal:
-    """Why an autonomy cannot be built; picklable. key: beneath `autonomy`, empty for all of it."""
+    """Why an autonomy cannot be built; picklable. key: below `autonomy`, empty for all of it."""
 
     key: str
     message: str
@@ -27,7 +27,7 @@ class _Refusal:
 
 
 class IsolatedBuilds:
-    """Builds autonomies in child processes, each once however many cases have it.
+    """Builds autonomies in child processes to check them, each once for all cases.
 
     A child that takes longer than LONGEST_BUILD_S is ended.
     """
@@ -36,7 +36,7 @@ class IsolatedBuilds:
         self._refusals: dict[str, _Refusal | None] = {}
 
     def refusal(self, under_test: UnderTest) -> _Refusal | None:
-        """Return why it cannot be built; None when it can."""
+        """Return why the autonomy cannot be built in a child process; None if it can."""
         key = repr(under_test)
         if key not in self._refusals:
             self._refusals[key] = _refusal_in_child(under_test)
@@ -46,7 +46,7 @@ class IsolatedBuilds:
 def autonomy_problems(
     campaign: Document, under_test: UnderTest, builds: IsolatedBuilds | None
 ) -> list[Problem]:
-    """Build the autonomy once, and return what is wrong with it. builds: None: in this process."""
+    """Return the problems found by building the autonomy once; builds=None: in this process."""
     if under_test.program is not None:
         return program_problems(campaign, under_test.program, under_test.folder)
     refusal = _refusal(under_test) if builds is None else builds.refusal(under_test)
@@ -58,6 +58,7 @@ def autonomy_problems(
 
 
 def _refusal(under_test: UnderTest) -> _Refusal | None:
+    """Return why building this autonomy fails in this process; None if it works."""
     try:
         with redirect_stdout(sys.stderr):
             under_test.build(seed=0)
@@ -72,7 +73,7 @@ def _refusal(under_test: UnderTest) -> _Refusal | None:
 
 
 def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
-    """Return why it cannot be built, a child that hangs or dies included."""
+    """Return why building the autonomy fails in a child process, hangs and crashes included."""
     # A fork has all of ours imported already; beside other threads it could inherit their locks.
     alone = threading.active_count() == 1
     context = mp.get_context("fork") if alone else mp.get_context("spawn")
@@ -97,5 +98,6 @@ def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
 
 
 def _report(connection: Connection, under_test: UnderTest) -> None:
+    """Send the outcome of the autonomy check from the child process to its parent."""
     connection.send(_refusal(under_test))
     connection.close()

@@ -27,7 +27,7 @@ _FENCE_M = 100.0
 
 
 def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
-    """Yield what is probably not meant in a case, for the modes that are flown."""
+    """Yield warnings of a case for the flown modes: what is valid but probably not meant."""
     for document in (files.campaign, files.world, files.recipe):
         if document is not None:
             yield from _radians(document, document.data)
@@ -40,7 +40,7 @@ def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> It
 
 
 def unasked_gates(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
-    """Yield the goal's gates that no required oracle asks for: the run passes without them."""
+    """Yield a warning for gates of the goal that no required oracle checks."""
     asked: set[str] = set()
     for use in setup.oracles:
         if isinstance(use.parameters, ReachedParameters) and use.parameters.required:
@@ -52,7 +52,7 @@ def unasked_gates(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
 
 
 def _radians(document: Document, value: Data, path: Path = ()) -> Iterator[Problem]:
-    """Yield angles in degrees that look as radians do."""
+    """Yield warnings for angles in degrees whose values look like radians."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _radians(document, inner, (*path, key))
@@ -67,6 +67,7 @@ def _radians(document: Document, value: Data, path: Path = ()) -> Iterator[Probl
 
 
 def _looks_like_radians(key: str, value: float) -> bool:
+    """Return whether the value of a key in degrees deserves a warning: typical in radians."""
     if key == "fov_deg":
         return 0.0 < value < _NARROW_DEG
     parts = value / _PART
@@ -75,7 +76,7 @@ def _looks_like_radians(key: str, value: float) -> bool:
 
 
 def _wide_fences(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
-    """Yield fences that are so much wider than the room that they keep nothing."""
+    """Yield warnings for fences so much wider than the room that they limit nothing."""
     room_m = _room_size_m(scene)
     if room_m is None:
         return
@@ -91,7 +92,7 @@ def _wide_fences(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> 
 
 
 def _near_goals(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
-    """Yield positions that are reached within so much that nearly any flight reaches them."""
+    """Yield warnings for goal positions that nearly any flight reaches."""
     target = setup.goal.position_ned_m
     subject = setup.vehicles.get(FLIES[mode][0])
     if target is None or subject is None:
@@ -113,7 +114,7 @@ def _near_goals(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> I
 
 
 def _without_objects(campaign: Document, setup: Setup, scene: Scene) -> Iterator[Problem]:
-    """Yield oracles of contact that leave out all that there is."""
+    """Yield warnings for contact oracles that ignore every object of the world."""
     for use in setup.oracles:
         given = use.parameters
         left = set(scene.names) - set(getattr(given, "exclude", ()))
@@ -123,7 +124,7 @@ def _without_objects(campaign: Document, setup: Setup, scene: Scene) -> Iterator
 
 
 def _long_limits(campaign: Document, setup: Setup) -> Iterator[Problem]:
-    """Yield times that the run never takes, for its goal times out before."""
+    """Yield warnings for time limits beyond the goal's time-out: they never apply."""
     longest_s = setup.sync.goal_timeout_s
     for use in setup.oracles:
         given = use.parameters
@@ -136,7 +137,7 @@ def _long_limits(campaign: Document, setup: Setup) -> Iterator[Problem]:
 
 
 def _room_size_m(scene: Scene) -> tuple[float, float] | None:
-    """Return how long and wide the largest room of a scene is; None without one."""
+    """Return length and width of the largest room, to warn of wide fences; None without one."""
     sizes: list[tuple[float, float]] = []
     for thing in scene.objects:
         if thing.is_room:
@@ -147,7 +148,7 @@ def _room_size_m(scene: Scene) -> tuple[float, float] | None:
 
 
 def _corners_m(area: Area) -> tuple[tuple[float, float], ...]:
-    """Return corners of the box round an area, or those of the area itself: north, east."""
+    """Return the corners (north, east) of an area or of its bounding box, for a fence warning."""
     if isinstance(area, Polygon):
         return area.corners_m
     north_m, east_m = area.centre_m
@@ -156,7 +157,7 @@ def _corners_m(area: Area) -> tuple[tuple[float, float], ...]:
 
 
 def _width_m(fence: Fence) -> float:
-    """Return the longer side of the box round a fence, on the ground."""
+    """Return the longer side of a fence's bounding box, for the warning of wide fences."""
     points = [point for area in fence.inclusions for point in _corners_m(area)]
     if not points:
         return math.inf

@@ -18,7 +18,7 @@ Check = Callable[[CaseFiles, Setup, Mode], Iterator[Problem]]
 
 
 def cross_problems(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> list[Problem]:
-    """Return every problem of the parts together, for the modes that are to be flown.
+    """Return the problems across a case's files (campaign, recipe, world) for the flown modes.
 
     What needs a vehicle that is missing is not checked: that it is missing is said.
     """
@@ -32,6 +32,7 @@ def cross_problems(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> l
 
 
 def _missing_vehicles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield a problem for each vehicle that a mode needs and the campaign lacks."""
     for name in FLIES[mode]:
         if name not in setup.vehicles:
             path = ("vehicles", name)
@@ -39,7 +40,7 @@ def _missing_vehicles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pr
 
 
 def _mixing_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield what a mixture lacks: a recipe, its sensors on a vehicle, its objects in the world."""
+    """Yield what a mode's mixture lacks: a recipe, its sensors on a vehicle, world objects."""
     if mode != "wil":
         return
     recipe = setup.recipe
@@ -60,7 +61,7 @@ def _mixing_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pro
 
 
 def _rates(document: Document, recipe: Recipe, setup: Setup) -> Iterator[Problem]:
-    """Yield mixtures that are to come more often than the readings that they are made of."""
+    """Yield mixtures whose rate exceeds the rate of the sensors of the vehicles."""
     carried = {sensor.name: sensor.rate_hz for sensor in setup.vehicles["real"].sensors}
     for sensor in recipe.sensors:
         real_hz = carried.get(sensor.name)
@@ -79,7 +80,7 @@ def _rates(document: Document, recipe: Recipe, setup: Setup) -> Iterator[Problem
 
 
 def _gates(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield gates of the goal that have no opening, or do not stand where the run is judged."""
+    """Yield goal gates without an opening, or missing from the world in which a run is judged."""
     which = judged_world(mode)
     scene = setup.world.scene(mode, which)
     for index, gate in enumerate(setup.goal.gates):
@@ -96,11 +97,12 @@ def _gates(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
 
 
 def _no_object(document: Document, path: Path, name: str, world: World) -> Problem:
+    """Return the problem that the world has no object of this name."""
     return document.problem(path, f"no object '{name}' in the world", closest(name, world.objects))
 
 
 def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Build each oracle as the run would, against a world in which nothing happens.
+    """Check a case's oracles across its files by building each against an empty world.
 
     A gate of the goal that is not there counts as there: it is said once, at the goal.
     """
@@ -135,6 +137,7 @@ def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
 
 
 def _oracle_problem(campaign: Document, name: str, error: OracleError) -> Problem:
+    """Return the problem of an oracle's parameters at its place in the campaign."""
     path: Path = ("oracles", name, *((error.key,) if error.key else ()))
     if error.offset is not None:
         return campaign.problem_within(path, error.offset, str(error), error.suggestion)
@@ -142,7 +145,7 @@ def _oracle_problem(campaign: Document, name: str, error: OracleError) -> Proble
 
 
 def _unrequested_objects(campaign: Document) -> Sized:
-    """Return the oracles that the file has, those with faults of their own included."""
+    """Return the names of the campaign's oracles, those with errors of their own included."""
     found = campaign.get(("oracles",))
     return found if isinstance(found, dict) else ()
 
@@ -153,7 +156,7 @@ def _unjudged_gates(
     mode: Mode,
     built: Iterable[tuple[OracleUse, tuple[Oracle, ...]]],
 ) -> Iterator[Problem]:
-    """Yield what would pass unseen: the flight of a mode as a whole, or whether it got there."""
+    """Yield what no oracle checks in a mode: the flight as a whole, or reaching the goal."""
     subject = FLIES[mode][0]
     told = [
         (use.kind, oracle.required)
@@ -183,7 +186,7 @@ def _unjudged_gates(
 
 
 def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator[Problem]:
-    """Check parameters that name objects or their parts: `gate`, `gate.left`."""
+    """Yield oracle parameters that name objects missing from the world: `gate`, `gate.left`."""
     for key in ("exclude", "ground"):
         for index, name in enumerate(getattr(use.parameters, key, ())):
             if name.partition(".")[0] not in world.objects:
@@ -191,7 +194,7 @@ def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator
 
 
 def _limits(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield a limit to a fence that is not there."""
+    """Yield a problem when `limits` keep setpoints inside a geofence that the campaign lacks."""
     if setup.limits is None or not setup.limits.inside_fence:
         return
     for name in FLIES[mode]:
@@ -202,23 +205,23 @@ def _limits(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
 
 
 class _NothingNear:
-    """A probe of an empty world."""
+    """A clearance probe of an empty world, to check that oracles can be built."""
 
     def sweep(self, *_: object, **__: object) -> tuple[()]:
-        """Return that nothing is near."""
+        """Return no clearance: nothing is near in the empty world of the check."""
         return ()
 
 
 class _AnyGate:
-    """A gate that nobody flies through."""
+    """A gate that nobody flies through, to check that oracles can be built."""
 
     limit_m = 1.0
 
     def crossing(self, *_: object) -> None:
-        """Return that it was not crossed."""
+        """Return None: the gate of the check is never crossed."""
 
     def depth_m(self, *_: object) -> float:
-        """Return that the vehicle is before it."""
+        """Return a constant depth: the vehicle stays before the gate of the check."""
         return -1.0
 
 

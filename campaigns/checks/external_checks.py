@@ -21,7 +21,7 @@ _POSES = frozenset({"vision_position_estimate", "odometry"})
 
 
 def external_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield what is wrong with sources, deliveries and injections in one mode."""
+    """Yield the problems of one mode's external sources, deliveries and injections."""
     yield from _sources_to_be_asked(files, setup, mode)
     seen: dict[str, int] = {}
     for index, outlet in enumerate(setup.outside.pictures):
@@ -35,7 +35,7 @@ def external_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pr
 
 
 def _sources_to_be_asked(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield cameras of the twin that a recipe asks for a pose, and that cannot be asked."""
+    """Yield external twin cameras that `register` needs on request and that only stream."""
     if mode != "wil" or setup.recipe is None:
         return
     asked = {
@@ -57,6 +57,7 @@ def _sources_to_be_asked(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator
 def _outlet(
     files: CaseFiles, setup: Setup, mode: Mode, index: int, outlet: ImageOutlet
 ) -> Iterator[Problem]:
+    """Yield the problems of an external image outlet (`deliver`) in a mode."""
     path: Path = ("deliver", index)
     wanted = _whose(outlet, mode)
     if wanted not in _FLIES[mode]:
@@ -68,6 +69,7 @@ def _outlet(
 
 
 def _whose(outlet: ImageOutlet, mode: Mode) -> VehicleName:
+    """Return which vehicle's images an external image outlet delivers in a mode."""
     if outlet.of == "perceived":
         return outlet.vehicle or _FLIES[mode][0]
     return outlet.of
@@ -76,6 +78,7 @@ def _whose(outlet: ImageOutlet, mode: Mode) -> VehicleName:
 def _injection(
     files: CaseFiles, setup: Setup, mode: Mode, injection: InjectionSetup
 ) -> Iterator[Problem]:
+    """Yield the problems of an injection into the autopilots in a mode."""
     path: Path = ("inject", injection.thing)
     for name in _FLIES[mode]:
         if name not in injection.to:
@@ -99,6 +102,7 @@ def _injection(
 def _made_of(
     files: CaseFiles, path: Path, vehicle: VehicleSetup, injection: InjectionSetup
 ) -> Iterator[Problem]:
+    """Yield an injection's sensors or world objects that the vehicle or the world lacks."""
     kind = _MADE_OF.get(injection.thing)
     if kind is not None:
         fitting = [sensor.name for sensor in vehicle.sensors if sensor.kind == kind]

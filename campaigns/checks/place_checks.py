@@ -37,12 +37,12 @@ _NEAR_M = 0.1
 
 
 def judged_world(mode: Mode) -> Which:
-    """Return the world against which the runs of a mode are judged."""
+    """Return the world (real or virtual) whose places judge the runs of a mode."""
     return "W" if mode == "real" else "Wv"
 
 
 def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield what is impossible about the places of one mode.
+    """Yield impossible places of one mode: starts, goals and gates against fences and rooms.
 
     A start outside of the fence is said and looked at no further.
     """
@@ -66,13 +66,14 @@ def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Probl
 def _start_outside_fence(
     files: CaseFiles, setup: Setup, vehicle: VehicleSetup
 ) -> Iterator[Problem]:
+    """Yield a problem when a vehicle's start place lies outside its fence."""
     if said := _outside(setup, vehicle, vehicle.start.position_ned_m):
         path = ("vehicles", vehicle.name, "start")
         yield files.campaign.problem(path, f"'{vehicle.name}' starts {said}", key=True)
 
 
 def _goal_outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
-    """Yield when the hover above the start, or the goal's position, is outside of the fence."""
+    """Yield a problem when the hover above the start, or the goal's place, leaves the fence."""
     north_m, east_m, _ = vehicle.start.position_ned_m
     hover: Vec3 = (north_m, east_m, -setup.goal.altitude_m)
     wanted: list[tuple[Path, Vec3 | None]] = [
@@ -85,7 +86,7 @@ def _goal_outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -
 
 
 def _no_takeoff(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
-    """Yield a takeoff that leads nowhere, or after which one would be told before it."""
+    """Yield a takeoff height that is not above the start place, or within the tolerance of it."""
     up_m = -vehicle.start.position_ned_m[2]
     climb_m = setup.goal.altitude_m - up_m
     if climb_m <= 0.0:
@@ -98,7 +99,7 @@ def _no_takeoff(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterat
 
 
 def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield gates whose middle is outside of a fence, as long as they stand still."""
+    """Yield static gates whose centre lies outside a fence."""
     scene = setup.world.scene(mode, judged_world(mode))
     for index, name in enumerate(setup.goal.gates):
         if name not in scene or scene[name].motion is not None:
@@ -110,7 +111,7 @@ def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator
 
 
 def _outside(setup: Setup, vehicle: VehicleSetup, place: Vec3) -> str:
-    """Return how far outside of a vehicle's fence a place is, or too near to it; empty when not."""
+    """Return how far a place is outside a vehicle's fence, or too near to it; "" when inside."""
     fence = setup.fences.get(vehicle.name)
     if fence is None:
         return ""
@@ -124,6 +125,7 @@ def _outside(setup: Setup, vehicle: VehicleSetup, place: Vec3) -> str:
 
 
 def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> Iterator[Problem]:
+    """Yield a problem when the start place lies in none of the world's rooms."""
     start = vehicle.start.position_ned_m
     rooms = [thing for thing in scene.objects if thing.is_room]
     if rooms and not any(_room_height_m(room, start) is not None for room in rooms):
@@ -133,7 +135,7 @@ def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -
 
 
 def _start_in_object(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> Iterator[Problem]:
-    """Yield the things that the vehicle would stand in, as they are when the run begins."""
+    """Yield the world's objects that overlap the vehicle at its start place."""
     probe = ClearanceProbe(scene, _BODY, floors=False, within_m=_NEAR_M)
     north_m, east_m, down_m = vehicle.start.position_ned_m
     standing = replace(vehicle.start, position_ned_m=(north_m, east_m, down_m - _STANDS_M))
@@ -146,6 +148,7 @@ def _start_in_object(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> I
 def _goal_above_room(
     files: CaseFiles, setup: Setup, vehicle: VehicleSetup, scene: Scene
 ) -> Iterator[Problem]:
+    """Yield a problem when the goal lies above the ceiling of the room around the start."""
     start = vehicle.start.position_ned_m
     for room in scene.objects:
         height_m = _room_height_m(room, start) if room.is_room else None
@@ -157,7 +160,7 @@ def _goal_above_room(
 
 
 def _room_height_m(room: SceneObject, point_m: Vec3) -> float | None:
-    """Return the height of a room when a point is in it, else None."""
+    """Return the height of the room that contains a place; None when it is outside."""
     low, high = room.shape.mesh.vertices_m.min(axis=0), room.shape.mesh.vertices_m.max(axis=0)
     forward_m, right_m, down_m = room.pose.to_local(point_m)
     inside = (

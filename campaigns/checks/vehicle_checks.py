@@ -14,7 +14,7 @@ _FELT = frozenset({"imu", "microphone", "pose"})
 
 
 def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield what cannot fly: simulations at paces of their own, a pair that is one vehicle."""
+    """Yield the problems of the vehicles: unequal simulation paces, a pair of one vehicle."""
     flown = [setup.vehicles[name] for name in FLIES[mode]]
     yield from _pace_problems(files, setup, flown)
     for vehicle in setup.vehicles.values():
@@ -32,7 +32,7 @@ def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pro
 def _pace_problems(
     files: CaseFiles, setup: Setup, flown: Sequence[VehicleSetup]
 ) -> Iterator[Problem]:
-    """Yield vehicles that fly together at different paces; an embedded one follows any."""
+    """Yield vehicles of a pair that are simulated at different paces (embedded ones adapt)."""
     paces = {one.name: pace for one in flown if (pace := one.launch_pace) is not None}
     if not paces:
         return
@@ -57,10 +57,12 @@ def _pace_problems(
 
 
 def _pace_key(vehicle: VehicleSetup) -> str:
+    """Return the campaign key that sets a launched vehicle's pace: PX4 speed, ArduPilot speedup."""
     return "speed" if isinstance(vehicle.launch, Px4Launch) else "speedup"
 
 
 def _pair_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+    """Yield real and twin vehicles that share a system id or an address."""
     real, twin = setup.vehicles["real"], setup.vehicles["twin"]
     if twin.coupling == "placed":
         yield from _placed_problems(files, twin)
@@ -91,6 +93,7 @@ def _placed_problems(files: CaseFiles, twin: VehicleSetup) -> Iterator[Problem]:
 
 
 def _spare_problems(files: CaseFiles, vehicle: VehicleSetup) -> Iterator[Problem]:
+    """Yield a vehicle's spare links that are named twice."""
     for at, spare in enumerate(vehicle.spares):
         if spare == vehicle.attached or spare in vehicle.spares[:at]:
             path = ("vehicles", vehicle.name, "spare_links", at)

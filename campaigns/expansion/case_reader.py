@@ -46,7 +46,7 @@ def read_setup(
     builds: IsolatedBuilds | None = None,
     loads_code: bool = True,
 ) -> Setup:
-    """Return the setup of a case, good for these modes. Raises BadInput with every problem.
+    """Return the setup of a case, valid for these modes. Raises BadInput with every problem.
 
     builds: tries the autonomy in a child process, for a limited time; None: in this one.
     loads_code: whether the autonomy and the user's own steps are loaded to check them.
@@ -92,7 +92,7 @@ def read_setup(
 
 
 def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
-    """Return what is read; None, with its problems noted, when it is bad."""
+    """Return what a reader function returns; None, with its problems collected, on BadInput."""
     try:
         return read()
     except BadInput as error:
@@ -107,11 +107,13 @@ def _read_case(
 
 
 def _links(part: LinksPart) -> dict[VehicleName, LinkSetup]:
+    """Return the link setups of a case's real and twin vehicles."""
     given: dict[VehicleName, LinkPart | None] = {"real": part.real, "twin": part.twin}
     return {name: link_setup(one) for name, one in given.items() if one is not None}
 
 
 def _gcs(part: GcsPart) -> dict[VehicleName, str]:
+    """Return the ground station links of a case by vehicle."""
     given: dict[VehicleName, str | None] = {"real": part.real, "twin": part.twin}
     return {name: link for name, link in given.items() if link is not None}
 
@@ -119,6 +121,7 @@ def _gcs(part: GcsPart) -> dict[VehicleName, str]:
 def _fences(
     files: CaseFiles, part: CampaignPart, world: World, problems: list[Problem]
 ) -> Mapping[VehicleName, Fence]:
+    """Return the fences of a case by vehicle; problems are collected."""
     if part.geofence is None:
         return {}
     drawing = Drawing(files.campaign, files.fences, world.frame)
@@ -126,6 +129,7 @@ def _fences(
 
 
 def _guard_setup(part: CampaignPart) -> GuardingSetup:
+    """Return the guard's distances and latencies of a case, from its `geofence`."""
     given = part.geofence
     if given is None:
         return GuardingSetup()
@@ -135,6 +139,7 @@ def _guard_setup(part: CampaignPart) -> GuardingSetup:
 
 
 def _goal(part: GoalPart) -> GoalSetup:
+    """Return the goal of a case as the run needs it: altitude, gates, position in NED."""
     place = part.position
     return GoalSetup(
         altitude_m=part.altitude_m,
@@ -144,6 +149,7 @@ def _goal(part: GoalPart) -> GoalSetup:
 
 
 def _sync(campaign: CampaignPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
+    """Return the time-outs and limits of a pair; the goal time-out covers its time limits."""
     part, twin = campaign.sync, campaign.vehicles.twin
     limits = [use.parameters for use in uses if isinstance(use.parameters, TimeLimitParameters)]
     longest_s = max([_GOAL_S, *(limit.limit_s + _GRACE_S for limit in limits)])
@@ -164,7 +170,7 @@ def _sync(campaign: CampaignPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
 
 
 def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
-    """Return the autonomy with its goal: the height, the place, how many gates; no geometry."""
+    """Return a case's autonomy with its goal: altitude, place, number of gates; no geometry."""
     goal: dict[str, float | str] = {"altitude_m": part.goal.altitude_m}
     if part.goal.gates:
         goal["gate_count"] = len(part.goal.gates)
@@ -182,7 +188,7 @@ def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
 
 
 def unique(problems: list[Problem]) -> tuple[Problem, ...]:
-    """Return each problem once, those of one file together and in the order of its lines."""
+    """Return the problems of a case once each, by file and in the order of lines."""
     files = list(dict.fromkeys(problem.file for problem in problems))
     ordered = sorted(dict.fromkeys(problems), key=lambda p: (files.index(p.file), p.line, p.column))
     return tuple(problem for problem, _ in itertools.groupby(ordered))

@@ -21,7 +21,7 @@ from worlds.files.documents import Document, Problem, closest
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """How a control must end. oracle: which one decides; cause: a text within the reason."""
+    """The expected end of a control run. oracle: that must fail; cause: text in the reason."""
 
     case: str
     verdict: ControlVerdict
@@ -34,7 +34,7 @@ class Expectation:
 
 
 def expectation(part: CampaignPart, control: ControlPart) -> Expectation:
-    """Return how a control must end, and which case it changes."""
+    """Return the expected end of a control run, and the case that the control changes."""
     case = control.case or next(iter(part.cases))
     expect = control.expect
     return Expectation(case, expect.verdict, expect.oracle, expect.cause)
@@ -51,7 +51,7 @@ def files_of_controls(
     overrides: Iterable[Override],
     problems: list[Problem],
 ) -> dict[str, CaseFiles]:
-    """Return the files of every control.
+    """Return the case files of every control, with what it changes.
 
     What a control sets wins over --set: else a control would no longer be one.
     """
@@ -69,7 +69,7 @@ def files_of_controls(
 def control_problems(
     base: Document, part: CampaignPart, setups: Mapping[str, Setup]
 ) -> Iterator[Problem]:
-    """Yield what is wrong with controls beside their files: names, cases, modes, oracles."""
+    """Yield problems of the controls themselves: names, cases, modes, oracles."""
     for name, control in part.controls.items():
         path = ("controls", name)
         if name in part.cases:
@@ -88,6 +88,7 @@ def control_problems(
 
 
 def _oracle_problems(base: Document, name: str, oracle: str, setup: Setup) -> Iterator[Problem]:
+    """Yield a control's expected oracle that the campaign lacks, or that cannot fail a run."""
     path = ("controls", name, "expect", "oracle")
     required = {use.name: use.parameters.required for use in setup.oracles}
     if oracle in required and not required[oracle]:

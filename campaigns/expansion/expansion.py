@@ -35,7 +35,7 @@ from worlds.files.documents import BadInput, Document, Problem, check, closest, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """What the command line selects or overrides; empty or None leaves the file's.
+    """The command line's selections and overrides before expansion; None keeps the file's.
 
     cases: globs. sets: KEY=VALUE as given to --set, stronger than what a case overrides.
     is_autonomy_isolated: whether the autonomy is tried in a child process, for a limited time.
@@ -53,7 +53,7 @@ class Options:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunPlan:
-    """One run to be flown; picklable. repetition counts from 1. required: counts for `accept`.
+    """One planned run of the expansion; picklable. repetition from 1; required: for `accept`.
 
     control: how it must end, where it is a control; its name then is the case. loads_code: as of
     the options.
@@ -71,17 +71,17 @@ class RunPlan:
 
     @property
     def name(self) -> str:
-        """Return the run's folder beneath the campaign's: case/mode/repetition."""
+        """Return the planned run's folder below the campaign's: case/mode/repetition."""
         return f"{self.case}/{self.mode}/{self.repetition}"
 
     def setup(self) -> Setup:
-        """Return what the run needs, read anew from its documents. Raises BadInput."""
+        """Return the setup of a planned run, read from its documents. Raises BadInput."""
         return read_setup(self.files, (self.mode,), loads_code=self.loads_code)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Campaign:
-    """A checked campaign with its runs in order: by case, mode and repetition; then its controls.
+    """A checked campaign expanded into runs, ordered by case, mode and repetition; then controls.
 
     document: the campaign file after --repetitions, --seed and --set. paths: every file it was
     read from. modes, cases: those selected. setups: of these cases and of the controls. retries:
@@ -115,12 +115,12 @@ class Campaign:
 
     @property
     def plans(self) -> tuple[RunPlan, ...]:
-        """Return all that is flown: the runs, then the controls."""
+        """Return the planned runs of the expansion: the cases' runs, then the controls."""
         return (*self.runs, *self.controls)
 
 
 def load_campaign(path: Path, options: Options | None = None) -> Campaign:
-    """Return the campaign in a file. Raises BadInput with every problem in all of its files."""
+    """Return a campaign file expanded into its runs. Raises BadInput with every problem."""
     options = options or Options()
     original = load(path)
     overrides = _option_overrides(options)
@@ -191,7 +191,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
 
 
 def _option_overrides(options: Options) -> tuple[Override, ...]:
-    """Return --set, --repetitions and --seed as overrides. Raises BadInput."""
+    """Return --set, --repetitions and --seed as overrides of the campaign to be expanded."""
     problems: list[Problem] = []
     found = [
         gathered(problems, partial(override_from_option, "--set", text)) for text in options.sets
@@ -206,6 +206,7 @@ def _option_overrides(options: Options) -> tuple[Override, ...]:
 
 
 def _with_overrides(document: Document, overrides: Iterable[Override]) -> Document:
+    """Return the campaign document with those overrides applied that concern it."""
     for override in overrides:
         if override.file == "campaign":
             document = document.override(override.dotted_key, override.entry)
@@ -215,7 +216,7 @@ def _with_overrides(document: Document, overrides: Iterable[Override]) -> Docume
 def _files_of_cases(
     base: Document, overrides: tuple[Override, ...], problems: list[Problem]
 ) -> dict[str, CaseFiles]:
-    """Return the files of every case; those of the command line win over those of the case."""
+    """Return the files of every expanded case; the command line's overrides win."""
     given = base.get(("cases",))
     names = list(given) if isinstance(given, dict) and given else [DEFAULT_CASE]
     found: dict[str, CaseFiles] = {}
@@ -232,6 +233,7 @@ def _setups(
     modes: tuple[Mode, ...],
     problems: list[Problem],
 ) -> dict[str, Setup]:
+    """Return the setup of every expanded case; problems are collected."""
     found: dict[str, Setup] = {}
     for name, one in files.items():
         setup = gathered(problems, partial(read, one, modes))
@@ -243,7 +245,7 @@ def _setups(
 def _select_cases(
     option: str, patterns: Sequence[str], known: tuple[str, ...], problems: list[Problem]
 ) -> tuple[str, ...]:
-    """Return what any of the patterns matches, in the order of the file; all without patterns."""
+    """Return the cases of the expansion that match a pattern, in file order; all without one."""
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in known):
             said = f"matches none of {', '.join(known)}"
@@ -256,7 +258,7 @@ def _select_cases(
 def _shares(
     original: Document, base: Document, part: CampaignPart, problems: list[Problem]
 ) -> dict[tuple[str, str], Share]:
-    """Return the share of each required case and mode; without `accept` all of all.
+    """Return the required share of passes of each expanded case and mode; all without `accept`.
 
     A share is written for the file's own repetitions. Where the command line changes them, it is
     scaled, rounded up: 4/5 of 1 is 1/1, of 10 it is 8/10.
@@ -293,6 +295,7 @@ def _runs(
     files: Mapping[str, CaseFiles],
     options: Options,
 ) -> Iterable[RunPlan]:
+    """Yield the planned runs of the chosen cases and modes, repetition by repetition."""
     for case, mode in chosen:
         for repetition in range(1, part.repetitions + 1):
             yield RunPlan(
@@ -310,7 +313,7 @@ def _runs(
 def _controls(
     part: CampaignPart, files: Mapping[str, CaseFiles], options: Options
 ) -> Iterable[RunPlan]:
-    """Yield each control once in each of its modes.
+    """Yield each control run of the expansion once in each of its modes.
 
     Its seed is that of the first repetition of the case that it changes: nothing else differs.
     """

@@ -16,7 +16,7 @@ def left_out(
     chosen: Collection[tuple[str, str]],
     shares: Mapping[tuple[str, str], Share],
 ) -> tuple[str, ...]:
-    """Return in words what the file asks for and the options do not have flown, or not judged.
+    """Return the omissions of a run: what the file requires and the options leave out.
 
     original, part: the file as it is written, and with --set, --seed and --repetitions. chosen:
     the cases and controls, with their modes, to be flown. shares: what of these is required.
@@ -41,6 +41,7 @@ def _runs(
     chosen: Collection[tuple[str, str]],
     shares: Mapping[tuple[str, str], Share],
 ) -> Iterator[str]:
+    """Yield required cases and modes that the command line's options omit or weaken."""
     for (case, mode), share in _required_shares(was).items():
         now = shares.get((case, mode))
         if now is None or (case, mode) not in chosen:
@@ -50,6 +51,7 @@ def _runs(
 
 
 def _required_shares(part: CampaignPart) -> dict[tuple[str, str], Share]:
+    """Return the required share of passes by case and mode, to find omissions."""
     if part.accept is None:
         whole = Share(part.repetitions, part.repetitions)
         return {(case, mode): whole for case in part.cases for mode in part.modes}

@@ -8,7 +8,7 @@ from worlds.files.documents import KeyFaultError, Part
 
 
 class BetweenRunsPart(Part):
-    """What is done with an attached vehicle after a run, before the next one.
+    """The YAML part `between_runs`: what an attached vehicle does between two runs.
 
     do: `ask` has a person put it back; `fly_back` has it fly there, and asks only where that must
     not be. A bare text stands for `do`. height_m: above its start; without it, the goal's

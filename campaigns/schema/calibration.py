@@ -8,11 +8,9 @@ from campaigns.schema.sensors import Distortion, Focal, MountPart, Pixels
 from worlds.camera import Intrinsics
 from worlds.files.documents import Document, Part, check
 
-SCHEMA = "wil/calibration/1"
-
 
 class OpticsPart(Part):
-    """The camera model: OpenCV's pinhole with distortion, for one size of picture."""
+    """The camera model in a calibration file: OpenCV's pinhole with distortion, for one size."""
 
     width_px: Pixels
     height_px: Pixels
@@ -23,7 +21,7 @@ class OpticsPart(Part):
     distortion: Distortion = Field(default_factory=list)
 
     def intrinsics(self) -> Intrinsics:
-        """Return the camera model."""
+        """Return the calibrated camera model."""
         return Intrinsics(
             width_px=self.width_px,
             height_px=self.height_px,
@@ -36,7 +34,7 @@ class OpticsPart(Part):
 
 
 class OpticsQualityPart(Part):
-    """How well the optics are known. rms_px: of the corners, against the model."""
+    """The quality of calibrated optics. rms_px: reprojection error of the corners."""
 
     board: str
     pictures: Annotated[int, Field(ge=1)]
@@ -45,7 +43,7 @@ class OpticsQualityPart(Part):
 
 
 class SpreadPart(Part):
-    """How well mounting and latency are known: one standard deviation."""
+    """The spread of calibrated mounting and latency: one standard deviation."""
 
     mount_m: Annotated[float, Field(ge=0)] | None = None
     mount_deg: Annotated[float, Field(ge=0)] | None = None
@@ -53,7 +51,7 @@ class SpreadPart(Part):
 
 
 class CalibrationPart(Part):
-    """A calibration file. mount, latency_ms: missing until they were measured."""
+    """A calibration file. mount, latency_ms: None until they are measured."""
 
     schema_: Literal["wil/calibration/1"] = Field(alias="schema")
     camera: OpticsPart

@@ -44,6 +44,7 @@ _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 def _safe_name(name: str) -> str:
+    """Refuse a campaign or case name that is unsafe as a folder name."""
     if not _SAFE.fullmatch(name):
         raise ValueError(
             f"'{name}' becomes a folder: use up to 64 of A-Z a-z 0-9 . _ - and begin with one "
@@ -64,11 +65,12 @@ DEFAULT_CASE = "default"
 
 
 def _one_case() -> Cases:
+    """Return the cases of a campaign file that names none: the default case."""
     return {DEFAULT_CASE: {}}
 
 
 class AutonomyPart(Part):
-    """The system under test: `use` is file.py:Class beside this file, or a name of ours.
+    """The campaign's `autonomy`: `use` is file.py:Class beside the file, or a shipped name.
 
     program: instead, a program with its arguments, run beside this file. rate_hz: how often `use`
     is asked for a setpoint. A bare text stands for `use`.
@@ -82,10 +84,12 @@ class AutonomyPart(Part):
     @model_validator(mode="before")
     @classmethod
     def _shorthand(cls, given: Any) -> Any:
+        """Accept a bare text as the campaign autonomy's `use`."""
         return {"use": given} if isinstance(given, str) else given
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
+        """Require either `use` or `program` of a campaign's autonomy."""
         if self.use is None and self.program is None:
             raise ValueError("give use: (a class) or program: (a command line)")
         if self.program is not None:
@@ -96,7 +100,7 @@ class AutonomyPart(Part):
 
 
 class PositionPart(Part):
-    """A place in the world's local frame."""
+    """A position of the campaign's goal in the world's local frame, metres."""
 
     north_m: float
     east_m: float
@@ -104,7 +108,7 @@ class PositionPart(Part):
 
 
 class GoalPart(Part):
-    """What is to be flown: the height, and gates in their order or a place."""
+    """The campaign's `goal`: the altitude, and gates in their order or a position."""
 
     altitude_m: Annotated[float, Field(gt=0, le=10_000)]
     gates: list[str] = Field(default_factory=list)
@@ -113,6 +117,7 @@ class GoalPart(Part):
     @field_validator("gates")
     @classmethod
     def _once_each(cls, gates: list[str]) -> list[str]:
+        """Refuse a campaign goal that names a gate twice."""
         for index, gate in enumerate(gates):
             if gate in gates[:index]:
                 raise KeyFaultError(index, f"gate '{gate}' is named twice")
@@ -120,7 +125,7 @@ class GoalPart(Part):
 
 
 class SyncPart(Part):
-    """How closely the pair keeps together; a run that exceeds a skew or the distance is INVALID.
+    """The campaign's `sync`: allowed skews and distance of the pair; a run beyond one is INVALID.
 
     takeoff: whether the vehicles leave the ground together, or get their commands together.
     max_twin_distance_m: None: by the twin's coupling.
@@ -140,7 +145,7 @@ class SyncPart(Part):
 
 
 class ClockPart(Part):
-    """The scaled clock. speed: how many times real time embedded vehicles fly on it."""
+    """The campaign's `clock`. speed: how many times real time embedded vehicles fly."""
 
     speed: Speedup
 
@@ -154,7 +159,7 @@ PictureFormat = Literal["jpeg", "png", "raw", "none"]
 
 
 class RecordPart(Part):
-    """What run.mcap holds of pictures: raw and png to the bit, so that a replay is exact.
+    """The campaign's `record`: image encoding of run.mcap; raw and png replay exactly.
 
     quality: of JPEG, 1 to 100. vehicle_logs: whether the vehicles' own logs (.bin, .ulg) are
     fetched into the run's folder after landing.
@@ -166,7 +171,7 @@ class RecordPart(Part):
 
 
 class CampaignPart(Part):
-    """A campaign file; `cases` and `oracles` are read part by part, where their meaning is.
+    """A campaign file; `cases` and `oracles` are validated elsewhere, entry by entry.
 
     retries: how often a run that came to ERROR or INVALID is flown again; never with hardware.
     collision_always: whether a contact fails a run whatever `oracles` says of `collision`.

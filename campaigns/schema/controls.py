@@ -11,7 +11,7 @@ ControlVerdict = Literal["FAIL", "INVALID", "ERROR"]
 
 
 class ExpectPart(Part):
-    """How a control must end. oracle: the one that decides; cause: a text within the reason.
+    """A control's `expect`. oracle: the one that must fail; cause: a text in the reason.
 
     One of both is needed: a control that fails for another reason, as a misspelt parameter of its
     autonomy, proves nothing about the campaign.
@@ -23,6 +23,7 @@ class ExpectPart(Part):
 
     @model_validator(mode="after")
     def _says_why(self) -> Self:
+        """Require an oracle or a cause in a control's `expect`."""
         if self.oracle is None and self.cause is None:
             raise ValueError("name the oracle that must fail, or a text of the reason as `cause`")
         if self.oracle is not None and self.verdict != "FAIL":
@@ -32,7 +33,7 @@ class ExpectPart(Part):
 
 
 class ControlPart(Part):
-    """One control. case: the one that it changes, by default the first; set: what it changes.
+    """A control of a campaign. case: the changed one, by default the first; set: the changes.
 
     modes: by default all of the campaign.
     """

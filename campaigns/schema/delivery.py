@@ -22,7 +22,7 @@ RateHz = Annotated[float, Field(gt=0, le=250)]
 
 
 class DeliverPart(Part):
-    """One way out for pictures: `rtp: HOST:PORT`, `zmq: tcp://HOST:PORT` or `v4l2: /dev/videoN`.
+    """An image delivery: `rtp: HOST:PORT`, `zmq: tcp://HOST:PORT` or `v4l2: /dev/videoN`.
 
     sensor: the camera; may be missing where there is one. of: what a vehicle perceives (mixed, in
     mode wil), or the untouched picture of real or twin. vehicle: whose perception; the judged
@@ -54,7 +54,7 @@ class DeliverPart(Part):
         return self
 
     def outlet(self, default_sensor: str) -> ImageOutlet:
-        """Return the way out; default_sensor where none is named."""
+        """Return the image outlet of a delivery; default_sensor where none is named."""
         kind = next(kind for kind in _KINDS if getattr(self, kind) is not None)
         return ImageOutlet(
             kind=kind,
@@ -70,6 +70,7 @@ class DeliverPart(Part):
 
 
 def _check_address(kind: str, address: str) -> None:
+    """Refuse a delivery address of the wrong form: rtp, zmq or v4l2."""
     if kind == "rtp":
         match = _HOST_PORT.fullmatch(address)
         if match is None or not 0 < int(match[2]) < 65536:
@@ -84,7 +85,7 @@ def _check_address(kind: str, address: str) -> None:
 
 
 class _ToVehicles(Part):
-    """to: which vehicles' autopilots get it; all that fly without."""
+    """An injection's `to`: the vehicles whose autopilots receive it; all without."""
 
     to: Annotated[list[Side], Field(min_length=1)] = Field(default_factory=lambda: [*SIDES])
     rate_hz: RateHz | None = None
@@ -92,37 +93,38 @@ class _ToVehicles(Part):
     @field_validator("to")
     @classmethod
     def _once_each(cls, to: list[Side]) -> list[Side]:
+        """Refuse an injection that names a vehicle twice."""
         if len(set(to)) != len(to):
             raise ValueError("names a vehicle twice")
         return to
 
 
 class OfSensorPart(_ToVehicles):
-    """A thing made of a sensor's mixed readings."""
+    """An injection made of a sensor's mixed readings."""
 
     sensor: Annotated[str, Field(min_length=1)]
 
 
 class OfObjectsPart(_ToVehicles):
-    """A thing made of where objects of the virtual world are."""
+    """An injection made of the places of several objects of the virtual world."""
 
     objects: Annotated[list[str], Field(min_length=1)]
 
 
 class OfObjectPart(_ToVehicles):
-    """A thing made of where one object of the virtual world is."""
+    """An injection made of the place of one object of the virtual world."""
 
     object: Annotated[str, Field(min_length=1)]
 
 
 class OfPosePart(_ToVehicles):
-    """A pose: of motion capture as it comes, or of a sensor of type pose, mixed."""
+    """An injected pose: motion capture as it arrives, or a mixed sensor of type pose."""
 
     sensor: Annotated[str, Field(min_length=1)] | None = None
 
 
 class InjectPart(Part):
-    """Things that the autopilots are told, each under its MAVLink message's name."""
+    """The campaign's `inject`: deliveries to autopilots by the name of the MAVLink message."""
 
     obstacle_distance: OfSensorPart | None = None
     distance_sensor: OfSensorPart | None = None
@@ -133,12 +135,13 @@ class InjectPart(Part):
 
     @model_validator(mode="after")
     def _one_estimate(self) -> Self:
+        """Refuse two delivered pose estimates (vision position and odometry)."""
         if self.vision_position_estimate is not None and self.odometry is not None:
             raise KeyFaultError("odometry", "vision_position_estimate delivers the pose already")
         return self
 
     def setups(self) -> tuple[InjectionSetup, ...]:
-        """Return them in the order of the messages above."""
+        """Return the injections to deliver, in the order of the messages above."""
         found: list[InjectionSetup] = []
         for thing in type(self).model_fields:
             part: _ToVehicles | None = getattr(self, thing)
@@ -162,7 +165,7 @@ class InjectPart(Part):
 
 
 def ground_station_link(link: str) -> str:
-    """Return the link when it can lead to a ground station. Raises ValueError."""
+    """Return a link that can lead to a ground station. Raises ValueError."""
     try:
         address = parse_link(link)
     except LinkAddressError as error:

@@ -11,7 +11,7 @@ _USUAL = GuardSettings()
 
 
 class GeofencePart(FencePart):
-    """A fence for both vehicles; or in `real` and `twin` one for each, which replaces it.
+    """The campaign's `geofence`: one fence for both vehicles, replaced by `real` and `twin`.
 
     keep_m: how far inside each keeps. latency_s, braking_m_s2: how late, and then how hard, a
     vehicle brakes when the guard tells it to: who cannot stop before the fence is taken over.
@@ -27,6 +27,7 @@ class GeofencePart(FencePart):
 
     @model_validator(mode="after")
     def _for_somebody(self) -> Self:
+        """Refuse a geofence that gives no vehicle a fence."""
         if not self.is_drawn and self.real is None and self.twin is None:
             raise ValueError("give a box; or include, exclude or file, and up_m; or real and twin")
         return self

@@ -11,7 +11,7 @@ Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
 class LimitsPart(Part):
-    """The limits of both vehicles; what is not named is not limited.
+    """The campaign's `limits` of setpoints for both vehicles; an absent one limits nothing.
 
     keep_m: the distance that is kept to the geofence and to the heights of up_m.
     """
@@ -34,7 +34,7 @@ class LimitsPart(Part):
         return self
 
     def limits(self) -> SetpointLimits:
-        """Return them as the guard takes them."""
+        """Return the setpoint limits as the guard takes them."""
         low, high = self.up_m or (None, None)
         return SetpointLimits(
             speed_m_s=self.speed_m_s,

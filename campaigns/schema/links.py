@@ -15,7 +15,7 @@ FlightStage = Literal["takeoff", "at_height", "goal", "done", "land"]
 
 
 class BurstsPart(Part):
-    """Loss in bursts: their mean length, and the mean time between them."""
+    """Burst loss of a link: mean length of bursts, and mean time between them."""
 
     length_s: Duration
     gap_s: Duration
@@ -24,7 +24,7 @@ class BurstsPart(Part):
 
 
 class OutagePart(Part):
-    """Nothing comes through for `for_s`: so long after the link's opening, or after a stage.
+    """A link outage of `for_s`, so long after the link's opening or after a stage.
 
     `{from_s: 60, for_s: 3}`, or `{on: goal, after_s: 2, for_s: 3}`.
     """
@@ -36,6 +36,7 @@ class OutagePart(Part):
 
     @model_validator(mode="after")
     def _one_beginning(self) -> Self:
+        """Require exactly one beginning of a link outage: from_s or on."""
         if (self.from_s is None) == (self.on is None):
             raise ValueError("give from_s, or the stage `on` after which it begins")
         if self.from_s is not None and "after_s" in self.model_fields_set:
@@ -44,7 +45,7 @@ class OutagePart(Part):
 
 
 class WayPart(Part):
-    """What happens to the frames of one way; every chance is for each frame."""
+    """The impairments of one direction of a link; every probability is per frame."""
 
     latency_ms: Milliseconds = 0.0
     jitter_ms: Milliseconds = 0.0
@@ -57,13 +58,14 @@ class WayPart(Part):
 
     @model_validator(mode="after")
     def _causal(self) -> Self:
+        """Refuse a link's jitter above its latency: no frame arrives before it was sent."""
         if self.jitter_ms > self.latency_ms:
             said = f"is more than the latency of {self.latency_ms:g} ms; a frame cannot be early"
             raise KeyFaultError("jitter_ms", said)
         return self
 
     def impairment(self, blackouts: tuple[LinkOutage, ...]) -> Impairment:
-        """Return what it means for a link."""
+        """Return the impairment of one direction of a link."""
         bursts, kbit_s = self.bursts, self.bandwidth_kbit_s
         return Impairment(
             latency_s=self.latency_ms / 1e3,
@@ -79,7 +81,7 @@ class WayPart(Part):
 
 
 class LinkPart(WayPart):
-    """One vehicle's link, both ways alike; `to_vehicle` or `from_vehicle` replaces one of them."""
+    """One vehicle's link, both directions; `to_vehicle` or `from_vehicle` replaces one."""
 
     to_vehicle: WayPart | None = None
     from_vehicle: WayPart | None = None
@@ -87,7 +89,7 @@ class LinkPart(WayPart):
 
 
 class LinksPart(Part):
-    """The links of the pair; one that is not named is as good as it is."""
+    """The campaign's `links`: impairments of the pair's links; none for one not named."""
 
     real: LinkPart | None = None
     twin: LinkPart | None = None

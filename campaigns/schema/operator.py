@@ -11,6 +11,7 @@ from worlds.files.documents import KeyFaultError, Part
 
 
 def _is_link(link: str) -> str:
+    """Refuse an operator's ground station link of the wrong form."""
     try:
         address = parse_link(link)
     except LinkAddressError as error:
@@ -23,6 +24,7 @@ def _is_link(link: str) -> str:
 
 
 def _is_broker(text: str) -> str:
+    """Refuse the operator's MQTT broker address of the wrong form."""
     try:
         parse_broker(text)
     except BrokerAddressError as error:
@@ -31,12 +33,14 @@ def _is_broker(text: str) -> str:
 
 
 def _is_variable(text: str) -> str:
+    """Refuse an operator's secret given by what is no environment variable's name."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,127}", text):
         raise ValueError(f"'{text}' is not the name of an environment variable (like WIL_TOKEN)")
     return text
 
 
 def _is_topic(text: str) -> str:
+    """Refuse an MQTT topic prefix of the operator that is malformed."""
     if not re.fullmatch(r"[^/+#$\s][^+#\s]{0,199}(?<!/)", text):
         raise ValueError(f"'{text}' is not a topic prefix (like wil, or site/hall)")
     return text
@@ -49,14 +53,14 @@ GcsLink = Annotated[str, AfterValidator(_is_link)]
 
 
 class GcsPart(Part):
-    """Links on which the guard passes a vehicle's MAVLink on to a ground station, and back."""
+    """The operator's `gcs`: links on which the guard relays a vehicle's MAVLink to a GCS."""
 
     real: GcsLink | None = None
     twin: GcsLink | None = None
 
 
 class MqttPart(Part):
-    """A broker: what happens is published there, and operators command from there.
+    """The operator's `mqtt`: a broker for progress reports and operator commands.
 
     commands: whether they have to be signed. token_env: the variable with the token that they are
     signed by; without it one is made for each campaign, and stands in its folder. root: of all
@@ -75,6 +79,7 @@ class MqttPart(Part):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
+        """Require consistent TLS keys of the operator's MQTT broker."""
         tls = parse_broker(self.broker).tls
         for key in ("ca_file", "cert_file", "key_file"):
             if getattr(self, key) is not None and not tls:
@@ -87,7 +92,7 @@ class MqttPart(Part):
 
 
 class OperatorPart(Part):
-    """Everything for operators.
+    """The campaign's `operator`: ground stations, MQTT, and the action on operator loss.
 
     on_operator_loss: what is done when the broker was away for lost_after_s.
     """

@@ -9,7 +9,7 @@ from worlds.files.documents import Part
 
 
 class OwnFencePart(Part):
-    """The autopilot's own fence, uploaded from `geofence` and read back: it lands on a breach.
+    """The preflight's `autopilot_fence`: uploaded from `geofence` and read back.
 
     margin_m: by how much it is wider, so that it acts where the guard did not.
     """
@@ -18,7 +18,7 @@ class OwnFencePart(Part):
 
 
 class GpsCheckPart(Part):
-    """What the GPS receiver must have of a vehicle whose poses are its own estimates.
+    """The preflight's GPS check, for a vehicle whose poses are its own estimates.
 
     min_satellites, max_hdop: what both autopilots want by default (EKF2_REQ_NSATS; ArduPilot's
     GPS_HDOP_GOOD is stricter).
@@ -29,7 +29,7 @@ class GpsCheckPart(Part):
 
 
 class PreflightPart(Part):
-    """What has to hold before vehicles arm.
+    """The campaign's `preflight`: conditions that hold before vehicles arm.
 
     fence: null uploads none. failsafe: whether the parameters of the autopilot's own failsafes are
     set, or only checked; by default set for embedded and launched vehicles, checked for attached

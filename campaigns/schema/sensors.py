@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -37,6 +37,7 @@ _DISTORTIONS = (0, 4, 5, 8, 12, 14)
 
 
 def _as_opencv(given: list[float]) -> list[float]:
+    """Refuse a camera sensor's distortion whose length no OpenCV model has."""
     if len(given) not in _DISTORTIONS:
         raise ValueError(
             f"has {len(given)} numbers; OpenCV's models have 4 (k1, k2, p1, p2), 5, 8, 12 or 14"
@@ -48,7 +49,7 @@ Distortion = Annotated[list[float], AfterValidator(_as_opencv)]
 
 
 class MountPart(Part):
-    """How a sensor sits on its body: metres forward, right and down of its centre, and angles.
+    """A sensor's mount: metres forward, right and down of the body's centre, and angles.
 
     pitch_deg is positive upwards, yaw_deg to the right, roll_deg right side down.
     """
@@ -61,13 +62,19 @@ class MountPart(Part):
     yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
     def pose(self) -> Pose:
-        """Return the sensor's pose in the body's FRD frame."""
+        """Return the sensor's mount as a pose in the body's FRD frame."""
         angles = (math.radians(a) for a in (self.roll_deg, self.pitch_deg, self.yaw_deg))
         return Pose((self.forward_m, self.right_m, self.down_m), quat_from_euler(*angles))
 
 
-class ImagePart(Part):
-    """A pinhole, its optics given by `fov_deg` (edge to edge, horizontal) or by `fx_px`.
+class CarriedPart(Part):
+    """Any sensor. embedded_only: it feels what only a simulation of ours tells."""
+
+    embedded_only: ClassVar[bool] = False
+
+
+class ImagePart(CarriedPart):
+    """A pinhole image sensor; optics by `fov_deg` (horizontal, edge to edge) or by `fx_px`.
 
     fy_px defaults to fx_px, cx_px and cy_px to the middle. distortion: OpenCV's k1, k2, p1, p2
     and on (4, 5, 8, 12 or 14 numbers); none without.
@@ -86,6 +93,7 @@ class ImagePart(Part):
 
     @model_validator(mode="after")
     def _one_kind_of_optics(self) -> Self:
+        """Require either fov_deg or focal lengths of an image sensor."""
         if self.fov_deg is None and self.fx_px is None and self._needs_optics():
             raise ValueError("a camera needs fov_deg or fx_px")
         given = [key for key in _FOCAL_KEYS if getattr(self, key) is not None]
@@ -94,10 +102,11 @@ class ImagePart(Part):
         return self
 
     def _needs_optics(self) -> bool:
+        """Return whether this image sensor must give its optics."""
         return True
 
     def pinhole(self, distortion: tuple[float, ...] = ()) -> Intrinsics:
-        """Return the camera model."""
+        """Return the image sensor's camera model."""
         if self.fov_deg is not None:
             fov_rad = math.radians(self.fov_deg)
             plain = Intrinsics.from_fov(self.width_px, self.height_px, fov_rad)
@@ -114,12 +123,12 @@ class ImagePart(Part):
         )
 
     def camera_mount(self) -> CameraMount:
-        """Return where it sits."""
+        """Return the image sensor's mount on the body."""
         return CameraMount(self.mount.pose(), self.stabilized)
 
 
 class CameraPart(ImagePart):
-    """A camera. distortion: OpenCV's k1, k2, p1, p2, k3 and on; none without.
+    """A camera sensor. distortion: OpenCV's k1, k2, p1, p2, k3 and on; none without.
 
     source: where its pictures come from; rendered without. calibration: file with its optics, and
     with mounting and latency where they were measured.
@@ -132,6 +141,7 @@ class CameraPart(ImagePart):
 
     @model_validator(mode="after")
     def _lens_that_can_be(self) -> Self:
+        """Refuse a camera sensor's distortion that no lens can have."""
         fault = lens_fault(self.intrinsics()) if self.distortion and self._has_optics() else ""
         if fault:
             raise KeyFaultError("distortion", fault)
@@ -139,6 +149,7 @@ class CameraPart(ImagePart):
 
     @model_validator(mode="after")
     def _require_single_lens(self) -> Self:
+        """Refuse a camera sensor that gives optics beside a calibration."""
         for key in ("fov_deg", *_FOCAL_KEYS, "distortion") if self.calibration is not None else ():
             if key in self.model_fields_set:
                 raise KeyFaultError(
@@ -147,36 +158,38 @@ class CameraPart(ImagePart):
         return self
 
     def _has_optics(self) -> bool:
+        """Return whether the camera sensor gives its optics itself."""
         return self.fov_deg is not None or self.fx_px is not None
 
     def _needs_optics(self) -> bool:
+        """Return whether the camera sensor must give optics: no calibration does."""
         return self.calibration is None
 
     def intrinsics(self) -> Intrinsics:
-        """Return the camera model."""
+        """Return the camera sensor's model with its distortion."""
         return self.pinhole(tuple(self.distortion))
 
     def setup(self, name: str) -> CameraSetup:
-        """Return the camera as a run needs it."""
+        """Return the setup of the camera sensor."""
         return CameraSetup(
             name=name, rate_hz=self.rate_hz, intrinsics=self.intrinsics(), mount=self.camera_mount()
         )
 
 
 class DepthPart(ImagePart):
-    """A depth camera: stereo or time of flight."""
+    """A depth camera sensor: stereo or time of flight."""
 
     type: Literal["depth"]
 
     def setup(self, name: str) -> DepthSetup:
-        """Return the depth camera as a run needs it."""
+        """Return the setup of the depth camera sensor."""
         return DepthSetup(
             name=name, rate_hz=self.rate_hz, intrinsics=self.pinhole(), mount=self.camera_mount()
         )
 
 
-class RangingPart(Part):
-    """What every ranging sensor says; its reach defaults to that of the profile's sensor."""
+class RangingPart(CarriedPart):
+    """The keys of every ranging sensor; its range defaults to that of the profile's sensor."""
 
     range_min_m: Metres | None = None
     range_max_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
@@ -184,18 +197,19 @@ class RangingPart(Part):
 
     @model_validator(mode="after")
     def _require_order(self) -> Self:
+        """Refuse a ranging sensor whose range_max_m is not above range_min_m."""
         low, high = self.range_min_m, self.range_max_m
         if low is not None and high is not None and low >= high:
             raise KeyFaultError("range_max_m", f"must be more than range_min_m, {low:g}")
         return self
 
     def reach(self) -> Reach:
-        """Return from where to where it sees."""
+        """Return the least and greatest range of a ranging sensor."""
         return Reach(min_m=self.range_min_m, max_m=self.range_max_m)
 
 
 class LidarPart(RangingPart):
-    """A 2-D lidar: `beams` spread evenly over `fov_deg`, its middle forward."""
+    """A 2-D lidar sensor: `beams` spread evenly over `fov_deg`, its middle forward."""
 
     type: Literal["lidar"]
     rate_hz: TruthRate = 10.0
@@ -203,7 +217,7 @@ class LidarPart(RangingPart):
     fov_deg: Annotated[float, Field(gt=0, le=360)] = 360.0
 
     def setup(self, name: str) -> LidarSetup:
-        """Return the lidar as a run needs it."""
+        """Return the setup of the 2-D lidar sensor."""
         fov_rad, gaps = math.radians(self.fov_deg), self.beams - (self.fov_deg < 360.0)
         pattern = ScanPattern(self.beams, -fov_rad / 2.0, fov_rad / max(1, gaps))
         if self.beams == 1:
@@ -218,7 +232,7 @@ class LidarPart(RangingPart):
 
 
 class LidarPointsPart(RangingPart):
-    """A 3-D lidar: a full turn of `columns`, each of `rings` between two elevations."""
+    """A 3-D lidar sensor: a full turn of `columns`, each of `rings` between two elevations."""
 
     type: Literal["lidar_points"]
     rate_hz: TruthRate = 20.0
@@ -229,12 +243,13 @@ class LidarPointsPart(RangingPart):
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
+        """Refuse a 3-D lidar sensor whose highest_deg is below lowest_deg."""
         if self.highest_deg < self.lowest_deg:
             raise KeyFaultError("highest_deg", f"must be at least lowest_deg, {self.lowest_deg:g}")
         return self
 
     def setup(self, name: str) -> LidarPointsSetup:
-        """Return the lidar as a run needs it."""
+        """Return the setup of the 3-D lidar sensor."""
         low_rad, high_rad = math.radians(self.lowest_deg), math.radians(self.highest_deg)
         return LidarPointsSetup(
             name=name,
@@ -246,7 +261,7 @@ class LidarPointsPart(RangingPart):
 
 
 class RangefinderPart(RangingPart):
-    """A single beam, `beam_deg` wide from edge to edge; it looks down where no mount is given."""
+    """A rangefinder sensor: one beam, `beam_deg` wide; looks down unless a mount is given."""
 
     type: Literal["rangefinder"]
     rate_hz: TruthRate = 50.0
@@ -254,7 +269,7 @@ class RangefinderPart(RangingPart):
     mount: MountPart = MountPart(pitch_deg=-90.0)
 
     def setup(self, name: str) -> RangefinderSetup:
-        """Return the rangefinder as a run needs it."""
+        """Return the setup of the rangefinder sensor."""
         return RangefinderSetup(
             name=name,
             rate_hz=self.rate_hz,
@@ -264,55 +279,59 @@ class RangefinderPart(RangingPart):
         )
 
 
-class GpsPart(Part):
-    """A satellite receiver."""
+class GpsPart(CarriedPart):
+    """A GPS receiver among a vehicle's sensors."""
 
     type: Literal["gps"]
     rate_hz: TruthRate = 5.0
 
     def setup(self, name: str) -> GpsSetup:
-        """Return the receiver as a run needs it."""
+        """Return the setup of the GPS sensor."""
         return GpsSetup(name=name, rate_hz=self.rate_hz)
 
 
-class ImuPart(Part):
-    """Accelerometer and gyroscope."""
+class ImuPart(CarriedPart):
+    """An IMU among a vehicle's sensors: accelerometer and gyroscope."""
 
+    embedded_only: ClassVar[bool] = True
     type: Literal["imu"]
     rate_hz: TruthRate = 200.0
 
     def setup(self, name: str) -> ImuSetup:
-        """Return the IMU as a run needs it."""
+        """Return the setup of the IMU sensor."""
         return ImuSetup(name=name, rate_hz=self.rate_hz)
 
 
-class PosePart(Part):
-    """Motion capture. rate_hz: at most; as fast as the profile's motion capture without."""
+class PosePart(CarriedPart):
+    """A pose sensor: motion capture. rate_hz: at most; by default the profile's rate."""
 
+    embedded_only: ClassVar[bool] = True
     type: Literal["pose"]
     rate_hz: TruthRate | None = None
 
     def setup(self, name: str) -> PoseSetup:
-        """Return the feed as a run needs it."""
+        """Return the setup of the pose sensor."""
         return PoseSetup(name=name, rate_hz=self.rate_hz)
 
 
-class MicrophonePart(Part):
-    """A microphone that gives blocks of sound."""
+class MicrophonePart(CarriedPart):
+    """A microphone sensor that delivers blocks of samples."""
 
+    embedded_only: ClassVar[bool] = True
     type: Literal["microphone"]
     sample_rate_hz: Annotated[int, Field(ge=1000, le=192_000)] = 16_000
     block_samples: Annotated[int, Field(ge=16, le=65_536)] = 512
 
     @model_validator(mode="after")
     def _limit_rate(self) -> Self:
+        """Refuse a microphone sensor of more than 250 blocks per second."""
         blocks_hz = self.sample_rate_hz / self.block_samples
         if blocks_hz > 250.0:
             raise KeyFaultError("block_samples", f"gives {blocks_hz:g} blocks/s; at most 250")
         return self
 
     def setup(self, name: str) -> MicrophoneSetup:
-        """Return the microphone as a run needs it."""
+        """Return the setup of the microphone sensor."""
         return MicrophoneSetup(
             name=name, sample_rate_hz=self.sample_rate_hz, block_samples=self.block_samples
         )

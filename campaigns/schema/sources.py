@@ -33,7 +33,7 @@ _ONLY_FOR: dict[str, tuple[SourceKind, ...]] = {
 
 
 class SourcePart(Part):
-    """A camera's pictures from outside; a bare text stands for `address`.
+    """A camera's external source of images; a bare text stands for `address`.
 
     address: rtsp://..., rtp://HOST:PORT or FILE.sdp, /dev/videoN, a video file, a folder of
     images, an MCAP file, or tcp://HOST:PORT of a simulator. latency_ms: middle of the exposure to
@@ -69,7 +69,7 @@ class SourcePart(Part):
         return self
 
     def setup(self, folder: Path, *, latency_s: float) -> SourceSetup:
-        """Return it with files found beneath a folder.
+        """Return the setup of an external source; its files are relative to a folder.
 
         latency_s: of the calibration, where none is given here. Raises KeyFaultError for a file
         that is not there.
@@ -95,6 +95,7 @@ class SourcePart(Part):
 
 
 def _file(folder: Path, name: str) -> tuple[SourceKind, str]:
+    """Return kind and path of an image source's file. Raises KeyFaultError if it is missing."""
     path = (folder / name).resolve()
     if not path.exists():
         raise KeyFaultError("address", f"there is no file or folder '{name}' beside the campaign")
@@ -106,7 +107,7 @@ def _file(folder: Path, name: str) -> tuple[SourceKind, str]:
 
 
 class MocapPart(Part):
-    """Motion capture from outside; a bare text stands for `address`.
+    """A vehicle's external source of motion capture; a bare text stands for `address`.
 
     address: udp://HOST:PORT (ours, to bind), tcp://HOST:PORT (a ZeroMQ publisher's), or
     vrpn://HOST[:PORT]. body: its name in the capture system; the vehicle's without. stall_s: a
@@ -122,17 +123,19 @@ class MocapPart(Part):
     @model_validator(mode="before")
     @classmethod
     def _shorthand(cls, given: Any) -> Any:
+        """Accept a bare text as the address of the motion capture source."""
         return {"address": given} if isinstance(given, str) else given
 
     @model_validator(mode="after")
     def _require_known_scheme(self) -> "MocapPart":
+        """Refuse a motion capture source's address of an unknown scheme."""
         kind, _, _ = self._parse_address()
         if self.topic and kind != "zmq":
             raise KeyFaultError("topic", "applies to tcp:// only")
         return self
 
     def setup(self, vehicle: str) -> MocapSetup:
-        """Return it for a vehicle."""
+        """Return the setup of a vehicle's motion capture source."""
         kind, host, port = self._parse_address()
         return MocapSetup(
             kind=kind,
@@ -145,6 +148,7 @@ class MocapPart(Part):
         )
 
     def _parse_address(self) -> tuple[Literal["udp", "zmq", "vrpn"], str, int]:
+        """Return kind, host and port of a motion capture source's address."""
         match = re.fullmatch(r"(udp|tcp|vrpn)://([^:/@\s]+)(?::(\d{1,5}))?", self.address)
         port = int(match[3] or (3883 if match[1] == "vrpn" else 0)) if match else 0
         if match is None or not 0 < port < 65536:

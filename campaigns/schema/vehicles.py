@@ -24,12 +24,8 @@ Text = Annotated[str, Field(min_length=1)]
 Speedup = Annotated[float, Field(gt=0, le=100)]
 
 
-_OURS_ALONE = frozenset({"imu", "microphone", "pose"})
-"""Sensors that feel what only a simulation of ours tells."""
-
-
 class StartPart(Part):
-    """Where in the world a vehicle stands before it takes off; yaw_deg clockwise from north."""
+    """A vehicle's `start` pose in the world before takeoff; yaw_deg clockwise from north."""
 
     north_m: float = 0.0
     east_m: float = 0.0
@@ -37,26 +33,26 @@ class StartPart(Part):
     yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
     def pose(self) -> Pose:
-        """Return it in the world's local frame."""
+        """Return the vehicle's start pose in the world's local frame."""
         yaw_rad = math.radians(self.yaw_deg)
         return Pose.of(self.north_m, self.east_m, self.up_m, yaw_rad=yaw_rad)
 
 
 class PoseAccuracyPart(Part):
-    """How exact a pose source is, one standard deviation."""
+    """The accuracy of a vehicle's pose source, one standard deviation."""
 
     position_m: Annotated[float, Field(ge=0, le=1000)]
     attitude_deg: Annotated[float, Field(ge=0, le=180)]
 
     def setup(self) -> PoseAccuracy:
-        """Return it as runs use it."""
+        """Return the accuracy of the vehicle's pose source as runs use it."""
         return PoseAccuracy(
             position_m=self.position_m, attitude_rad=math.radians(self.attitude_deg)
         )
 
 
 def _link(text: str) -> str:
-    """Refuse what is no address of a vehicle outside."""
+    """Refuse a text that is no link address of an external vehicle."""
     if text == "embedded":
         return text
     try:
@@ -69,14 +65,14 @@ def _link(text: str) -> str:
 
 
 def _spare(text: str) -> str:
-    """Refuse what is no address of another link to a vehicle outside."""
+    """Refuse a text that is no address of a vehicle's spare link."""
     if text == "embedded":
         raise ValueError("must be a link; the embedded vehicle has its own")
     return _link(text)
 
 
 class ArduPilotLaunchPart(Part):
-    """ArduCopter's own simulation, started by us.
+    """A vehicle's `launch` of ArduCopter's own simulation (SITL).
 
     binary: one built for SITL, beside this file or on PATH. defaults: parameter files, later ones
     win.
@@ -90,7 +86,7 @@ class ArduPilotLaunchPart(Part):
 
 
 class Px4LaunchPart(Part):
-    """PX4's own simulation, started by us: from a `build` folder, or a container's `image`."""
+    """A vehicle's `launch` of PX4's own simulation: from a `build` folder or an `image`."""
 
     launch: Literal["px4"]
     build: Text | None = None
@@ -100,6 +96,7 @@ class Px4LaunchPart(Part):
 
     @model_validator(mode="after")
     def _require_exactly_one(self) -> Self:
+        """Require either build or image for launching a PX4 vehicle."""
         if (self.build is None) == (self.image is None):
             raise ValueError("give the build folder, or the image")
         return self
@@ -109,20 +106,21 @@ LaunchPart = Annotated[ArduPilotLaunchPart | Px4LaunchPart, Field(discriminator=
 
 
 class SigningPart(Part):
-    """Where the MAVLink 2 signing key is: in a `file`, or in the `environment` variable named."""
+    """A vehicle's MAVLink 2 signing key: in a `file`, or in an `environment` variable."""
 
     file: Text | None = None
     environment: Text | None = None
 
     @model_validator(mode="after")
     def _require_exactly_one(self) -> Self:
+        """Require one place of a vehicle's signing key: file or environment."""
         if (self.file is None) == (self.environment is None):
             raise ValueError("give a file, or the name of an environment variable")
         return self
 
 
 class TelemetryPart(Part):
-    """How often positions are asked of the autopilot, and what its radio carries.
+    """A vehicle's `telemetry`: rates of positions, and the capacity of its radio.
 
     bandwidth_kbit_s: both ways together; without it, that of the serial port. max_gap_s: the
     longest gap between positions that leaves a run valid; without it, three of their periods.
@@ -134,7 +132,7 @@ class TelemetryPart(Part):
 
 
 class VehiclePart(Part):
-    """One vehicle of the pair.
+    """One vehicle of the pair in a campaign file.
 
     driver: who speaks to it: frames of our own (mavlink), or mavsdk in a process of its own.
     system_id: 1 for the real vehicle and 2 for the twin without. anchor: what says where it stands
@@ -174,7 +172,7 @@ class VehiclePart(Part):
             raise KeyFaultError("pose_source", said)
         for name, sensor in self.sensors.items():
             captured = sensor.type == "pose" and self.pose_source == "mocap"
-            if self.link != "embedded" and sensor.type in _OURS_ALONE and not captured:
+            if self.link != "embedded" and sensor.embedded_only and not captured:
                 said = "only the embedded vehicle takes a profile; remove it"
                 raise KeyFaultError(("sensors", name, "type"), said)
         if self.anchor == "mocap" and self.pose_source != "mocap":
@@ -188,7 +186,7 @@ class VehiclePart(Part):
 
 
 class VehiclesPart(Part):
-    """The pair; a mode that a vehicle does not fly in can do without it."""
+    """The campaign's `vehicles`: the pair; a mode needs only those that it flies."""
 
     real: VehiclePart | None = None
     twin: VehiclePart | None = None

@@ -17,7 +17,7 @@ _METHODS = ("perceive", "act")
 
 @dataclass(frozen=True, slots=True)
 class ShippedAutonomy:
-    """An autonomy that comes with the program. name: what `use` may say."""
+    """An autonomy that comes with the program. name: what `use` may name."""
 
     name: str
     summary: str
@@ -26,7 +26,7 @@ class ShippedAutonomy:
 
 @dataclass(frozen=True, slots=True)
 class UnderTest:
-    """An autonomy as a campaign uses it; picklable.
+    """The autonomy under test as a campaign configures it; picklable.
 
     use: as the file says it; None for a program. folder: what a file in `use` is relative to, and
     where a program runs. goal: what the autonomy is told of it. rate_hz: how often it acts.
@@ -41,7 +41,7 @@ class UnderTest:
     program: tuple[str, ...] | None = None
 
     def build(self, seed: int) -> Autonomy:
-        """Return a new autonomy for one vehicle of one run.
+        """Return a new autonomy under test for one vehicle of one run.
 
         Raises BadReferenceError when it cannot be found, and whatever its constructor raises.
         """
@@ -78,7 +78,7 @@ def shipped_autonomies() -> tuple[ShippedAutonomy, ...]:
 
 
 def _check_autonomy(found: object, use: str) -> AutonomyFactory:
-    """Return the factory when its signature is that of one."""
+    """Return the autonomy's factory when it takes the arguments of an autonomy."""
     if not callable(found):
         raise BadReferenceError(f"'{use}' is neither a class nor a function")
     lacking = _lacks(found) if inspect.isclass(found) else ""
@@ -93,5 +93,6 @@ def _check_autonomy(found: object, use: str) -> AutonomyFactory:
 
 
 def _lacks(kind: object) -> str:
+    """Return the first method that an autonomy class lacks; "" when it has all."""
     missing = [name for name in _METHODS if not callable(getattr(kind, name, None))]
     return missing[0] if missing else ""

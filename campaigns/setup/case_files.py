@@ -17,20 +17,20 @@ _SUFFIXES = frozenset({".yaml", ".yml", ".plan", ".json", ".geojson", ".xml"})
 
 @dataclass(frozen=True, slots=True)
 class Override:
-    """A value that replaces another: where it goes, and the entry with its place."""
+    """An override of a value in a case's files: its dotted key, and the new entry."""
 
     dotted_key: str
     entry: Entry
 
     @property
     def file(self) -> str:
-        """Return which file it reaches into: "world", "recipe" or "campaign"."""
+        """Return which file of the case the override changes: "world", "recipe" or "campaign"."""
         head, dot, _ = self.dotted_key.partition(".")
         return head if dot and head in _INTO else "campaign"
 
     @property
     def key_in_file(self) -> str:
-        """Return the dotted key inside of that file."""
+        """Return the override's dotted key inside that file."""
         is_campaign = self.file == "campaign"
         return self.dotted_key if is_campaign else self.dotted_key.partition(".")[2]
 
@@ -49,12 +49,12 @@ class CaseFiles:
 
     @property
     def folder(self) -> Path:
-        """Return what file names in the campaign are relative to."""
+        """Return the folder to which file names of the case are relative."""
         return self.campaign.path.parent
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """Return the files that it was read from."""
+        """Return the paths of the case's files."""
         documents = (self.campaign, self.world, self.recipe, *self.fences.values())
         return tuple(document.path for document in documents if document is not None)
 
@@ -69,12 +69,12 @@ def override_from_option(option: str, text: str) -> Override:
 
 
 def overrides_of_case(campaign: Document, case: str) -> tuple[Override, ...]:
-    """Return what a case overrides. Raises BadInput for what makes the matrix."""
+    """Return the overrides of a case. Raises BadInput for overrides of the matrix itself."""
     return overrides_at(campaign, ("cases", case))
 
 
 def overrides_at(campaign: Document, path: DocumentPath) -> tuple[Override, ...]:
-    """Return the overrides that stand at a path. Raises BadInput for what makes the matrix."""
+    """Return the overrides at a path of the campaign file. Raises BadInput like a case's."""
     given = campaign.get(path)
     value = campaign.entry(path).node.value if given is not None else None
     if not isinstance(value, dict):
@@ -93,7 +93,7 @@ def overrides_at(campaign: Document, path: DocumentPath) -> tuple[Override, ...]
 def case_files(
     campaign: Document, overrides: Iterable[Override]
 ) -> tuple[CaseFiles, list[Problem]]:
-    """Return the files of a case, and what is wrong with them or with the overrides.
+    """Return the files of a case, and the problems of the files or the overrides.
 
     A file that cannot be had is None. Later overrides win.
     """
@@ -119,6 +119,7 @@ def case_files(
 def _apply_overrides(
     document: Document, overrides: Iterable[Override], problems: list[Problem]
 ) -> Document:
+    """Return a document of the case with its overrides applied; problems are collected."""
     for override in overrides:
         try:
             document = document.override(override.key_in_file, override.entry)
@@ -139,7 +140,7 @@ def _fence_files(campaign: Document, problems: list[Problem]) -> dict[str, Docum
 def _named_file(
     campaign: Document, key: DocumentPath, problems: list[Problem], *, json: bool = False
 ) -> Document | None:
-    """Return the document of the file that is named at a path of the campaign; None without one."""
+    """Return the case's file named at a path of the campaign; None without one."""
     text = campaign.get(key)
     if not isinstance(text, str):
         return None
@@ -159,7 +160,7 @@ def _named_file(
 
 
 def _sibling(text: str, path: Path) -> str:
-    """Return the file name, as the campaign would write it, that was probably meant."""
+    """Return the probably meant name of a case file, relative to the campaign."""
     if not path.parent.is_dir():
         return ""
     others = [other.name for other in path.parent.iterdir() if other.suffix in _SUFFIXES]

@@ -45,7 +45,7 @@ fly, but for a twin that is placed (`Setup.flying`)."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SyncSetup:
-    """How closely the pair keeps together; seconds of the run clock, metres."""
+    """The synchronisation limits of a case; seconds of the run clock, metres."""
 
     identify_timeout_s: float
     ready_timeout_s: float
@@ -62,7 +62,7 @@ class SyncSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoalSetup:
-    """The goal. altitude_m: over the world's origin. gates: object names, in their order."""
+    """The goal of a case. altitude_m: over the world's origin. gates: object names in order."""
 
     altitude_m: float
     gates: tuple[str, ...] = ()
@@ -71,7 +71,7 @@ class GoalSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardingSetup:
-    """How the guard keeps vehicles inside of their fences; see `GuardSettings`."""
+    """The guard's distances of a case; see `GuardSettings`."""
 
     keep_m: float = _USUAL.keep_m
     latency_s: float = _USUAL.latency_s
@@ -80,7 +80,7 @@ class GuardingSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """All of one case.
+    """The complete setup of one case.
 
     recipe: None where no mode mixes. fences: of the vehicles that have one; guarding: how the guard
     keeps them. limits: of setpoints; None for none. links: those that are made worse than they are.
@@ -118,19 +118,19 @@ class Setup:
         )
 
     def pace(self, names: Iterable[VehicleName]) -> float | None:
-        """Return how many times real time these vehicles fly on the scaled clock; None: unsaid."""
+        """Return how many times real time a case's vehicles fly (scaled clock); None: not given."""
         launched = (self.vehicles[name].launch_pace for name in names)
         return next((pace for pace in launched if pace is not None), self.speed)
 
     def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:
-        """Yield what this case has outside of this process: its path in the campaign, its name."""
+        """Yield what in this case needs the wall clock: its path in the campaign, its name."""
         for name, vehicle in self.vehicles.items():
             if vehicle.driver == "mavsdk":
                 yield ("vehicles", name, "driver"), f"the driver mavsdk of {name}"
         yield from self.shared_by_runs()
 
     def shared_by_runs(self) -> Iterator[tuple[Path, str]]:
-        """Yield what there is one of outside, however many runs fly at once."""
+        """Yield a case's external resources that exist once however many runs fly at once."""
         for name, vehicle in self.vehicles.items():
             if vehicle.mocap is not None:
                 yield ("vehicles", name, "mocap"), f"motion capture at {vehicle.mocap.address}"

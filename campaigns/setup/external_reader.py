@@ -17,7 +17,7 @@ from worlds.files.documents import Path as KeyPath
 def sensor_setups(
     campaign: Document, vehicle: VehicleName, part: VehiclePart, problems: list[Problem]
 ) -> tuple[SensorSetup, ...]:
-    """Return a vehicle's sensors; what is wrong with their files is added to problems."""
+    """Return a vehicle's sensor setups; problems of their external files are collected."""
     found: list[SensorSetup] = []
     for name, one in part.sensors.items():
         path = ("vehicles", vehicle, "sensors", name)
@@ -33,6 +33,7 @@ def sensor_setups(
 def _camera(
     campaign: Document, path: KeyPath, part: CameraPart, problems: list[Problem]
 ) -> CameraSetup | None:
+    """Return a camera's setup with external calibration and source; None when they are bad."""
     calibration = _calibration(campaign, path, part, problems)
     if part.calibration is not None and calibration is None:
         return None
@@ -58,7 +59,7 @@ def _camera(
 def _calibration(
     campaign: Document, path: KeyPath, part: CameraPart, problems: list[Problem]
 ) -> CalibrationPart | None:
-    """Return the calibration that a camera names; None without one, or with a bad one."""
+    """Return the calibration file that a camera names; None without one, or with a bad one."""
     if part.calibration is None:
         return None
     at = (*path, "calibration")
@@ -84,7 +85,7 @@ def _calibration(
 def external_setup(
     campaign: Document, part: CampaignPart, problems: list[Problem]
 ) -> ExternalSetup:
-    """Return the ways out of a run.
+    """Return the external deliveries and injections of a case.
 
     A delivery that does not say of which camera is a problem where there are several.
     """
@@ -111,7 +112,7 @@ def external_setup(
 
 
 def program_problems(campaign: Document, command: tuple[str, ...], folder: Path) -> list[Problem]:
-    """Return that a program cannot be found, or may not be executed."""
+    """Return that an external program cannot be found, or may not be executed."""
     program = command[0]
     found = folder / program if "/" in program else shutil.which(program)
     path = ("autonomy", "program", 0)
@@ -126,4 +127,5 @@ def program_problems(campaign: Document, command: tuple[str, ...], folder: Path)
 
 
 def _folder(campaign: Document) -> Path:
+    """Return the campaign's folder, to which external files are relative."""
     return campaign.path.parent

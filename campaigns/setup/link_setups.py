@@ -8,7 +8,7 @@ from vehicles.links.impairment import Impairment, LinkOutage
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageOutage:
-    """A blackout that begins after_s after a stage was entered."""
+    """A link outage that begins after_s after a stage was entered."""
 
     stage: FlightStage
     after_s: float
@@ -17,7 +17,7 @@ class StageOutage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkSetup:
-    """What is done to a vehicle's link. outgoing: to the vehicle; incoming: from it."""
+    """The impairments of a vehicle's link. outgoing: to the vehicle; incoming: from it."""
 
     outgoing: Impairment = field(default_factory=Impairment)
     incoming: Impairment = field(default_factory=Impairment)
@@ -25,7 +25,7 @@ class LinkSetup:
 
 
 def link_setup(part: LinkPart) -> LinkSetup:
-    """Return the setup of one link."""
+    """Return the setup of one vehicle's link from its YAML part."""
     fixed = tuple(
         LinkOutage(one.from_s, one.for_s) for one in part.blackouts if one.from_s is not None
     )

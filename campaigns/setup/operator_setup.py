@@ -13,7 +13,7 @@ OnLoss = Literal["continue", "hold", "abort"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MqttSetup:
-    """How to reach a broker, and what to say there.
+    """How to reach the operator's MQTT broker, and what to publish there.
 
     user: empty for none. signed: whether commands have to be. password_env, token_env: names of
     environment variables; empty for none. ca_file: who vouches for the broker; None for the
@@ -35,7 +35,7 @@ class MqttSetup:
 
 
 def mqtt_setup(campaign: Document, part: OperatorPart, problems: list[Problem]) -> MqttSetup | None:
-    """Return the setup of MQTT; None where none is asked for. Notes files that are not there."""
+    """Return the operator's MQTT setup; None where none is given. Missing files are noted."""
     mqtt = part.mqtt
     if mqtt is None:
         return None
@@ -58,6 +58,7 @@ def mqtt_setup(campaign: Document, part: OperatorPart, problems: list[Problem]) 
 
 
 def _file(campaign: Document, key: str, name: str | None, problems: list[Problem]) -> Path | None:
+    """Return the path of an operator's TLS or secret file; None, and a problem, if missing."""
     if name is None:
         return None
     path = (campaign.path.parent / name).resolve()

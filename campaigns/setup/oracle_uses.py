@@ -7,7 +7,7 @@ from worlds.files.yaml_nodes import mapping_node
 
 
 def oracle_uses(campaign: Document) -> tuple[tuple[OracleUse, ...], list[Problem]]:
-    """Return the oracles that a campaign asks for, and what is wrong with others.
+    """Return the oracles that a campaign uses with their parameters, and their problems.
 
     What is no mapping at all is left to the schema.
     `name: {parameters}`; a name that is no kind of oracle says its kind as `use`, or has a

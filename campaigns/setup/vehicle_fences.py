@@ -15,7 +15,7 @@ from worlds.geodesy import LocalFrame
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """Where fences are said: the document, the fence files it names by their names, the world."""
+    """The sources of vehicle fences: the document, the fence files it names, the world's frame."""
 
     document: Document
     files: Mapping[str, Document]
@@ -43,7 +43,7 @@ def fences_of(part: GeofencePart, drawing: Drawing, path: Path) -> dict[VehicleN
 def changed_fences(
     document: Document, frame: LocalFrame, present: Mapping[str, Fence]
 ) -> dict[VehicleName, Fence]:
-    """Return the fences that a document gives to vehicles in flight.
+    """Return the new fences of vehicles in flight from a document.
 
     It says them as a campaign's `geofence` does, without files; or it is a QGroundControl plan or
     GeoJSON, for every vehicle that has a fence at present, which keeps its floor and ceiling.
@@ -69,6 +69,7 @@ def changed_fences(
 def _redrawn(
     document: Document, frame: LocalFrame, present: Mapping[str, Fence]
 ) -> dict[VehicleName, Fence]:
+    """Return the vehicles' fences from a fence file; floors and ceilings stay as they are."""
     drawn = read_fence_file(document)
     try:
         inclusions, exclusions = drawn.local(frame)

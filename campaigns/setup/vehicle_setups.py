@@ -45,7 +45,7 @@ _SYSTEM_IDS: dict[VehicleName, int] = {"real": 1, "twin": 2}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleSetup:
-    """A vehicle. profile: for `load_profile`: a name, or an absolute path.
+    """The setup of a vehicle. profile: for `load_profile`: a name, or an absolute path.
 
     link: "embedded", the address of one that is attached, or what launches one. params: autopilot
     parameters by name. start: where it stands, world frame. mocap: None: the surrogate's own
@@ -76,27 +76,27 @@ class VehicleSetup:
 
     @property
     def embedded(self) -> bool:
-        """Return whether it is our own simulation."""
+        """Return whether the vehicle is our embedded simulation."""
         return self.link == "embedded"
 
     @property
     def attached(self) -> LinkAddress | None:
-        """Return the address of one that we neither embed nor launch: it may be hardware."""
+        """Return the address of a vehicle neither embedded nor launched; it may be hardware."""
         return self.link if isinstance(self.link, LinkAddress) else None
 
     @property
     def addresses(self) -> tuple[LinkAddress, ...]:
-        """Return all addresses of one that is attached; none of another."""
+        """Return all link addresses of an attached vehicle; none of another."""
         return () if self.attached is None else (self.attached, *self.spares)
 
     @property
     def launch(self) -> SitlLaunch | None:
-        """Return what launches it; None where nothing does."""
+        """Return what launches the vehicle; None where nothing does."""
         return self.link if isinstance(self.link, SitlLaunch) else None
 
     @property
     def launch_pace(self) -> float | None:
-        """Return how many times real time it is launched to run; None where nothing launches it."""
+        """Return the pace (times real time) of a launched vehicle; None when not launched."""
         match self.launch:
             case ArduPilotLaunch(speedup=pace) | Px4Launch(speed=pace):
                 return pace
@@ -105,14 +105,14 @@ class VehicleSetup:
 
     @property
     def cameras(self) -> tuple[CameraSetup, ...]:
-        """Return its cameras."""
+        """Return the vehicle's cameras."""
         return tuple(one for one in self.sensors if isinstance(one, CameraSetup))
 
 
 def vehicle_setups(
     campaign: Document, part: VehiclesPart, problems: list[Problem]
 ) -> dict[VehicleName, VehicleSetup]:
-    """Return the vehicles that a campaign names; what is wrong with them is noted."""
+    """Return the setups of a campaign's vehicles; problems are collected."""
     given = {name: getattr(part, name) for name in VEHICLES}
     return {
         name: _vehicle(campaign, name, one, problems)
@@ -150,6 +150,7 @@ def _vehicle(
 
 
 def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
+    """Return a vehicle's pose accuracy: as given, else the default of its pose source."""
     if part.pose_accuracy is not None:
         return part.pose_accuracy.setup()
     return CAPTURED if part.pose_source == "mocap" else ESTIMATED
@@ -158,6 +159,7 @@ def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
 def _unknown_parameters(
     campaign: Document, name: VehicleName, part: VehiclePart
 ) -> Iterator[Problem]:
+    """Note `params` of an embedded vehicle that its autopilot does not have."""
     known = known_parameters(part.autopilot)
     for parameter in part.params:
         if parameter not in known:
@@ -169,6 +171,7 @@ def _unknown_parameters(
 def _link(
     campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
 ) -> VehicleLink:
+    """Return a vehicle's link: embedded, attached at an address, or launched; None when bad."""
     if part.link == "embedded":
         return "embedded"
     if isinstance(part.link, str):
@@ -186,7 +189,7 @@ def _link(
 def _rates(
     campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
 ) -> TelemetryRates:
-    """Return the rates that a vehicle's radio carries."""
+    """Return the telemetry rates that a vehicle's radio can carry."""
     telemetry = part.telemetry
     wanted = TelemetryRates(position_hz=telemetry.rate_hz, attitude_hz=telemetry.rate_hz)
     radio_bit_s = _SERIAL_SHARE * (_baud(part) or math.inf)
@@ -205,7 +208,7 @@ def _rates(
 
 
 def _baud(part: VehiclePart) -> int | None:
-    """Return the speed of a vehicle's slowest serial port; None without one."""
+    """Return the baud rate of a vehicle's slowest serial port; None without one."""
     if not isinstance(part.link, str) or part.link == "embedded":
         return None
     addresses = [parse_link(one) for one in (part.link, *part.spare_links)]
@@ -213,6 +216,7 @@ def _baud(part: VehiclePart) -> int | None:
 
 
 def _launch(folder: Path, part: ArduPilotLaunchPart | Px4LaunchPart) -> SitlLaunch:
+    """Return the launch of a vehicle's PX4 or ArduPilot simulation."""
     if isinstance(part, Px4LaunchPart):
         return Px4Launch(
             build=None if part.build is None else _beside(folder, part.build),
@@ -231,11 +235,12 @@ def _launch(folder: Path, part: ArduPilotLaunchPart | Px4LaunchPart) -> SitlLaun
 
 
 def _beside(folder: Path, text: str) -> Path:
-    """Return a path that is meant from the campaign's folder, or from the user's home by ~."""
+    """Return a vehicle file's path relative to the campaign's folder, or to the home by ~."""
     return (folder / Path(text).expanduser()).absolute()
 
 
 def _key_source(folder: Path, part: SigningPart) -> KeySource:
+    """Return the source of a vehicle's signing key: a file or an environment variable."""
     if part.file is not None:
         return KeySource("file", str(_beside(folder, part.file)))
     return KeySource("environment", part.environment or "")
@@ -244,6 +249,7 @@ def _key_source(folder: Path, part: SigningPart) -> KeySource:
 def _profile(
     campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
 ) -> str:
+    """Return a vehicle's profile, a name or an absolute path; its problems are collected."""
     path: KeyPath = ("vehicles", name, "profile")
     profile, shown_as = part.profile, None
     if profile.endswith((".yaml", ".yml")):

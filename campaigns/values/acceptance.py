@@ -9,7 +9,7 @@ _OF = re.compile(r"\s*([0-9]{1,6})\s*/\s*([0-9]{1,6})\s*")
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """`passes` of `runs`, as `accept` writes it: "4/5"."""
+    """A share for `accept`: `passes` of `runs`, written "4/5"."""
 
     passes: int
     runs: int
@@ -18,13 +18,13 @@ class Share:
         return f"{self.passes}/{self.runs}"
 
     def scaled(self, runs: int) -> "Share":
-        """Return the same share of another number of runs, rounded up: 4/5 of 3 is 3/3."""
+        """Return the acceptance share for another number of runs, rounded up: 4/5 of 3 is 3/3."""
         return Share(-(-self.passes * runs // self.runs), runs)
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """The share of one case in one mode that must pass."""
+    """An acceptance requirement: the share of a case in a mode that must pass."""
 
     case: str
     mode: str
@@ -33,7 +33,7 @@ class Requirement:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How far a requirement is met: its passes, and how many of its runs were flown."""
+    """The standing of an acceptance requirement: its passes and its flown runs."""
 
     requirement: Requirement
     passed: int
@@ -41,7 +41,7 @@ class Standing:
 
     @property
     def met(self) -> bool:
-        """Return whether enough runs passed."""
+        """Return whether enough runs passed for acceptance."""
         return self.passed >= self.requirement.share.passes
 
     def __str__(self) -> str:
@@ -52,7 +52,7 @@ class Standing:
 
 
 def parse_share(text: str) -> Share:
-    """Return the share that a text names. Raises ValueError with what is wrong with it."""
+    """Return the acceptance share in a text. Raises ValueError with what is wrong with it."""
     match = _OF.fullmatch(text)
     if match is None:
         raise ValueError(f"must be passes/runs like 4/5, is '{text}'")
@@ -65,7 +65,7 @@ def parse_share(text: str) -> Share:
 def standings(
     requirements: Iterable[Requirement], passed: Iterable[tuple[str, str, bool]]
 ) -> tuple[Standing, ...]:
-    """Return how far each requirement is met. passed: (case, mode, whether it passed) per run."""
+    """Return the standing of each requirement. passed: (case, mode, whether it passed) per run."""
     counts: dict[tuple[str, str], list[bool]] = {}
     for case, mode, good in passed:
         counts.setdefault((case, mode), []).append(good)

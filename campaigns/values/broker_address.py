@@ -8,12 +8,12 @@ _LIKE = "(like mqtt://127.0.0.1:1883, mqtts://broker.example:8883, or embedded)"
 
 
 class BrokerAddressError(ValueError):
-    """An address that cannot be read; says why."""
+    """An MQTT broker address that cannot be parsed; says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class BrokerAddress:
-    """A broker; embedded: it is started for the campaign, on loopback."""
+    """An MQTT broker's address; embedded: started for the campaign, on loopback."""
 
     host: str
     port: int
@@ -29,7 +29,7 @@ class BrokerAddress:
 
 
 def parse_broker(text: str) -> BrokerAddress:
-    """Return the address in a text. Raises BrokerAddressError."""
+    """Return the MQTT broker address in a text. Raises BrokerAddressError."""
     name, _, port = text.partition(":")
     if name == "embedded":
         return BrokerAddress("127.0.0.1", _port(text, port or "1883"), embedded=True)
@@ -50,6 +50,7 @@ def parse_broker(text: str) -> BrokerAddress:
 
 
 def _port(text: str, port: str) -> int:
+    """Return the port of a broker address. Raises BrokerAddressError outside 1 to 65535."""
     if not port.isdecimal() or not 0 < int(port) < 65536:
         raise BrokerAddressError(f"broker '{text}': port {port} is not within 1..65535")
     return int(port)

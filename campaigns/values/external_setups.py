@@ -14,7 +14,7 @@ _FILES: frozenset[SourceKind] = frozenset({"mcap", "images", "video"})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceSetup:
-    """Where a camera's pictures come from, when they are not rendered here.
+    """An external source of a camera's images, which are then not rendered here.
 
     address: as its kind wants it; an absolute path for files. latency_s: middle of the exposure
     to arrival. open_s, stall_s: how long the first and each further picture is waited for.
@@ -34,17 +34,17 @@ class SourceSetup:
 
     @property
     def needs_wall_clock(self) -> bool:
-        """Return whether it comes in real time: files alone can be played in any."""
+        """Return whether the source runs in real time: only files play at any pace."""
         return self.kind not in _FILES
 
     @property
     def asked(self) -> bool:
-        """Return whether it answers for any pose, as our renderer does."""
+        """Return whether the external source renders any pose on request, as our renderer does."""
         return self.kind == "simulator"
 
     @property
     def shown_as(self) -> ShownAs:
-        """Return what results call it."""
+        """Return the external source's name in results."""
         if self.kind in _FILES:
             return "file"
         return "rendered" if self.asked else "live"
@@ -52,7 +52,7 @@ class SourceSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MocapSetup:
-    """Motion capture of one vehicle from outside.
+    """External motion capture of one vehicle.
 
     kind, host, port: UDP to bind, ZeroMQ to connect to, or VRPN's server. body: its name there.
     latency_s: sampling to arrival of the quickest. stall_s: a silence in flight that proves
@@ -69,14 +69,14 @@ class MocapSetup:
 
     @property
     def address(self) -> str:
-        """Return it as the campaign says it."""
+        """Return the external motion capture's address as the campaign writes it."""
         scheme = "tcp" if self.kind == "zmq" else self.kind
         return f"{scheme}://{self.host}:{self.port}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseAccuracy:
-    """How exact a pose source is, one standard deviation: metres on each axis, and radians.
+    """The accuracy of a pose source, one standard deviation: metres on each axis, and radians.
 
     velocity_m_s: of its velocity, each axis; None where that is made of its positions.
     """
@@ -95,7 +95,7 @@ M8 receiver (its data sheet, velocity accuracy)."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageOutlet:
-    """A way out for pictures of one camera.
+    """An external outlet for the images of one camera.
 
     of: the picture that a vehicle perceives, or the untouched one of a vehicle. vehicle: whose;
     None: of the one that is judged. address: HOST:PORT, an endpoint to bind, or a device.
@@ -113,7 +113,7 @@ class ImageOutlet:
 
     @property
     def name(self) -> str:
-        """Return what people know it by ("rtp 127.0.0.1:5600")."""
+        """Return the outlet's name in messages ("rtp 127.0.0.1:5600")."""
         return f"{self.kind} {self.address}"
 
 
@@ -129,7 +129,7 @@ Injected = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InjectionSetup:
-    """A thing that is sent to the autopilots.
+    """An injection: a message that is sent to the autopilots from outside.
 
     sensor: whose mixed readings it is made of; objects: whose places it is made of. to: the
     vehicles that get it. rate_hz: None for what its autopilots want.
@@ -144,7 +144,7 @@ class InjectionSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExternalSetup:
-    """All ways out of a run.
+    """All external I/O of a run.
 
     ground_station: link of a ground station that is told of contacts, and of RTP streams as of a
     camera.
@@ -155,7 +155,7 @@ class ExternalSetup:
     ground_station: str | None = None
 
     def needing_wall_clock(self) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield what needs sockets or devices: its path in the campaign, and its name."""
+        """Yield external I/O on sockets or devices: its path in the campaign, its name."""
         for index, outlet in enumerate(self.pictures):
             yield ("deliver", index), outlet.name
         if self.ground_station is not None:

@@ -11,7 +11,7 @@ from worlds.frames import AT_ORIGIN, Pose
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraSetup:
-    """A camera of a vehicle; its intrinsics may carry a distortion. source: None: rendered."""
+    """The setup of a vehicle's camera; intrinsics may be distorted. source: None: rendered."""
 
     kind: ClassVar[str] = "camera"
 
@@ -24,7 +24,7 @@ class CameraSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthSetup:
-    """A depth camera of a vehicle."""
+    """The setup of a vehicle's depth camera."""
 
     kind: ClassVar[str] = "depth"
 
@@ -36,7 +36,7 @@ class DepthSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """From where to where a ranging sensor sees, in metres; None: what its profile says."""
+    """Least and greatest range of a ranging sensor, metres; None: as in its profile."""
 
     min_m: float | None = None
     max_m: float | None = None
@@ -44,7 +44,7 @@ class Reach:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LidarSetup:
-    """A 2-D lidar. mount: its pose in the body's FRD frame."""
+    """The setup of a 2-D lidar. mount: its pose in the body's FRD frame."""
 
     kind: ClassVar[str] = "lidar"
 
@@ -57,7 +57,7 @@ class LidarSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LidarPointsSetup:
-    """A 3-D lidar. mount: its pose in the body's FRD frame."""
+    """The setup of a 3-D lidar. mount: its pose in the body's FRD frame."""
 
     kind: ClassVar[str] = "lidar_points"
 
@@ -70,7 +70,7 @@ class LidarPointsSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangefinderSetup:
-    """A single beam. half_angle_rad: of its cone. mount: its pose in the body's FRD frame."""
+    """The setup of a rangefinder. half_angle_rad: of its beam. mount: pose in the FRD frame."""
 
     kind: ClassVar[str] = "rangefinder"
 
@@ -83,7 +83,7 @@ class RangefinderSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GpsSetup:
-    """A satellite receiver in the body's origin."""
+    """The setup of a GPS receiver in the body's origin."""
 
     kind: ClassVar[str] = "gps"
 
@@ -93,7 +93,7 @@ class GpsSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImuSetup:
-    """An IMU in the body's origin."""
+    """The setup of an IMU in the body's origin."""
 
     kind: ClassVar[str] = "imu"
 
@@ -103,7 +103,7 @@ class ImuSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseSetup:
-    """Motion capture of the vehicle. rate_hz: at most; None: as fast as it comes."""
+    """The setup of a pose sensor (motion capture). rate_hz: at most; None: as it arrives."""
 
     kind: ClassVar[str] = "pose"
 
@@ -113,7 +113,7 @@ class PoseSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MicrophoneSetup:
-    """A microphone on the body. block_samples: of one reading."""
+    """The setup of a microphone on the body. block_samples: of one reading."""
 
     kind: ClassVar[str] = "microphone"
 
@@ -123,7 +123,7 @@ class MicrophoneSetup:
 
     @property
     def rate_hz(self) -> float:
-        """Return how many blocks come per second."""
+        """Return the microphone's blocks per second."""
         return self.sample_rate_hz / self.block_samples
 
 

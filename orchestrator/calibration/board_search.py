@@ -26,7 +26,7 @@ TimedPicture = tuple[float, Picture]
 
 @dataclass(frozen=True, slots=True)
 class BoardViews:
-    """What was seen of a board. size: of the pictures, (width, height). looked: at how many."""
+    """The calibration board's views in images. size: (width, height). looked: images searched."""
 
     size: tuple[int, int]
     sightings: tuple[Sighting, ...]
@@ -34,7 +34,7 @@ class BoardViews:
 
 
 class BoardSearch:
-    """Takes pictures one by one; all of them have to be of one size."""
+    """Searches images one by one for the calibration board; all have to be of one size."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
@@ -43,7 +43,7 @@ class BoardSearch:
         self._looked = 0
 
     def look(self, t_s: float, image_bgr: Picture) -> bool:
-        """Search a picture; return whether it shows the board. Raises CalibrationError."""
+        """Search an image for the board; return whether it shows it. Raises CalibrationError."""
         size = (image_bgr.shape[1], image_bgr.shape[0])
         if self._size is None:
             self._size = size
@@ -59,7 +59,7 @@ class BoardSearch:
         return sighting is not None
 
     def seen(self) -> BoardViews:
-        """Return what was seen. Raises CalibrationError when the board never was."""
+        """Return the board's views. Raises CalibrationError when the board never showed."""
         if self._size is None:
             raise CalibrationError("there is no image to search")
         if not self._found:
@@ -72,7 +72,7 @@ class BoardSearch:
 
 
 def search_file(path: Path, board: Board, *, sensor: str, vehicle: str) -> BoardViews:
-    """Return what a video, a folder of images, an MCAP file or a recorded run shows of a board.
+    """Return the board's views in a video, a folder of images, an MCAP file or a recorded run.
 
     sensor, vehicle: whose pictures, of a recorded run. Raises OfflineError for a file that cannot
     be read, CalibrationError for one that shows no board.
@@ -84,12 +84,12 @@ def search_file(path: Path, board: Board, *, sensor: str, vehicle: str) -> Board
 
 
 def is_run(path: Path) -> bool:
-    """Return whether a path is that of a recorded run: its folder, or its run.mcap."""
+    """Return whether the path to search is that of a recorded run: its folder, or its run.mcap."""
     return path.name == RUN_FILE or (path / RUN_FILE).is_file()
 
 
 def thinned(pictures: Iterable[TimedPicture]) -> Iterator[TimedPicture]:
-    """Yield pictures that are a step apart at least."""
+    """Yield images to search that are a step apart at least."""
     due_s = float("-inf")
     for t_s, image_bgr in pictures:
         if t_s >= due_s:
@@ -98,6 +98,7 @@ def thinned(pictures: Iterable[TimedPicture]) -> Iterator[TimedPicture]:
 
 
 def _images_of(path: Path, sensor: str, vehicle: str) -> Iterator[TimedPicture]:
+    """Yield the images of a file, folder or run that are searched for the board."""
     if not path.exists():
         raise OfflineError(f"{path}: there is no such file or folder")
     if is_run(path):
@@ -111,6 +112,7 @@ def _images_of(path: Path, sensor: str, vehicle: str) -> Iterator[TimedPicture]:
 
 
 def _of_file(file: ImageFile) -> Iterator[TimedPicture]:
+    """Yield the images of a video or MCAP file to search, with their times."""
     try:
         with closing(file):
             file.open()
@@ -121,6 +123,7 @@ def _of_file(file: ImageFile) -> Iterator[TimedPicture]:
 
 
 def _of_run(folder: Path, sensor: str, vehicle: str) -> Iterator[TimedPicture]:
+    """Yield a camera's images of a recorded run to search. Raises OfflineError."""
     there: set[str] = set()
     found = False
     for item in items(recording_file(folder)):

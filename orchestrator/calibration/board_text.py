@@ -11,7 +11,7 @@ _CHARUCO = re.compile(r"charuco:(\d{1,3})x(\d{1,3}):([\d.]+)mm:([\d.]+)mm(?::(\w
 
 
 def parse_board(text: str) -> Board:
-    """Return the board that a text names. Raises OfflineError."""
+    """Return the calibration board that a text names. Raises OfflineError."""
     try:
         if match := _CHESSBOARD.fullmatch(text):
             return ChessBoard(int(match[1]), int(match[2]), _metres(match[3]))
@@ -29,6 +29,7 @@ def parse_board(text: str) -> Board:
 
 
 def _metres(millimetres: str) -> float:
+    """Return the size of a board's square in metres from millimetres. Raises ValueError."""
     metres = float(millimetres) / 1000.0
     if not 0.0 < metres < 10.0:
         raise ValueError(f"{millimetres} mm is not the size of a square")

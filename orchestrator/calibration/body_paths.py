@@ -20,7 +20,7 @@ TimedPose = tuple[float, Pose]
 
 
 def body_path(poses: Iterable[TimedPose]) -> BodyPath:
-    """Return timed poses (NED, FRD) as a path."""
+    """Return timed poses (NED, FRD) as the body's path."""
     given = list(poses)
     return BodyPath(
         t_s=np.array([t_s for t_s, _ in given], np.float64),
@@ -30,7 +30,7 @@ def body_path(poses: Iterable[TimedPose]) -> BodyPath:
 
 
 def path_in_csv(path: Path) -> BodyPath:
-    """Return the path in a CSV file with the columns of COLUMNS; others are passed over.
+    """Return the body's path in a CSV file with the columns of COLUMNS; others are ignored.
 
     Raises OfflineError, with the line.
     """
@@ -50,7 +50,7 @@ def path_in_csv(path: Path) -> BodyPath:
 
 
 def path_in_run(folder: Path, vehicle: str) -> BodyPath:
-    """Return a vehicle's path in a recorded run, by its pose source. Raises OfflineError."""
+    """Return a body's path in a recorded run, by its pose source. Raises OfflineError."""
     file = folder / FILE_NAME
     try:
         with file.open("rb") as stream:
@@ -67,6 +67,7 @@ def path_in_run(folder: Path, vehicle: str) -> BodyPath:
 
 
 def _pose(path: Path, line: int, row: dict[str, str | None]) -> TimedPose:
+    """Return the body's pose in a row of a CSV path. Raises OfflineError."""
     try:
         t_s, north, east, down, *q = (float(row[name] or "") for name in COLUMNS)
     except ValueError as error:

@@ -17,7 +17,7 @@ from worlds.camera import Intrinsics
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveOrder:
-    """What is looked at. size: of the pictures, (width, height). mocap: None: optics alone."""
+    """A live search's input. size: of the images, (width, height). mocap: None: optics alone."""
 
     camera: SourceSetup
     size: tuple[int, int]
@@ -26,7 +26,7 @@ class LiveOrder:
 
 
 async def search_live(order: LiveOrder, board: Board) -> tuple[BoardViews, BodyPath | None]:
-    """Return what a camera saw, and where its body was meanwhile; stamps of arrival.
+    """Return a live camera's views of the board and its body's path; stamps of arrival.
 
     Raises SourceError, CalibrationError.
     """
@@ -61,5 +61,5 @@ async def search_live(order: LiveOrder, board: Board) -> tuple[BoardViews, BodyP
 
 
 async def _search(looker: BoardSearch, reading: CameraReading) -> None:
-    """Search in a thread: poses go on coming meanwhile, and pictures make way."""
+    """Search live images in a thread while poses are received; excess images are dropped."""
     await asyncio.to_thread(looker.look, reading.t_s, reading.image_bgr)

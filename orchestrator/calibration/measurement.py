@@ -29,7 +29,7 @@ _THRICE = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasurementOptions:
-    """How to measure. optics: measured before, to be kept; None: to be measured now.
+    """How to measure a camera. optics: measured before, to be kept; None: now.
 
     flown_latency_s: what was already taken off the stamps of the pictures.
     """
@@ -43,7 +43,7 @@ class MeasurementOptions:
 def measure_camera(
     seen: BoardViews, path: BodyPath | None, how: MeasurementOptions
 ) -> CalibrationPart:
-    """Return the calibration; mounting and latency only with a path. Raises CalibrationError."""
+    """Return the measured calibration; mounting and latency only with a path."""
     kept = how.optics
     if kept is None:
         fit = fit_optics(seen.sightings, seen.size, coefficients=how.coefficients)
@@ -81,20 +81,21 @@ def measure_camera(
 
 
 def read_optics(path: Path) -> CalibrationPart:
-    """Return a calibration that was written before. Raises BadInput, OfflineError."""
+    """Return the optics of a calibration file, for a measurement. Raises BadInput, OfflineError."""
     if not path.is_file():
         raise OfflineError(f"{path}: there is no such file")
     return read_calibration(load(path, name=str(path)))
 
 
 def as_yaml(calibration: CalibrationPart, *, made_of: str) -> str:
-    """Return it as a file. made_of: what it was measured from, for who reads it later."""
+    """Return the measured calibration as a YAML file. made_of: what it was measured from."""
     plain: dict[str, Any] = calibration.model_dump(by_alias=True, exclude_none=True)
     body = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=100)
     return f"# Written by wil-campaign calibrate, from {made_of}\n{body}"
 
 
 def _latency_ms(fit: MountingFit, flown_s: float) -> float:
+    """Return the measured latency of a camera. Raises CalibrationError when negative."""
     latency_s = fit.latency_s + flown_s
     if latency_s < -_THRICE * fit.spread_s - 1e-3:
         raise CalibrationError(
@@ -105,6 +106,7 @@ def _latency_ms(fit: MountingFit, flown_s: float) -> float:
 
 
 def _optics(camera: Intrinsics) -> OpticsPart:
+    """Return the measured camera model as the optics part of a calibration file."""
     return OpticsPart(
         width_px=camera.width_px,
         height_px=camera.height_px,
@@ -117,6 +119,7 @@ def _optics(camera: Intrinsics) -> OpticsPart:
 
 
 def _quality(fit: OpticsFit, board: Board) -> OpticsQualityPart:
+    """Return the quality of measured optics as part of a calibration file."""
     return OpticsQualityPart(
         board=board.name,
         pictures=fit.pictures,
@@ -126,6 +129,7 @@ def _quality(fit: OpticsFit, board: Board) -> OpticsQualityPart:
 
 
 def _mount(pose: Pose) -> MountPart:
+    """Return the measured mounting as part of a calibration file."""
     forward, right, down = (round(value, 5) for value in pose.position_ned_m)
     roll, pitch, yaw = (round(math.degrees(angle), 4) for angle in euler_from_quat(pose.q_wxyz))
     return MountPart(

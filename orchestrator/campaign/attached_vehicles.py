@@ -29,7 +29,7 @@ _HEARTBEATS_S = 1.2
 
 @dataclass(frozen=True, slots=True)
 class AttachedVehicle:
-    """An attached vehicle that answered.
+    """An attached vehicle that was identified over its link.
 
     place_deg: latitude and longitude by its own estimate, None while it knows none. battery: 0 to
     1, None where unknown.
@@ -43,7 +43,7 @@ class AttachedVehicle:
     armed: bool
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return the attached vehicle in words."""
         who = self.identity
         kind = "a simulation" if who.simulation else f"board {who.uid}"
         battery = "" if self.battery is None else f", battery {self.battery:.0%}"
@@ -54,7 +54,7 @@ class AttachedVehicle:
 
     @property
     def where(self) -> str:
-        """Return its place in words."""
+        """Return the attached vehicle's place in words."""
         if self.place_deg is None:
             return "position unknown"
         return f"at {self.place_deg[0]:.6f}, {self.place_deg[1]:.6f}"
@@ -71,12 +71,12 @@ def flown_vehicles(campaign: Campaign) -> tuple[VehicleSetup, ...]:
 
 
 def attached_vehicles(campaign: Campaign) -> tuple[VehicleSetup, ...]:
-    """Return those that are attached."""
+    """Return the campaign's attached vehicles: neither embedded nor launched."""
     return tuple(one for one in flown_vehicles(campaign) if one.attached is not None)
 
 
 def kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> VehicleKind:
-    """Return what plays the real vehicle."""
+    """Return what plays the real vehicle: attached, launched or embedded."""
     real = next((one for one in flown_vehicles(campaign) if one.name == "real"), None)
     if real is None or real.embedded:
         return "embedded"
@@ -91,7 +91,7 @@ def kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> Vehicl
 async def find_all(
     vehicles: Iterable[VehicleSetup], timeout_s: float
 ) -> tuple[AttachedVehicle, ...]:
-    """Connect to attached vehicles and ask who they are. Raises VehicleError, the first there is.
+    """Connect to the attached vehicles and identify them. Raises VehicleError, the first one.
 
     Nothing is changed in them, and the links are closed again.
     """
@@ -106,6 +106,7 @@ async def find_all(
 
 
 async def _find(vehicle: VehicleSetup, timeout_s: float) -> AttachedVehicle:
+    """Connect to an attached vehicle and identify it. Raises VehicleError."""
     if vehicle.attached is None:
         raise ValueError(f"{vehicle.name} is not attached")
     conditions = LinkConditions(signing=vehicle.signing)
@@ -140,7 +141,7 @@ async def _find(vehicle: VehicleSetup, timeout_s: float) -> AttachedVehicle:
 
 
 def _refuse_rivals(name: str, links: Iterable[Link]) -> None:
-    """Refuse two vehicles with one system id on one port. Raises IdentifyError."""
+    """Refuse two attached vehicles with one system id on one port. Raises IdentifyError."""
     for link in links:
         said = next(iter(link.rivals.values()), None) if isinstance(link, UdpLink) else None
         if said is not None:
@@ -151,4 +152,5 @@ def _refuse_rivals(name: str, links: Iterable[Link]) -> None:
 
 
 def _complete(driver: Driver) -> bool:
+    """Return whether an attached vehicle has reported its place and battery."""
     return driver.place_deg is not None and driver.state.battery is not None

@@ -28,14 +28,14 @@ _BACK = "back"
 
 
 class AskPerson(Protocol):
-    """Who can have a person put a vehicle back."""
+    """Has a person put a vehicle back between runs (protocol)."""
 
     def ask(self) -> None:
-        """Hold, and tell the person what to do."""
+        """Hold the campaign between runs, and say what the person has to do."""
 
 
 class BetweenRuns:
-    """Sees to where an attached vehicle stands before the next run.
+    """Brings an attached vehicle back to its start between two runs.
 
     hardware: in words, what is no simulation; that is asked for where the campaign says nothing.
     """
@@ -56,7 +56,7 @@ class BetweenRuns:
         self._say = say
 
     def after(self, order: RunOrder, result: RunResult) -> RunOrder | None:
-        """Return the flight back after a run that flew; None where none is due or one is asked."""
+        """Return the flight back after a run that flew; None where none is due or wanted."""
         setup, plan = self._campaign.setups[order.plan.case], order.plan
         if "real" not in FLIES[plan.mode] or setup.vehicles["real"].attached is None:
             return None
@@ -73,7 +73,7 @@ class BetweenRuns:
         return None
 
     def came_back(self, order: RunOrder, outcome: RunResult | WorkerLost) -> None:
-        """Look where a vehicle stands after its flight back; a person is asked where it is off."""
+        """Check a vehicle's place after its flight back; a person is asked if it is off."""
         wanted, back = self._campaign.between, order.back
         if wanted is None or back is None:
             return
@@ -97,7 +97,7 @@ class BetweenRuns:
     def _way_back(
         self, order: RunOrder, result: RunResult, setup: Setup, wanted: BetweenRunsPart
     ) -> RunOrder | str | None:
-        """Return the flight back, None where it stands at its start already, or why it is not."""
+        """Return the flight back; None at the start already, or why there is none."""
         start, stand = setup.vehicles["real"].start, read_standing_pose(order.folder, "real")
         scene = setup.world.scene(order.plan.mode, "W")
         log = _lines(order.folder / "log.jsonl")
@@ -123,6 +123,7 @@ class BetweenRuns:
 
 
 def _lines(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the complete lines of a run's log, to decide between runs."""
     with path.open(encoding="utf-8") as file:
         for line in file:
             if line.endswith("\n"):

@@ -20,15 +20,15 @@ _EARLIER = "earlier"
 
 
 class OutputError(Exception):
-    """The results cannot be written; says where and why."""
+    """A campaign's results cannot be written; says where and why."""
 
 
 class TakenError(Exception):
-    """A folder is being flown into by another process."""
+    """A campaign folder is in use by another process."""
 
 
 def make_folder(parent: Path) -> Path:
-    """Make and return a new folder, named by the time. Raises OutputError."""
+    """Make and return a new campaign folder, named by the time. Raises OutputError."""
     stamp = folder_stamp(time.time())
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -46,7 +46,7 @@ def make_folder(parent: Path) -> Path:
 
 
 def require_writable(out: Path, *, junit: Path | None) -> None:
-    """Find what would go wrong at the end before anything begins. Raises OutputError.
+    """Check that a campaign's results can be written before it begins. Raises OutputError.
 
     out: made when it is not there; junit: a file in a folder that is there.
     """
@@ -77,13 +77,13 @@ def require_writable(out: Path, *, junit: Path | None) -> None:
 
 
 def newest_folder(parent: Path) -> Path | None:
-    """Return the folder of a campaign's folders that was begun last; None without one."""
+    """Return the campaign folder that was begun last; None without one."""
     folders = [path.parent for path in parent.glob("*/campaign.json")]
     return max(folders, key=_moment, default=None)
 
 
 def make_run_folder(folder: Path, run: str) -> None:
-    """Make the folder of a run, so that a power loss does not take it; run: the end of its name.
+    """Make a run's folder durably; run: the end of its name.
 
     Raises OutputError.
     """
@@ -97,7 +97,7 @@ def make_run_folder(folder: Path, run: str) -> None:
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Hold a folder for this process alone, until it ends at the latest. Raises TakenError.
+    """Lock a campaign folder for this process, until it ends at the latest. Raises TakenError.
 
     The kernel lets it go when the process dies, whatever it dies of.
     """
@@ -116,7 +116,7 @@ def held(folder: Path) -> Iterator[None]:
 
 
 def set_aside(campaign: Path, run: str) -> Path:
-    """Move a run's folder to those that do not count, and return where. Raises OSError."""
+    """Move a run's folder to those of uncounted attempts; return where. Raises OSError."""
     place = campaign / _EARLIER / run
     number = len(earlier_folders(campaign, run)) + 1
     target = place.with_name(f"{place.name}-{number}")
@@ -128,7 +128,7 @@ def set_aside(campaign: Path, run: str) -> Path:
 
 
 def earlier_folders(campaign: Path, run: str) -> list[Path]:
-    """Return where earlier attempts at a run were set aside, oldest first."""
+    """Return the folders of earlier attempts at a run, oldest first."""
     place = campaign / _EARLIER / run
     found: list[Path] = []
     while (folder := place.with_name(f"{place.name}-{len(found) + 1}")).is_dir():
@@ -137,6 +137,6 @@ def earlier_folders(campaign: Path, run: str) -> list[Path]:
 
 
 def _moment(folder: Path) -> tuple[str, int]:
-    """Return what folders are ordered by: the second they were begun in, and their number."""
+    """Return the sort key of a campaign folder: the second it was begun in, and its number."""
     stamp, _, number = folder.name.partition("-")
     return stamp, int(number) if number.isdecimal() else 1

@@ -62,21 +62,21 @@ _REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered")
 
 
 class Watcher(Protocol):
-    """Shows a campaign in flight."""
+    """Shows a campaign while the runner flies it (protocol)."""
 
     def progress(self, progress: Progress) -> None:
-        """Take where a run in flight stands."""
+        """Show the progress of a run that the campaign flies."""
 
     def finished(self, result: RunResult) -> None:
-        """Take a finished run."""
+        """Show a finished run of the campaign."""
 
     def say(self, text: str) -> None:
-        """Take a sentence for the person."""
+        """Show a sentence about the campaign."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignOutcome:
-    """What a campaign came to. folder: where its files are."""
+    """The outcome of a flown campaign. folder: where its files are."""
 
     summary: Summary
     folder: Path
@@ -85,7 +85,7 @@ class CampaignOutcome:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlyingSettings:
-    """How to fly.
+    """How the campaign runner flies: folder, clock, jobs, arming.
 
     out: beneath it the campaign's folder is made. junit: a copy of junit.xml. resume: take up the
     campaign that was cut off, in its folder: `out` itself, or the newest beneath it. arm: False
@@ -122,7 +122,7 @@ def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher)
 def _begin(
     campaign: Campaign, settings: FlyingSettings, watcher: Watcher, stack: ExitStack
 ) -> tuple[Path, ResumedCampaign]:
-    """Return the campaign's folder, held until the stack ends, and what it has already."""
+    """Return the campaign's folder, locked until the stack ends, and its finished runs."""
     about: Mapping[str, object] = manifest(campaign, settings.clock, arm=settings.arm)
     if settings.resume:
         folder = resumed_folder(settings.out, campaign.name)
@@ -151,7 +151,7 @@ def _begin(
 
 
 def _require_room(campaign: Campaign, folder: Path) -> None:
-    """Raise OutputError when the disk has less room than the campaign's preflight wants."""
+    """Raise OutputError when the disk has less room than the campaign's preflight demands."""
     wanted = [setup.preflight for setup in campaign.setups.values()]
     least_mb = max([one.min_disk_mb for one in wanted if "disk" not in one.override], default=0.0)
     if said := disk_item(folder, least_mb).text:
@@ -159,7 +159,7 @@ def _require_room(campaign: Campaign, folder: Path) -> None:
 
 
 def _write(path: Path, content: str | bytes) -> None:
-    """Write a document. Raises OutputError."""
+    """Write a document of the campaign. Raises OutputError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
@@ -168,6 +168,8 @@ def _write(path: Path, content: str | bytes) -> None:
 
 
 class _Flight:
+    """The flight of a whole campaign by the runner."""
+
     def __init__(
         self,
         campaign: Campaign,
@@ -217,6 +219,7 @@ class _Flight:
         )
 
     async def fly(self) -> None:
+        """Fly the campaign's runs on the worker pool until all are finished."""
         loop = asyncio.get_running_loop()
         heeded = [number for number in _NAMES if signal.getsignal(number) is not signal.SIG_IGN]
         for number in heeded:
@@ -237,13 +240,14 @@ class _Flight:
                 loop.remove_signal_handler(number)
 
     def _report_unhandled(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Take what a callback of the loop raised, and what is reported to it."""
+        """Take an exception of a callback in the campaign runner's loop."""
         error, where = context.get("exception"), str(context.get("message", ""))
         if not isinstance(error, BaseException):
             error = RuntimeError(where)
         self._faults.take(error, where)
 
     def outcome(self) -> CampaignOutcome:
+        """Return the campaign's outcome: summary and exit code."""
         summary = self.write_summary()
         flown = (*summary.runs, *summary.controls)
         broken = bool(self._faults.all)
@@ -259,6 +263,7 @@ class _Flight:
         return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
 
     def _orders(self) -> Iterable[RunOrder]:
+        """Yield the orders of the campaign's runs in the order of their start."""
         plans: Sequence[RunPlan] = self._plans
         if self._settings.jobs > 1:
             # The pairs take longest: begun last, one of them would keep a single core busy.
@@ -274,6 +279,7 @@ class _Flight:
                 )
 
     def _report(self, news: News) -> None:
+        """Pass a run's progress on to the campaign's operators and watcher."""
         # What only shows a flight must not end it.
         with self._faults.taking("progress"):
             self._controller.news(news)
@@ -284,6 +290,7 @@ class _Flight:
                     self._watcher.progress(news)
 
     def _finish_run(self, order: RunOrder, outcome: RunResult | WorkerLost) -> RunOrder | None:
+        """Take the outcome of an order; return a further one: a retry or a flight back."""
         if order.back is not None:
             self._controller.left(return_plan(order.plan).name)
             self._between.came_back(order, outcome)
@@ -327,7 +334,7 @@ class _Flight:
         return replace(order, attempts=(*order.attempts, attempt_of(result, place)))
 
     def write_summary(self) -> Summary:
-        """Write summary.json and junit.xml of what is finished. Raises OutputError."""
+        """Write the campaign's summary.json and junit.xml so far. Raises OutputError."""
         plans = self._plans
         runs = [self._results[plan.name] for plan in plans if plan.name in self._results]
         summary = summarize(
@@ -353,7 +360,7 @@ class _Flight:
 
 
 def planned(campaign: Campaign, settings: FlyingSettings) -> tuple[RunPlan, ...]:
-    """Return the runs to fly, the controls after them.
+    """Return the campaign's runs to fly, the controls after them.
 
     Without arming one of each case and mode, of which none counts, and no control.
     """
@@ -363,7 +370,7 @@ def planned(campaign: Campaign, settings: FlyingSettings) -> tuple[RunPlan, ...]
 
 
 def lost_result(plan: RunPlan, lost: WorkerLost) -> RunResult:
-    """Return the result of a run whose process was lost: an ERROR with the reason."""
+    """Return the result of a run whose worker process was lost: an ERROR with the reason."""
     return RunResult(
         case=plan.case,
         mode=plan.mode,
@@ -386,13 +393,13 @@ def lost_result(plan: RunPlan, lost: WorkerLost) -> RunResult:
 
 
 def _with_paths(run: RunResult) -> RunResult:
-    """Return the result with its files named from the campaign's folder."""
+    """Return a run's result with its files named from the campaign's folder."""
     prefix = f"{run.case}/{run.mode}/{run.rep}"
     return replace(run, artifacts=tuple(f"{prefix}/{name}" for name in run.artifacts))
 
 
 def _sensors(campaign: Campaign) -> dict[str, SensorKind]:
-    """Return where each camera's pictures came from; of several, what is least rendered."""
+    """Return the source of each camera in the campaign; of several, the least rendered."""
     found: dict[str, SensorKind] = {}
     for setup in campaign.setups.values():
         for vehicle in setup.vehicles.values():

@@ -30,7 +30,7 @@ _VERSIONED = (
 
 
 def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str, object]:
-    """Return campaign.json: what was flown, with what, and where; arm: False with --no-arm."""
+    """Return the manifest campaign.json: what is flown, with what, where; arm: not --no-arm."""
     return {
         "campaign": campaign.name,
         "description": campaign.description,
@@ -52,7 +52,7 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
 
 
 def _digests(campaign: Campaign) -> dict[str, str]:
-    """Return the SHA-256 of every file that the campaign was read from or names.
+    """Return for the manifest the SHA-256 of every file that the campaign reads or names.
 
     By path from the campaign's folder: the campaign, its worlds and recipes, and what a text in
     one of them names beside it: the autonomy, profiles, meshes, textures, steps, models.
@@ -70,7 +70,7 @@ def _digests(campaign: Campaign) -> dict[str, str]:
 
 
 def _runs(campaign: Campaign) -> list[dict[str, object]]:
-    """Return what is to be flown; documents: a digest of all that a run reads, as overridden."""
+    """Return the manifest's runs; documents: a digest of all that a run reads, as overridden."""
     digests: dict[str, str] = {}
     for run in campaign.plans:
         if run.case not in digests:
@@ -106,6 +106,7 @@ def _name_paths(value: Data, beside: Path) -> Iterator[Path]:
 
 
 def _versions() -> dict[str, str]:
+    """Return for the manifest the versions of the packages in use."""
     found: dict[str, str] = {}
     for name in _VERSIONED:
         try:

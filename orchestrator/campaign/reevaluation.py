@@ -30,14 +30,14 @@ _KINDS: dict[str, DecisiveKind] = {
 
 @dataclass(frozen=True, slots=True)
 class Reevaluation:
-    """A run as it was judged when it was flown, and as it is judged now."""
+    """A recorded run as judged when it was flown, and as judged again now."""
 
     before: RunResult
     now: RunResult
 
 
 def summary_of(campaign: Campaign, folder: Path, rejudged: Iterable[Reevaluation]) -> Summary:
-    """Return the summary of recorded runs as they are judged now.
+    """Return the summary of recorded runs by their reevaluation.
 
     What the folder says of its vehicles and sensors is kept; what is not in it, was not flown.
     """
@@ -60,6 +60,7 @@ def summary_of(campaign: Campaign, folder: Path, rejudged: Iterable[Reevaluation
 
 
 def _summary_before(folder: Path) -> dict[str, Any]:
+    """Return the summary.json of a campaign before its reevaluation; empty without."""
     try:
         found = json.loads((folder / "summary.json").read_text("utf-8"))
     except (OSError, ValueError):
@@ -68,7 +69,7 @@ def _summary_before(folder: Path) -> dict[str, Any]:
 
 
 def judge_campaign_again(campaign: Campaign, folder: Path) -> tuple[Reevaluation, ...]:
-    """Judge every recorded run of the campaign that lies in a results folder.
+    """Reevaluate every recorded run of the campaign in a results folder.
 
     Raises RecordingError when there is none, or when a recording cannot be read.
     """
@@ -84,7 +85,7 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> tuple[Reevaluation
 
 
 def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
-    """Judge one recorded run again. Raises RecordingError."""
+    """Reevaluate one recorded run. Raises RecordingError."""
     try:
         before = read_result(folder / "result.json")
     except ResultError as error:
@@ -133,7 +134,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
 
 
 def _foreign_events(log: Path, before: RunResult) -> Iterator[DecisiveEvent]:
-    """Yield what settled the run beside its oracles: guard, mixing, the autonomy, the operator."""
+    """Yield what decided the run beside its oracles: guard, mixing, autonomy, operator."""
     own = {source_of(oracle.name, oracle.vehicle) for oracle in before.oracles}
     try:
         lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]

@@ -19,7 +19,7 @@ _WHO = "repositioning"
 
 
 class Repositioning:
-    """Holds a campaign after each run until a person lets it go on, at most `wait_s`.
+    """Holds a campaign after each run for repositioning by a person, at most `wait_s`.
 
     vehicles: what has to be put back, in words. say: for the person. On a terminal Enter lets it
     go on; from everywhere `wil-campaign resume` does.
@@ -41,7 +41,7 @@ class Repositioning:
         self._listening = False
 
     def ask(self) -> None:
-        """Hold, and tell the person what to do; nothing when all ends anyway."""
+        """Hold for repositioning, and say what to do; nothing when the campaign ends anyway."""
         if self._controller.stopped is not None:
             return
         with contextlib.suppress(RefusedLineError):
@@ -60,7 +60,7 @@ class Repositioning:
             self._listening = True
 
     def gone_on(self) -> None:
-        """Wait no more: somebody let it go on, or all is over."""
+        """End the wait for repositioning: somebody resumed, or all is over."""
         self._stop_waiting()
 
     def _read_entry(self) -> None:

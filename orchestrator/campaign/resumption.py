@@ -30,19 +30,19 @@ Say = Callable[[str], None]
 
 
 class ResumeError(Exception):
-    """A campaign that cannot be taken up; says why, and what to do."""
+    """A campaign that cannot be resumed; says why, and what to do."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResumedCampaign:
-    """What a campaign has already, by names of runs. attempts: at those that are to be flown."""
+    """What a resumed campaign has already, by run. attempts: at those still to be flown."""
 
     results: Mapping[str, RunResult]
     attempts: Mapping[str, tuple[Attempt, ...]]
 
 
 def resumed_folder(out: Path, campaign: str) -> Path:
-    """Return the folder to take up: `out` itself, or the newest of the campaign beneath it.
+    """Return the folder to resume: `out` itself, or the campaign's newest beneath it.
 
     Raises ResumeError when there is none.
     """
@@ -58,7 +58,7 @@ def resumed_folder(out: Path, campaign: str) -> Path:
 
 
 def resumed_manifest(folder: Path, now: Mapping[str, object]) -> Mapping[str, object]:
-    """Return the manifest in a folder, that it is taken up added; now: the one of today.
+    """Return the manifest of a resumed folder with the resumption added; now: today's.
 
     Raises ResumeError when they differ: two campaigns in one folder prove nothing.
     """
@@ -84,7 +84,7 @@ def resumed_manifest(folder: Path, now: Mapping[str, object]) -> Mapping[str, ob
 def resume_campaign(
     campaign: Campaign, folder: Path, *, retries: int, may_repeat: bool, say: Say
 ) -> ResumedCampaign:
-    """Return what is finished, and set aside what is not.
+    """Return the finished runs of a resumed campaign, and set the others aside.
 
     retries: of the campaign. may_repeat: whether a run that came to an end without proving
     anything is flown again: never with hardware. Raises OutputError, OSError.
@@ -116,12 +116,13 @@ def resume_campaign(
 
 
 def _require_equal_manifest(result: RunResult, retries: int) -> bool:
+    """Return whether a result of the resumed campaign has to be flown again."""
     # Whose parent died, or whose operator pressed Ctrl-C, was not tried to its end.
     return result.verdict == "ABORTED" or retry_due(result, retries=retries)
 
 
 def _find_results(home: Path, plan: RunPlan) -> RunResult | str:
-    """Return a run's result; or in words why what is there is none; empty when nothing is."""
+    """Return a run's result to resume with; or in words why it is unusable; "" for none."""
     if not home.is_dir() or not any(home.iterdir()):
         return ""
     if not (home / "result.json").exists():
@@ -137,6 +138,7 @@ def _find_results(home: Path, plan: RunPlan) -> RunResult | str:
 
 
 def _attempt(folder: Path, place: Path) -> Attempt:
+    """Return the earlier attempt in a folder that the resumption sets aside."""
     name = str(place.relative_to(folder))
     try:
         return attempt_of(read_result(place / "result.json"), name)
@@ -145,7 +147,7 @@ def _attempt(folder: Path, place: Path) -> Attempt:
 
 
 def _wait_for(home: Path, say: Say) -> None:
-    """Wait until nobody flies into a run's folder. Raises OutputError."""
+    """Wait until no process flies into the folder to resume. Raises OutputError."""
     told = False
     for _ in range(round(_LANDED_S / _LOOK_S)):
         try:
@@ -162,6 +164,7 @@ def _wait_for(home: Path, say: Say) -> None:
 
 
 def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """Yield differences of the manifests that forbid resuming: name, clock, seed, options."""
     for key, word in (("campaign", "its name"), ("clock", "its clock"), ("seed", "its seed")):
         if before[key] != now[key]:
             yield f"{word} was {before[key]}, and is {now[key]}"
@@ -178,7 +181,7 @@ def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
 
 
 def _different_keys(before: Any, now: Any, key: str = "") -> Iterator[str]:
-    """Yield which keys of the campaign the options (--set, --seed, --repetitions) set otherwise."""
+    """Yield the campaign's keys that the resumption's options set otherwise."""
     if isinstance(before, dict) and isinstance(now, dict):
         for name in dict.fromkeys((*before, *now)):
             inner = f"{key}.{name}".lstrip(".")
@@ -189,7 +192,7 @@ def _different_keys(before: Any, now: Any, key: str = "") -> Iterator[str]:
 
 
 def _different_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what of the options chose other runs, or reached into other files."""
+    """Yield the resumption's options that select other runs, or override other files."""
     was, present = before.get("options", {}), now.get("options", {})
     said = [
         f"--{name} was {_shown(was.get(name))}, and is {_shown(present.get(name))}"
@@ -200,12 +203,14 @@ def _different_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterat
 
 
 def _shown(values: object) -> str:
+    """Return an option's values as a resumption message shows them."""
     return " and ".join(map(str, values)) if isinstance(values, list) and values else "not given"
 
 
 def _changes(
     before: Mapping[str, str], now: Mapping[str, str]
 ) -> Iterator[tuple[str, str | None, str | None, str]]:
+    """Yield the files that changed since the resumed campaign was flown."""
     for name in sorted({*before, *now}):
         was, present = before.get(name), now.get(name)
         if was != present:

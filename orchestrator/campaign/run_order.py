@@ -15,7 +15,7 @@ from worlds.files.references import forget_loaded
 
 
 def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
-    """Fly a run and write its result.json; returns the result when all of it is on the disk.
+    """Fly the run of an order and write its result.json; return the result once on the disk.
 
     The run's folder is held meanwhile: who takes the campaign up waits until this has landed, also
     when whoever ordered it has died.

@@ -34,7 +34,7 @@ Fly = Callable[[Order, Report, Inbox], Outcome]
 
 @dataclass(frozen=True, slots=True)
 class WorkerLost:
-    """Why an order has no outcome of its own: its process died or raised.
+    """A worker's order without an outcome: its process died or raised.
 
     details: the traceback of what it raised; empty where it died. kind: its type's name.
     """
@@ -45,13 +45,15 @@ class WorkerLost:
 
     @property
     def fault(self) -> Fault:
-        """Return the exception that it raised."""
+        """Return the exception that the worker raised."""
         message = self.reason.removeprefix(f"{self.kind}: ")
         return Fault(0.0, "the worker process", self.kind, message, self.details)
 
 
 @dataclass(frozen=True, slots=True)
 class _Done(Generic[Outcome]):
+    """A worker's message that its order is done, with the outcome."""
+
     outcome: Outcome | WorkerLost
 
 
@@ -59,14 +61,14 @@ _ITSELF = "the run itself: its parent process died"
 
 
 class PipeInbox:
-    """Operator commands that the parent process sends; the parent's death is an abort."""
+    """A worker's inbox of operator commands from the parent; the parent's death is an abort."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
         self._orphaned = False
 
     def poll(self) -> OperatorCommand | None:
-        """Return the next command that has come, or None."""
+        """Return the next operator command from the parent process, or None."""
         if self._orphaned:
             return None
         try:
@@ -80,7 +82,7 @@ class PipeInbox:
 
 
 def _work(connection: Connection, fly: "Fly[Any, Any]") -> None:
-    """Fly orders as they come until the parent closes the pipe."""
+    """Fly orders in a worker process until the parent closes the pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGHUP):
         # `timeout`, a service manager and a terminal that closes send these to the whole group; the
@@ -116,6 +118,7 @@ def _work(connection: Connection, fly: "Fly[Any, Any]") -> None:
 
 
 def _lost_by(error: BaseException) -> "WorkerLost":
+    """Return the worker's loss by an exception."""
     kind = type(error).__name__
     return WorkerLost(f"{kind}: {error}", traceback.format_exc(), kind)
 
@@ -127,7 +130,7 @@ class _Worker:
 
 
 class Pool(Generic[Order, Outcome]):
-    """Flies orders on up to `jobs` processes; outcomes come back as they are done.
+    """A pool of up to `jobs` worker processes that fly orders; outcomes come when done.
 
     done: takes an order's outcome; what it returns is flown next. ready: takes an order when its
     turn has come, and returns it with what is known by then.
@@ -162,13 +165,13 @@ class Pool(Generic[Order, Outcome]):
         self._going.set()
 
     def abort(self, command: OperatorCommand) -> None:
-        """Have every run in flight land as aborted; orders not begun are not flown."""
+        """Have every worker's run land as aborted; orders not begun are not flown."""
         self._stopped = command
         self._going.set()
         self.pass_on(command)
 
     def pass_on(self, command: OperatorCommand) -> int:
-        """Pass a command to every run in flight; returns how many there are."""
+        """Pass an operator command to every worker's run; return how many there are."""
         for worker in self._busy:
             _, writable, _ = select.select([], [worker.connection], [], 0.0)
             if writable:
@@ -177,15 +180,15 @@ class Pool(Generic[Order, Outcome]):
         return len(self._busy)
 
     def pause(self) -> None:
-        """Begin no order until `go_on`; what is in flight goes on."""
+        """Have the pool begin no order until `go_on`; runs in flight continue."""
         self._going.clear()
 
     def go_on(self) -> None:
-        """Begin orders again."""
+        """Have the pool begin orders again."""
         self._going.set()
 
     async def fly(self, orders: Iterable[Order]) -> None:
-        """Fly all orders, in their order of start; returns when no worker is left."""
+        """Fly all orders on the workers, in order of start; return when no worker is left."""
         waiting = deque(orders)
         async with asyncio.TaskGroup() as group:
             for number in range(min(self._jobs, len(waiting))):
@@ -266,7 +269,7 @@ class Pool(Generic[Order, Outcome]):
 
 
 async def _receive(connection: Connection) -> object:
-    """Return the next message of a pipe without blocking the loop."""
+    """Return a worker's next message without blocking the loop."""
     loop = asyncio.get_running_loop()
     if not connection.poll(0):
         ready: asyncio.Future[None] = loop.create_future()
@@ -280,11 +283,13 @@ async def _receive(connection: Connection) -> object:
 
 
 def _set_once(ready: "asyncio.Future[None]") -> None:
+    """Set a worker's future, unless it is done."""
     if not ready.done():
         ready.set_result(None)
 
 
 def _exit_text(exitcode: int | None, when: str = "before it had a verdict") -> str:
+    """Return a worker's exit code in words."""
     if exitcode is None:
         return "its process stopped answering"
     if exitcode < 0:

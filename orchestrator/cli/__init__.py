@@ -105,6 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _call_command(tokens: list[str]) -> int:
+    """Run the command of the command line's tokens; return the exit code."""
     app = build_app()
     if not tokens:
         app.help_print(console=app.error_console)
@@ -115,7 +116,7 @@ def _call_command(tokens: list[str]) -> int:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Take SIGTERM, and the terminal's end unless that is ignored (nohup), as Ctrl-C."""
+    """Handle SIGTERM, and SIGHUP unless ignored (nohup), as Ctrl-C on the command line."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -131,7 +132,7 @@ def _interruptible() -> Iterator[None]:
 
 
 def build_app() -> App:
-    """Return the program with its commands, none of them imported yet."""
+    """Return the command-line program with its commands, none of them imported yet."""
     app = App(
         name="wil-campaign",
         help="World-in-the-loop testing: a real vehicle and its twin fly one test together.",
@@ -145,6 +146,7 @@ def build_app() -> App:
 
 
 def _version() -> str:
+    """Return the program's version for the command line."""
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - slow, rarely used
 
     try:
@@ -154,7 +156,7 @@ def _version() -> str:
 
 
 def _report_failure(error: BaseException) -> int:
-    """Tell a person about an error, which is the user's to mend or ours; return the exit code."""
+    """Print an error, the user's or ours, on the command line; return the exit code."""
     import tempfile  # noqa: PLC0415 - not needed for --help
     import traceback  # noqa: PLC0415 - not needed for --help
 

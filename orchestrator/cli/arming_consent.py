@@ -25,7 +25,7 @@ _IDENTIFY_S = 5.0
 
 
 class RefusedError(Exception):
-    """What is not flown, with the exit code and what to do about it."""
+    """No consent to arm, or not flown: with the exit code and what to do."""
 
     def __init__(self, text: str, code: int) -> None:
         super().__init__(text)
@@ -34,7 +34,7 @@ class RefusedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Cleared:
-    """A campaign that may fly. real_kind: what plays the real vehicle.
+    """A campaign cleared for arming. real_kind: what plays the real vehicle.
 
     hardware: in words, the vehicles that are no simulation; empty for none.
     """
@@ -53,7 +53,7 @@ def clear(
     arm: bool,
     arm_real: bool,
 ) -> Cleared:
-    """Settle clock and jobs, find who is attached, and have it confirmed. Raises RefusedError.
+    """Settle clock and jobs, identify attached vehicles, and get the consent to arm.
 
     arm: whether anything is armed at all. arm_real: whether attached vehicles may be.
     """
@@ -84,12 +84,13 @@ def clear(
 
 
 def _default_jobs(clock: Clock) -> int:
+    """Return the default number of parallel runs for a clock."""
     cores = len(os.sched_getaffinity(0))
     return cores if clock == "virtual" else max(1, cores // 2)
 
 
 def _clock(campaign: Campaign, asked: Clock | None) -> Clock:
-    """Return the clock to fly on. Raises RefusedError, BadInput."""
+    """Return the clock of a campaign to be armed. Raises RefusedError, BadInput."""
     able = clock_for(campaign, asked)
     outside = [one.name for one in flown_vehicles(campaign) if not one.embedded]
     if asked == "virtual" and outside:
@@ -102,6 +103,7 @@ def _clock(campaign: Campaign, asked: Clock | None) -> Clock:
 
 
 def _find_vehicles(campaign: Campaign) -> tuple[AttachedVehicle, ...]:
+    """Return the attached vehicles to be armed, identified. Raises RefusedError."""
     try:
         found = asyncio.run(find_all(attached_vehicles(campaign), _IDENTIFY_S))
     except VehicleError as error:
@@ -114,7 +116,7 @@ def _find_vehicles(campaign: Campaign) -> tuple[AttachedVehicle, ...]:
 
 
 def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
-    """Ask the person at the terminal, when there is one."""
+    """Ask the person at the terminal for consent to arm, if there is one."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return
     names = " and ".join(f"{one.name} ({one.where})" for one in found)

@@ -27,7 +27,7 @@ _NO_PACE = (
 
 @dataclass(frozen=True, slots=True)
 class ExternalNeeds:
-    """Something of a campaign that is outside of this process, and so comes in real time."""
+    """Something outside this process that a campaign needs, so the wall clock."""
 
     case: str
     path: Path
@@ -44,12 +44,12 @@ def external_needs(campaign: Campaign) -> tuple[ExternalNeeds, ...]:
 
 
 def shared_of(campaign: Campaign) -> tuple[str, ...]:
-    """Return the names of what there is one of outside, however many runs fly at once."""
+    """Return the names of external resources that exist once however many runs fly at once."""
     return tuple(name for setup in campaign.setups.values() for _, name in setup.shared_by_runs())
 
 
 def clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
-    """Return the clock to fly on. Raises BadInput when the wanted one cannot be had."""
+    """Return the chosen clock. Raises BadInput when the wanted one is impossible."""
     outside = external_needs(campaign)
     paced = _require_pace(campaign)
     clock = wanted or ("scaled" if paced else "wall" if outside else "virtual")
@@ -63,7 +63,7 @@ def clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
 
 
 def _require_pace(campaign: Campaign) -> list[tuple[Path, float]]:
-    """Return the launched simulations that do not fly in real time: where, and how fast."""
+    """Return the launched simulations that do not run in real time: where, and their pace."""
     return [
         (("vehicles", one.name, "link"), pace)
         for one in flown_vehicles(campaign)
@@ -72,7 +72,7 @@ def _require_pace(campaign: Campaign) -> list[tuple[Path, float]]:
 
 
 def _require_scalable(campaign: Campaign) -> None:
-    """Raise BadInput where a vehicle cannot follow the scaled clock, or nobody says its pace."""
+    """Raise BadInput where a vehicle cannot follow the scaled clock, or no pace is given."""
     attached: list[tuple[Path, str]] = [
         (("vehicles", one.name, "link"), _CANNOT_FOLLOW.format(one.name))
         for one in flown_vehicles(campaign)

@@ -16,7 +16,7 @@ R = TypeVar("R")
 
 
 def external_lines(runs: Iterable[RunResult]) -> list[str]:
-    """Return a line for each source, motion capture, way out and injection.
+    """Return a line for each external source, motion capture, outlet and injection.
 
     Counts are summed over the runs; rates, latencies and gaps are those of the worst run.
     """
@@ -32,6 +32,7 @@ def external_lines(runs: Iterable[RunResult]) -> list[str]:
 
 
 def _source(all_: Sequence[SourceResult]) -> str:
+    """Return the line of an external image source, summed over runs."""
     one = all_[0]
     parts = (f"{sum(getattr(each, name) for each in all_)} {name}" for name in _OF_SOURCES)
     said = f"{one.vehicle} {one.sensor} ({one.source}): {', '.join(parts)}"
@@ -42,6 +43,7 @@ _OF_SOURCES = ("delivered", "dropped", "missed", "damaged")
 
 
 def _capture(all_: Sequence[CaptureResult]) -> str:
+    """Return the line of an external motion capture, summed over runs."""
     one, feeds = all_[0], [each.feed for each in all_]
     rates = [feed.rate_hz for feed in feeds if feed.rate_hz is not None]
     late = [
@@ -62,6 +64,7 @@ def _capture(all_: Sequence[CaptureResult]) -> str:
 
 
 def _outlet(all_: Sequence[OutletResult]) -> str:
+    """Return the line of an external image outlet, summed over runs."""
     offered, delivered = (sum(getattr(one, name) for one in all_) for name in _OF_OUTLETS)
     said = f"{all_[0].name}: {delivered} of {offered} pictures delivered"
     trouble = next((one.trouble for one in all_ if one.trouble), "")
@@ -72,6 +75,7 @@ _OF_OUTLETS = ("offered", "delivered")
 
 
 def _injection_text(all_: Sequence[InjectedResult]) -> str:
+    """Return the line of an injection, summed over runs."""
     sent, stale = sum(one.sent for one in all_), sum(one.stale for one in all_)
     said = f"{all_[0].vehicle} was told {all_[0].thing} {sent} times"
     return f"{said}; {stale} were too old to send" if stale else said
@@ -91,4 +95,5 @@ def _lines(
 
 
 def _count_text(count: int, name: str) -> str:
+    """Return a count with its noun in an external line."""
     return f"{count} {name}{'' if count == 1 else 's'}"

@@ -25,10 +25,10 @@ VERDICT_STYLES = {
 
 
 class Display(Protocol):
-    """Shows runs in flight and finished ones; a context manager."""
+    """Displays the progress of runs in flight and finished ones; a context manager."""
 
     def __enter__(self) -> Self:
-        """Begin."""
+        """Start the progress display."""
 
     def __exit__(
         self,
@@ -36,20 +36,20 @@ class Display(Protocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave the terminal as it was."""
+        """End the progress display and restore the terminal."""
 
     def progress(self, progress: Progress) -> None:
-        """Show where a run in flight stands."""
+        """Display the progress of a run in flight."""
 
     def finished(self, result: RunResult) -> None:
-        """Show a run's verdict."""
+        """Display a run's verdict."""
 
     def say(self, text: str) -> None:
-        """Tell the person something."""
+        """Display a message."""
 
 
 class SilentDisplay:
-    """Shows nothing: for --json, whose standard output is one document."""
+    """A progress display that shows nothing: for --json, whose output is one document."""
 
     def __enter__(self) -> Self:
         return self
@@ -63,35 +63,35 @@ class SilentDisplay:
         pass
 
     def progress(self, progress: Progress) -> None:
-        """Show nothing."""
+        """Display no progress."""
 
     def finished(self, result: RunResult) -> None:
-        """Show nothing."""
+        """Display no verdict."""
 
     def say(self, text: str) -> None:
-        """Show nothing."""
+        """Display no message."""
 
 
 @dataclass(slots=True)
 class LineDisplay(SilentDisplay):
-    """One line per finished run: for logs and pipes."""
+    """A progress display of one line per finished run: for logs and pipes."""
 
     console: Console
     total: int
     done: int = field(default=0, init=False)
 
     def finished(self, result: RunResult) -> None:
-        """Print the verdict of a run."""
+        """Print the verdict of a finished run."""
         self.done += 1
         self.console.print(Text(f"[{self.done}/{self.total}] ") + finished_line(result))
 
     def say(self, text: str) -> None:
-        """Print a line."""
+        """Print a message on a line."""
         self.console.print(text)
 
 
 class TerminalDisplay(SilentDisplay):
-    """Runs in flight with their stage, beneath the verdicts so far, redrawn in place."""
+    """A progress display on a terminal: runs in flight beneath the verdicts so far."""
 
     def __init__(self, *, console: Console, total: int) -> None:
         self._console = console
@@ -120,7 +120,7 @@ class TerminalDisplay(SilentDisplay):
         self._live.stop()
 
     def progress(self, progress: Progress) -> None:
-        """Show where a run in flight stands."""
+        """Display the progress of a run in flight."""
         self._flying[progress.case, progress.mode, progress.repetition] = progress
 
     def finished(self, result: RunResult) -> None:
@@ -130,7 +130,7 @@ class TerminalDisplay(SilentDisplay):
         self._live.console.print(finished_line(result))
 
     def say(self, text: str) -> None:
-        """Print a line above the runs in flight."""
+        """Print a message above the runs in flight."""
         self._live.console.print(text)
 
     def _draw(self) -> RenderableType:
@@ -141,6 +141,7 @@ class TerminalDisplay(SilentDisplay):
 
 
 def _flying_cells(progress: Progress) -> Iterable[RenderableType]:
+    """Yield the table cells of a run in flight for the progress display."""
     yield f"{progress.case} {progress.mode} #{progress.repetition}"
     yield Text(progress.stage, style="blue")
     yield f"{progress.t_s:6.1f} s"
@@ -152,7 +153,7 @@ def _flying_cells(progress: Progress) -> Iterable[RenderableType]:
 
 
 def finished_line(result: RunResult) -> Text:
-    """Return one line for a run: what it was, its verdict, and why when it is no clean PASS."""
+    """Return the line of a finished run: what it was, its verdict, and why."""
     name = f"{result.case} {result.mode}"
     line = Text(f"{name}  " if result.control is not None else f"{name} #{result.rep}  ")
     line.append(f"{result.verdict:<7}", style=VERDICT_STYLES.get(result.verdict, ""))

@@ -11,7 +11,7 @@ from campaigns.expansion.expansion import Options
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """Which runs.
+    """The selection of runs on the command line: cases, modes, overrides.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Choice:
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = ()
 
     def options(self, *further: str) -> Options:
-        """Return the choice with further KEY=VALUE after it."""
+        """Return the run selection as options with further KEY=VALUE after it."""
         return Options(
             cases=self.case,
             modes=self.mode,

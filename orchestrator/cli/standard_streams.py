@@ -8,11 +8,11 @@ from typing import TextIO, cast
 
 
 class StreamError(Exception):
-    """Standard output takes no more of what was asked for; says why."""
+    """Standard output failed; says why."""
 
 
 def out(text: object) -> None:
-    """Write a line of what was asked for. Raises StreamError; BrokenPipeError for a reader gone."""
+    """Write a line to standard output. Raises StreamError; BrokenPipeError without a reader."""
     try:
         sys.stdout.write(f"{text}\n")
         sys.stdout.flush()
@@ -25,14 +25,14 @@ def out(text: object) -> None:
 
 
 def err(text: object) -> None:
-    """Write a line that is about the work rather than its result; nobody there is no fault."""
+    """Write a line to standard error; a closed stream is ignored."""
     with suppress(OSError):
         sys.stderr.write(f"{text}\n")
         sys.stderr.flush()
 
 
 def ignore_broken_pipe() -> TextIO:
-    """Return standard output for what people look at while a campaign flies.
+    """Return standard output as a stream that ignores a broken pipe.
 
     Once it takes no more (the reader of the pipe or the terminal has gone, the disk is full) what
     comes is let go: a flight does not end for want of somebody who looks on.
@@ -73,7 +73,7 @@ class _BrokenPipeStream(io.TextIOBase):
 
 
 def make_sound() -> None:
-    """Have all three standard streams open and able to take any text.
+    """Make all three standard streams open and able to take any text.
 
     A closed one (`>&-`) would be None, and its number that of the next file we open. What an
     encoding other than UTF-8 cannot carry is written as escapes.
@@ -92,7 +92,7 @@ def make_sound() -> None:
 
 
 def _to_nowhere(stream: TextIO) -> None:
-    """Point a stream that takes no more at nothing, so that its last flush is quiet."""
+    """Redirect a failed standard stream to nothing, so that its last flush is quiet."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

@@ -31,7 +31,7 @@ the largest median of the registration error."""
 
 
 def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Table:
-    """Return a row for each case and mode; 80 columns wide where the case's name is short."""
+    """Return the table of verdicts by case and mode; 80 columns wide for short names."""
     count = len(summary.runs)
     title = f"{summary.campaign}: {count} run{'' if count == 1 else 's'}"
     if controls := len(summary.controls):
@@ -57,7 +57,7 @@ def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Tabl
 
 
 def _control_cells(run: RunResult) -> Sequence[RenderableType]:
-    """Return the cells of a control; its verdict is good where the control ended as it must."""
+    """Return the verdict table's cells of a control; good where it ended as expected."""
     passed, _, *rest = _cells([run], None)
     met = run.control is not None and run.control.met
     text = f"{run.verdict} (control)" if met else f"{run.verdict} (must not)"
@@ -65,7 +65,7 @@ def _control_cells(run: RunResult) -> Sequence[RenderableType]:
 
 
 def conclusions(summary: Summary) -> list[Text]:
-    """Return why runs did not pass, or not at once, what came and went, and what it came to.
+    """Return beneath the verdict table why runs did not pass, and the conclusion.
 
     What a verdict has to be read with comes right before the last line, and in it.
     """
@@ -73,7 +73,7 @@ def conclusions(summary: Summary) -> list[Text]:
 
 
 def closing_lines(summary: Summary) -> list[Text]:
-    """Return what comes beneath the reasons: what it has to be read with, and what it came to."""
+    """Return the closing lines of the verdict table: caveats and the conclusion."""
     outside = [Text(line, style="dim") for line in external_lines(summary.runs)]
     lines = [*caveats(summary.runs), *summary.caveats]
     if summary.not_flown:
@@ -83,6 +83,7 @@ def closing_lines(summary: Summary) -> list[Text]:
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
+    """Return the verdict table's cells of a case and mode."""
     passed = sum(run.verdict == "PASS" for run in runs)
     return (
         f"{passed}/{len(runs)}",
@@ -95,7 +96,7 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
 
 
 def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
-    """Return what a row comes to, with the share that is required where it is not all.
+    """Return a row's verdict, with the required share where it is not all.
 
     A PASS for which runs were flown again has a star; which they were is told beneath.
     """
@@ -112,7 +113,7 @@ def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
 
 
 def _worst(runs: Sequence[RunResult], names: AbstractSet[str], *, largest: bool = False) -> str:
-    """Return the worst value that the judged vehicle had in these oracles over all runs."""
+    """Return the worst value of the judged vehicle in these oracles over a row's runs."""
     values = [
         oracle.actual
         for run in runs
@@ -125,11 +126,13 @@ def _worst(runs: Sequence[RunResult], names: AbstractSet[str], *, largest: bool 
 
 
 def _largest_ms(values: Sequence[float | None]) -> str:
+    """Return the largest of a row's times in milliseconds."""
     known = [abs(value) for value in values if value is not None]
     return f"{max(known) * 1000:.0f}" if known else "-"
 
 
 def _mixing_cells(runs: Sequence[RunResult]) -> tuple[str, str]:
+    """Return the verdict table's cells of mixing: rate and registration error."""
     mixed = [run.mixing for run in runs if run.mixing is not None]
     if not mixed:
         return "-", "-"
@@ -143,11 +146,13 @@ def _mixing_cells(runs: Sequence[RunResult]) -> tuple[str, str]:
 
 
 def _largest_median(figures: Sequence[Percentiles | None]) -> float | None:
+    """Return the largest median of a row's figures; None without one."""
     medians = [each.p50 for each in figures if each is not None and each.p50 is not None]
     return max(medians, default=None)
 
 
 def _reasons(summary: Summary) -> list[Text]:
+    """Return the lines of runs without a clean PASS for the verdict table."""
     lines = [
         Text(f"{run.case} {run.mode} #{run.rep} {run.verdict}: {run.reason}", style="dim")
         for run in summary.runs
@@ -162,10 +167,12 @@ def _reasons(summary: Summary) -> list[Text]:
 
 
 def _due(summary: Summary) -> int:
+    """Return how many runs the verdict table is due to have."""
     return len(summary.runs) + len(summary.controls) + len(summary.not_flown)
 
 
 def _conclusion(summary: Summary) -> Text:
+    """Return the verdict table's last line: accepted or not."""
     words = {True: ("accepted", "bold green"), False: ("not accepted", "bold red")}
     said, style = words.get(summary.accepted or False, ("", ""))
     if summary.accepted is None:

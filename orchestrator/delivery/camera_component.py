@@ -21,7 +21,7 @@ _ALL = 0
 
 @dataclass(frozen=True, slots=True)
 class VideoStream:
-    """A stream that a ground station may play.
+    """A video stream of the camera component that a ground station may play.
 
     port: UDP port of RTP, the whole URI that the protocol wants for RTP over UDP. bit_rate:
     bits per second, 0 when unknown.
@@ -34,7 +34,7 @@ class VideoStream:
 
 
 class CameraComponent:
-    """Answers for one camera; messages in, messages out, all of them pymavlink objects.
+    """A MAVLink camera component: messages in, messages out, as pymavlink objects.
 
     Whoever packs its messages does so as system_id and component_id. system_id: of the vehicle
     that the camera sits on. start_s: when the component came up, on the run clock.
@@ -67,7 +67,7 @@ class CameraComponent:
         }
 
     def tick(self, t_s: float) -> list[Any]:
-        """Return what is due by itself: a heartbeat a second."""
+        """Return the camera component's due messages: a heartbeat a second."""
         if t_s < self._heartbeat_due_s:
             return []
         is_late = t_s - self._heartbeat_due_s >= HEARTBEAT_PERIOD_S
@@ -75,7 +75,7 @@ class CameraComponent:
         return [_heartbeat()]
 
     def take(self, message: Any, t_s: float) -> list[Any]:
-        """Return the answers to a message; none to what is not for this camera."""
+        """Return the camera component's replies to a message; none for other targets."""
         if message.get_type() not in {"COMMAND_LONG", "COMMAND_INT"}:
             return []
         if message.target_system not in {_ALL, self.system_id}:
@@ -216,6 +216,7 @@ _ACCEPTED = frozenset({mavlink.MAV_CMD_VIDEO_START_STREAMING})
 
 
 def _heartbeat() -> Any:
+    """Return the camera component's HEARTBEAT."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_CAMERA,
         mavlink.MAV_AUTOPILOT_INVALID,
@@ -227,9 +228,11 @@ def _heartbeat() -> Any:
 
 
 def _text_bytes(text: str, length: int) -> list[int]:
+    """Return a text as a fixed-length field of a camera message."""
     raw = text.encode()[: length - 1]
     return list(raw.ljust(length, b"\0"))
 
 
 def _whole(number: float) -> int:
+    """Return a camera message's number as an integer; -1 when not finite."""
     return int(number) if math.isfinite(number) else -1

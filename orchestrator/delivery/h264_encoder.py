@@ -16,7 +16,7 @@ _GLOBAL_HEADER = 0x00400000
 
 
 class H264Settings:
-    """What the encoder is asked for: `ultrafast`, `zerolatency`, parameter sets at each key.
+    """The H.264 encoder's settings: `ultrafast`, `zerolatency`, parameter sets at each key.
 
     key_interval_s: so long a late receiver waits for its first picture. quality_crf: x264's
     constant rate factor, 0 (lossless) to 51. max_bit_rate: bits per second, None for no limit.
@@ -47,7 +47,7 @@ class H264Settings:
             self.options |= {"maxrate": str(max_bit_rate), "bufsize": str(max_bit_rate // 4)}
 
     def configure(self, codec: Any, width_px: int, height_px: int) -> None:
-        """Set up an encoder's codec context for pictures of a size."""
+        """Set up the H.264 encoder's codec context for an image size."""
         codec.width, codec.height = width_px, height_px
         codec.pix_fmt = "yuv420p"
         codec.time_base = RTP_CLOCK
@@ -56,7 +56,7 @@ class H264Settings:
         codec.options = dict(self.options)
 
     def parameter_sets(self, width_px: int, height_px: int) -> tuple[bytes, ...]:
-        """Return SPS and PPS of such a stream, before its first picture."""
+        """Return SPS and PPS of such an H.264 stream, before its first image."""
         codec: Any = av.CodecContext.create("libx264", "w")
         self.configure(codec, width_px, height_px)
         codec.flags |= _GLOBAL_HEADER
@@ -65,7 +65,7 @@ class H264Settings:
 
 
 def to_frame(image_bgr: BgrImage, pts: int) -> Any:
-    """Return a picture as a frame for the encoder, its sides cut to even numbers of pixels."""
+    """Return an image as a frame for the encoder, cut to even numbers of pixels."""
     height, width = image_bgr.shape[0] & ~1, image_bgr.shape[1] & ~1
     even = np.ascontiguousarray(image_bgr[:height, :width])
     frame = av.VideoFrame.from_ndarray(cv2.cvtColor(even, cv2.COLOR_BGR2YUV_I420), format="yuv420p")

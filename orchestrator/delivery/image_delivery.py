@@ -9,12 +9,12 @@ from vehicles.readings import CameraReading
 
 
 class DeliveryError(VehicleError):
-    """A delivery that cannot be had; says which, and what to do."""
+    """An image delivery that cannot be opened or used; says which, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeliveryCounts:
-    """What became of the readings.
+    """The counts of an image delivery: offered, delivered, dropped, failed.
 
     offered: handed to `deliver`. delivered: sent. dropped: made way for a newer one, because the
     way out was busy. failed: could not be sent; `trouble` says why the last one could not.
@@ -28,7 +28,7 @@ class DeliveryCounts:
 
 @runtime_checkable
 class Delivery(Protocol):
-    """One way out for pictures; an async context manager.
+    """An image delivery (protocol); an async context manager.
 
     `deliver` returns at once, whatever happens outside: it never holds up a flight and never
     raises. What cannot be sent in time is dropped and counted.
@@ -36,21 +36,21 @@ class Delivery(Protocol):
 
     @property
     def name(self) -> str:
-        """Return what people know it by ("rtp://127.0.0.1:5600")."""
+        """Return the image delivery's name in messages ("rtp://127.0.0.1:5600")."""
 
     @property
     def counts(self) -> DeliveryCounts:
-        """Return what became of the readings so far."""
+        """Return the image delivery's counts so far."""
 
     @property
     def trouble(self) -> str:
-        """Return why the last reading that failed did; empty when none has."""
+        """Return why the last image failed to be delivered; empty when none has."""
 
     def deliver(self, reading: CameraReading) -> None:
-        """Send a reading, some time soon."""
+        """Deliver an image reading soon, without blocking."""
 
     async def __aenter__(self) -> Self:
-        """Open. Raises DeliveryError when it cannot be had."""
+        """Open the image delivery. Raises DeliveryError."""
 
     async def __aexit__(
         self,
@@ -58,4 +58,4 @@ class Delivery(Protocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Send what still waits, and close."""
+        """Deliver images that still wait, and close."""

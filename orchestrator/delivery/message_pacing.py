@@ -7,7 +7,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class InjectionPlan:
-    """How often a thing is sent, and how old it may be.
+    """The pacing of an injected message: how often it is sent, how old it may be.
 
     rate_hz: at most so often; a feed that is slower is sent as it comes. max_age_s: what is
     older is not sent, so that the autopilot's own time-out sees a feed that has died.
@@ -41,7 +41,7 @@ PLANS: dict[str, InjectionPlan] = {
 
 
 class PacedMessages:
-    """Keeps the newest message of one thing and gives it out when it is due."""
+    """Paces messages of one kind: keeps the newest and returns it when due."""
 
     def __init__(self, plan: InjectionPlan) -> None:
         self._plan = plan
@@ -53,12 +53,12 @@ class PacedMessages:
         self.stale = 0
 
     def offer(self, message: Any, t_s: float) -> None:
-        """Take a message about a moment of the run clock; one that was not sent yet is lost."""
+        """Offer a message of a run-clock time; an unsent earlier one is dropped."""
         self.replaced += self._message is not None
         self._message, self._t_s = message, t_s
 
     def due(self, now_s: float) -> Any | None:
-        """Return the message to send now; each at most once."""
+        """Return the message that is due to be sent now; each at most once."""
         if self._message is None or now_s < self._due_s - _EARLY / self._plan.rate_hz:
             return None
         message, self._message = self._message, None

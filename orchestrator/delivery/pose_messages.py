@@ -22,7 +22,7 @@ _DIAGONAL = (0, 6, 11, 15, 18, 20)
 
 @dataclass(frozen=True, slots=True)
 class PoseSpread:
-    """One standard deviation of a pose: metres, radians, and metres per second."""
+    """The spread of a pose in messages, one standard deviation: metres, radians, m/s."""
 
     position_m: float
     attitude_rad: float
@@ -110,19 +110,21 @@ def landing_target(
 
 
 def _covariance(spread: PoseSpread | None) -> Sequence[float]:
-    """Return the upper triangle over x, y, z, roll, pitch, yaw; NaN first where unknown."""
+    """Return a pose message's covariance: x, y, z, roll, pitch, yaw; NaN first where unknown."""
     if spread is None:
         return [math.nan, *[0.0] * 20]
     return _diagonal([spread.position_m] * 3 + [spread.attitude_rad] * 3)
 
 
 def _velocity_covariance(spread: PoseSpread | None) -> Sequence[float]:
+    """Return a pose message's covariance of velocities; NaN first where unknown."""
     if spread is None:
         return [math.nan, *[0.0] * 20]
     return _diagonal([spread.velocity_m_s] * 3 + [0.0] * 3)
 
 
 def _diagonal(deviations: list[float]) -> list[float]:
+    """Return the upper triangle of a diagonal covariance for a pose message."""
     triangle = [0.0] * 21
     for place, deviation in zip(_DIAGONAL, deviations, strict=True):
         triangle[place] = deviation * deviation

@@ -83,7 +83,7 @@ def distance_sensor(reading: RangefinderReading, *, field_of_view_rad: float = 0
 
 
 def orientation_of(mount: Pose) -> int:
-    """Return the MAV_SENSOR_ORIENTATION of a sensor that looks along its mount's x axis."""
+    """Return a range sensor's MAV_SENSOR_ORIENTATION: along its mount's x axis."""
     forward, right, down = rotate(mount.q_wxyz, (1.0, 0.0, 0.0))
     elevation_rad = math.asin(max(-1.0, min(1.0, -down)))
     if elevation_rad <= -math.pi / 2 + _HALF_SECTOR_RAD:
@@ -97,23 +97,24 @@ def orientation_of(mount: Pose) -> int:
 
 
 def microseconds(t_s: float) -> int:
-    """Return a time of the run clock as MAVLink's time_usec."""
+    """Return a run-clock time as a range message's time_usec."""
     return max(0, round(t_s * 1e6))
 
 
 def milliseconds(t_s: float) -> int:
-    """Return a time of the run clock as MAVLink's time_boot_ms."""
+    """Return a run-clock time as a range message's time_boot_ms."""
     return max(0, round(t_s * 1e3)) & 0xFFFFFFFF
 
 
 def _centimetres(distance_m: float) -> int:
+    """Return a range in centimetres within what its message can hold."""
     return min(LONGEST_CM, max(0, round(distance_m * 100.0)))
 
 
 def _around_body(
     scan: LidarScanReading,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return of each beam the direction (radians to the right of forward) and the distance."""
+    """Return each beam's direction (radians right of forward) and range from the body."""
     known = ~np.isnan(scan.ranges_m)
     angles, ranges_m = scan.angles_rad[known], scan.ranges_m[known].astype(np.float64)
     beams = np.stack((np.cos(angles), np.sin(angles), np.zeros_like(angles)))

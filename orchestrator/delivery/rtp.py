@@ -17,7 +17,7 @@ _PACKET_BYTES = 1316
 
 
 class RtpSink:
-    """Encodes and sends; a Sink. Pictures of another size than the stream's are not sent."""
+    """Sends H.264 by RTP; a Sink. Images of another size than the stream's are not sent."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class RtpSink:
         self._last_pts = -1
 
     def open(self) -> None:
-        """Write the SDP file and open the socket. Raises DeliveryError."""
+        """Write the SDP file and open the RTP socket. Raises DeliveryError."""
         width, height = self._size[0] & ~1, self._size[1] & ~1
         try:
             self._write_sdp(width, height)
@@ -61,7 +61,7 @@ class RtpSink:
             ) from error
 
     def write(self, reading: CameraReading) -> None:
-        """Send one picture, stamped with its exposure. Raises DeliveryError."""
+        """Send one image by RTP, stamped with its exposure. Raises DeliveryError."""
         height, width = reading.image_bgr.shape[:2]
         if (width, height) != self._size:
             raise DeliveryError(
@@ -80,7 +80,7 @@ class RtpSink:
             raise DeliveryError(f"{self.name}: cannot be sent: {error}") from error
 
     def close(self) -> None:
-        """Close the socket."""
+        """Close the RTP socket."""
         if self._container is not None:
             self._container.close()
 
@@ -103,7 +103,7 @@ def rtp_delivery(
     quality_crf: int = 20,
     max_bit_rate: int | None = None,
 ) -> ThreadedDelivery:
-    """Return a delivery by RTP; 127.0.0.1:5600 by default, where ground stations listen.
+    """Return a delivery by RTP; to 127.0.0.1:5600 by default, as ground stations listen.
 
     width_px, height_px: of all pictures to come; odd sides lose their last row or column.
     rate_hz: about how many pictures come a second. sdp_path: file for players that need one.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class RtpAddress:
-    """Where a stream goes: a host or multicast group, and the UDP port of RTP (RTCP: + 1)."""
+    """The stream's address in SDP: host or multicast group, UDP port of RTP (RTCP: + 1)."""
 
     host: str = "127.0.0.1"
     port: int = 5600
@@ -20,7 +20,7 @@ class RtpAddress:
 
 
 def h264_sdp(address: RtpAddress, *, parameter_sets: tuple[bytes, ...], rate_hz: float) -> str:
-    """Return the description of a stream with payload type 96 and a clock of 90 kHz.
+    """Return the SDP of an H.264 stream with payload type 96 and a clock of 90 kHz.
 
     parameter_sets: the stream's SPS and PPS without start codes, so that a receiver knows the
     size before the first key picture. Raises ValueError when the first one is no SPS.
@@ -47,6 +47,6 @@ def h264_sdp(address: RtpAddress, *, parameter_sets: tuple[bytes, ...], rate_hz:
 
 
 def split_parameter_sets(extradata: bytes) -> tuple[bytes, ...]:
-    """Return the units of an encoder's header (Annex B) that are SPS or PPS."""
+    """Return SPS and PPS of an encoder's header (Annex B) for the SDP."""
     units = extradata.replace(b"\x00\x00\x00\x01", b"\x00\x00\x01").split(b"\x00\x00\x01")
     return tuple(unit for unit in units if unit and unit[0] & 0x1F in {7, 8})

@@ -13,24 +13,24 @@ _CLOSING_LIMIT_S = 2.0
 
 
 class Sink(Protocol):
-    """Sends pictures; blocking; used by one thread."""
+    """A sink of a threaded delivery (protocol): sends images; blocking; used by one thread."""
 
     @property
     def name(self) -> str:
-        """Return what people know it by."""
+        """Return the sink's name in messages."""
 
     def open(self) -> None:
-        """Open. Raises DeliveryError."""
+        """Open the sink. Raises DeliveryError."""
 
     def write(self, reading: CameraReading) -> None:
-        """Send one picture. Raises DeliveryError when this one cannot be sent."""
+        """Send one image to the sink. Raises DeliveryError."""
 
     def close(self) -> None:
-        """Close; called once, also after an `open` that failed."""
+        """Close the sink; called once, also after a failed `open`."""
 
 
 class ThreadedDelivery:
-    """A Delivery over a sink.
+    """A Delivery over a sink in a thread.
 
     depth: how many pictures may wait; when one more comes, the oldest makes way. Wall clock
     only.
@@ -48,17 +48,17 @@ class ThreadedDelivery:
 
     @property
     def counts(self) -> DeliveryCounts:
-        """Return what became of the readings so far."""
+        """Return the threaded delivery's counts so far."""
         with self._change:
             return DeliveryCounts(self._offered, self._delivered, self._dropped, self._failed)
 
     @property
     def trouble(self) -> str:
-        """Return why the last reading that failed did; empty when none has."""
+        """Return why the last image failed in the thread; empty when none has."""
         return self._trouble
 
     def deliver(self, reading: CameraReading) -> None:
-        """Let a picture wait for the thread; the oldest one that waits makes way if need be."""
+        """Queue an image for the thread; the oldest waiting one is dropped if full."""
         with self._change:
             self._offered += 1
             if len(self._waiting) >= self._depth:
@@ -68,7 +68,7 @@ class ThreadedDelivery:
             self._change.notify()
 
     async def __aenter__(self) -> Self:
-        """Start the thread and wait until it has opened. Raises DeliveryError."""
+        """Start the thread and wait until its sink is open. Raises DeliveryError."""
         loop = asyncio.get_running_loop()
         opened: asyncio.Future[None] = loop.create_future()
 
@@ -100,7 +100,7 @@ class ThreadedDelivery:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Send what still waits, and end the thread."""
+        """Send images that still wait, and end the thread."""
         await self._close()
 
     async def _close(self) -> None:
@@ -145,5 +145,7 @@ class ThreadedDelivery:
 
 
 class _ReportTrouble(Protocol):
+    """Reports to the loop that the thread has opened its sink, or why not."""
+
     def __call__(self, error: DeliveryError | None, /) -> object:
-        """Tell the loop that it is open, or why not."""
+        """Report to the loop that the sink is open, or why not."""

@@ -27,7 +27,7 @@ _VALID = (
 
 @dataclass(frozen=True, slots=True)
 class Intruder:
-    """Another aircraft.
+    """Another aircraft in traffic messages.
 
     t_s: when it was there, run clock. icao_address: 1 to 0xFFFFFF, its identity. latitude_deg,
     longitude_deg: WGS-84. altitude_amsl_m: above mean sea level, as the autopilot's own.
@@ -43,7 +43,7 @@ class Intruder:
 
 
 def adsb_vehicle(intruder: Intruder, *, now_s: float) -> Any:
-    """Return an intruder as ADSB_VEHICLE (246), marked as simulated.
+    """Return an intruder as ADSB_VEHICLE (246), marked as simulated traffic.
 
     Raises ValueError for an address that is none, or a place that is not on Earth.
     """

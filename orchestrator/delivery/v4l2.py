@@ -16,7 +16,7 @@ _HOW = "load one: modprobe v4l2loopback video_nr=10 exclusive_caps=1"
 
 
 class V4l2Sink:
-    """Writes raw frames (YUV 4:2:0) to a loopback device; a Sink."""
+    """Writes raw frames (YUV 4:2:0) to a V4L2 loopback device; a Sink."""
 
     def __init__(self, *, device: Path, width_px: int, height_px: int, rate_hz: float) -> None:
         self.name = str(device)
@@ -28,7 +28,7 @@ class V4l2Sink:
         self._count = 0
 
     def open(self) -> None:
-        """Open the device. Raises DeliveryError."""
+        """Open the V4L2 device. Raises DeliveryError."""
         self._check_device()
         try:
             self._container = av.open(self.name, "w", format="v4l2")
@@ -44,7 +44,7 @@ class V4l2Sink:
             ) from error
 
     def write(self, reading: CameraReading) -> None:
-        """Show one picture. Raises DeliveryError."""
+        """Write one image to the V4L2 device. Raises DeliveryError."""
         height, width = reading.image_bgr.shape[:2]
         if (width, height) != self._size:
             raise DeliveryError(
@@ -60,7 +60,7 @@ class V4l2Sink:
             raise DeliveryError(f"{self.name}: cannot be written to: {error}") from error
 
     def close(self) -> None:
-        """Close the device."""
+        """Close the V4L2 device."""
         if self._container is not None:
             self._container.close()
 
@@ -76,7 +76,7 @@ class V4l2Sink:
 def v4l2_delivery(
     *, device: Path, width_px: int, height_px: int, rate_hz: float
 ) -> ThreadedDelivery:
-    """Return a delivery to a loopback device such as /dev/video10.
+    """Return a delivery to a V4L2 loopback device such as /dev/video10.
 
     width_px, height_px: of all pictures to come. rate_hz: what the device says of itself.
     """

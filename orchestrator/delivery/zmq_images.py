@@ -13,7 +13,7 @@ from vehicles.sources.simulator.simulator_protocol import PROTOCOL
 def published_parts(
     reading: CameraReading, *, topic: str, encoding: str = "bgr8", jpeg_quality: int = 90
 ) -> list[Buffer]:
-    """Return a reading as a message: topic, header, then a part for each entry of `parts`.
+    """Return an image as a ZMQ message: topic, header, then an entry of `parts` each.
 
     Raises ValueError for an unknown encoding.
     """
@@ -50,7 +50,7 @@ def published_parts(
 
 
 class ZmqSink:
-    """Publishes; a Sink. A subscriber that is slow misses pictures and holds up nobody."""
+    """Publishes images by ZMQ; a Sink. A slow subscriber misses images, blocking nobody."""
 
     def __init__(self, *, address: str, topic: str, encoding: str, jpeg_quality: int) -> None:
         self.name = f"zmq+{address}"
@@ -64,7 +64,7 @@ class ZmqSink:
         """Where subscribers connect: the address with its port, once open."""
 
     def open(self) -> None:
-        """Bind. Raises DeliveryError."""
+        """Bind the ZMQ socket. Raises DeliveryError."""
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.PUB)
         self._socket.setsockopt(zmq.SNDHWM, 4)
@@ -79,7 +79,7 @@ class ZmqSink:
         self.endpoint = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
 
     def write(self, reading: CameraReading) -> None:
-        """Publish one picture."""
+        """Publish one image by ZMQ."""
         if self._socket is None:
             raise DeliveryError(f"{self.name}: is not open")
         parts = published_parts(
@@ -91,7 +91,7 @@ class ZmqSink:
         self._socket.send_multipart(parts, copy=False)
 
     def close(self) -> None:
-        """Close; what is on its way gets a tenth of a second."""
+        """Close the ZMQ socket; pending images get a tenth of a second."""
         if self._socket is not None:
             self._socket.close()
         if self._context is not None:
@@ -99,7 +99,7 @@ class ZmqSink:
 
 
 class ZmqDelivery(ThreadedDelivery):
-    """A delivery to subscribers.
+    """A delivery of images to ZMQ subscribers.
 
     address: to bind, `tcp://HOST:PORT`, port `*` for any. topic: first part of each message.
     encoding: `bgr8` (no loss, much data), `png` or `jpeg`.
@@ -123,5 +123,5 @@ class ZmqDelivery(ThreadedDelivery):
 
     @property
     def endpoint(self) -> str:
-        """Return where subscribers connect; empty before it is open."""
+        """Return where ZMQ subscribers connect; empty before it is open."""
         return self._zmq.endpoint

@@ -10,7 +10,7 @@ MARKS: dict[Grade, str] = {"good": "ok", "note": "--", "trouble": "!!"}
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """A finding of the doctor: topic, severity, text, remedy.
 
     topic: under which it is told. grade: note for what only some campaigns need. remedy: what to
     do about it; empty where nothing is to be done.
@@ -23,7 +23,7 @@ class Finding:
 
 
 def as_text(findings: Iterable[Finding]) -> str:
-    """Return findings for people, topic by topic."""
+    """Return the doctor's findings as text, topic by topic."""
     lines: list[str] = []
     topic = ""
     for one in findings:

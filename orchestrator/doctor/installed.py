@@ -19,7 +19,7 @@ Requirements = Callable[[str], list[str] | None]
 
 
 def python() -> Iterator[Finding]:
-    """Yield what Python and machine this is."""
+    """Yield the finding on the installed Python and the machine."""
     text = (
         f"Python {platform.python_version()} on {platform.system()} {platform.machine()}, "
         f"{len(os.sched_getaffinity(0))} cores"
@@ -34,7 +34,7 @@ def python() -> Iterator[Finding]:
 
 
 def packages(find: Version = version, requirements: Requirements = requires) -> Iterator[Finding]:
-    """Yield which of the packages that we need are missing."""
+    """Yield findings on required packages that are not installed."""
     try:
         own = find(_US)
     except PackageNotFoundError:
@@ -51,7 +51,7 @@ def packages(find: Version = version, requirements: Requirements = requires) -> 
 
 
 def drivers(find: Version = version) -> Iterator[Finding]:
-    """Yield whether vehicles can be flown by mavsdk."""
+    """Yield the finding whether mavsdk is installed to fly vehicles."""
     try:
         yield Finding(TOPIC, "good", f"mavsdk {find('mavsdk')}, for vehicles with driver: mavsdk")
     except PackageNotFoundError:
@@ -60,7 +60,7 @@ def drivers(find: Version = version) -> Iterator[Finding]:
 
 
 def foreign_packages(find: Version = version) -> Iterator[Finding]:
-    """Yield installed packages that stand in the way of ours."""
+    """Yield findings on installed packages that conflict with ours."""
     if _is_there("safety", find):
         yield Finding(
             TOPIC,
@@ -71,12 +71,14 @@ def foreign_packages(find: Version = version) -> Iterator[Finding]:
 
 
 def _required_packages(requirements: list[str]) -> Iterator[str]:
+    """Yield the names of the packages that must be installed."""
     for one in requirements:
         if "extra ==" not in one:
             yield re.split(r"[^A-Za-z0-9._-]", one, maxsplit=1)[0]
 
 
 def _is_there(name: str, find: Version) -> bool:
+    """Return whether a package is installed."""
     try:
         find(name)
     except PackageNotFoundError:

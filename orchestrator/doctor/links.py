@@ -17,7 +17,7 @@ _OPEN_S = 5.0
 
 
 def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
-    """Yield for each campaign whether its files are good and its links can be had."""
+    """Yield a finding per campaign: whether its files are valid and its links open."""
     for file in files:
         try:
             campaign = load_campaign(file)

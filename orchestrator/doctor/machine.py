@@ -30,7 +30,7 @@ _OLDEST_YEAR = 2025
 
 
 def clock(late_s: float, *, synchronised: bool | None, now: datetime) -> Iterator[Finding]:
-    """Yield whether the clocks are good enough.
+    """Yield findings whether this machine's clocks are good enough.
 
     late_s: how much later than asked a process wakes (see `wakes_late_s`). synchronised: None
     where unknown.
@@ -56,7 +56,7 @@ def clock(late_s: float, *, synchronised: bool | None, now: datetime) -> Iterato
 
 
 def wakes_late_s() -> float:
-    """Return by how much naps are longer than asked: the 9th of 10, in seconds."""
+    """Return by how much this machine oversleeps: the 9th of 10 naps, in seconds."""
     late: list[float] = []
     for _ in range(_NAPS):
         asked_s = time.monotonic() + _NAP_S
@@ -66,7 +66,7 @@ def wakes_late_s() -> float:
 
 
 def clock_synchronised() -> bool | None:
-    """Return whether something (NTP, PTP) keeps the system clock right; None where unknown."""
+    """Return whether the machine's clock is synchronised (NTP, PTP); None: unknown."""
     try:
         kept = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES))
     except (OSError, AttributeError):
@@ -75,12 +75,12 @@ def clock_synchronised() -> bool | None:
 
 
 def utc() -> datetime:
-    """Return the system clock."""
+    """Return the machine's clock in UTC."""
     return datetime.now(UTC)
 
 
 def serial(devices: Iterable[str]) -> Iterator[Finding]:
-    """Yield which serial ports there are, and whether we may open them."""
+    """Yield findings on the machine's serial ports, and whether we may open them."""
     there = tuple(devices)
     if not there:
         yield Finding(SERIAL, "note", "none is plugged in")
@@ -106,7 +106,7 @@ def serial(devices: Iterable[str]) -> Iterator[Finding]:
 def orphans(
     launches: Iterable[LaunchRecord], guards: Iterable[GuardRecord], journals: Path
 ) -> Iterator[Finding]:
-    """Yield what earlier runs left: simulators, vehicles, parameters that were not set back.
+    """Yield findings on orphans: simulators, vehicles, parameters that were not restored.
 
     guards: records of all guards; of those that live nothing is left over.
     """
@@ -115,12 +115,14 @@ def orphans(
 
 
 def _simulators(launches: Iterable[LaunchRecord]) -> Iterator[Finding]:
+    """Yield findings on simulators of earlier runs that still run on this machine."""
     for one in launches:
         pids = " ".join(str(process.pid) for process in one.survivors())
         yield Finding(LEFT, "trouble", f"{one.label} of {one.folder} runs on", f"kill {pids}")
 
 
 def _vehicles(guards: Iterable[GuardRecord]) -> Iterator[Finding]:
+    """Yield findings on embedded vehicles that lost guard and orchestrator."""
     for one in guards:
         alive = [child.pid for child in one.children if child.lives]
         if alive and not one.guard.lives and not (one.owner is not None and one.owner.lives):
@@ -130,6 +132,7 @@ def _vehicles(guards: Iterable[GuardRecord]) -> Iterator[Finding]:
 
 
 def _parameters(journals: Path) -> Iterator[Finding]:
+    """Yield the finding on parameter backups that wait to be restored."""
     if there := waiting_backups(journals):
         yield Finding(
             LEFT,
@@ -140,11 +143,12 @@ def _parameters(journals: Path) -> Iterator[Finding]:
 
 
 def _runs(name: str) -> bool:
+    """Return whether a process of this name runs on this machine."""
     return any(process.info["name"] == name for process in psutil.process_iter(["name"]))
 
 
 def disk(folder: Path) -> Iterator[Finding]:
-    """Yield whether results can be written to a folder."""
+    """Yield findings whether results can be written to a folder of this machine."""
     if not os.access(folder, os.W_OK):
         said = "give another folder by --out"
         yield Finding(DISK, "trouble", f"{folder} cannot be written to", said)

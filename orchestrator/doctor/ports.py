@@ -16,7 +16,7 @@ Protocol = Literal["udp", "tcp"]
 
 @dataclass(frozen=True, slots=True)
 class UsualPort:
-    """A port by convention, and for what it is."""
+    """A port by convention, and its use."""
 
     number: int
     protocol: Protocol
@@ -33,7 +33,7 @@ USUAL = (
 
 
 def usual_ports(ports: Iterable[UsualPort] = USUAL) -> Iterator[Finding]:
-    """Yield which of the usual ports are taken, and by whom."""
+    """Yield findings on usual ports that are in use, and by which process."""
     free: list[str] = []
     for port in ports:
         name = f"{port.protocol} {port.number}"
@@ -53,7 +53,7 @@ def usual_ports(ports: Iterable[UsualPort] = USUAL) -> Iterator[Finding]:
 
 
 def is_taken(number: int, protocol: Protocol) -> bool:
-    """Return whether a port cannot be bound on all addresses."""
+    """Return whether a port is in use: it cannot be bound on all addresses."""
     kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM
     with socket.socket(socket.AF_INET, kind) as probe:
         if protocol == "tcp":
@@ -67,7 +67,7 @@ def is_taken(number: int, protocol: Protocol) -> bool:
 
 
 def holder_of(number: int, protocol: Protocol) -> str | None:
-    """Return the name and id of the process that holds a port; None where that is not shown."""
+    """Return name and id of the process that holds a port; None where unknown."""
     inodes = set(_inodes(number, protocol))
     if not inodes:
         return None
@@ -81,7 +81,7 @@ def holder_of(number: int, protocol: Protocol) -> str | None:
 
 
 def _inodes(number: int, protocol: Protocol) -> Iterator[str]:
-    """Yield the sockets bound to a port: proc(5), /proc/net/udp."""
+    """Yield the inodes of sockets bound to a port: proc(5), /proc/net/udp."""
     for table in (protocol, f"{protocol}6"):
         with contextlib.suppress(OSError):
             for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:

@@ -17,7 +17,7 @@ Which = Callable[[str], str | None]
 
 
 def autopilots(home: Path, which: Which = shutil.which) -> Iterator[Finding]:
-    """Yield where ArduPilot and PX4 for SITL are; beneath `home` and on PATH."""
+    """Yield findings on the programs of ArduPilot and PX4 SITL; beneath `home` and on PATH."""
     yield Finding(AUTOPILOTS, "good", "embedded PX4 and ArduCopter: nothing to install")
     copter = _first(home, "ardupilot/build/sitl/bin/arducopter") or which("arducopter")
     if copter:
@@ -48,7 +48,7 @@ def autopilots(home: Path, which: Which = shutil.which) -> Iterator[Finding]:
 def brokers(
     which: Which = shutil.which, port: int = _BROKER_PORT, module: str = "amqtt"
 ) -> Iterator[Finding]:
-    """Yield whether an MQTT broker runs here, or could be started."""
+    """Yield the finding whether an MQTT broker program runs here, or could be started."""
     if _broker_answers(port):
         yield Finding(BROKERS, "good", f"something answers on tcp {port}, MQTT's port")
     elif which("mosquitto"):
@@ -65,6 +65,7 @@ def brokers(
 
 
 def _docker(which: Which) -> Iterator[Finding]:
+    """Yield findings on the program docker."""
     docker = which("docker")
     if docker is None:
         yield Finding(AUTOPILOTS, "note", "no docker; only images of PX4 need it")
@@ -98,11 +99,13 @@ def _docker(which: Which) -> Iterator[Finding]:
 
 
 def _first(home: Path, place: str) -> Path | None:
+    """Return a program's path beneath home; None when it is no file."""
     found = home / place
     return found if found.is_file() else None
 
 
 def _broker_answers(port: int) -> bool:
+    """Return whether a broker program listens on a local port."""
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=0.5):
             return True

@@ -22,12 +22,12 @@ _TAIL_BYTES = 2000
 
 
 class ExternalAutonomyError(VehicleError):
-    """The program could not be started; says which, and what to do."""
+    """The autonomy program could not be started; says which, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProgramExit:
-    """How the program ended. code: its own, None when a signal ended it. signal: the name of one.
+    """The autonomy program's exit. code: None when a signal ended it. signal: its name.
 
     ended_by_us: it still ran when the run was over. tail: the last lines of its log.
     """
@@ -39,7 +39,7 @@ class ProgramExit:
 
     @property
     def crashed(self) -> bool:
-        """Return whether it failed by itself: a verdict of FAIL."""
+        """Return whether the autonomy program failed by itself: a verdict of FAIL."""
         return not self.ended_by_us and self.code != 0
 
     def __str__(self) -> str:
@@ -58,7 +58,7 @@ def autonomy_environment(
     system_id: int = 1,
     seed: int = 0,
 ) -> dict[str, str]:
-    """Return the environment of the program.
+    """Return the environment variables of the autonomy program.
 
     WIL_MAVLINK_URL: link string of the vehicle. WIL_VIDEO_URL: stream, or SDP file, of what it
     perceives. WIL_GOAL, WIL_PARAMETERS: the campaign's goal, and what stands under `with`, as
@@ -79,7 +79,7 @@ def autonomy_environment(
 
 
 class ExternalAutonomy:
-    """Runs the program while its context is open; an async context manager.
+    """Runs an autonomy program while its context is open; an async context manager.
 
     command: program and arguments; the program is looked up in PATH, or relative to `folder`.
     environment: all of it (see `autonomy_environment`). log_path: takes what it writes, both to
@@ -106,7 +106,7 @@ class ExternalAutonomy:
         self.exit: ProgramExit | None = None
 
     async def __aenter__(self) -> Self:
-        """Start it. Raises ExternalAutonomyError."""
+        """Start the autonomy program. Raises ExternalAutonomyError."""
         try:
             with self._log_path.open("ab") as log:
                 child = ChildProcess(
@@ -132,7 +132,7 @@ class ExternalAutonomy:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End its whole process group: TERM, and KILL for what does not heed it."""
+        """End the autonomy program's process group: SIGTERM, then SIGKILL."""
         child = self._child
         if child is None:
             return
@@ -142,11 +142,11 @@ class ExternalAutonomy:
 
     @property
     def running(self) -> bool:
-        """Return whether the program itself still runs."""
+        """Return whether the autonomy program still runs."""
         return self._child is not None and self._child.running
 
     async def ended(self) -> ProgramExit:
-        """Wait until the program ends by itself; for a task that fails the run when it crashes."""
+        """Wait for the autonomy program's own end; a crash fails the run."""
         if self._child is None:
             raise ExternalAutonomyError("the autonomy was not started")
         return self._exit(await self._child.wait(), ended_by_us=False)
@@ -163,6 +163,7 @@ class ExternalAutonomy:
 
 
 def _tail(path: Path) -> str:
+    """Return the last lines of the autonomy program's output."""
     try:
         with path.open("rb") as stream:
             stream.seek(0, os.SEEK_END)

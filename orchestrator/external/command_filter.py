@@ -42,7 +42,7 @@ Answer = Literal["pass", "later", "never"]
 
 
 class CommandFilter:
-    """Decides on each frame of a program.
+    """Filters the MAVLink commands of an autonomy program, frame by frame.
 
     flying: whether the goal is being flown. steers_by: what its newest setpoint that passed was.
     trouble: what the program does wrong, in words.
@@ -57,7 +57,7 @@ class CommandFilter:
         self.trouble = ""
 
     def judge(self, frame: Frame) -> Answer:
-        """Return whether a frame may pass: now, not yet, or never."""
+        """Return whether the filter passes a frame: now, not yet, or never."""
         command = command_of(frame)
         number = None if command is None else command.number
         setpoint = self._setpoint(frame) if frame.message_id in SETPOINTS else None
@@ -78,7 +78,7 @@ class CommandFilter:
         return answer
 
     def _setpoint(self, frame: Frame) -> Setpoints | None:
-        """Return what a setpoint for this vehicle steers by; None for another's."""
+        """Return the setpoint for this vehicle in a frame; None for another's."""
         message = self._as_vehicle.decode(frame)
         if message is None:
             return None
@@ -92,7 +92,7 @@ class CommandFilter:
         return "velocity" if message.type_mask & _NO_POSITION == _NO_POSITION else "position"
 
     def refusal(self, frame: Frame, answer: Answer) -> bytes:
-        """Return the vehicle's answer to a command that does not pass; empty to anything else.
+        """Return the ack that refuses a filtered command; empty for anything else.
 
         A program that waits for an acknowledgement must not wait for ever.
         """

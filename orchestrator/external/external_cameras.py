@@ -25,7 +25,7 @@ Deliver = Callable[[Reading], None]
 
 
 class ExternalCamera:
-    """A camera of a vehicle with pictures from outside; a Stream of readings.
+    """A vehicle's camera with external images; a Stream of readings.
 
     Opened with the run, so that what cannot be had is known before anything flies. `run` hands on
     what was taken since it began: a live camera goes on from before, a recording starts then.
@@ -43,7 +43,7 @@ class ExternalCamera:
         self._has_begun = False
 
     async def open(self, stack: AsyncExitStack) -> None:
-        """Open a live camera; look into a recording. Raises SourceError."""
+        """Open an external camera, live or recorded. Raises SourceError."""
         source = self._make_source()
         if source.kind == "live":
             self._source = await stack.enter_async_context(source)
@@ -52,11 +52,11 @@ class ExternalCamera:
                 pass
 
     def on_stall(self, stalled: Callable[[str], None]) -> None:
-        """Call `stalled` with the reason each time when nothing has come for too long."""
+        """Call `stalled` with the reason whenever the camera delivers nothing for too long."""
         self._stalled = stalled
 
     async def run(self, deliver: Deliver) -> None:
-        """Hand on pictures until cancelled. Raises SourceError when there are none any more."""
+        """Deliver the external camera's images until cancelled. Raises SourceError at their end."""
         try:
             if self._source is not None:
                 await self._run(self._source, deliver)
@@ -70,7 +70,7 @@ class ExternalCamera:
 
     @property
     def result(self) -> SourceResult:
-        """Return what became of its exposures since `run` began."""
+        """Return the counts of the external camera's exposures since `run` began."""
         counts = self._counts()
         return SourceResult(
             vehicle=str(self._side),
@@ -140,6 +140,7 @@ class ExternalCamera:
 
 
 def _file(setup: SourceSetup, rate_hz: float) -> ImageFile:
+    """Return the reader of an external camera's recorded images."""
     path = Path(setup.address)
     if setup.kind == "images":
         return ImageFolder(path=path, rate_hz=rate_hz)

@@ -37,7 +37,7 @@ Key = tuple[str, str]
 
 
 class ExternalIo:
-    """Sources, ways out and injections of one run; an async context manager.
+    """External I/O of one run: sources, outlets, injections; an async context manager.
 
     cameras: those with pictures from outside, simulators: those that are asked in another
     process, both by vehicle and sensor. Nothing here is slower for a run that has none of it.
@@ -64,7 +64,7 @@ class ExternalIo:
         self._ground = self._ground_station()
 
     async def __aenter__(self) -> Self:
-        """Open all. Raises SourceError, DeliveryError, LinkError: whichever cannot be had."""
+        """Open all external I/O. Raises SourceError, DeliveryError, LinkError."""
         async with AsyncExitStack() as stack:
             for camera in self.cameras.values():
                 await camera.open(stack)
@@ -84,7 +84,7 @@ class ExternalIo:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close all."""
+        """Close all external I/O."""
         await self._stack.aclose()
 
     @property
@@ -97,7 +97,7 @@ class ExternalIo:
         )
 
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
-        """Take the vehicles, whose autopilots are told from now on what is injected."""
+        """Attach the vehicles whose autopilots receive injections."""
         setup = self._setup
         surroundings = ScenePoses(
             setup.virtual_scene if setup.mode != "real" else setup.real_scene,
@@ -118,7 +118,7 @@ class ExternalIo:
     async def before_arming(
         self, contexts: Iterable[VehicleContext], *, unbooted: Mapping[str, frozenset[str]]
     ) -> None:
-        """Prove that motion capture is there, and that what is injected will be acted on.
+        """Check that motion capture is received and that autopilots use injections.
 
         unbooted: by vehicle the parameters that were changed while it ran.
 
@@ -132,7 +132,7 @@ class ExternalIo:
             self._proofs = await prove_injection(contexts, vehicles, injections, unbooted=unbooted)
 
     async def run(self, run_state: RunState) -> None:
-        """Tell autopilots and ground station what is due, and watch, until cancelled."""
+        """Send what is due to autopilots and ground station, and watch, until cancelled."""
         async with asyncio.TaskGroup() as group:
             group.create_task(run_state.reaching("end"), name="outside")
             for name, injector in self._injectors.items():
@@ -145,21 +145,21 @@ class ExternalIo:
                 group.create_task(self._watch_injection(run_state), name="injection watch")
 
     def senses(self, doubted: Callable[[str], None]) -> bool:
-        """Return whether any camera is outside; `doubted` is told when one gives nothing."""
+        """Return whether any camera is external; `doubted` is called when one stalls."""
         self._doubted = doubted
         for camera in self.cameras.values():
             camera.on_stall(doubted)
         return bool(self.cameras or self.simulators)
 
     def missing(self, key: Key, reason: str) -> None:
-        """Take that a camera could not be given a picture; one here and there is no stall."""
+        """Note that an external camera delivered no image; now and then is no stall."""
         now_s = asyncio.get_running_loop().time()
         since_s = self._missing.setdefault(key, now_s)
         if now_s - since_s > _STALLED_S:
             self._doubted(f"{' '.join(key)}: {reason}")
 
     def perceived(self, reading: Reading, by: Iterable[str]) -> None:
-        """Take a reading that vehicles perceive: it goes out, and to their autopilots."""
+        """Send out a perceived reading: to outlets and to autopilots."""
         if not self._injectors and not self.outlets:
             return
         receivers = tuple(by)
@@ -170,14 +170,14 @@ class ExternalIo:
             self.outlets.perceived(reading.sensor, reading, receivers)
 
     def untouched(self, reading: Reading) -> None:
-        """Take a reading as a vehicle's sensor made it."""
+        """Send out a sensor's reading as the vehicle made it."""
         if self._missing:
             self._missing.pop((reading.source, reading.sensor), None)
         if self.outlets and isinstance(reading, CameraReading):
             self.outlets.untouched(reading.sensor, reading)
 
     def contact(self, flag: Flag) -> None:
-        """Take a contact, at the moment when it is seen."""
+        """Send out a contact at the moment it is detected."""
         if self._ground is None:
             return
         things = self._setup.judged_scene.objects
@@ -186,7 +186,7 @@ class ExternalIo:
 
     @property
     def result(self) -> ExternalResult:
-        """Return what came in and went out."""
+        """Return the results of all external I/O."""
         return ExternalResult(
             sources=(
                 *(camera.result for camera in self.cameras.values()),
@@ -208,7 +208,7 @@ class ExternalIo:
                 return
 
     async def _watch_injection(self, run_state: RunState) -> None:
-        """End the flight as INVALID when an autopilot is flown so that it ignores what it is told.
+        """End the flight as INVALID when an autopilot ignores its injections.
 
         Twice in a row: what changes the mode may itself be on its way to being told.
         """
@@ -292,6 +292,7 @@ class ExternalIo:
 
 
 def _is_simulated(vehicle: str, sensor: str, simulator: ZmqImageSource) -> SourceResult:
+    """Return the result of a camera rendered by an external simulator."""
     counts = simulator.counts
     return SourceResult(
         vehicle=vehicle,

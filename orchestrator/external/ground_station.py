@@ -16,7 +16,7 @@ _COMPANION = 191
 
 
 class GroundStation:
-    """Speaks on a link of its own to a ground station, as companions of the real vehicle.
+    """A link of its own to a ground station, as components of the real vehicle.
 
     cameras: a component for each stream. The vehicle's own telemetry does not go this way.
     """
@@ -33,7 +33,7 @@ class GroundStation:
         link.receive(self._on_frame)
 
     async def run(self) -> None:
-        """Send what is due until cancelled."""
+        """Send what is due to the ground station until cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             for camera in self._cameras:
@@ -41,7 +41,7 @@ class GroundStation:
             await asyncio.sleep(_TICK_S)
 
     def contact(self, text: str, *, thing_id: int) -> None:
-        """Tell of a contact at the moment when it is seen: COLLISION for machines, text for people.
+        """Send a contact to the ground station: COLLISION for machines, text for people.
 
         thing_id: of the thing in the world.
         """

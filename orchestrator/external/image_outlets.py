@@ -18,7 +18,7 @@ from vehicles.readings import CameraReading
 
 @dataclass(frozen=True, slots=True)
 class Outlet:
-    """A delivery, and which pictures it gets: of a sensor, perceived or not, by a vehicle."""
+    """An image outlet: a delivery, and which vehicle's camera it shows, perceived or raw."""
 
     delivery: Delivery
     sensor: str
@@ -27,7 +27,7 @@ class Outlet:
 
 
 class Outlets:
-    """All ways out for pictures of one run."""
+    """All image outlets of one run."""
 
     def __init__(self, outlets: Iterable[Outlet]) -> None:
         self._outlets = tuple(outlets)
@@ -36,31 +36,31 @@ class Outlets:
         return bool(self._outlets)
 
     async def open(self, stack: AsyncExitStack) -> None:
-        """Open all. Raises DeliveryError."""
+        """Open all image outlets. Raises DeliveryError."""
         for outlet in self._outlets:
             await stack.enter_async_context(outlet.delivery)
 
     def perceived(self, sensor: str, reading: CameraReading, by: Iterable[str]) -> None:
-        """Take a picture that vehicles perceive."""
+        """Deliver an image that vehicles perceive to its outlets."""
         receivers = frozenset(by)
         for outlet in self._outlets:
             if outlet.perceived and outlet.sensor == sensor and outlet.vehicle in receivers:
                 outlet.delivery.deliver(reading)
 
     def untouched(self, sensor: str, reading: CameraReading) -> None:
-        """Take a picture as a vehicle's camera took it."""
+        """Deliver an image as the camera took it to its outlets."""
         for outlet in self._outlets:
             if not outlet.perceived and (outlet.sensor, outlet.vehicle) == (sensor, reading.source):
                 outlet.delivery.deliver(reading)
 
     @property
     def results(self) -> tuple[OutletResult, ...]:
-        """Return what became of the pictures."""
+        """Return the results of the image outlets."""
         return tuple(_result(outlet.delivery) for outlet in self._outlets)
 
 
 def image_delivery(outlet: ImageOutlet, camera: CameraSetup, *, sdp_path: Path | None) -> Delivery:
-    """Return the delivery of a way out, for pictures as large and as frequent as a camera's."""
+    """Return the delivery of an image outlet, for a camera's image size and rate."""
     size = camera.intrinsics
     if outlet.kind == "zmq":
         return ZmqDelivery(address=outlet.address, topic=outlet.topic, encoding=outlet.encoding)
@@ -84,6 +84,7 @@ def image_delivery(outlet: ImageOutlet, camera: CameraSetup, *, sdp_path: Path |
 
 
 def _result(delivery: Delivery) -> OutletResult:
+    """Return the result of one image outlet."""
     counts = delivery.counts
     return OutletResult(
         name=delivery.name,

@@ -22,12 +22,12 @@ _DOWN = 0.7
 
 
 class UnsupportedInjectionError(VehicleError):
-    """Something is injected that an autopilot would ignore: which, why, and what to do."""
+    """An injection that an autopilot would ignore: which, why, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class InjectionProof:
-    """What one vehicle is told, and the parameters by which it acts on that."""
+    """The check of one vehicle's injections: the parameters by which it uses them."""
 
     context: VehicleContext
     autopilot: AutopilotName
@@ -35,7 +35,7 @@ class InjectionProof:
     parameters: Mapping[str, float]
 
     def broken(self) -> tuple[Ignored, ...]:
-        """Return why it is ignored now, in the mode and by the setpoints that are flown."""
+        """Return why injections are ignored now, in the flown mode and setpoints."""
         if not matters_in_flight(self.thing):
             return ()
         mode, setpoints = self.context.driver.state.mode_name, self.context.steered_by
@@ -44,7 +44,7 @@ class InjectionProof:
         )
 
     def text_of(self, reasons: Iterable[Ignored]) -> str:
-        """Return reasons in words, with whose they are."""
+        """Return reasons of ignored injections in words, with the vehicle."""
         return "; ".join(f"{self.context.name}, {self.thing}: {reason}" for reason in reasons)
 
 
@@ -55,7 +55,7 @@ async def prove_injection(
     *,
     unbooted: Mapping[str, frozenset[str]],
 ) -> tuple[InjectionProof, ...]:
-    """Ask each autopilot for the parameters that matter. Raises NotHonouredError with all faults.
+    """Check injections by the autopilots' parameters. Raises UnsupportedInjectionError.
 
     Only what the vehicle itself reports counts: what a campaign has set may not have taken.
     unbooted: of each vehicle the parameters that were changed since it booted.
@@ -85,7 +85,7 @@ async def prove_injection(
 
 
 def message_name(injected: Injected, mount: Pose | None) -> Thing:
-    """Return what an injected thing is to the rules; a rangefinder's mounting tells its use."""
+    """Return the injected message's name in the rules; a rangefinder's mount decides."""
     if injected == "distance_sensor" and mount is not None:
         down = rotate(mount.q_wxyz, (1.0, 0.0, 0.0))[2]
         return "distance_sensor" if down >= _DOWN else "distance_sensor_sideways"
@@ -95,6 +95,7 @@ def message_name(injected: Injected, mount: Pose | None) -> Thing:
 async def _ask_parameters(
     context: VehicleContext, autopilot: AutopilotName, thing: Thing
 ) -> InjectionProof:
+    """Return the autopilot's parameters that decide about an injection."""
     parameters: dict[str, float] = {}
     for name in parameters_to_ask(autopilot, thing):
         try:
@@ -105,6 +106,7 @@ async def _ask_parameters(
 
 
 def _mount(vehicle: VehicleSetup, sensor: str | None) -> Pose | None:
+    """Return the mount of an injected sensor; None without one."""
     found = (one for one in vehicle.sensors if one.name == sensor)
     mount = getattr(next(found, None), "mount", None)
     return mount if isinstance(mount, Pose) else None

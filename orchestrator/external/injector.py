@@ -36,7 +36,7 @@ _TRAFFIC_HZ = 50.0
 
 @dataclass(frozen=True, slots=True)
 class ScenePoses:
-    """Where things are. events: the world's, by their times."""
+    """The poses of the scene's objects for the injector. events: the world's, by time."""
 
     scene: Scene
     frame: LocalFrame
@@ -44,7 +44,7 @@ class ScenePoses:
 
 
 class Injector:
-    """Sends one vehicle's autopilot what the campaign injects."""
+    """Injects the campaign's messages into one vehicle's autopilot."""
 
     def __init__(
         self,
@@ -64,11 +64,11 @@ class Injector:
 
     @property
     def things(self) -> tuple[InjectionSetup, ...]:
-        """Return what is injected into this vehicle."""
+        """Return the names of what is injected into this vehicle."""
         return self._injections
 
     def perceived(self, sensor: str, reading: Reading) -> None:
-        """Take a mixed reading of a sensor."""
+        """Take a sensor's mixed reading to inject."""
         for one in self._injections:
             if one.sensor != sensor:
                 continue
@@ -80,13 +80,13 @@ class Injector:
                 self._pose(one, reading)
 
     def pose(self, reading: PoseReading) -> None:
-        """Take a pose of motion capture, as it came."""
+        """Take a motion capture pose to inject, as it arrived."""
         for one in self._injections:
             if one.sensor is None:
                 self._pose(one, reading)
 
     async def run(self) -> None:
-        """Tell of things by where they are, until cancelled."""
+        """Inject messages about objects' places until cancelled."""
         moving = [one for one in self._injections if one.objects]
         rate_hz = max((self._plan(one).rate_hz for one in moving), default=0.0)
         loop = asyncio.get_running_loop()
@@ -97,7 +97,7 @@ class Injector:
 
     @property
     def results(self) -> tuple[InjectedResult, ...]:
-        """Return what became of the messages."""
+        """Return the counts of injected messages."""
         found: dict[str, list[PacedMessages]] = {one.thing: [] for one in self._injections}
         for (thing, _), paced in self._paced.items():
             found[thing].append(paced)
@@ -161,7 +161,7 @@ class Injector:
         )
 
     def _landing_target(self, place: Vec3, now_s: float) -> Any | None:
-        """Return where a pad is, in the autopilot's own frame; None before it is known."""
+        """Return the injected landing target in the autopilot's frame; None if unknown."""
         driver = self._context.driver
         anchor, local = driver.anchor, driver.state.local
         if anchor is None or local is None:

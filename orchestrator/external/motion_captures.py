@@ -23,6 +23,8 @@ _POLL_S = 0.05
 
 @dataclass(slots=True)
 class _Feed:
+    """The motion capture feed of one vehicle, with its listeners."""
+
     setup: MocapSetup
     capture: MotionCapture
     listeners: list[Listener] = field(default_factory=list)
@@ -30,7 +32,7 @@ class _Feed:
 
 
 class MotionCaptures:
-    """The motion-capture inputs of a run; vehicles that name one address share one input."""
+    """A run's motion capture inputs; vehicles with one address share one input."""
 
     def __init__(self, wanted: Mapping[Source, MocapSetup]) -> None:
         self._feeds: dict[Source, _Feed] = {}
@@ -44,19 +46,19 @@ class MotionCaptures:
             self._add(group)
 
     async def open(self, stack: AsyncExitStack) -> None:
-        """Open all inputs. Raises SourceError."""
+        """Open all motion capture inputs. Raises SourceError."""
         for one in self._inputs:
             await stack.enter_async_context(one)
 
     def listen(self, vehicle: Source, listener: Listener) -> bool:
-        """Call `listener` with each pose of a vehicle; False when none comes from outside."""
+        """Call `listener` with each motion capture pose of a vehicle; False without feed."""
         if vehicle not in self._feeds:
             return False
         self._feeds[vehicle].listeners.append(listener)
         return True
 
     async def ready(self, within_s: float = _FIRST_S) -> None:
-        """Wait until every vehicle has been seen. Raises SourceError."""
+        """Wait until motion capture has seen every vehicle. Raises SourceError."""
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + within_s
         for vehicle, feed in self._feeds.items():
@@ -66,7 +68,7 @@ class MotionCaptures:
                 await asyncio.sleep(_POLL_S)
 
     def silent(self, now_s: float) -> str:
-        """Return who has not been seen for longer than the campaign allows; empty for nobody."""
+        """Return in words which vehicle motion capture lost for too long; "" for none."""
         for vehicle, feed in self._feeds.items():
             gap_s = now_s - (feed.last_s if feed.last_s is not None else now_s)
             if gap_s > feed.setup.stall_s:
@@ -78,7 +80,7 @@ class MotionCaptures:
 
     @property
     def results(self) -> tuple[CaptureResult, ...]:
-        """Return the figures of each vehicle's feed."""
+        """Return the figures of each vehicle's motion capture feed."""
         return tuple(
             CaptureResult(
                 vehicle=vehicle,
@@ -127,6 +129,7 @@ class MotionCaptures:
 
 
 def _unseen_bodies(vehicle: Source, feed: _Feed, within_s: float) -> str:
+    """Return why motion capture has not seen a vehicle's body, in words."""
     setup, capture = feed.setup, feed.capture
     figures = capture.statistics(setup.body)
     if capture.garbage:

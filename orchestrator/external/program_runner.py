@@ -38,7 +38,7 @@ _GRACE_S = 2.0
 
 
 class ProgramRunner:
-    """Runs one program on one vehicle; an async context manager, for the time of the run.
+    """Runs one autonomy program on one vehicle during the run; an async context manager.
 
     It speaks MAVLink on a UDP port of its own and sees what the vehicle perceives as an RTP
     stream. Its setpoints pass from the goal on; it is done when it ends with exit code 0. Another
@@ -76,7 +76,7 @@ class ProgramRunner:
         self.done = asyncio.Event()
 
     async def __aenter__(self) -> Self:
-        """Open its ports and start it. Raises VehicleError."""
+        """Open the program's ports and start it. Raises VehicleError."""
         async with AsyncExitStack() as stack:
             self._udp.receive(self._exit_text)
             self._link.tap(self._on_frame)
@@ -104,7 +104,7 @@ class ProgramRunner:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End it and all that it started."""
+        """End the program and all processes that it started."""
         if self._ending is not None:
             self._ending.remove_done_callback(self._on_program_end)
             try:
@@ -114,7 +114,7 @@ class ProgramRunner:
 
     @property
     def result(self) -> ProgramResult:
-        """Return how it ended, and what of it was refused."""
+        """Return how the program ended, and which of its commands were refused."""
         ended = None if self._program is None else self._program.exit
         said = "was not started" if ended is None else str(ended)
         return ProgramResult(
@@ -125,19 +125,19 @@ class ProgramRunner:
         )
 
     def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
-        """Call `started(name, t_s)` when the next setpoint is on its way, once."""
+        """Call `started(name, t_s)` once, when the program's next setpoint is sent."""
         self._started = started
 
     def perceive(self, reading: Reading) -> None:
-        """Send a picture to the program."""
+        """Send an image to the program."""
         if self._video is not None and isinstance(reading, CameraReading):
             self._video.deliver(reading)
 
     def perceive_raw(self, reading: Reading) -> None:
-        """Leave what a mixture was made of: the program has one stream."""
+        """Ignore a mixture's inputs: the program has one stream."""
 
     async def fly(self) -> None:
-        """Pass its setpoints on from now on, until cancelled or done."""
+        """Pass the program's setpoints on from now on, until cancelled or done."""
         self._gate.flying = True
         try:
             await self.done.wait()
@@ -146,7 +146,7 @@ class ProgramRunner:
             self._gate.flying = False
 
     def _on_program_end(self, ending: "asyncio.Task[ProgramExit]") -> None:
-        """Take that the program ended by itself: done, or a crash."""
+        """Handle the program's own end: done, or a crash."""
         if ending.cancelled():
             return
         how = ending.result()
@@ -195,6 +195,7 @@ class ProgramRunner:
 
 
 def _video(camera: CameraSetup, sdp: Path) -> Delivery:
+    """Return the RTP delivery of a camera to the program."""
     size = camera.intrinsics
     return rtp_delivery(
         width_px=size.width_px,
@@ -206,7 +207,7 @@ def _video(camera: CameraSetup, sdp: Path) -> Delivery:
 
 
 def _free_even_port() -> int:
-    """Return a UDP port that nobody has now; RTP's are even."""
+    """Return a free UDP port for the program's video; RTP's are even."""
     while True:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
             one.bind((_HOST, 0))

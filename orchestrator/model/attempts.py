@@ -11,7 +11,7 @@ _RETRIED: frozenset[Verdict] = frozenset({"ERROR", "INVALID"})
 
 
 def retry_due(result: RunResult, *, retries: int) -> bool:
-    """Return whether a run is flown again by the campaign's `retries`.
+    """Return whether a run gets another attempt by the campaign's `retries`.
 
     Not after an exception of ours: that is no trouble of the surroundings which may pass. Nor is
     a control that ended as it must, also where that is INVALID or ERROR.
@@ -23,12 +23,12 @@ def retry_due(result: RunResult, *, retries: int) -> bool:
 
 
 def attempt_of(result: RunResult, folder: str) -> Attempt:
-    """Return what a result is, once it does not count any more. folder: where it is kept."""
+    """Return a result as an earlier attempt, which does not count. folder: where it is kept."""
     return Attempt(result.verdict, result.reason, folder)
 
 
 def after_attempts(result: RunResult, attempts: Iterable[Attempt]) -> RunResult:
-    """Return a result that tells of earlier attempts, so that no PASS looks like a clean one."""
+    """Return a result with its earlier attempts, so that no PASS looks like a clean one."""
     told = tuple(attempts)
     if not told:
         return result

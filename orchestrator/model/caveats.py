@@ -11,7 +11,7 @@ from orchestrator.model.results import RunResult, Summary
 
 
 def caveats(runs: Sequence[RunResult]) -> list[str]:
-    """Return all of it as lines for people."""
+    """Return all caveats of a campaign as lines for people."""
     lines = _overridden_lines(runs)
     lines += [f"fence changed in flight: {text}" for text in fence_texts(runs)]
     lines += [f"reported only, and failed: {text}" for text in reported_texts(runs)]
@@ -22,7 +22,7 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
 
 
 def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return why no mixture of a passed run was looked at for the virtual objects, and in which."""
+    """Return the caveat of passed runs whose mixtures were not checked for virtual objects."""
     return _in_runs(
         (run.mixing.not_measured, run)
         for run in runs
@@ -43,7 +43,7 @@ def dropped_out_texts(runs: Sequence[RunResult]) -> list[str]:
 
 
 def in_short(summary: Summary) -> list[str]:
-    """Return it in a few words each, for a line that says what a campaign came to.
+    """Return the caveats in a few words each, for the line of a campaign's conclusion.
 
     Oracles that are only reported take nothing from a campaign that is not accepted anyway.
     """
@@ -60,13 +60,13 @@ def in_short(summary: Summary) -> list[str]:
 
 
 def overridden_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return which checks of the preflight did not count, and by whose name."""
+    """Return the caveat of overridden preflight checks, and by whom."""
     items = (item for run in runs for item in run.preflight if item.by)
     return sorted({f"{item.vehicle} {item.check} by {item.by}".strip() for item in items})
 
 
 def fence_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return of which vehicles the fence was changed in flight, by whom, and in which runs."""
+    """Return the caveat of fences changed in flight: which vehicles, by whom, which runs."""
     return _in_runs(
         (f"{' and '.join(change.vehicles)} by {change.by}", run)
         for run in runs
@@ -75,17 +75,17 @@ def fence_texts(runs: Sequence[RunResult]) -> list[str]:
 
 
 def reported_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return which oracles of the judged vehicle failed in runs that passed, and in which."""
+    """Return the caveat of oracles that failed in passed runs, and in which."""
     return _in_runs(_reported_lines(runs))
 
 
 def unjudged_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return which oracles that judge always were switched off, and in which runs."""
+    """Return the caveat of switched-off oracles that always judge, and in which runs."""
     return _in_runs((name, run) for run in runs for name in run.not_judged)
 
 
 def _reported_lines(runs: Iterable[RunResult]) -> list[tuple[str, RunResult]]:
-    """Return each oracle that failed in a run that passed; the twin beside a real one has none."""
+    """Return caveats of oracles that failed in a passed run; not a real vehicle's twin."""
     return [
         (oracle.name, run)
         for run in runs
@@ -96,7 +96,7 @@ def _reported_lines(runs: Iterable[RunResult]) -> list[tuple[str, RunResult]]:
 
 
 def _overridden_lines(runs: Sequence[RunResult]) -> list[str]:
-    """Return which checks of the preflight did not count, in how many runs, and what they found."""
+    """Return caveats of overridden preflight checks: runs, and what they found."""
     first: dict[tuple[str, str, str], str] = {}
     counted: Counter[tuple[str, str, str]] = Counter()
     for run in runs:
@@ -109,7 +109,7 @@ def _overridden_lines(runs: Sequence[RunResult]) -> list[str]:
 
 
 def _in_runs(found: Iterable[tuple[str, RunResult]]) -> list[str]:
-    """Return each text once, with the cases and modes in which it is so, and in how many runs."""
+    """Return each caveat once, with its cases and modes, and in how many runs."""
     where: dict[str, dict[str, set[int]]] = {}
     for text, run in found:
         where.setdefault(text, {}).setdefault(f"{run.case} {run.mode}", set()).add(run.rep)
@@ -120,9 +120,11 @@ def _in_runs(found: Iterable[tuple[str, RunResult]]) -> list[str]:
 
 
 def _count(repetitions: set[int]) -> str:
+    """Return a number of runs in a caveat."""
     count = len(repetitions)
     return f"{count} run{'' if count == 1 else 's'}"
 
 
 def _names(names: Iterable[str]) -> str:
+    """Return names in a caveat, sorted, each once."""
     return ", ".join(sorted(set(names)))

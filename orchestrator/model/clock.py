@@ -27,11 +27,11 @@ _SAME_INSTANT_S = 1e-9
 
 
 class VirtualDeadlockError(RuntimeError):
-    """Nothing is ready, no timer is set and no job runs: every task waits for ever."""
+    """The virtual clock's deadlock: nothing is ready, no timer is set and no job runs."""
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
-    """An asyncio loop whose time starts at 0 and costs nothing to pass.
+    """An asyncio loop on a virtual clock that starts at 0 and passes at no cost.
 
     Timers of one instant run in the order in which they were set. It keeps its timers and makes
     its turns itself: a second of flight has hundreds of turns, and asyncio's cost as much as the
@@ -50,7 +50,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         self._callbacks: deque[asyncio.Handle] = vars(self)["_ready"]
 
     def time(self) -> float:
-        """Return the virtual time in seconds."""
+        """Return the virtual clock's time in seconds."""
         return self._now_s
 
     def call_at(
@@ -60,22 +60,22 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         *args: *Ts,
         context: Context | None = None,
     ) -> asyncio.TimerHandle:
-        """Call `callback` at a virtual time; at once when that is past."""
+        """Call `callback` at a time of the virtual clock; at once when that is past."""
         timer = asyncio.TimerHandle(when, callback, args, self, context)
         self._timers_set += 1
         heappush(self._timers, (when, self._timers_set, timer))
         return timer
 
     def close(self) -> None:
-        """Close the loop; its timers are forgotten."""
+        """Close the virtual clock's loop; its timers are dropped."""
         self._timers.clear()
         super().close()
 
     def _timer_handle_cancelled(self, handle: asyncio.TimerHandle) -> None:
-        """Take that a timer was cancelled: it is dropped when its time comes."""
+        """Note a cancelled timer of the virtual clock: dropped when due."""
 
     def _run_once(self) -> None:
-        """Make one turn of asyncio's `run_forever`."""
+        """Make one turn of asyncio's `run_forever` on the virtual clock."""
         callbacks, timers = self._callbacks, self._timers
         self._turns += 1
         if self._turns % _TURNS_BETWEEN_POLLS == 0:
@@ -95,7 +95,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         self._now_s = max(self._now_s, end_s)
 
     def _wait(self) -> None:
-        """Wait for a job, or else have time jump exactly to the next timer."""
+        """Wait for a job, or else advance the virtual clock exactly to the next timer."""
         if self.jobs_running:
             self._look_outside(None)
             return
@@ -110,14 +110,14 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             raise VirtualDeadlockError("virtual time stands still: no timer, no job, nothing ready")
 
     def _look_outside(self, timeout_s: float | None) -> None:
-        """Take what file descriptors are ready; None waits for one."""
+        """Take ready file descriptors into the virtual loop; None waits for one."""
         ready = self._descriptors.select(timeout_s)
         self._process_events(ready)  # type: ignore[attr-defined]  # typeshed leaves it out
 
     def run_in_executor(
         self, executor: Executor | None, func: Callable[[*Ts], T], *args: *Ts
     ) -> asyncio.Future[T]:
-        """Run a job in a thread; the clock holds, and results come in the order of submission."""
+        """Run a job in a thread while the virtual clock holds; results keep their order."""
         raw = super().run_in_executor(executor, func, *args)
         result: asyncio.Future[T] = self.create_future()
         self.jobs_running += 1
@@ -139,7 +139,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return result
 
     async def shutdown_default_executor(self, *timeout: float | None) -> None:
-        """End the threads of the default executor, with the clock held.
+        """End the executor's threads while the virtual clock holds.
 
         Takes `timeout` from Python 3.12 on, as the base class does.
         """
@@ -151,6 +151,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
 
 
 def _copy_outcome(source: asyncio.Future[T], target: asyncio.Future[T]) -> None:
+    """Copy a thread job's outcome to the virtual loop's future."""
     if target.done():
         source.exception() if not source.cancelled() else None
     elif source.cancelled():
@@ -162,13 +163,13 @@ def _copy_outcome(source: asyncio.Future[T], target: asyncio.Future[T]) -> None:
 
 
 def run_virtual(main: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine to its end in virtual time and return its result."""
+    """Run a coroutine to its end on the virtual clock and return its result."""
     with asyncio.Runner(loop_factory=VirtualLoop) as runner:
         return runner.run(main)
 
 
 def run_on(clock: Clock, main: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine to its end on the run clock that was asked for.
+    """Run a coroutine to its end on the requested clock: wall, scaled or virtual.
 
     scaled: it is the wall's until a guard leads it.
     """

@@ -11,7 +11,7 @@ from safety.model.verdict import source_of
 
 @dataclass(frozen=True, slots=True)
 class ControlResult:
-    """How a control ended against how it must. case: the one that it changes.
+    """A control's result against its expected end. case: the one that it changes.
 
     verdict, oracle, cause: what is expected. met: whether it ended so.
     """
@@ -24,7 +24,7 @@ class ControlResult:
 
 
 class ControlRun(Protocol):
-    """A finished control; `orchestrator.model.results.RunResult`."""
+    """A finished control run (protocol of `orchestrator.model.results.RunResult`)."""
 
     @property
     def case(self) -> str:
@@ -32,25 +32,25 @@ class ControlRun(Protocol):
 
     @property
     def mode(self) -> str:
-        """Return the mode in which it was flown."""
+        """Return the mode in which the control was flown."""
 
     @property
     def verdict(self) -> Verdict:
-        """Return the verdict."""
+        """Return the control run's verdict."""
 
     @property
     def reason(self) -> str:
-        """Return the reason."""
+        """Return the reason of the control run's verdict."""
 
     @property
     def control(self) -> ControlResult | None:
-        """Return how it ended against how it must; None for a run that is no control."""
+        """Return the control's result; None for a run that is no control."""
 
 
 def control_result(
     expected: Expectation | None, *, verdict: Verdict, reason: str, decided_by: str, subject: str
 ) -> ControlResult | None:
-    """Return how a run that came to a verdict did as a control; None where it is none.
+    """Return the control result of a run with a verdict; None where it is no control.
 
     decided_by: the source of the event that made the verdict; subject: the vehicle judged.
     """
@@ -66,18 +66,19 @@ def control_result(
 
 
 def control_faults(runs: Iterable[ControlRun]) -> list[str]:
-    """Return in words each control that did not end as it must."""
+    """Return in words each control that did not end as expected."""
     return [_fault(run) for run in runs if run.control is not None and not run.control.met]
 
 
 def expected_text(control: ControlResult) -> str:
-    """Return in words how a control must end."""
+    """Return in words how a control is expected to end."""
     by = "" if control.oracle is None else f" by {control.oracle}"
     because = "" if control.cause is None else f", because of '{control.cause}'"
     return f"{control.verdict}{by}{because}"
 
 
 def _fault(run: ControlRun) -> str:
+    """Return in words how a control ended against its expectation."""
     name = f"control {run.case} in mode {run.mode}"
     if run.verdict == "PASS":
         return f"this campaign cannot fail: {name} passed"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def to_json(document: object, *, indent: int | None = 2) -> str:
-    """Return a dataclass (or plain values) as JSON, keys in the order of its fields.
+    """Return a document (dataclass or plain values) as JSON, keys in the order of its fields.
 
     Floats are written so that they read back the same. Raises ValueError for NaN and infinity.
     """
@@ -22,7 +22,7 @@ def to_json(document: object, *, indent: int | None = 2) -> str:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file so that a reader sees all of it or what was there before, also after a crash.
+    """Write a document atomically: a reader sees all of it or the old one, also after a crash.
 
     A temporary file in the same folder, fsync, rename, fsync of the folder. Raises OSError.
     """
@@ -44,7 +44,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 
 def sync_files(folder: Path) -> None:
-    """Have every file of a folder on the disk, and their names. Raises OSError."""
+    """Sync every document of a folder, and their names, to the disk. Raises OSError."""
     for path in sorted(folder.iterdir()):
         if path.is_file():
             handle = os.open(path, os.O_RDONLY)
@@ -56,7 +56,7 @@ def sync_files(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Have the names in a folder on the disk. Raises OSError."""
+    """Sync the names in a folder of documents to the disk. Raises OSError."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)

@@ -8,7 +8,7 @@ from vehicles.sources.mocap.feed_statistics import FeedStatistics
 
 @dataclass(frozen=True, slots=True)
 class SourceResult:
-    """Exposures of a camera with pictures from outside, by what became of them.
+    """The result of an external camera source: exposures by outcome.
 
     dropped: came, and made way for newer ones. missed: never came. damaged: came broken, or wrong.
     stalls: how often nothing came for too long. trouble: the last complaint.
@@ -27,7 +27,7 @@ class SourceResult:
 
 @dataclass(frozen=True, slots=True)
 class CaptureResult:
-    """Motion capture of a vehicle. garbage: messages on its port that could not be read."""
+    """The result of a vehicle's motion capture. garbage: unreadable messages on its port."""
 
     vehicle: str
     address: str
@@ -38,7 +38,7 @@ class CaptureResult:
 
 @dataclass(frozen=True, slots=True)
 class OutletResult:
-    """Pictures offered to a way out, by what became of them. trouble: why the last failed."""
+    """The result of an external image outlet: images by outcome. trouble: the last failure."""
 
     name: str
     offered: int
@@ -50,7 +50,7 @@ class OutletResult:
 
 @dataclass(frozen=True, slots=True)
 class InjectedResult:
-    """Messages of one kind to one autopilot.
+    """The result of injecting one kind of message into one autopilot.
 
     sent; replaced by newer ones before they were due; not sent, for they had become too old.
     """
@@ -64,7 +64,7 @@ class InjectedResult:
 
 @dataclass(frozen=True, slots=True)
 class ProgramResult:
-    """The autonomy of a vehicle that is a program. exit: how it ended, in words.
+    """The result of an external autonomy program. exit: how it ended, in words.
 
     refused: frames of it that were not passed on to the vehicle. trouble: what it did wrong.
     """
@@ -77,7 +77,7 @@ class ProgramResult:
 
 @dataclass(frozen=True, slots=True)
 class ExternalResult:
-    """All that a run had outside of this process."""
+    """The result of all external I/O of a run."""
 
     sources: tuple[SourceResult, ...] = ()
     captures: tuple[CaptureResult, ...] = ()
@@ -87,6 +87,6 @@ class ExternalResult:
 
     @property
     def anything(self) -> bool:
-        """Return whether there was anything outside."""
+        """Return whether the run had any external I/O."""
         parts = (self.sources, self.captures, self.outlets, self.injected, self.programs)
         return any(parts)

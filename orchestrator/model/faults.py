@@ -13,7 +13,7 @@ from vehicles.tasks import FAULTS, asked_to_end, leaves
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One exception. where: the task or part of the run that raised it; kind: its type's name."""
+    """An exception of ours. where: the task or part of the run that raised it; kind: its type."""
 
     t_s: float
     where: str
@@ -23,7 +23,7 @@ class Fault:
 
     @classmethod
     def of(cls, error: BaseException, where: str, t_s: float) -> Self:
-        """Return what is kept of an exception."""
+        """Return the fault record of an exception."""
         try:
             message = str(error)
         except Exception as other:  # noqa: BLE001 - an error whose own words raise has a type still
@@ -33,7 +33,7 @@ class Fault:
 
     @property
     def text(self) -> str:
-        """Return it in a line."""
+        """Return the fault in a line."""
         said = f"{self.kind}: {self.message}" if self.message else self.kind
         return f"{self.where}: {said}"
 
@@ -42,7 +42,7 @@ FaultLog = Callable[[Fault], None]
 
 
 class Faults:
-    """All exceptions of ours, each once, wherever and how often it comes by.
+    """All faults (exceptions of ours) of a run, each once however often it propagates.
 
     time: in seconds, as the log has it. take: told of each new one when it is in the log.
     """
@@ -57,7 +57,7 @@ class Faults:
         self.all: list[Fault] = []
 
     def take(self, error: BaseException, where: str) -> None:
-        """Take an exception, or each of a group of them."""
+        """Record an exception as a fault, or each of a group of them."""
         for one in leaves(error):
             if any(one is known for known in self._known):
                 continue
@@ -69,7 +69,7 @@ class Faults:
 
     @contextmanager
     def taking(self, where: str) -> Iterator[None]:
-        """Take an exception of ours that is raised meanwhile, and go on after it.
+        """Record an exception raised within as a fault, and go on after it.
 
         A cancellation that somebody asked for is raised.
         """

@@ -24,7 +24,7 @@ from safety.model.oracle_results import OracleResult
 
 
 def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
-    """Return the document of a campaign. Times are seconds of the run clock, not of the wall."""
+    """Return a campaign's JUnit document. Times are seconds of the run clock, not of the wall."""
     standings = standings_of(summary.runs, requirements)
     met = {(s.requirement.case, s.requirement.mode) for s in standings if s.met}
     cases = [_case(summary.campaign, run, (run.case, run.mode) in met) for run in summary.runs]
@@ -64,6 +64,7 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
 
 
 def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
+    """Return a run as a JUnit test case."""
     case = ET.Element(
         "testcase",
         classname=_clean(f"{campaign}.{run.case}.{run.mode}"),
@@ -84,7 +85,7 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
 
 
 def _control(campaign: str, run: RunResult) -> ET.Element:
-    """Return a control as a test case, which succeeds when the control ended as it must."""
+    """Return a control as a JUnit test case, which succeeds when it ended as expected."""
     classname = _clean(f"{campaign}.controls.{run.case}.{run.mode}")
     seconds = _seconds(run.duration_s or 0.0)
     case = ET.Element("testcase", classname=classname, name=_name(run), time=seconds)
@@ -96,6 +97,7 @@ def _control(campaign: str, run: RunResult) -> ET.Element:
 
 
 def _write_out(case: ET.Element, run: RunResult, *first: str) -> None:
+    """Add a run's oracles and attempts to its JUnit test case as output."""
     lines = [*first, *(_line(oracle) for oracle in run.oracles)]
     lines += [f"also {late.verdict} at {late.at_s:.3f} s: {late.reason}" for late in run.also]
     lines += [f"earlier attempt: {attempt_text(one)}, in {one.folder}" for one in run.attempts]
@@ -103,11 +105,12 @@ def _write_out(case: ET.Element, run: RunResult, *first: str) -> None:
 
 
 def _name(run: RunResult) -> str:
-    """Return a run's name; one that was retried has another, for CI shows nothing but the name."""
+    """Return a run's JUnit name; a retried one has another, since CI shows only the name."""
     return f"{run.rep} (attempt {len(run.attempts) + 1})" if run.attempts else str(run.rep)
 
 
 def _missing_case(campaign: str, standing: Standing) -> ET.Element:
+    """Return a JUnit test case for required runs that were not flown."""
     wanted = standing.requirement
     classname = _clean(f"{campaign}.{wanted.case}.{wanted.mode}")
     case = ET.Element("testcase", classname=classname, name="not flown", time="0.000")
@@ -116,6 +119,7 @@ def _missing_case(campaign: str, standing: Standing) -> ET.Element:
 
 
 def _line(oracle: OracleResult) -> str:
+    """Return an oracle's result as a line of JUnit output."""
     parts = [f"{oracle.verdict} {oracle.name} ({oracle.vehicle})"]
     if oracle.actual is not None:
         parts.append(f"actual {oracle.actual:.4g} {oracle.unit}".rstrip())
@@ -127,15 +131,17 @@ def _line(oracle: OracleResult) -> str:
 
 
 def _seconds(value: float) -> str:
+    """Return a time as JUnit writes it."""
     return f"{value:.3f}"
 
 
 def _clean(text: str) -> str:
-    """Return the text without the characters that XML 1.0 cannot carry."""
+    """Return a text without the characters that XML 1.0 (JUnit) cannot hold."""
     return "".join(letter if _allowed_characters(ord(letter)) else "?" for letter in text)
 
 
 def _allowed_characters(code: int) -> bool:
+    """Return whether XML 1.0 (JUnit) allows a character."""
     return (
         code in {0x9, 0xA, 0xD}
         or 0x20 <= code <= 0xD7FF

@@ -11,7 +11,7 @@ HappeningKind = Literal["stage", "collision", "decisive", "guard", "answer"]
 
 @dataclass(frozen=True, slots=True)
 class VehicleProgress:
-    """Where one vehicle stands. Values that are not known are None."""
+    """The progress of one vehicle in a run; unknown values are None."""
 
     name: str
     armed: bool
@@ -24,7 +24,7 @@ class VehicleProgress:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where one run stands. Values that do not exist yet are None."""
+    """The progress of one run; values that do not exist yet are None."""
 
     case: str
     mode: str
@@ -40,13 +40,13 @@ class Progress:
 
     @property
     def run(self) -> str:
-        """Return the run's folder beneath the campaign's."""
+        """Return the folder of the run in progress, beneath the campaign's."""
         return f"{self.case}/{self.mode}/{self.repetition}"
 
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """Something that happened in a run, told at once.
+    """An event of a run in progress, reported at once.
 
     kind: a stage was reached; a vehicle touched something; the verdict is settled (word: which);
     the guard did something (word: what); an operator's command was obeyed or refused (word: ok or

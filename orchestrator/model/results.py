@@ -30,7 +30,7 @@ NOT_ARMED = "not armed, as --no-arm asks; everything up to that works"
 
 @dataclass(frozen=True, slots=True)
 class Percentiles:
-    """The median and the 99th percentile; None when nothing was measured."""
+    """A result's median and 99th percentile; None when nothing was measured."""
 
     p50: float | None
     p99: float | None
@@ -38,7 +38,7 @@ class Percentiles:
 
 @dataclass(frozen=True, slots=True)
 class SyncResult:
-    """Skews of the pair in seconds, None when the stage was not reached or one vehicle flew.
+    """The result of synchronisation: skews in seconds, None when unknown or for one vehicle.
 
     command: between the takeoff commands on the wire. takeoff: between the times off the ground,
     by mapped clocks. t0: between the times at which each was given its goal. liftoff_delays_s: of
@@ -53,7 +53,7 @@ class SyncResult:
 
 @dataclass(frozen=True, slots=True)
 class ShownResult:
-    """How well the mixtures showed an object that stands only in the virtual world.
+    """The result of how well mixtures showed an object of the virtual world.
 
     Of the mixtures that were measured while the goal was flown. frames_in_view: geometry says that
     it was in view. frames_shown: of these, the mixture showed it. offset_px: how far from its
@@ -68,7 +68,7 @@ class ShownResult:
 
 @dataclass(frozen=True, slots=True)
 class CombinationResult:
-    """What one combination of the recipe did.
+    """The result of one combination of the recipe.
 
     frames_measured: mixtures in which the virtual objects were sought while the goal was flown;
     shown: what came of it, by object. not_measured: why some or all mixtures could not be.
@@ -97,7 +97,7 @@ class CombinationResult:
 
 @dataclass(frozen=True, slots=True)
 class MixingResult:
-    """What the mixing of one run did.
+    """The result of one run's mixing.
 
     The figures are those of the recipe's first combination; `combinations` has all of them.
     registration_error_px: None without an independent reference; registration_bound_px then says
@@ -119,7 +119,7 @@ class MixingResult:
 
 @dataclass(frozen=True, slots=True)
 class Also:
-    """A decisive event that came after the one that made the verdict."""
+    """A later decisive event in a run's result, after the one of the verdict."""
 
     verdict: Verdict
     reason: str
@@ -128,7 +128,7 @@ class Also:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """An earlier attempt at a run, which does not count.
+    """An earlier attempt in a run's result, which does not count.
 
     verdict: None where it was cut off and has none. folder: where it is kept, from the campaign's.
     """
@@ -140,7 +140,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class FenceChange:
-    """An operator gave these vehicles another fence in flight, which they were judged by since.
+    """A fence change by an operator in a run's result: these vehicles were judged by it since.
 
     at_s: run clock.
     """
@@ -152,7 +152,7 @@ class FenceChange:
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """One flight. rep counts from 1. duration_s: takeoff command to disarm, None without takeoff.
+    """The result of one run. rep from 1. duration_s: takeoff command to disarm, None without.
 
     wall_s: how long it took on this machine. mixing: None where nothing is mixed. collisions: the
     flags of contacts as they happened. outside: what came in and went out; None for a run that
@@ -198,13 +198,13 @@ class RunResult:
 
     @property
     def subject(self) -> str:
-        """Return the vehicle that the run's required oracles judge."""
+        """Return the vehicle that the result's required oracles judge."""
         return "twin" if self.mode == "sim" else "real"
 
 
 @dataclass(frozen=True, slots=True)
 class Totals:
-    """How many runs were flown, were required, and came to each verdict.
+    """The totals of results: runs flown, required, and by verdict.
 
     retried: how many of them were flown more than once, whatever they came to. Controls count in
     `controls` alone, and in `controls_met` those that ended as they must.
@@ -224,7 +224,7 @@ class Totals:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A campaign. surrogate: the embedded vehicle played `real` in a run of mode wil or real.
+    """The summary of a campaign's results. surrogate: the embedded vehicle played `real`.
 
     sensors: for each sensor where its readings came from. accepted: None when no required run was
     flown and no control failed to do what it must. left_out: what the campaign requires and the
@@ -274,7 +274,7 @@ def summarize(
     caveats: tuple[str, ...] = (),
     not_flown: tuple[str, ...] = (),
 ) -> Summary:
-    """Return the summary of the runs that were flown, in the order given.
+    """Return the summary of run results, in the order given.
 
     controls_due: how many controls there are to fly; those that were flown are among the runs.
     """
@@ -299,7 +299,7 @@ def summarize(
 
 
 def totals_of(runs: Sequence[RunResult]) -> Totals:
-    """Return the counts of the runs."""
+    """Return the totals of run results."""
     controls = [run.control for run in runs if run.control is not None]
     runs = [run for run in runs if run.control is None]
     count = {verdict: sum(run.verdict == verdict for run in runs) for verdict in VERDICTS}
@@ -320,7 +320,7 @@ def totals_of(runs: Sequence[RunResult]) -> Totals:
 def standings_of(
     runs: Iterable[RunResult], requirements: Iterable[Requirement]
 ) -> tuple[Standing, ...]:
-    """Return how far each requirement of the campaign is met by these runs."""
+    """Return how far run results meet each requirement of the campaign."""
     return standings(
         requirements,
         ((run.case, run.mode, run.verdict == "PASS") for run in runs if run.control is None),
@@ -330,7 +330,7 @@ def standings_of(
 def accepted(
     runs: Sequence[RunResult], requirements: Sequence[Requirement], *, controls_due: int = 0
 ) -> bool | None:
-    """Return whether the campaign is accepted; None when no required run was flown.
+    """Return whether results make the campaign accepted; None without a required run.
 
     A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED: those flights prove
     nothing, so they cannot be among the ones that a campaign may lose. Nor is a campaign accepted
@@ -347,7 +347,7 @@ def accepted(
 
 
 def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -> list[Standing]:
-    """Return the requirements that are not met; a run that none covers must pass by itself."""
+    """Return the requirements that results do not meet; uncovered runs must pass by themselves."""
     wanted = list(requirements)
     covered = {(one.case, one.mode) for one in wanted}
     for run in required:
@@ -359,7 +359,7 @@ def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -
 
 
 def rehearsal_code(runs: Sequence[RunResult]) -> int:
-    """Return the exit code of a campaign that was not to arm: 5 when all works up to there.
+    """Return the exit code of results without arming (--no-arm): 5 when all works.
 
     A run that was aborted for another reason than that has shown nothing.
     """
@@ -377,7 +377,7 @@ def exit_code(
     broken: bool = False,
     controls_due: int = 0,
 ) -> int:
-    """Return the program's exit code; the first that applies of 130, 4, 3, 1, 5, 0.
+    """Return the exit code of a campaign's results; the first of 130, 4, 3, 1, 5, 0.
 
     stopped: what ended the campaign early. broken: an exception reached the orchestrator, or a
     vehicle, port or broker could not be had; then it is never 0. An ABORTED run counts as an
@@ -398,7 +398,7 @@ def exit_code(
 def _code_of(
     runs: Sequence[RunResult], requirements: Sequence[Requirement], controls_due: int
 ) -> int:
-    """Return the exit code of a campaign that nobody stopped."""
+    """Return the exit code of an uninterrupted campaign's results."""
     required = [run for run in runs if run.required]
     unmet = [run for run in runs if run.control is not None and not run.control.met]
     if any(run.verdict in {"ERROR", "INVALID"} for run in (*required, *unmet)):

@@ -11,11 +11,11 @@ _RESULT = TypeAdapter(RunResult)
 
 
 class ResultError(Exception):
-    """A result.json that is missing, cut, damaged or of another version; says which and why."""
+    """A result.json that is missing, cut, damaged or of another version; which and why."""
 
 
 def read_result(path: Path) -> RunResult:
-    """Return the result in a file. Raises ResultError."""
+    """Return the result in a result.json. Raises ResultError."""
     try:
         text = path.read_text("utf-8")
     except FileNotFoundError as error:

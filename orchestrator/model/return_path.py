@@ -28,7 +28,7 @@ _FAULTS = frozenset({"fault", "failsafe", "reboot"})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReturnPath:
-    """A flight back. stand: where the vehicle stands, start: where it is to; world frame.
+    """A return path. stand: where the vehicle stands, start: where it flies; world frame.
 
     altitude_m: above the world's ground, of the way; speed_m_s: on it.
     """
@@ -40,7 +40,7 @@ class ReturnPath:
 
     @property
     def points(self) -> tuple[Vec3, Vec3, Vec3, Vec3]:
-        """Return the way: where it stands, above that, above its start, its start."""
+        """Return the return path's points: stand, above it, above the start, start."""
         (north_m, east_m, _), high = self.stand.position_ned_m, -self.altitude_m
         to_north_m, to_east_m, _ = self.start.position_ned_m
         return (
@@ -53,7 +53,7 @@ class ReturnPath:
 
 @dataclass(frozen=True, slots=True)
 class StandingPose:
-    """Where a vehicle was when a run ended, by its own estimate."""
+    """The pose where a vehicle stood when a run ended, by its own estimate."""
 
     pose: Pose
     armed: bool
@@ -61,7 +61,7 @@ class StandingPose:
 
 
 def standing_pose_of(rows: Iterable[Mapping[str, str]], name: str) -> StandingPose | None:
-    """Return where a vehicle was last in a trajectory.csv; None where that is not known."""
+    """Return a vehicle's last pose in a trajectory.csv; None where unknown."""
     last = None
     for row in rows:
         if row["vehicle"] == name and row["est_north_m"]:
@@ -77,7 +77,7 @@ def standing_pose_of(rows: Iterable[Mapping[str, str]], name: str) -> StandingPo
 
 
 def read_standing_pose(folder: Path, name: str) -> StandingPose | None:
-    """Return where a vehicle was at the end of the run in a folder; None where nobody knows."""
+    """Return a vehicle's pose at the end of the run in a folder; None where unknown."""
     try:
         with (folder / "trajectory.csv").open(encoding="utf-8", newline="") as file:
             return standing_pose_of(csv.DictReader(file), name)
@@ -92,7 +92,7 @@ def why_not_on(
     *,
     solid: set[str],
 ) -> str:
-    """Return why a vehicle must not fly on after a run; empty where it may.
+    """Return why a vehicle must not fly a return path after a run; "" where it may.
 
     log: of the run. solid: names of what stands in the real world, which it may have touched.
     """
@@ -111,6 +111,7 @@ def why_not_on(
 
 
 def _troubles(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield a run's log entries that forbid a return path."""
     armed = False
     for line in log:
         # What an estimator says before it has converged is not about the flight.
@@ -124,7 +125,7 @@ def _troubles(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
 def why_not_there(
     way: ReturnPath, *, fence: Fence | None, keep_m: float, probe: ClearanceProbe
 ) -> str:
-    """Return what is in the way; empty for nothing. probe: of the real world, without floors."""
+    """Return what blocks a return path; "" for nothing. probe: real world without floors."""
     if fence is not None:
         for point in _points(way):
             if fence.margin_m(point) < keep_m:
@@ -137,7 +138,7 @@ def why_not_there(
 
 
 def off_start(stand: StandingPose | None, start: Pose) -> tuple[float, float] | None:
-    """Return by how many metres, and degrees of heading, a vehicle stands off its start."""
+    """Return the offset of a vehicle from its start, metres and degrees of heading."""
     if stand is None or stand.armed:
         return None
     north_m, east_m, _ = subtract(stand.pose.position_ned_m, start.position_ned_m)
@@ -146,7 +147,7 @@ def off_start(stand: StandingPose | None, start: Pose) -> tuple[float, float] | 
 
 
 def _points(way: ReturnPath) -> Iterator[Vec3]:
-    """Yield places on the level way, and above both its ends."""
+    """Yield points on a return path's level part, and above both its ends."""
     _, above, over, _ = way.points
     leg = subtract(over, above)
     count = max(1, math.ceil(norm(leg) / _STEP_M))

@@ -9,7 +9,7 @@ Detail = str | float | bool | None
 
 
 class RunLog:
-    """Appends events with their time on the run clock; a context manager."""
+    """A run's log (log.jsonl): events with their run-clock time; a context manager."""
 
     def __init__(self, *, path: Path) -> None:
         self._path = path
@@ -21,7 +21,7 @@ class RunLog:
         return self
 
     def write(self, t_s: float, event: str, **details: Detail) -> None:
-        """Append one event; it is on its way to the disk when this returns. Raises OSError.
+        """Append an event to the run's log, flushed on return. Raises OSError.
 
         What is told when the log is closed already, as the loop shuts down, has no line.
         """
@@ -40,11 +40,12 @@ class RunLog:
 
 
 def append_event(path: Path, t_s: float, event: str, **details: Detail) -> None:
-    """Append one event to a log, whoever else has it open. Raises OSError."""
+    """Append an event to a run's log, whoever else has it open. Raises OSError."""
     with path.open("a", encoding="utf-8", errors="backslashreplace") as file:
         file.write(_line(t_s, event, details))
 
 
 def _line(t_s: float, event: str, details: dict[str, Detail]) -> str:
+    """Return an event as a line of a run's log."""
     line = {"t_s": round(t_s, 6), "event": event, **details}
     return json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n"

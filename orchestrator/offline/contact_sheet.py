@@ -21,12 +21,14 @@ _FAR_M = 20.0
 
 @dataclass(frozen=True, slots=True)
 class _Tile:
+    """A tile of a contact sheet: a label and an image."""
+
     label: str
     image_bgr: BgrImage
 
 
 class ContactSheet:
-    """Takes what the steps of one frame make, as a mixer's observer, and draws it.
+    """Draws a contact sheet of what the recipe's steps make of one frame; an observer.
 
     frame: which one, from 0. What a mask leaves out is shown as grey squares.
     """
@@ -40,11 +42,11 @@ class ContactSheet:
 
     @property
     def is_empty(self) -> bool:
-        """Return whether the frame has not come, or has no picture to show."""
+        """Return whether the contact sheet has no image yet."""
         return not self._tiles
 
     def __call__(self, view: StageView) -> None:
-        """Take what a step made."""
+        """Add a step's output to the contact sheet."""
         if view.side is not None and view.name == "real":
             self._frame += 1
             self._step = 0
@@ -66,7 +68,7 @@ class ContactSheet:
             self._tiles.append(_Tile(label, _apply_mask(picture, mask)))
 
     def draw(self) -> BgrImage:
-        """Return the sheet (height, width, 3)."""
+        """Return the contact sheet (height, width, 3)."""
         tiles = [_draw_label(tile) for tile in self._tiles]
         height = max(tile.shape[0] for tile in tiles)
         rows = []
@@ -78,7 +80,7 @@ class ContactSheet:
         return np.vstack(rows).astype(np.uint8)
 
     def _zoom(self, picture: BgrImage) -> None:
-        """Add the pixels round the edge of what was kept: a halo or a seam shows there."""
+        """Add an enlarged edge of the mask to the contact sheet: shows halos and seams."""
         if self._edge is None:
             return
         row, column = self._edge
@@ -91,6 +93,7 @@ class ContactSheet:
 
 
 def _to_bgr(reading: Reading) -> BgrImage | None:
+    """Return a reading as an image for the contact sheet."""
     if isinstance(reading, CameraReading):
         return reading.image_bgr
     if isinstance(reading, DepthReading):
@@ -102,6 +105,7 @@ def _to_bgr(reading: Reading) -> BgrImage | None:
 
 
 def _apply_mask(picture: BgrImage, mask: Mask | None) -> BgrImage:
+    """Return an image with a chequered ground where its mask is off, for the contact sheet."""
     if mask is None:
         return picture.copy()
     rows, columns = np.indices(mask.shape) // _SQUARE_PX
@@ -112,7 +116,7 @@ def _apply_mask(picture: BgrImage, mask: Mask | None) -> BgrImage:
 def _edge_of(
     mask: Mask | None,
 ) -> tuple[int, int] | None:
-    """Return a place on the upper edge of what is kept, row and column; None for no edge."""
+    """Return a pixel on the upper edge of a mask to zoom in, row and column; None for no edge."""
     if mask is None or not mask.any() or mask.all():
         return None
     columns = np.flatnonzero(mask.any(axis=0))
@@ -121,6 +125,7 @@ def _edge_of(
 
 
 def _draw_label(tile: _Tile) -> BgrImage:
+    """Return a contact sheet's tile scaled, with its label."""
     height = round(tile.image_bgr.shape[0] * _TILE_PX / tile.image_bgr.shape[1])
     shrunk = tile.image_bgr.shape[1] > _TILE_PX
     how = cv2.INTER_AREA if shrunk else cv2.INTER_NEAREST
@@ -133,6 +138,7 @@ def _draw_label(tile: _Tile) -> BgrImage:
 
 
 def _pad_to(tile: BgrImage, height: int) -> BgrImage:
+    """Return a tile padded to a height of the contact sheet's row."""
     missing = height - tile.shape[0]
     framed: BgrImage = cv2.copyMakeBorder(
         tile, 0, missing, 0, 0, cv2.BORDER_CONSTANT, value=(32, 32, 32)

@@ -2,4 +2,4 @@
 
 
 class OfflineError(Exception):
-    """An input or output that cannot be had or used: what, where, what to do."""
+    """An offline input or output that is missing or unusable: what, where, what to do."""

@@ -33,7 +33,7 @@ _VIDEO_HZ = 30.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideFiles:
-    """The files of one side. fov_deg: of its camera where nothing else tells it."""
+    """The files of one side to mix. fov_deg: of its camera where the file does not say."""
 
     file: Path
     fov_deg: float = 69.0
@@ -42,7 +42,7 @@ class SideFiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MixOrder:
-    """What is to be mixed. sensor: None for the recipe's first camera, or for all of a recording.
+    """What files to mix. sensor: None for the recipe's first camera, or for all recorded.
 
     place: of the camera where the twin is a world. stages: where the contact sheet of the
     `frame`th mixture goes.
@@ -60,7 +60,7 @@ class MixOrder:
 
 @dataclass(frozen=True, slots=True)
 class CombinationReport:
-    """What became of one combination. said: the first reason of each kind, in words."""
+    """The report of one combination mixed from files. said: first reason of each kind."""
 
     name: str
     frames: int
@@ -71,12 +71,12 @@ class CombinationReport:
 
     @property
     def complete(self) -> bool:
-        """Return whether all frames are mixed, and there is one."""
+        """Return whether all frames of the files are mixed, and there is one."""
         return self.frames > 0 and self.mixed == self.frames
 
 
 def mix_files(order: MixOrder) -> tuple[CombinationReport, ...]:
-    """Mix the files and write what comes of it; return what became of each combination.
+    """Mix files and write the outputs; return a report of each combination.
 
     Raises OfflineError, BadInput, StepError, OSError.
     """
@@ -98,6 +98,7 @@ def mix_files(order: MixOrder) -> tuple[CombinationReport, ...]:
 
 
 def _refuse_to_overwrite(order: MixOrder) -> None:
+    """Raise OfflineError when an output of the mixing is one of its input files."""
     inputs = (order.real.file, order.twin.file, order.real.depth, order.twin.depth)
     taken = {file.resolve() for file in inputs if file is not None}
     for written in (order.out, order.stages):
@@ -106,6 +107,7 @@ def _refuse_to_overwrite(order: MixOrder) -> None:
 
 
 def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:
+    """Raise OfflineError for objects of the recipe that the twin's file lacks."""
     problems = recipe.unknown_objects(frozenset(objects))
     if problems and not objects:
         raise OfflineError(
@@ -117,7 +119,7 @@ def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:
 
 
 def _choose_names(mixers: tuple[Mixer, ...], order: MixOrder) -> tuple[tuple[str, Mixer], ...]:
-    """Return the mixers that are wanted, each with a name of its own."""
+    """Return the wanted mixers of a recipe, each with a unique name for its files."""
     recorded = kind_of(order.real.file) == "recording"
     found = [mixer for mixer in mixers if order.sensor in (None, mixer.sensor)]
     if not recorded or order.out.suffix.lower() != ".mcap":
@@ -129,7 +131,7 @@ def _choose_names(mixers: tuple[Mixer, ...], order: MixOrder) -> tuple[tuple[str
 
 
 def names_of(mixers: "list[Mixer] | tuple[Mixer, ...]") -> Iterator[tuple[str, Mixer]]:
-    """Yield each mixer with its name: its sensor's, and its receivers' where it has several."""
+    """Yield each mixer with its file name: its sensor's, and its receivers' where several."""
     sensors = [mixer.sensor for mixer in mixers]
     for mixer in mixers:
         several = sensors.count(mixer.sensor) > 1
@@ -157,7 +159,7 @@ def _mix_pairs(name: str, mixer: Mixer, inputs: "_Inputs", output: Output) -> Co
 
 
 class _Inputs:
-    """Opens the files of an order, as often as they are read."""
+    """Opens the input files of a mix order, as often as they are read."""
 
     def __init__(self, order: MixOrder) -> None:
         self._order = order
@@ -184,14 +186,14 @@ class _Inputs:
             self.objects = objects_in(recorded_inputs.facts_of_recording(file))
 
     def reals(self, mixer: Mixer) -> Iterator[Reading]:
-        """Return the real side's readings for a mixer."""
+        """Yield the real side's readings from its file for a mixer."""
         side = self._order.real
         if self._kinds[0] == "recording":
             return _recorded_inputs(side.file, "real", mixer.sensor)
         return _image_inputs(side, self._kinds[0] == "image", "real")
 
     def twins(self, mixer: Mixer) -> Twins:
-        """Return the twin's readings for a mixer."""
+        """Return the twin's readings from its file for a mixer."""
         side, kind = self._order.twin, self._kinds[1]
         if kind == "recording":
             found = _recorded_inputs(side.file, "twin", mixer.sensor)
@@ -206,10 +208,12 @@ class _Inputs:
 
 
 def _offer_readings(mixer: Mixer) -> Callable[[Reading], str | None]:
+    """Return what offers the twin's readings of a file to a mixer."""
     return lambda reading: mixer.offer("twin", reading)
 
 
 def _recorded_inputs(path: Path, source: Source, sensor: str) -> Iterator[Reading]:
+    """Return a recording's readings of a sensor to mix. Raises OfflineError."""
     file = recorded_inputs.recording_file(path)
     found = recorded_inputs.readings(file, source, sensor)
     first = next(found, None)
@@ -219,6 +223,7 @@ def _recorded_inputs(path: Path, source: Source, sensor: str) -> Iterator[Readin
 
 
 def _image_inputs(side: SideFiles, one: bool, source: Source) -> Iterator[CameraReading]:
+    """Return the readings of an image or video file to mix, with depth."""
     optics = Optics(side.fov_deg)
     found: Iterator[CameraReading] = (
         iter([image_inputs.image(side.file, source, optics)])

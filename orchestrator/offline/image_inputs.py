@@ -26,7 +26,7 @@ _MM_PER_M = 1000.0
 
 
 def kind_of(path: Path) -> InputKind:
-    """Return what an input is, by its name: what is no image, world or recording is a video."""
+    """Return the kind of an input by its name: image, world or recording, else a video."""
     suffix = path.suffix.lower()
     if path.is_dir() or suffix == ".mcap":
         return "recording"
@@ -37,12 +37,12 @@ def kind_of(path: Path) -> InputKind:
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """What is known of a camera whose pictures are files. fov_deg: horizontal, edge to edge."""
+    """The optics of image files' camera. fov_deg: horizontal, edge to edge."""
 
     fov_deg: float
 
     def of(self, image_bgr: BgrImage) -> Intrinsics:
-        """Return the camera model of a picture."""
+        """Return the camera model of an image file's size."""
         height_px, width_px = image_bgr.shape[:2]
         return Intrinsics.from_fov(width_px, height_px, math.radians(self.fov_deg))
 
@@ -58,7 +58,7 @@ def image(path: Path, side: Source, optics: Optics) -> CameraReading:
 
 
 def video(path: Path, side: Source, optics: Optics) -> Iterator[CameraReading]:
-    """Return the pictures of a video file by their own times. Raises OfflineError."""
+    """Yield the images of a video file by their own times. Raises OfflineError."""
     file = VideoFile(path=path)
     try:
         with closing(file):
@@ -74,6 +74,7 @@ def video(path: Path, side: Source, optics: Optics) -> Iterator[CameraReading]:
 def _reading_of(
     image_bgr: BgrImage, seq: int, t_s: float, side: Source, optics: Optics
 ) -> CameraReading:
+    """Return an image of a file as a camera reading."""
     return CameraReading(
         t_s=t_s,
         arrived_s=t_s,
@@ -86,7 +87,7 @@ def _reading_of(
 
 
 def depth(path: Path) -> DepthImage:
-    """Return the distances in a file: .npy in metres, or a 16-bit image in millimetres, 0 unknown.
+    """Return a depth file: .npy in metres, or a 16-bit image in millimetres, 0 unknown.
 
     What is unknown is infinitely far. Raises OfflineError.
     """
@@ -111,7 +112,7 @@ def depth(path: Path) -> DepthImage:
 
 
 def with_depth(reading: CameraReading, depth_m: DepthImage, path: Path) -> CameraReading:
-    """Return the reading with distances. Raises OfflineError when they are of another size."""
+    """Return an image reading with depth. Raises OfflineError when the sizes differ."""
     size, wanted = depth_m.shape, reading.image_bgr.shape[:2]
     if size != wanted:
         raise OfflineError(
@@ -121,7 +122,7 @@ def with_depth(reading: CameraReading, depth_m: DepthImage, path: Path) -> Camer
 
 
 class WorldCamera:
-    """Draws the virtual things of a world for each real picture, from one place."""
+    """Renders the virtual objects of a world for each real image, from one pose."""
 
     def __init__(self, *, world: World, pose: Pose, optics: Optics) -> None:
         self._renderer = Renderer(world.scene("wil", "Wv"))
@@ -129,7 +130,7 @@ class WorldCamera:
         self._optics = optics
 
     def reading(self, real: CameraReading) -> CameraReading:
-        """Return the picture of the size and time of a real one, with depth and ids."""
+        """Return the rendered image with the size and time of a real one, depth and ids."""
         lens = self._optics.of(real.image_bgr)
         seen = self._renderer.render(
             self._pose, lens, real.t_s, {"goal": 0.0}, want_depth=True, want_ids=True

@@ -17,13 +17,13 @@ from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES
 
 
 class Output(Protocol):
-    """Takes mixtures in their order; a context manager."""
+    """An output of mixtures in their order (protocol); a context manager."""
 
     def __enter__(self) -> Self:
-        """Open it. Raises OfflineError, OSError."""
+        """Open the output of mixtures. Raises OfflineError, OSError."""
 
     def take(self, name: str, pair: MixedPair) -> None:
-        """Take a mixture of a combination. Raises OfflineError, OSError."""
+        """Write a combination's mixture to the output. Raises OfflineError, OSError."""
 
     def __exit__(
         self,
@@ -31,11 +31,11 @@ class Output(Protocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close it."""
+        """Close the output of mixtures."""
 
 
 def write_image(path: Path, image_bgr: BgrImage) -> None:
-    """Write an image, whole or not at all. Raises OfflineError, OSError."""
+    """Write an image atomically. Raises OfflineError, OSError."""
     coded, data = cv2.imencode(path.suffix.lower(), image_bgr)
     if not coded:
         raise OfflineError(f"{path}: cannot be written as {path.suffix}; take .png or .jpg")
@@ -43,6 +43,8 @@ def write_image(path: Path, image_bgr: BgrImage) -> None:
 
 
 class _Closing:
+    """An output of mixtures that is closed on exit."""
+
     def __enter__(self) -> Self:
         return self
 
@@ -51,14 +53,14 @@ class _Closing:
 
 
 class ImageOut(_Closing):
-    """One mixed picture as an image; what is no mixture is not written."""
+    """An output of one mixed image; frames without mixture are not written."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._taken = False
 
     def take(self, name: str, pair: MixedPair) -> None:
-        """Write the first mixture that is whole."""
+        """Write the first complete mixture as the image."""
         del name
         reading = pair.mixed.reading
         if self._taken:
@@ -72,7 +74,7 @@ class ImageOut(_Closing):
 
 
 class VideoOut:
-    """Mixed pictures as a video, at their times."""
+    """An output of mixed images as a video, at their times."""
 
     def __init__(self, path: Path, *, rate_hz: float) -> None:
         self._video = VideoWriter(path=path, rate_hz=rate_hz)
@@ -82,7 +84,7 @@ class VideoOut:
         return self
 
     def take(self, name: str, pair: MixedPair) -> None:
-        """Append a picture."""
+        """Append a mixture's image to the video."""
         del name
         if isinstance(pair.mixed.reading, CameraReading):
             self._video.write(pair.mixed.reading.t_s, pair.mixed.reading.image_bgr)
@@ -97,7 +99,7 @@ class VideoOut:
 
 
 class RecordingOut:
-    """Mixtures with their provenance as MCAP, to the bit. epoch_s: UTC of the run clock's zero."""
+    """An output of mixtures as lossless MCAP. epoch_s: UTC of the run clock's zero."""
 
     def __init__(self, path: Path, *, epoch_s: float) -> None:
         path.unlink(missing_ok=True)
@@ -110,7 +112,7 @@ class RecordingOut:
         return self
 
     def take(self, name: str, pair: MixedPair) -> None:
-        """Append a mixture."""
+        """Append a mixture to the MCAP output."""
         told = pair.mixed.provenance
         now_s = told.mixed_s if told.mixed_s is not None else pair.real.arrived_s
         self._recorder.mixed(name, pair.mixed.reading, told, now_s=now_s)
@@ -127,7 +129,7 @@ class RecordingOut:
 
 
 def output_for(path: Path, *, rate_hz: float, epoch_s: float) -> Output:
-    """Return the output that a file's name asks for. Raises OfflineError."""
+    """Return the output for mixtures that a file's name asks for. Raises OfflineError."""
     suffix = path.suffix.lower()
     if suffix in IMAGE_SUFFIXES:
         return ImageOut(path)

@@ -13,36 +13,36 @@ _KEPT = 64
 
 
 class Twins(Protocol):
-    """Gives the twin's reading for a real one."""
+    """Pairs the twin's readings with real ones (protocol)."""
 
     def meeting(self, real: Reading) -> Reading | None:
-        """Return the reading to be mixed with this one; called in the order of time."""
+        """Return the twin's reading to pair with a real one; called in order of time."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeldTwins:
-    """One reading for all times: a single image beside a video."""
+    """Pairs one twin reading with all real ones: a single image beside a video."""
 
     reading: Reading
 
     def meeting(self, real: Reading) -> Reading:
-        """Return the reading as if taken at the moment of the real one."""
+        """Return the held reading as if taken at the time of the real one."""
         return replace(self.reading, t_s=real.t_s, arrived_s=real.arrived_s, seq=real.seq)
 
 
 @dataclass(frozen=True, slots=True)
 class DrawnTwins:
-    """A reading made for each real picture."""
+    """Pairs each real image with a rendered reading."""
 
     draw: Callable[[CameraReading], Reading]
 
     def meeting(self, real: Reading) -> Reading | None:
-        """Return what is drawn for this picture."""
+        """Return the reading rendered for this real image."""
         return self.draw(real) if isinstance(real, CameraReading) else None
 
 
 class StreamedTwins:
-    """Readings of a file in the order of time; the nearest in time is met.
+    """Pairs real readings with a file's twin readings nearest in time.
 
     offer: is handed each reading as it comes, and says what is wrong with it.
     """
@@ -54,7 +54,7 @@ class StreamedTwins:
         self.faults: list[str] = []
 
     def meeting(self, real: Reading) -> Reading | None:
-        """Return the reading nearest to the real one in time."""
+        """Return the twin's reading nearest to the real one in time."""
         while not self._near or self._near[-1].t_s < real.t_s:
             following = next(self._readings, None)
             if following is None:
@@ -72,7 +72,7 @@ class StreamedTwins:
 
 @dataclass(frozen=True, slots=True)
 class MixedPair:
-    """A mixture and what it was made of."""
+    """A mixture and the pair of readings it was made of."""
 
     real: Reading
     twin: Reading | None
@@ -80,7 +80,7 @@ class MixedPair:
 
 
 def mixtures(mixer: Mixer, reals: Iterator[Reading], twins: Twins) -> Iterator[MixedPair]:
-    """Yield the mixture of each real reading. Raises StepError.
+    """Yield the mixture of each real reading with its paired twin's. Raises StepError.
 
     It is mixed when both are there: latency is that of the later one.
     """

@@ -18,7 +18,7 @@ quality 85: means of up to 0.42, shares of up to 0.1 %, the edges of what was is
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How two readings differ. share: of pixels or elements that do; worst: the largest difference.
+    """The difference of two readings. share: of differing pixels or elements; worst: largest.
 
     what: in words. worst and mean are in the reading's own unit; grey levels for pictures.
     """
@@ -30,7 +30,7 @@ class Difference:
 
 
 def difference(recorded: Reading, again: Reading, *, exact: bool) -> Difference | None:
-    """Return how a reading that was mixed again differs from the recorded one; None if it does not.
+    """Return the difference of a replayed reading from the recorded one; None if equal.
 
     exact: both come from inputs to the bit; else pictures may differ by what JPEG loses.
     """
@@ -46,6 +46,7 @@ def difference(recorded: Reading, again: Reading, *, exact: bool) -> Difference 
 
 
 def _beyond_jpeg(recorded: CameraReading, again: CameraReading) -> Difference | None:
+    """Return the difference of a JPEG-recorded image that its loss does not explain."""
     found = _of_values(recorded.image_bgr, again.image_bgr, "image_bgr")
     if found is None or not math.isfinite(found.mean):
         return found
@@ -58,7 +59,7 @@ def _beyond_jpeg(recorded: CameraReading, again: CameraReading) -> Difference | 
 
 
 def _of_values(recorded: Any, again: Any, name: str) -> Difference | None:
-    """Return how two values of a field differ; NaN equals NaN."""
+    """Return the difference of two values of a reading's field; NaN equals NaN."""
     if isinstance(recorded, np.ndarray) and isinstance(again, np.ndarray):
         return _of_arrays(recorded, again, name)
     if recorded == again or (recorded != recorded and again != again):  # noqa: PLR0124 - NaN
@@ -67,6 +68,7 @@ def _of_values(recorded: Any, again: Any, name: str) -> Difference | None:
 
 
 def _of_arrays(recorded: Any, again: Any, name: str) -> Difference | None:
+    """Return the difference of two arrays of a reading's field; None if equal."""
     if recorded.shape != again.shape:
         return Difference(f"{name} is {again.shape} instead of {recorded.shape}")
     if np.array_equal(recorded, again, equal_nan=recorded.dtype.kind == "f"):
@@ -83,6 +85,7 @@ def _of_arrays(recorded: Any, again: Any, name: str) -> Difference | None:
 
 
 def _levels(recorded: Any, again: Any) -> Any:
+    """Return the absolute differences of two arrays; equal infinities and NaNs count 0."""
     with np.errstate(invalid="ignore"):
         apart = np.abs(recorded.astype(np.float32) - again.astype(np.float32))
     # Both infinite, or both no number: alike.

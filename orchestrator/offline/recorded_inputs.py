@@ -11,7 +11,7 @@ from vehicles.readings import Reading, Source
 
 
 def recording_file(path: Path) -> Path:
-    """Return the recording that is meant: the file, or the one of a run's folder.
+    """Return the recording meant by a path: the file, or the one of a run's folder.
 
     Raises OfflineError.
     """
@@ -22,7 +22,7 @@ def recording_file(path: Path) -> Path:
 
 
 def items(path: Path) -> Iterator[Recorded]:
-    """Yield what a recording holds, in its order. Raises OfflineError."""
+    """Yield the items of a recording, in its order. Raises OfflineError."""
     try:
         yield from Recording(path)
     except RecordingError as error:
@@ -32,7 +32,7 @@ def items(path: Path) -> Iterator[Recorded]:
 
 
 def facts_of_recording(path: Path) -> Mapping[str, str]:
-    """Return what a recording tells of its run. Raises OfflineError."""
+    """Return the run facts in a recording. Raises OfflineError."""
     recording = Recording(path)
     try:
         for _ in recording:
@@ -45,7 +45,7 @@ def facts_of_recording(path: Path) -> Mapping[str, str]:
 
 
 def readings(path: Path, source: Source, sensor: str) -> Iterator[Reading]:
-    """Yield the readings of one sensor of a vehicle. Raises OfflineError."""
+    """Yield a recording's readings of one sensor of a vehicle. Raises OfflineError."""
     for item in items(path):
         if not isinstance(item, RecordedReading):
             continue
@@ -54,5 +54,5 @@ def readings(path: Path, source: Source, sensor: str) -> Iterator[Reading]:
 
 
 def flown_latency_s(folder: Path, vehicle: str, sensor: str) -> float:
-    """Return what a run took off the stamps of a live camera's pictures. Raises OfflineError."""
+    """Return the latency that a recorded run subtracted from a live camera's stamps."""
     return latencies_in(facts_of_recording(recording_file(folder))).get(f"{vehicle} {sensor}", 0.0)

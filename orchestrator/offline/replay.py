@@ -30,7 +30,7 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """Where a mixture differs from the recorded one. frame: from 0; t_s: of the real reading."""
+    """A replay's divergence from the recorded mixture. frame: from 0; t_s: of the real reading."""
 
     frame: int
     t_s: float | None
@@ -39,7 +39,7 @@ class Divergence:
 
 @dataclass(slots=True)
 class Replayed:
-    """What became of one combination mixed anew.
+    """The report of one replayed combination.
 
     frames: mixed again. compared: of them those that the recording has too. divergences: all of
     them, in order. worst: that with the largest share, with both readings.
@@ -57,14 +57,14 @@ class Replayed:
 
 @dataclass(frozen=True, slots=True)
 class ReplayReport:
-    """What became of a replay. without: recorded mixtures that the recipe does not make."""
+    """The report of a replay. without: recorded mixtures that the recipe does not make."""
 
     combinations: tuple[Replayed, ...]
     without: tuple[str, ...]
 
     @property
     def diverges(self) -> bool:
-        """Return whether anything came out otherwise than it was recorded."""
+        """Return whether the replay differs from the recording anywhere."""
         return bool(self.without) or any(one.divergences for one in self.combinations)
 
 
@@ -72,6 +72,7 @@ Tell = Callable[[str, MixedPair], None]
 
 
 def _ignore_progress(name: str, pair: MixedPair) -> None:
+    """Ignore a replayed mixture: no output is wanted."""
     del name, pair
 
 
@@ -82,7 +83,7 @@ def replay(
     trusted: bool = False,
     tell: Tell = _ignore_progress,
 ) -> ReplayReport:
-    """Mix a recording anew and compare. recipe: None for the one that it was mixed by.
+    """Replay a recording's mixing and compare. recipe: None for the recorded one.
 
     trusted: whether code that the recording names may run; a recipe that is given may run its own.
     tell: takes each mixture. Raises OfflineError, BadInput, StepError.
@@ -123,7 +124,7 @@ def _recorded_recipe(file: Path, facts: Mapping[str, str], *, trusted: bool) -> 
 
 
 class _Replay:
-    """Follows a recording; hands mixers what they were handed in flight."""
+    """Replays a recording: gives mixers what they got in flight."""
 
     def __init__(self, mixers: Mapping[str, Mixer], tell: Tell) -> None:
         self._mixers = mixers
@@ -135,7 +136,7 @@ class _Replay:
         self._without: Counter[str] = Counter()
 
     def reading(self, item: RecordedReading) -> None:
-        """Take a reading of the file."""
+        """Take a recorded reading for the replay."""
         reading = item.reading
         if reading.source == "mixed":
             self._recorded[item.sensor] = (reading, item.exact)
@@ -153,7 +154,7 @@ class _Replay:
                     mixer.offer("twin", reading)
 
     def mixture(self, item: RecordedProvenance) -> None:
-        """Mix again what was mixed here, and compare."""
+        """Mix again what was mixed here in flight, and compare with the recording."""
         told = item.fields
         recorded = self._recorded.pop(item.sensor, None)
         names = [name for name in self._mixers if _is_of(name, item.sensor)]
@@ -163,7 +164,7 @@ class _Replay:
             self._mix(name, self._mixers[name], told, recorded)
 
     def report(self) -> ReplayReport:
-        """Return what became of all."""
+        """Return the replay's report of all combinations."""
         for name, mixer in self._mixers.items():
             counts = mixer.counts()
             self._replayed[name].mixed = counts.mixed
@@ -228,14 +229,14 @@ class _Replay:
 
 
 def _most(reading: Reading) -> int:
-    """Return how many readings like this one are kept."""
+    """Return how many readings like this one the replay keeps."""
     size = getattr(getattr(reading, "image_bgr", None), "nbytes", 0)
     size += getattr(getattr(reading, "depth_m", None), "nbytes", 0)
     return min(_KEPT, max(8, _KEPT_BYTES // (size + 1024) // 4))
 
 
 def _is_of(name: str, recorded: str) -> bool:
-    """Return whether a combination makes what a recorded one made: the same, for some receiver.
+    """Return whether a replayed combination corresponds to a recorded one.
 
     A sensor mixed for both vehicles alike in one recipe is compared with each one's in another.
     """

@@ -18,13 +18,13 @@ _MOST_ANSWERS = 20
 
 
 class Fleet(Protocol):
-    """What flies the runs of a campaign."""
+    """The workers that fly a campaign, as the controller commands them (protocol)."""
 
     def abort(self, command: OperatorCommand) -> None:
         """Have every run in flight land as aborted, and begin none."""
 
     def pass_on(self, command: OperatorCommand) -> int:
-        """Pass a command to every run in flight; returns how many there are."""
+        """Pass an operator command to every run in flight; return how many there are."""
 
     def pause(self) -> None:
         """Begin no run until `go_on`."""
@@ -34,20 +34,20 @@ class Fleet(Protocol):
 
 
 class Follower(Protocol):
-    """Who is told what happens."""
+    """Receives what happens in a campaign from its controller (protocol)."""
 
     def news(self, news: News) -> None:
-        """Take what a run tells."""
+        """Take news of a run from the campaign controller."""
 
     def finished(self, result: RunResult) -> None:
-        """Take a run's verdict."""
+        """Take a run's verdict from the campaign controller."""
 
     def status(self) -> None:
-        """Take that the campaign stands differently now."""
+        """Take that the campaign's status has changed."""
 
 
 class CampaignController:
-    """Obeys operators: once aborted nothing is begun any more, while held nothing either.
+    """Executes operator commands on a campaign: abort, hold, resume, fence.
 
     An abort goes straight to the campaign's guards too, past runs that may hang. say: for the
     person at the terminal.
@@ -78,12 +78,12 @@ class CampaignController:
 
     @property
     def campaign(self) -> str:
-        """Return the campaign's name."""
+        """Return the controlled campaign's name."""
         return self._campaign
 
     @property
     def folder(self) -> Path:
-        """Return the campaign's folder of results."""
+        """Return the controlled campaign's folder of results."""
         return self._folder
 
     @property
@@ -93,22 +93,22 @@ class CampaignController:
 
     @property
     def flying(self) -> Collection[str]:
-        """Return the runs in flight."""
+        """Return the controlled campaign's runs in flight."""
         return self._flying.keys()
 
     @property
     def state(self) -> str:
-        """Return in a word how the campaign stands."""
+        """Return the controlled campaign's state in a word."""
         if self.stopped is not None:
             return "landing"
         return "held" if self.held else "flying"
 
     def follow(self, follower: Follower) -> None:
-        """Tell somebody from now on what happens."""
+        """Register a follower of the campaign."""
         self._followers.append(follower)
 
     def obey(self, command: OperatorCommand, *, stop: Stop = "command") -> str:
-        """Do what an operator asks, and return what was done. Raises RefusedLineError."""
+        """Execute an operator's command, return what was done. Raises RefusedLineError."""
         try:
             done = self._do(command, stop)
         except RefusedLineError as error:
@@ -125,14 +125,14 @@ class CampaignController:
         self._say(text)
 
     def signal(self, name: str) -> None:
-        """Take Ctrl-C or SIGTERM: an abort; a second one changes nothing."""
+        """Handle Ctrl-C or SIGTERM: an abort; a second one changes nothing."""
         if self.stopped is not None:
             self._say("still landing; the program ends when the vehicles are down")
             return
         self.obey(OperatorCommand("abort", name), stop="signal")
 
     def news(self, news: News) -> None:
-        """Take what a run tells."""
+        """Take news of a run and pass it to followers."""
         if isinstance(news, Progress):
             self._flying[news.run] = news
         elif news.kind == "answer":
@@ -142,14 +142,14 @@ class CampaignController:
                 follower.news(news)
 
     def _take_answer(self, news: Happening) -> None:
-        """Take what a run answers to a command that took it time."""
+        """Take a run's delayed reply to an operator's command."""
         command = OperatorCommand("geofence", news.who)
         self.log.write(command, ok=news.word == "ok", text=f"{news.run}: {news.text}")
         self._say(f"{news.run}: {news.text}")
         self._answers.append(news)
 
     def finished(self, run: RunResult, *, may_end: bool = True) -> None:
-        """Take a run's verdict; one that an operator or a pilot ended ends the campaign.
+        """Take a run's verdict; one ended by an operator or pilot ends the campaign.
 
         may_end: False for a run that was to end before arming.
         """
@@ -165,12 +165,12 @@ class CampaignController:
         self._send_status()
 
     def left(self, name: str) -> None:
-        """Take that a flight is over that was no run of the campaign's."""
+        """Take that a flight between runs is over."""
         self._flying.pop(name, None)
         self._send_status()
 
     def summary(self, state: str) -> dict[str, Any]:
-        """Return how the campaign stands, without its runs in flight."""
+        """Return the controlled campaign's status without its runs in flight."""
         return {
             "state": state,
             "campaign": self._campaign,
@@ -182,7 +182,7 @@ class CampaignController:
         }
 
     def status(self) -> dict[str, Any]:
-        """Return where the campaign stands."""
+        """Return the controlled campaign's status."""
         flying = {name: _plain(one) for name, one in self._flying.items()}
         answers = [
             {"id": one.command_id, "run": one.run, "ok": one.word == "ok", "text": one.text}
@@ -249,10 +249,12 @@ class CampaignController:
 
 
 def _runs(count: int) -> str:
+    """Return a number of runs in words for an operator."""
     return f"{count} run" if count == 1 else f"{count} runs"
 
 
 def _plain(progress: Progress) -> dict[str, Any]:
+    """Return a run's progress as plain values for an operator."""
     return {
         "stage": progress.stage,
         "t_s": round(progress.t_s, 3),

@@ -17,7 +17,7 @@ from vehicles.processes.identity import ProcessId
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A socket that takes an operator's commands. folder: of the results; name: for people.
+    """A socket that takes operator commands. folder: of the results; name: for people.
 
     process: what listens there; a signal reaches it where the socket does not.
     """
@@ -30,13 +30,13 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """What flies on this machine; a campaign's own runs have their guards among `guards`."""
+    """The records of what flies on this machine; a campaign's runs have guards in `guards`."""
 
     campaigns: tuple[Place, ...]
     guards: tuple[Place, ...]
 
     def beneath(self, folder: Path | None) -> "Places":
-        """Return those of one folder of results, a campaign's or a run's; all for None."""
+        """Return the records of one results folder, a campaign's or a run's; all for None."""
         if folder is None:
             return self
         wanted = folder.absolute()
@@ -45,12 +45,12 @@ class Places:
         return Places(tuple(related), tuple(guards))
 
     def guards_of(self, campaign: Place) -> tuple[Place, ...]:
-        """Return the guards of a campaign's runs."""
+        """Return the guards' records of a campaign's runs."""
         return tuple(one for one in self.guards if one.folder.is_relative_to(campaign.folder))
 
 
 def places() -> Places:
-    """Return what flies on this machine, of this user. Raises OSError."""
+    """Return the records of what this user flies on this machine. Raises OSError."""
     folders = runtime_folders()
     guards = [
         Place(one.run, Path(one.folder), Path(one.socket), one.guard)
@@ -63,7 +63,7 @@ def places() -> Places:
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """What a record's file holds."""
+    """The content of a campaign record's file."""
 
     name: str
     folder: str
@@ -72,7 +72,7 @@ class _Entry:
 
 
 class CampaignRecord:
-    """Says on this machine that a campaign flies; a context manager. Raises OSError.
+    """The record on this machine that a campaign flies; a context manager. Raises OSError.
 
     passed_over: which folders for sockets are not safe and were not used, in words.
     """
@@ -105,6 +105,7 @@ class CampaignRecord:
 
 
 def _related_folder(one: Path, other: Path) -> bool:
+    """Return whether one recorded folder contains the other."""
     return one.is_relative_to(other) or other.is_relative_to(one)
 
 

@@ -13,7 +13,7 @@ _PLUGINS = "orchestrator.operator.broker_plugins"
 
 @asynccontextmanager
 async def embedded_broker(address: BrokerAddress, access: BrokerAccess) -> AsyncIterator[None]:
-    """Run a broker at an address. access: who may connect, and to what.
+    """Run an MQTT broker at an address. Raises OperatingError when it cannot.
 
     Raises OperatingError when it cannot be started.
     """

@@ -2,4 +2,4 @@
 
 
 class OperatingError(Exception):
-    """A way for operators that the campaign asks for cannot be had; says which and why."""
+    """An operator channel of the campaign is unavailable; says which and why."""

@@ -38,7 +38,7 @@ _OF_THE_CONNECTION = (aiomqtt.MqttError, OSError, UnicodeError)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MqttSecrets:
-    """What is secret: what commands are signed by, and the password at the broker (empty for none).
+    """The secrets of MQTT: the command token, and the broker's password (empty for none).
 
     token: None where commands are not signed, and what is published is not either.
     """
@@ -51,7 +51,7 @@ class MqttSecrets:
 async def mqtt_operating(
     setup: MqttSetup, secrets_: MqttSecrets, controller: CampaignController
 ) -> AsyncIterator[None]:
-    """Connect a desk to a broker for as long as this lasts.
+    """Connect a campaign controller to an MQTT broker for the context's duration.
 
     Raises OperatingError when the broker cannot be had at the start; afterwards the connection is
     made again as often as it is lost.
@@ -73,7 +73,7 @@ _OF_OPENSSL = re.compile(r"^\[SSL: \w+\] | \(_ssl\.c:\d+\)$")
 
 
 class MqttOperator:
-    """One campaign at one broker. jitter: a random share of each wait for the next attempt."""
+    """One campaign at one MQTT broker. jitter: a random share of each wait to reconnect."""
 
     def __init__(
         self,
@@ -104,12 +104,12 @@ class MqttOperator:
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
 
     async def first_connection(self) -> None:
-        """Wait for the first connection. Raises OperatingError when it cannot be made."""
+        """Wait for the first connection to the broker. Raises OperatingError."""
         await self._first
         self._controller.follow(self)
 
     async def run(self) -> None:
-        """Be connected until cancelled.
+        """Stay connected to the MQTT broker until cancelled.
 
         An exception of ours stops no flight either: it is reported, and the connection made again.
         """
@@ -125,7 +125,7 @@ class MqttOperator:
             await asyncio.sleep(wait_s * (0.5 + 0.5 * self._jitter()))
 
     async def _connection(self) -> str:
-        """Be connected once; return why it ended. What the broker has nothing to do with is told.
+        """Connect once to the MQTT broker; return why it ended.
 
         Before the first connection whatever it is is told to who waits for that.
         """
@@ -141,7 +141,7 @@ class MqttOperator:
         return "the connection ended"
 
     async def finish(self) -> None:
-        """Tell the last status, and wait a moment for what must arrive to be on its way."""
+        """Publish the last status, and wait a moment for pending MQTT messages."""
         self._outbox.put(status_of(self._controller.summary("ended")))
         deadline_s = asyncio.get_running_loop().time() + _FLUSH_S
         while self._connected and asyncio.get_running_loop().time() < deadline_s:
@@ -152,21 +152,21 @@ class MqttOperator:
         await asyncio.sleep(0.05)
 
     def close(self) -> None:
-        """Do nothing more about a broker that is away."""
+        """Stop handling an absent MQTT broker."""
         if self._away is not None:
             self._away.cancel()
 
     def news(self, news: News) -> None:
-        """Publish what a run tells."""
+        """Publish a run's news by MQTT."""
         for publication in publications(news):
             self._outbox.put(publication)
 
     def finished(self, result: RunResult) -> None:
-        """Publish a verdict."""
+        """Publish a verdict by MQTT."""
         self._outbox.put(verdict_of(result))
 
     def status(self) -> None:
-        """Publish where the campaign stands."""
+        """Publish the campaign's status by MQTT."""
         self._outbox.put(status_of(self._controller.summary(self._controller.state)))
 
     async def _keep_connected(self) -> None:
@@ -296,6 +296,7 @@ class MqttOperator:
 
 
 def _error_text(error: BaseException) -> str:
+    """Return an MQTT connection error in words, without OpenSSL's source place."""
     error = leaves(error)[0]
     # OpenSSL's words without where in its source they stand.
     return _OF_OPENSSL.sub("", str(error)) or type(error).__name__

@@ -29,7 +29,7 @@ _KINDS: frozenset[str] = frozenset(get_args(OperatorKind))
 
 
 class RefusedCommandError(Exception):
-    """A message that is not obeyed; says why. id, who: as far as they could be read."""
+    """A refused MQTT command; says why. id, who: as far as they could be read."""
 
     def __init__(self, reason: str, *, command_id: str = "", who: str = "") -> None:
         super().__init__(reason)
@@ -38,7 +38,7 @@ class RefusedCommandError(Exception):
 
 
 class CommandReader:
-    """Reads the messages of one campaign's start; remembers ids, so that none is obeyed twice.
+    """Reads one campaign's MQTT commands; remembers ids, so that none runs twice.
 
     base: above the topics of the campaign. token: what commands are signed by; None where they are
     not. flying: returns the runs in flight.
@@ -61,7 +61,7 @@ class CommandReader:
         self._seen: dict[str, float] = {}
 
     def read(self, kind: str, payload: bytes, *, retained: bool, now_s: float) -> OperatorCommand:
-        """Return the command in a message. now_s: since 1970. Raises RefusedCommandError."""
+        """Return the command in an MQTT message. now_s: since 1970. Raises RefusedCommandError."""
         said = self._authentic(kind, payload)
         command_id = _id(said)
         if not command_id:
@@ -97,7 +97,7 @@ class CommandReader:
         return _object(body)
 
     def _refusal(self, kind: str, said: dict[str, Any], *, retained: bool, now_s: float) -> str:
-        """Return why an authentic command is not obeyed; empty when it is."""
+        """Return why an authorised MQTT command is refused; empty when it is not."""
         unknown = sorted(ascii(key)[1:-1] for key in set(said) - _KEYS)
         checks = (
             (bool(unknown), f"unknown keys: {', '.join(unknown)[:_LONGEST_ID]}"),
@@ -124,7 +124,7 @@ class CommandReader:
         return next((text for wrong, text in checks if wrong), "")
 
     def _is_known(self, command_id: str, now_s: float) -> bool:
-        """Remember an id; what is older than any command may be is forgotten."""
+        """Return whether a command's id is known, and remember it; old ones are dropped."""
         self._seen = {one: t_s for one, t_s in self._seen.items() if now_s - t_s < 3.0 * OLDEST_S}
         known = command_id in self._seen
         self._seen.setdefault(command_id, now_s)
@@ -132,6 +132,7 @@ class CommandReader:
 
 
 def _object(payload: bytes) -> dict[str, Any]:
+    """Return the JSON object of an MQTT command. Raises RefusedCommandError."""
     if len(payload) > LONGEST_COMMAND_BYTES:
         raise RefusedCommandError(f"longer than {LONGEST_COMMAND_BYTES} bytes")
     try:
@@ -146,24 +147,28 @@ def _object(payload: bytes) -> dict[str, Any]:
 
 
 def _is_time(at_s: Any) -> bool:
+    """Return whether an MQTT command's time is a number."""
     return isinstance(at_s, int | float) and not isinstance(at_s, bool)
 
 
 def _is_fresh(at_s: Any, now_s: float) -> bool:
+    """Return whether an MQTT command's time is recent."""
     # Written so that NaN is not fresh, and integers beyond every float may come.
     return _is_time(at_s) and now_s - OLDEST_S <= at_s <= now_s + OLDEST_S
 
 
 def _id(said: dict[str, Any]) -> str:
-    """Return the id of a command; empty when it has none that is fit for a record."""
+    """Return an MQTT command's id; empty when it has none that is fit for a record."""
     value = said.get("id")
     return value if isinstance(value, str) and _is_fit(value, _LONGEST_ID) else ""
 
 
 def _document(said: dict[str, Any]) -> str:
+    """Return the fence document of an MQTT command as text."""
     given = said.get("geofence", "")
     return given if isinstance(given, str) else json.dumps(given)
 
 
 def _is_fit(text: str, longest: int) -> bool:
+    """Return whether a text of an MQTT command is short and printable."""
     return len(text) <= longest and text.isprintable()

@@ -12,7 +12,7 @@ from orchestrator.model.results import RunResult
 
 @dataclass(frozen=True, slots=True)
 class Publication:
-    """A message. important: kept while the broker is away, and delivered at least once."""
+    """An MQTT message to publish. important: kept without a broker, sent at least once."""
 
     topic: str
     payload: bytes
@@ -21,7 +21,7 @@ class Publication:
 
 
 def publications(news: News) -> Iterator[Publication]:
-    """Yield what a run's news mean for those who follow."""
+    """Yield the MQTT messages that report a run's news."""
     if isinstance(news, Progress):
         yield _of("run", {"run": news.run, **_standing_of(news)})
         for vehicle in news.vehicles:
@@ -52,7 +52,7 @@ def publications(news: News) -> Iterator[Publication]:
 
 
 def verdict_of(result: RunResult) -> Publication:
-    """Return a run's final verdict."""
+    """Return the MQTT report of a run's final verdict."""
     return _of(
         "verdict",
         {
@@ -67,21 +67,23 @@ def verdict_of(result: RunResult) -> Publication:
 
 
 def status_of(status: dict[str, Any]) -> Publication:
-    """Return a status, which whoever comes later gets too."""
+    """Return the MQTT report of the campaign's status, retained for later subscribers."""
     return _of("status", status, important=True, retain=True)
 
 
 def ack_of(**said: str | bool) -> Publication:
-    """Return the answer to a command."""
+    """Return the MQTT reply to a command."""
     return _of("operator/ack", said, important=True)
 
 
 def _guard(said: dict[str, Any], news: Happening) -> Publication:
+    """Return the MQTT report of a guard event."""
     body = {**said, "event": news.word, "vehicle": news.vehicle, "text": news.text}
     return _of("guard", body, important=True)
 
 
 def _standing_of(news: Progress) -> dict[str, Any]:
+    """Return a run's progress as fields of its MQTT report."""
     return {
         "t_s": round(news.t_s, 3),
         "stage": news.stage,
@@ -93,6 +95,7 @@ def _standing_of(news: Progress) -> dict[str, Any]:
 
 
 def _vehicle(vehicle: VehicleProgress) -> dict[str, Any]:
+    """Return a vehicle's progress as fields of an MQTT report."""
     place, speed = vehicle.position_ned_m, vehicle.velocity_ned_m_s
     return {
         "armed": vehicle.armed,
@@ -105,11 +108,13 @@ def _vehicle(vehicle: VehicleProgress) -> dict[str, Any]:
 
 
 def _round_value(value: float | None) -> float | None:
+    """Return a value rounded for an MQTT report; None when not finite."""
     return round(value, 3) if value is not None and math.isfinite(value) else None
 
 
 def _of(
     topic: str, body: dict[str, Any], *, important: bool = False, retain: bool = False
 ) -> Publication:
+    """Return an MQTT message of a topic with a JSON body."""
     payload = json.dumps(body, ensure_ascii=False, allow_nan=False).encode()
     return Publication(topic, payload, important, retain)

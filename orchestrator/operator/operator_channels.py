@@ -24,7 +24,7 @@ ACCESS = "operator.access.json"
 async def open_operator_channels(
     controller: CampaignController, mqtt: MqttSetup | None = None
 ) -> AsyncIterator[None]:
-    """Have the desk reached by its socket, and by MQTT where a broker is named.
+    """Open the campaign controller's operator channels: its socket, and MQTT.
 
     Says on this machine that the campaign flies. Raises OperatingError.
     """
@@ -40,6 +40,7 @@ async def open_operator_channels(
 
 
 async def _connect(stack: AsyncExitStack, controller: CampaignController, mqtt: MqttSetup) -> None:
+    """Connect the campaign controller to its MQTT broker."""
     # Slow to import, and most campaigns have no broker.
     from orchestrator.operator.embedded_broker import embedded_broker  # noqa: PLC0415
     from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating  # noqa: PLC0415
@@ -81,7 +82,7 @@ def _write_access(
 
 
 def _variable(name: str, key: str) -> str:
-    """Return what a variable of the environment holds; empty where none is named."""
+    """Return an environment variable with an operator's secret; empty where none is named."""
     if not name:
         return ""
     value = os.environ.get(name, "")
@@ -91,7 +92,7 @@ def _variable(name: str, key: str) -> str:
 
 
 def _make_token(folder: Path) -> str:
-    """Return a new token, which stands in the campaign's folder for its owner alone."""
+    """Return a new operator token, stored in the campaign's folder for its owner alone."""
     token = secrets.token_urlsafe(24)
     _write_secret(folder / TOKEN, token)
     return token
@@ -106,6 +107,7 @@ def _write_secret(path: Path, text: str) -> None:
 
 
 async def _serve_socket(stack: AsyncExitStack, controller: CampaignController) -> None:
+    """Serve the campaign controller's operator socket, and record it."""
     record = stack.enter_context(CampaignRecord(name=controller.campaign, folder=controller.folder))
     for text in record.passed_over:
         controller.warn(text)
@@ -121,6 +123,7 @@ async def _serve_socket(stack: AsyncExitStack, controller: CampaignController) -
 
 
 def _guards(controller: CampaignController) -> Sequence[Place]:
+    """Return the guards of the controlled campaign's runs."""
     try:
         return places().beneath(controller.folder).guards
     except OSError:

@@ -10,7 +10,7 @@ from safety.guard.core.operator_command import OperatorCommand
 
 
 class OperatorLog:
-    """Appends one line for each command, obeyed or refused.
+    """The operator log: one line for each command, executed or refused.
 
     A disk that takes no more must not keep an abort from being obeyed: then the line is lost.
     """
@@ -19,15 +19,15 @@ class OperatorLog:
         self._path = path
 
     def write(self, command: OperatorCommand, *, ok: bool, text: str) -> None:
-        """Append a command and its answer."""
+        """Append a command and its reply to the operator log."""
         self._append(who=command.who, command=command.kind, ok=ok, text=text)
 
     def refused(self, text: str, *, who: str = "") -> None:
-        """Append something that was no command, or nobody's who may give one."""
+        """Append a refused message to the operator log: no command, or unauthorised."""
         self._append(who=who, command="", ok=False, text=text)
 
     def note(self, text: str) -> None:
-        """Append something that happened to a way for operators."""
+        """Append an event of an operator channel to the operator log."""
         self._append(who="", command="", ok=True, text=text)
 
     def _append(self, **said: str | bool) -> None:

@@ -10,7 +10,7 @@ _LEAST_BETWEEN_S = 0.2
 
 
 class Outbox:
-    """Never makes anybody wait who puts something in; `dropped` counts what had no room.
+    """The outbox of MQTT publications; never blocks a writer; `dropped` had no room.
 
     Of what is not important only the newest of each topic is kept, and it is given out at most
     five times a second: under virtual time there is far more than anybody can read.
@@ -24,7 +24,7 @@ class Outbox:
         self.dropped = 0
 
     def put(self, publication: Publication) -> None:
-        """Put something in."""
+        """Put a publication into the outbox."""
         if not publication.important:
             self._newest[publication.topic] = publication
         elif len(self._kept) >= _MOST_KEPT:
@@ -34,18 +34,18 @@ class Outbox:
         self._filled.set()
 
     def put_back(self, publication: Publication) -> None:
-        """Put back what could not be published; what is not important is outdated by then."""
+        """Put unsent publications back into the outbox; unimportant ones are dropped."""
         if publication.important:
             self._kept.appendleft(publication)
             self._filled.set()
 
     @property
     def empty(self) -> bool:
-        """Return whether nothing that must arrive is waiting."""
+        """Return whether the outbox holds nothing that must arrive."""
         return not self._kept
 
     async def take(self) -> Publication:
-        """Return what is to be published next; waits until there is something."""
+        """Return the outbox's next publication; waits until there is one."""
         loop = asyncio.get_running_loop()
         while True:
             if self._kept:

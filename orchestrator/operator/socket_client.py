@@ -18,11 +18,11 @@ _RETRY_S = 0.001
 
 
 class NoAnswerError(Exception):
-    """A socket that is not there, or does not answer."""
+    """An operator socket that is missing or does not reply."""
 
 
 def ask(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
-    """Return what a socket answers to a command. Raises NoAnswerError."""
+    """Return an operator socket's reply to a command. Raises NoAnswerError."""
     try:
         with socket.socket(socket.AF_UNIX) as end:
             _connect(end, path, within_s=_ANSWER_S)
@@ -37,7 +37,7 @@ def ask(path: Path, command: str, *, who: str, **more: str) -> dict[str, Any]:
 
 
 def tell(path: Path, command: str, *, who: str) -> None:
-    """Give a command without waiting for the answer; a socket that is gone is passed over."""
+    """Send a command to an operator socket without waiting; a missing one is ignored."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as end:
         _connect(end, path, within_s=_TELL_S)
         end.sendall(_line(command, who))
@@ -66,4 +66,5 @@ def _connect(end: socket.socket, path: Path, *, within_s: float) -> None:
 
 
 def _line(command: str, who: str, **more: str) -> bytes:
+    """Return a command's line for the operator socket."""
     return json.dumps({"command": command, "who": who, **more}).encode() + b"\n"

@@ -10,7 +10,7 @@ FILE_NAME = "judged.msgpack"
 
 
 class JudgeLogWriter:
-    """Appends samples in the order in which the judge takes them; a context manager."""
+    """Writes the judge log file: samples in the judge's order; a context manager."""
 
     def __init__(self, *, path: Path) -> None:
         self._path = path
@@ -23,7 +23,7 @@ class JudgeLogWriter:
         return self
 
     def write(self, sample: LoggedSample) -> None:
-        """Append one sample."""
+        """Append one sample to the judge log file."""
         self._file.write(self._packer.pack(sample))
         if sample.t_s - self._last_flush_s >= 1.0:
             self._last_flush_s = sample.t_s

@@ -18,7 +18,7 @@ from vehicles.readings import Reading
 
 @dataclass(frozen=True, slots=True)
 class RecordedReading:
-    """A reading as it was delivered. exact: to the bit; a JPEG picture is not."""
+    """A reading from an MCAP recording. exact: lossless; a JPEG image is not."""
 
     sensor: str
     reading: Reading
@@ -27,7 +27,7 @@ class RecordedReading:
 
 @dataclass(frozen=True, slots=True)
 class RecordedProvenance:
-    """Where a mixed reading came from: the fields of its provenance, as JSON values."""
+    """The provenance of a recorded mixture: its fields as JSON values."""
 
     sensor: str
     log_ns: int
@@ -36,7 +36,7 @@ class RecordedProvenance:
 
 @dataclass(frozen=True, slots=True)
 class RecordedEvent:
-    """A line of the run's log. level: of foxglove.Log, 2 is information, 4 an error."""
+    """A recorded line of the run's log. level: of foxglove.Log, 2 is information, 4 an error."""
 
     log_ns: int
     level: int
@@ -48,7 +48,7 @@ Recorded = RecordedReading | RecordedProvenance | RecordedEvent
 
 
 class Recording:
-    """Iterates over what a file holds, in the order in which it was recorded.
+    """Iterates over the items of an MCAP recording, in the recorded order.
 
     After an iteration `end` says whether the file is whole, `counts` what its writer counted
     (empty for a cut file) and `facts` what stands at its beginning. Raises RecordingError for a
@@ -77,6 +77,7 @@ class Recording:
         self.end = stream.end
 
     def _note(self, metadata: Metadata) -> None:
+        """Note the recording's metadata: its facts and counts."""
         if metadata.name == "wil.recording":
             self.facts = dict(metadata.metadata)
         elif metadata.name == "wil.counts":
@@ -101,16 +102,17 @@ _PARTS = frozenset({"reading", "depth", "ids", "provenance", "event"})
 
 
 class _ImageDecoder:
-    """Depth and ids that wait for the picture they belong to."""
+    """Keeps recorded depth and ids until the image they belong to is read."""
 
     def __init__(self) -> None:
         self._waiting: dict[tuple[str, str, str], tuple[int, NDArray[Any]]] = {}
 
     def keep(self, key: tuple[str, str, str], document: Json) -> None:
+        """Keep a recorded part of an image."""
         self._waiting[key] = (document["wil"]["seq"], image_of(document))
 
     def take(self, source: str, sensor: str, wil: Json) -> dict[str, NDArray[Any]]:
-        """Return the parts of a picture. Raises ValueError when one is missing."""
+        """Return the recorded parts of an image. Raises ValueError when one is missing."""
         found: dict[str, NDArray[Any]] = {}
         for part in wil.get("parts", ()):
             seq, array = self._waiting.pop((source, sensor, part), (None, None))
@@ -123,6 +125,7 @@ class _ImageDecoder:
 def _interpret(
     part: str, facts: Mapping[str, str], message: Message, pictures: _ImageDecoder
 ) -> Recorded | None:
+    """Return the recorded item in an MCAP message."""
     document = json.loads(message.data)
     source, sensor = facts["source"], facts["sensor"]
     if part == "event":
@@ -137,8 +140,3 @@ def _interpret(
     wil = document["wil"]
     reading = decode(document, pictures.take(source, sensor, wil))
     return RecordedReading(sensor, reading, wil.get("exact", True))
-
-
-def read_recording(path: Path) -> Iterator[Recorded]:
-    """Return an iterator over what a file holds, up to where it is whole."""
-    return iter(Recording(path))

@@ -11,7 +11,7 @@ from worlds.files.documents import parse
 
 
 def facts_of(setup: RunSetup) -> dict[str, str]:
-    """Return the facts of a run: which it is, its recipe, the ids of what its twin sees."""
+    """Return a run's facts for its recording: its name, recipe, ids of the twin's objects."""
     plan = setup.order.plan
     objects = {thing.name: thing.object_id for thing in setup.virtual_scene.objects}
     facts = {
@@ -38,7 +38,7 @@ def facts_of(setup: RunSetup) -> dict[str, str]:
 
 
 def recipe_in(facts: Mapping[str, str], *, loads_code: bool) -> Recipe | None:
-    """Return the recipe that a run was mixed by; None where nothing was mixed. Raises BadInput.
+    """Return the recipe in a recording's facts; None where nothing was mixed. Raises BadInput.
 
     loads_code: whether steps of the user's that it names are loaded; False: no file is run.
     """
@@ -52,12 +52,12 @@ def recipe_in(facts: Mapping[str, str], *, loads_code: bool) -> Recipe | None:
 
 
 def latencies_in(facts: Mapping[str, str]) -> dict[str, float]:
-    """Return by vehicle and camera what was taken off the stamps of pictures from outside."""
+    """Return a recording's camera latencies by vehicle and camera, as subtracted in flight."""
     found: dict[str, float] = json.loads(facts.get("latency_s", "{}"))
     return found
 
 
 def objects_in(facts: Mapping[str, str]) -> dict[str, int]:
-    """Return the ids of the objects that the twin's readings tell of."""
+    """Return the object ids in a recording's facts."""
     found: dict[str, int] = json.loads(facts.get("objects", "{}"))
     return found

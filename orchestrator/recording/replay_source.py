@@ -12,7 +12,7 @@ Delivered = tuple[str, Reading]
 
 
 class ReplaySource:
-    """Gives the readings of a file in the order and at the times of their delivery.
+    """Replays a recording's readings in the order and at the times of their delivery.
 
     sources, sensors: only these; None is all but what was mixed. offset_s: added to the times at
     which readings are delivered, not to the readings. exact_only: raises ValueError at the first
@@ -40,14 +40,14 @@ class ReplaySource:
 
     @property
     def next_due_s(self) -> float | None:
-        """Return when the next reading is due on the run clock; None when there is no more."""
+        """Return when the next replayed reading is due on the run clock; None at the end."""
         if self._next is None:
             return None
         # what was handed over late, behind a newer one, is due together with it
         return max(self._due_s, self._next[1].arrived_s + self._offset_s)
 
     def take(self, now_s: float) -> list[Delivered]:
-        """Return what is due by now_s, in order of delivery."""
+        """Return the replayed readings due by now_s, in order of delivery."""
         due: list[Delivered] = []
         while (due_s := self.next_due_s) is not None and not due_s > now_s:
             if self._next is not None:
@@ -57,7 +57,7 @@ class ReplaySource:
         return due
 
     async def __aiter__(self) -> AsyncIterator[Delivered]:
-        """Deliver on the running loop's clock."""
+        """Replay readings on the running loop's clock."""
         loop = asyncio.get_running_loop()
         while (due_s := self.next_due_s) is not None:
             if due_s > loop.time():

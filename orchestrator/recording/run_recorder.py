@@ -38,7 +38,7 @@ _SNAPSHOT_AFTER_S = 1.0
 
 
 class RunRecorder:
-    """Writes the streams of one run into `folder`; a context manager.
+    """Records the streams of one run into `folder`; a context manager.
 
     epoch_s: UTC of the run clock's zero. vehicles: whose frames are logged. video_rate_hz: of the
     pictures that are perceived; None for no video. collision_oracles: names of those whose flags
@@ -121,7 +121,7 @@ class RunRecorder:
             self._break("mixed.png cannot be written")
 
     def _keep(self, write: Callable[..., None], *args: Any, **details: Any) -> None:
-        """Write, or be broken: a flight must land before anyone minds that it leaves no record."""
+        """Record something; a failure breaks the recorder, not the flight."""
         try:
             write(*args, **details)
         except OSError as error:
@@ -136,7 +136,7 @@ class RunRecorder:
         self._keep(self._log.write, t_s, event, **details)
 
     def _report_losses(self, report: RecordingReport) -> None:
-        """Say what run.mcap lacks: a replay of it would not show it."""
+        """Record what run.mcap lacks: a replay of it would not show it."""
         for error in report.errors:
             self._fault(error, "run.mcap")
         if report.complete:
@@ -146,7 +146,7 @@ class RunRecorder:
 
     @property
     def artifacts(self) -> tuple[str, ...]:
-        """Return the names of the files in the folder, sorted."""
+        """Return the names of the recorded files in the run's folder, sorted."""
         return tuple(sorted(path.name for path in self._folder.iterdir()))
 
     def stage(self, stage: str, t_s: float) -> None:
@@ -157,7 +157,7 @@ class RunRecorder:
         self._mcap.event(t_s, "info", "stage", stage)
 
     def decisive(self, event: DecisiveEvent) -> None:
-        """Record what settles the run."""
+        """Record what decides the run's verdict."""
         told = {"note": event.note, "trace": event.trace}
         more = {key: text for key, text in told.items() if text}
         self._report_trouble(
@@ -166,7 +166,7 @@ class RunRecorder:
         self._mcap.event(event.t_s, "error", event.kind, event.text)
 
     def flag(self, flag: Flag) -> None:
-        """Record a flag of an oracle, at the moment when it is seen."""
+        """Record an oracle's flag when it is raised."""
         if flag.oracle in self._collision_oracles:
             self.collisions.append(flag)
         self._report_trouble(
@@ -175,19 +175,19 @@ class RunRecorder:
         self._mcap.event(flag.t_s, "warning", flag.oracle, flag.text)
 
     def guard_event(self, event: GuardEvent) -> None:
-        """Record what the guard did."""
+        """Record an event of the guard."""
         self._report_trouble(
             event.t_s, "guard", kind=event.kind, vehicle=event.vehicle, text=event.text
         )
 
     def operator(self, command: OperatorCommand) -> None:
-        """Record who asked what."""
+        """Record an operator's command and who gave it."""
         self._report_trouble(
             self._time(), "operator", kind=command.kind, who=command.who, reason=command.reason
         )
 
     def vehicle_event(self, name: str, event: VehicleEvent) -> None:
-        """Record what a vehicle said or did."""
+        """Record an event of a vehicle."""
         self._report_trouble(event.t_s, "vehicle", vehicle=name, kind=event.kind, text=event.text)
 
     def note(self, event: str, **details: str | float | bool | None) -> None:
@@ -208,14 +208,14 @@ class RunRecorder:
         self._mcap.reading(reading.sensor, reading)
 
     def mixture(self, frame: MixedFrame) -> None:
-        """Record a mixture, or that there was none, with where it came from."""
+        """Record a mixture, or that there was none, with its provenance."""
         mixed = frame.mixed
         self._mcap.mixed(frame.name, mixed.reading, mixed.provenance, now_s=self._time())
         if frame.visibility is not None:
             self._mcap.visibility(frame.name, frame.visibility, now_s=self._time())
 
     def shown(self, shown: PreviewImages) -> None:
-        """Record a perceived picture, and one set of pictures for people."""
+        """Record a perceived image, and one set of preview images."""
         if self._video is not None:
             self._keep(self._video.write, shown.perceived.t_s, shown.perceived.image_bgr)
         self._last = shown
@@ -226,7 +226,7 @@ class RunRecorder:
     async def follow(
         self, contexts: tuple[VehicleContext, ...], run_state: RunState, alive: Callable[[], None]
     ) -> None:
-        """Record where all are at 20 Hz until cancelled, and once more then."""
+        """Record all vehicles' places at 20 Hz until cancelled, and once more then."""
         t0_s, tick = self._time(), 0
         try:
             while True:
@@ -244,6 +244,7 @@ class RunRecorder:
 
 
 def _row(context: VehicleContext, stage: str, now_s: float) -> TrajectoryRow:
+    """Return a vehicle's row of the recorded trajectory."""
     state = context.driver.state
     truth = context.truth.latest()
     return TrajectoryRow(
@@ -261,7 +262,7 @@ def _row(context: VehicleContext, stage: str, now_s: float) -> TrajectoryRow:
 
 
 def side_by_side(shown: PreviewImages) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
-    """Return real, twin and mixed picture beside each other, each with its name."""
+    """Return real, twin and mixed image side by side, each with its name."""
     panels = [("real", shown.real), ("twin", shown.twin), ("mixed", shown.perceived)]
     drawn = []
     for name, reading in panels:

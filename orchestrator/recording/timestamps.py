@@ -7,10 +7,10 @@ VIRTUAL_EPOCH_S = 1_767_225_600.0
 
 
 def utc_text(epoch_s: float) -> str:
-    """Return a UTC time as people and files write it, to the second."""
+    """Return a UTC timestamp as people and files write it, to the second."""
     return datetime.fromtimestamp(epoch_s, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def folder_stamp(epoch_s: float) -> str:
-    """Return a UTC time as the name of a folder."""
+    """Return a UTC timestamp as the name of a folder."""
     return datetime.fromtimestamp(epoch_s, UTC).strftime("%Y%m%dT%H%M%SZ")

@@ -33,7 +33,7 @@ A value that is not known (no truth of attached hardware, no setpoint yet) is em
 
 
 class TrajectoryRow(NamedTuple):
-    """One moment of one vehicle."""
+    """A row of a trajectory: one moment of one vehicle."""
 
     t_s: float
     vehicle: str
@@ -48,7 +48,7 @@ class TrajectoryRow(NamedTuple):
 
 
 class TrajectoryWriter:
-    """Appends rows to a CSV file; a context manager."""
+    """Writes trajectory.csv; a context manager."""
 
     def __init__(self, *, path: Path) -> None:
         self._path = path
@@ -60,7 +60,7 @@ class TrajectoryWriter:
         return self
 
     def write(self, row: TrajectoryRow) -> None:
-        """Append one row."""
+        """Append one row to the trajectory."""
         velocity = _vector(row.velocity_ned_m_s)
         cells = (
             f"{row.t_s:.4f},{row.vehicle},{row.stage},{row.mode},{int(row.armed)}",
@@ -85,13 +85,14 @@ class TrajectoryWriter:
 
 
 def _text(text: str) -> str:
-    """Return text as a cell (RFC 4180): in quotes where it has what separates."""
+    """Return text as a CSV cell of the trajectory (RFC 4180)."""
     if any(letter in text for letter in ',"\r\n'):
         return '"' + text.replace('"', '""') + '"'
     return text
 
 
 def _vector(vector: Vec3 | None) -> str:
+    """Return a vector as the trajectory's CSV cells; empty for None."""
     if vector is None:
         return ",,"
     x, y, z = vector
@@ -99,12 +100,14 @@ def _vector(vector: Vec3 | None) -> str:
 
 
 def _pose(pose: Pose | None) -> str:
+    """Return a pose as the trajectory's CSV cells: position and Euler angles."""
     if pose is None:
         return ",,,,,"
     return f"{_vector(pose.position_ned_m)},{_vector(euler_from_quat(pose.q_wxyz))}"
 
 
 def _setpoint(setpoint: Setpoint | None) -> str:
+    """Return a setpoint as the trajectory's CSV cells."""
     match setpoint:
         case PositionSetpoint(position, yaw_rad):
             kind, vector = "position", position

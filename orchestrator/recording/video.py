@@ -14,7 +14,7 @@ _TIME_BASE = Fraction(1, 90_000)
 
 
 class VideoWriter:
-    """Encodes pictures of one size as H.264 in fragmented MP4; a context manager.
+    """Writes a video of images of one size as H.264 in fragmented MP4; a context manager.
 
     Each second is a fragment of its own, so that a file whose writer was killed plays up to
     there. One encoder thread: the bytes depend on the pictures and their times alone.
@@ -39,7 +39,7 @@ class VideoWriter:
         return self
 
     def write(self, t_s: float, image_bgr: BgrImage) -> None:
-        """Append a picture (height, width, 3) exposed at t_s; later than the one before."""
+        """Append an image (height, width, 3) exposed at t_s to the video; later than the last."""
         if self._stream is None:
             self._open_stream(image_bgr.shape[1], image_bgr.shape[0])
         pts = round(t_s / _TIME_BASE)

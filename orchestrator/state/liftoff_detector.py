@@ -14,7 +14,7 @@ _ABOVE_M = 0.1
 
 
 class LiftoffDetector:
-    """Takes heights of an armed vehicle, and knows the beginning of the climb that lifted it."""
+    """Detects the liftoff of an armed vehicle from its heights."""
 
     def __init__(self) -> None:
         self._recent: deque[tuple[float, float, float]] = deque()
@@ -23,14 +23,14 @@ class LiftoffDetector:
 
     @property
     def liftoff_s(self) -> float | None:
-        """Return when it began to climb; None before that is known.
+        """Return when liftoff began; None before it is known.
 
         Of one that climbs too slowly to tell, when it was last seen to come above 0.1 m.
         """
         return self._above_s if self._climbed_s is None else self._climbed_s
 
     def take(self, t_s: float, *, height_m: float, climb_m_s: float) -> None:
-        """Take a height above where it stood and how fast that grows; armed vehicles only."""
+        """Take an armed vehicle's height above its stand and climb rate."""
         if self._climbed_s is not None:
             return
         if height_m <= _ABOVE_M:

@@ -9,7 +9,7 @@ from vehicles.readings import CameraReading, Reading
 
 @dataclass(frozen=True, slots=True)
 class MixedFrame:
-    """One mixture with the readings behind it.
+    """A mixture with the readings behind it.
 
     name: of the combination. visibility: what it shows of the virtual objects; None where that
     was not measured.
@@ -25,7 +25,7 @@ class MixedFrame:
 
 @dataclass(frozen=True, slots=True)
 class PreviewImages:
-    """Pictures for people: what the subject perceives, and what that was mixed of."""
+    """Preview images of a mixture for people: what the subject perceives, and the inputs."""
 
     perceived: CameraReading
     real: CameraReading | None = None

@@ -18,7 +18,7 @@ from worlds.scene.scene import Scene
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOrder:
-    """A run to be flown; picklable. folder: where its files go; it exists and is empty.
+    """An order to fly a run; picklable. folder: for its files; it exists and is empty.
 
     liftoff_delays_s: by vehicle, from takeoff command to liftoff, as runs before this one measured;
     attempts: those at this run that do not count. arm: False for everything up to arming. back: not
@@ -36,7 +36,7 @@ class RunOrder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSetup:
-    """An order with all that it names looked up.
+    """The setup of a run: an order with all that it names resolved.
 
     vehicles: those that fly. placed: a twin that does not, and has sensors where the real vehicle
     is. real_scene, virtual_scene: what stands in W and in Wv in this mode.
@@ -52,7 +52,7 @@ class RunSetup:
 
     @classmethod
     def of(cls, order: RunOrder) -> Self:
-        """Look up everything that an order names. Raises BadInput, ProfileError."""
+        """Return the setup of an order. Raises BadInput, ProfileError."""
         campaign, mode = order.plan.setup(), order.plan.mode
         there = tuple(campaign.vehicles[name] for name in FLIES[mode])
         flying = campaign.flying(mode)
@@ -78,12 +78,12 @@ class RunSetup:
 
     @property
     def clock(self) -> Clock:
-        """Return the clock that it is flown on."""
+        """Return the clock that the run is flown on."""
         return self.order.clock
 
     @property
     def pace(self) -> float:
-        """Return how many times real time its clock is asked to run; 1 for what is not scaled."""
+        """Return the pace of the run's clock in times real time; 1 for what is not scaled."""
         asked = (
             self.campaign.pace(self.campaign.flying(self.mode)) if self.clock == "scaled" else None
         )
@@ -91,7 +91,7 @@ class RunSetup:
 
     @property
     def subject(self) -> VehicleName:
-        """Return whom the required oracles judge: the twin in sim, else the real vehicle."""
+        """Return the vehicle that the run's required oracles judge: twin in sim, else real."""
         return "twin" if self.mode == "sim" else "real"
 
     @property
@@ -106,11 +106,11 @@ class RunSetup:
 
     @property
     def judged_scene(self) -> Scene:
-        """Return the world against which poses are judged."""
+        """Return the scene against which the run's poses are judged."""
         return self.real_scene if self.mode == "real" else self.virtual_scene
 
     def vehicle(self, name: str) -> VehicleSetup:
-        """Return a vehicle that flies or is placed. Raises StopIteration for another."""
+        """Return a vehicle of the run that flies or is placed. Raises StopIteration for another."""
         return next(one for one in self.with_sensors if one.name == name)
 
     @property
@@ -126,5 +126,5 @@ class RunSetup:
         return {**known, **self.order.liftoff_delays_s}
 
     def height_m(self, vehicle: VehicleSetup) -> float:
-        """Return how far above its start a vehicle takes off to."""
+        """Return how far above its start a vehicle of the run takes off to."""
         return self.campaign.goal.altitude_m + vehicle.start.position_ned_m[2]

@@ -28,11 +28,11 @@ DropOutWatcher = Callable[[str, DropOut], None]
 
 
 class FlightError(Exception):
-    """A stage that could not be completed; says which vehicle and why."""
+    """A stage of the run that could not be completed; says which vehicle and why."""
 
 
 class RunState:
-    """What has happened so far; every part of a run reports here.
+    """The state of a run: stages, decisive events, faults; every part reports here.
 
     `over` is set when the flight has to end before its time: something that ends it happened.
     While the operator holds, nothing of the flight's own ends it: whoever holds wants to look.
@@ -60,11 +60,11 @@ class RunState:
         self._drop_out_watchers: list[DropOutWatcher] = []
 
     def on_stage(self, watcher: StageWatcher) -> None:
-        """Call `watcher(stage, t_s)` at each entry into a stage from now on."""
+        """Call `watcher(stage, t_s)` at each entry of the run into a stage."""
         self._stage_watchers.append(watcher)
 
     def on_decisive(self, watcher: DecisiveWatcher) -> None:
-        """Call `watcher(event)` at each decisive event from now on."""
+        """Call `watcher(event)` at each decisive event of the run."""
         self._decisive_watchers.append(watcher)
 
     def on_drop_out(self, watcher: DropOutWatcher) -> None:
@@ -95,7 +95,7 @@ class RunState:
             self._drop_out_watchers.remove(watcher)
 
     def enter(self, stage: Stage) -> float:
-        """Enter a stage now; return the time."""
+        """Enter a stage of the run now; return the time."""
         now_s = self._time()
         self.stage = stage
         self.entered_s[stage] = now_s
@@ -107,11 +107,11 @@ class RunState:
         return now_s
 
     def reached(self, stage: Stage) -> bool:
-        """Return whether a stage has been entered."""
+        """Return whether the run has entered a stage."""
         return stage in self.entered_s
 
     async def reaching(self, stage: Stage) -> None:
-        """Wait until a stage has been entered."""
+        """Wait until the run has entered a stage."""
         if not self.reached(stage):
             await self._entries.setdefault(stage, asyncio.Event()).wait()
 
@@ -125,7 +125,7 @@ class RunState:
         trace: str = "",
         ends_flight: bool = True,
     ) -> None:
-        """Record that the run is settled; `ends_flight`: the vehicles have to come down for it.
+        """Record a decisive event; `ends_flight`: the run's vehicles have to come down.
 
         trace: the traceback of what was raised, for the log and the result.
         """
@@ -144,15 +144,15 @@ class RunState:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """Return the exceptions of ours so far."""
+        """Return the run's exceptions of ours so far."""
         return tuple(self._faults.all)
 
     def fault(self, error: BaseException, where: str) -> None:
-        """Take an exception of ours, once wherever it comes by: it is decisive."""
+        """Record an exception of ours in the run, once: it is decisive."""
         self._faults.take(error, where)
 
     def taking(self, where: str) -> AbstractContextManager[None]:
-        """Take an exception of ours that is raised meanwhile, and go on after it."""
+        """Record an exception raised within as the run's fault, and go on after it."""
         return self._faults.taking(where)
 
     def _decide_fault(self, fault: Fault) -> None:
@@ -164,15 +164,15 @@ class RunState:
 
     @property
     def held(self) -> bool:
-        """Return whether the operator holds."""
+        """Return whether the operator holds the run."""
         return self._held
 
     def hold(self) -> None:
-        """Have nothing end the flight until `release`."""
+        """Let nothing end the run's flight until `release`."""
         self._held = True
 
     def release(self) -> None:
-        """Take that nobody holds any more; what ended the flight meanwhile does so now."""
+        """End the run's hold; what was to end the flight meanwhile does so now."""
         self._held = False
         if self._due:
             self.over.set()

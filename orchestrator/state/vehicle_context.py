@@ -31,7 +31,7 @@ MocapListener = Callable[[PoseReading], None]
 
 @dataclass(slots=True)
 class VehicleContext:
-    """One vehicle: its driver, where it is by its pose source and in truth, what it was told.
+    """The context of one vehicle: driver, poses by its source and in truth, setpoints.
 
     poses: by the campaign's pose source, world frame; what judging and rendering use. truth:
     where it truly is; empty for vehicles that are not embedded. setpoint, note: the newest of its
@@ -60,43 +60,43 @@ class VehicleContext:
 
     @property
     def steered_by(self) -> Setpoints | None:
-        """Return what its autonomy steers by; None before its first setpoint."""
+        """Return the vehicle's last setpoint of its autonomy; None before the first."""
         if self.setpoint is None:
             return self.program_setpoints
         return "position" if isinstance(self.setpoint, PositionSetpoint) else "velocity"
 
     def on_pose(self, listener: PoseListener) -> None:
-        """Call `listener` with each pose of the campaign's pose source."""
+        """Call `listener` with each pose of the vehicle's pose source."""
         self._listeners.append(listener)
 
     def on_reference(self, listener: ReferenceListener) -> None:
-        """Call `listener` with where its other sources have it, a few times a second each."""
+        """Call `listener` with the vehicle's positions by its other sources."""
         self._reference_listeners.append(listener)
 
     def on_contact(self, listener: ContactListener) -> None:
-        """Call `listener` with the truth at its first contact with a physical thing."""
+        """Call `listener` with the truth at the vehicle's first physical contact."""
         self._contact_listeners.append(listener)
 
     def on_mocap(self, listener: MocapListener) -> None:
-        """Call `listener` with each reading of its motion capture."""
+        """Call `listener` with each motion capture reading of the vehicle."""
         self._mocap_listeners.append(listener)
 
     def height_m(self) -> float | None:
-        """Return its height above its start by its own estimate; None while unknown."""
+        """Return the vehicle's height above its start by its estimate; None while unknown."""
         estimate = self.driver.estimate
         if estimate is None:
             return None
         return self.start.position_ned_m[2] - estimate.pose.position_ned_m[2]
 
     def telemetry(self) -> Telemetry | None:
-        """Return what its autonomy may know of it: its own estimate; None while unknown."""
+        """Return the vehicle's own estimate for its autonomy; None while unknown."""
         estimate = self.driver.estimate
         if estimate is None:
             return None
         return Telemetry(estimate.t_s, estimate.pose, estimate.velocity_ned_m_s)
 
     def take_estimate(self, sample: EstimateSample) -> None:
-        """Take an estimate of the autopilot."""
+        """Take an estimate of the vehicle's autopilot."""
         if self.driver.state.armed:
             self._lift(sample)
         if self.pose_source == "mavlink":
@@ -105,7 +105,7 @@ class VehicleContext:
             self._refer("mavlink", sample.t_s, sample.pose, sample.velocity_ned_m_s)
 
     def take_mocap(self, reading: PoseReading) -> None:
-        """Take a pose of motion capture."""
+        """Take a motion capture pose of the vehicle."""
         for listener in self._mocap_listeners:
             with _LISTENER:
                 listener(reading)
@@ -116,7 +116,7 @@ class VehicleContext:
         self._take_pose(reading.t_s, reading.pose, velocity)
 
     def take_truth(self, sample: TruthSample) -> None:
-        """Take where it truly is."""
+        """Take the vehicle's true pose."""
         self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
         self._refer("truth", sample.t_s, sample.pose, sample.velocity_ned_m_s)
         if sample.contact is not None and self.contact is None:
@@ -142,7 +142,7 @@ class VehicleContext:
             listener(sample)
 
     def _mocap_velocity(self, reading: PoseReading) -> Vec3:
-        """Return the velocity over a tenth of a second: over one frame, noise would rule."""
+        """Return the vehicle's velocity by motion capture over a tenth of a second."""
         earlier = self.poses.at(reading.t_s - 0.1)
         if earlier.pose is None or earlier.kind != "interpolated":
             return _ZERO

@@ -60,7 +60,7 @@ _STAGES: Mapping[str, Stage] = MappingProxyType(
 
 
 def parse_paper_xml(content: bytes, *, name: str, path: Path | None = None) -> Document:
-    """Return the document of an XML recipe. Raises BadInput with every problem of its form.
+    """Return the document of an XML recipe of the paper. Raises BadInput with every problem.
 
     What the steps and sensors mean is checked by `load_recipe`, with places in the XML.
     """
@@ -75,12 +75,14 @@ def parse_paper_xml(content: bytes, *, name: str, path: Path | None = None) -> D
 
 
 class _Reader:
+    """Converts the XML elements of a paper's recipe into YAML nodes, noting problems."""
+
     def __init__(self, path: Path) -> None:
         self.path = path
         self.problems: list[Problem] = []
 
     def recipe(self, root: Element) -> Node:
-        """Return the whole recipe in its YAML form."""
+        """Return the whole XML recipe in its YAML form."""
         if root.tag != "recipe_file":
             self._note(root.place, f"the outermost tag is <{root.tag}>, not <recipe_file>")
         sensors: dict[str, Entry] = {}
@@ -100,6 +102,7 @@ class _Reader:
         return mapping_node(entries, root.place)
 
     def _sensor(self, element: Element, sensors: dict[str, Entry]) -> None:
+        """Add the sensor that an XML element of the paper declares."""
         kind = _TYPES.get(element.tag.lower().replace("_", ""))
         if kind is None:
             meant = closest(element.tag, [*_TYPES])
@@ -112,6 +115,7 @@ class _Reader:
         sensors[name] = Entry(element.place, mapping_node(entries, element.place))
 
     def _combination(self, element: Element) -> Node:
+        """Return the combination of an XML element: its steps by stage, and its merge."""
         entries = {"sensor": _entry(self._id(element), element.place)}
         entries |= self._attributes(element, ("id",))
         found: dict[Stage, list[Node]] = {"transform": [], "filter": [], "merge": []}
@@ -132,7 +136,7 @@ class _Reader:
         return mapping_node(entries, element.place)
 
     def _step(self, element: Element, stage: Stage) -> Node:
-        """Return the step that a file's name stands for."""
+        """Return the step that a file name in the XML recipe stands for."""
         place = element.text_place or element.place
         file = element.text
         given = self._attributes(element, ())
@@ -155,13 +159,14 @@ class _Reader:
         return mapping_node({name: Entry(place, mapping_node(parameters, place))}, place)
 
     def _id(self, element: Element) -> str:
+        """Return the id of an XML element; a missing one is noted."""
         name = element.attributes.get("id", "").strip()
         if not name:
             self._note(element.place, f"<{element.tag}> needs an id")
         return name
 
     def _attributes(self, element: Element, without: tuple[str, ...]) -> dict[str, Entry]:
-        """Return the attributes of an element, their values read as YAML."""
+        """Return the attributes of an XML element, their values read as YAML."""
         found: dict[str, Entry] = {}
         for key, text in element.attributes.items():
             if key in without:
@@ -176,14 +181,16 @@ class _Reader:
         return found
 
     def _unknown(self, element: Element, known: tuple[str, ...]) -> None:
+        """Note an unknown tag of the XML recipe."""
         self._note(element.place, f"unknown tag <{element.tag}>", closest(element.tag, known))
 
     def _note(self, place: Place, message: str, suggestion: str = "") -> None:
+        """Note a problem at a place in the XML recipe."""
         self.problems.append(place.problem(message, suggestion))
 
 
 def _own(file: str, stage: Stage, given: dict[str, Entry], place: Place) -> Node:
-    """Return the step of a file of the user's; `on` is the step's, the rest its function's."""
+    """Return the XML recipe's step of a user's file; `on` is the step's, the rest is `with`."""
     entries = {"use": _entry(f"{file}:{stage}", place)}
     if "on" in given:
         entries["on"] = given.pop("on")
@@ -193,10 +200,12 @@ def _own(file: str, stage: Stage, given: dict[str, Entry], place: Place) -> Node
 
 
 def _entry(value: Data, place: Place) -> Entry:
+    """Return a plain value of the XML recipe as an entry of the YAML form."""
     return Entry(place, _node(value, place))
 
 
 def _node(value: Data, place: Place) -> Node:
+    """Return a plain value of the XML recipe as a YAML node."""
     if isinstance(value, dict):
         return mapping_node({key: _entry(inner, place) for key, inner in value.items()}, place)
     if isinstance(value, list):

@@ -8,6 +8,7 @@ from pydantic import Field, JsonValue, ValidationError, field_validator
 from recipes.model.recipe import Budget, Combination, Recipe, Sensor, Step
 from recipes.model.registry import STAGES, Stage, StepParameters, StepType, find, resembling, steps
 from recipes.working import SIDES, Side
+from vehicles.readings import SensorType
 from worlds.files.documents import (
     BadInput,
     Data,
@@ -20,27 +21,12 @@ from worlds.files.documents import (
     closest,
 )
 
-SCHEMA = "wil/recipe/1"
-
 MAX_SKEW_MS = 100.0
 """Bound of the skew where a recipe sets none: an overlay is never held for ever."""
 
 
-SensorType = Literal[
-    "camera",
-    "depth",
-    "lidar",
-    "lidar_points",
-    "rangefinder",
-    "gps",
-    "pose",
-    "imu",
-    "microphone",
-]
-
-
 class SensorPart(Part):
-    """One sensor: the type and rate of its mixed readings.
+    """A sensor in a recipe file: the type and rate of its mixed readings.
 
     real_type, twin_type: what a source delivers, where a transform makes it into `type`.
     """
@@ -52,7 +38,7 @@ class SensorPart(Part):
 
 
 class CombinePart(Part):
-    """One combination; its steps are checked one by one against what each step takes."""
+    """A combination in a recipe file; its steps are validated one by one."""
 
     sensor: str
     transform: list[JsonValue] = Field(default_factory=list)
@@ -69,6 +55,7 @@ class CombinePart(Part):
     @field_validator("merge")
     @classmethod
     def _some_step(cls, merge: JsonValue) -> JsonValue:
+        """Refuse a recipe's combination without a merge."""
         if merge is None:
             raise ValueError("needs a step, like overlay")
         return merge
@@ -76,13 +63,14 @@ class CombinePart(Part):
     @field_validator("publish")
     @classmethod
     def _once_each(cls, publish: list[Side]) -> list[Side]:
+        """Refuse a recipe's combination that names a side twice in `publish`."""
         if len(set(publish)) != len(publish):
             raise ValueError("names a side twice")
         return publish
 
 
 class RecipePart(Part):
-    """A recipe file. twins: names of the twins; there is room for several, and one flies now."""
+    """A recipe file. twins: names of the twins; several are allowed, and one flies now."""
 
     schema_: Literal["wil/recipe/1"] = Field(alias="schema")
     description: str = ""
@@ -103,7 +91,7 @@ class RecipePart(Part):
 
 
 def load_recipe(document: Document, *, loads_code: bool = True) -> Recipe:
-    """Return the recipe in a document. Raises BadInput with every problem found.
+    """Return the recipe in a document. Raises BadInput with every problem.
 
     loads_code: whether the user's own steps are loaded to check them; False: no file is run.
     """
@@ -135,6 +123,7 @@ def load_recipe(document: Document, *, loads_code: bool = True) -> Recipe:
 def _combination(
     part: CombinePart, path: Path, sensors: tuple[Sensor, ...], found: list[Step]
 ) -> Combination:
+    """Return the combination of a recipe document from its part and its parsed steps."""
     return Combination(
         sensor=next(sensor for sensor in sensors if sensor.name == part.sensor),
         steps=tuple(step for step in found if step.kind.stage != "merge"),
@@ -153,12 +142,14 @@ def _combination(
 
 
 def _in_order(problems: list[Problem]) -> list[Problem]:
+    """Return the problems of a recipe document by line and column."""
     return sorted(problems, key=lambda problem: (problem.line, problem.column))
 
 
 def _check_sensors(
     reader: "_Reader", part: RecipePart, sensors: tuple[Sensor, ...], parsed: list[list[Step]]
 ) -> None:
+    """Note undeclared sensors of a recipe document, and what their steps cannot handle."""
     known = {sensor.name: sensor for sensor in sensors}
     for index, (one, found) in enumerate(zip(part.combine, parsed, strict=True)):
         sensor = known.get(one.sensor)
@@ -176,7 +167,7 @@ _PICTURES = ("camera", "depth")
 
 
 def _check_kinds(reader: "_Reader", sensor: Sensor, found: list[Step]) -> None:
-    """Follow what each side delivers through the steps; refuse what a step cannot work on."""
+    """Follow each side's sensor type through the recipe's steps; refuse a step that cannot."""
     kinds: dict[Side, str] = {side: sensor.kind_of(side) for side in SIDES}
     for step in found:
         if step.kind.stage == "merge":
@@ -194,6 +185,7 @@ def _check_kinds(reader: "_Reader", sensor: Sensor, found: list[Step]) -> None:
 
 
 def _refusal(step: Step, kind: str) -> str:
+    """Return why a recipe's step does not work on a sensor type; "" when it does."""
     if kind not in step.kind.sensors:
         works = " and ".join(step.kind.sensors)
         return f"step '{step.kind.name}' works on {works}, not on {kind}"
@@ -201,6 +193,7 @@ def _refusal(step: Step, kind: str) -> str:
 
 
 def _check_merged(reader: "_Reader", sensor: Sensor, kinds: dict[Side, str], merge: Step) -> None:
+    """Note a side of a recipe's combination that reaches the merge as another sensor type."""
     for side in SIDES:
         if kinds[side] != sensor.kind:
             message = (
@@ -212,7 +205,7 @@ def _check_merged(reader: "_Reader", sensor: Sensor, kinds: dict[Side, str], mer
 
 
 def _check_receivers(reader: "_Reader", part: RecipePart) -> None:
-    """Refuse two mixtures of one sensor for one vehicle."""
+    """Refuse two mixtures of one sensor for one vehicle in a recipe document."""
     first: dict[tuple[str, Side], int] = {}
     for index, one in enumerate(part.combine):
         for side in one.publish:
@@ -224,21 +217,23 @@ def _check_receivers(reader: "_Reader", part: RecipePart) -> None:
 
 @dataclass(slots=True)
 class _Reader:
-    """Reads the steps of a document, noting problems as it goes."""
+    """Reads the steps of a recipe document, noting problems as it goes."""
 
     document: Document
     problems: list[Problem] = field(default_factory=list)
     loads_code: bool = True
 
     def note(self, path: Path, message: str, suggestion: str = "", *, key: bool = False) -> None:
+        """Note a problem at a path of the recipe document."""
         self.problems.append(self.document.problem(path, message, suggestion, key=key))
 
     def combination_count(self) -> int:
+        """Return how many combinations the recipe document lists."""
         combinations = self.document.get(("combine",))
         return len(combinations) if isinstance(combinations, list) else 0
 
     def steps_of(self, index: int) -> list[Step]:
-        """Return the steps of a combination, in the order in which they are applied."""
+        """Return the steps of a combination in the recipe document, in order of application."""
         found: list[Step] = []
         for stage in STAGES:
             at: Path = ("combine", index, stage)
@@ -253,7 +248,7 @@ class _Reader:
         return found
 
     def _refuse_late_timing(self, found: list[Step]) -> None:
-        """Refuse a choice by time behind a step that changes readings: it would undo that step."""
+        """Refuse a step that selects by time after one that changes readings."""
         changed: dict[Side, str] = {}
         for step in found:
             if step.kind.name == "register" or step.kind.stage == "merge":
@@ -270,11 +265,12 @@ class _Reader:
                     break
 
     def _refuse_second_register(self, found: list[Step]) -> None:
+        """Refuse a second `register` step of a recipe's side."""
         for second in [step for step in found if step.kind.name == "register"][1:]:
             self.note(second.path, "a second 'register'; a reading has one pose", key=True)
 
     def _step(self, at: Path, given: Data, stage: Stage) -> list[Step]:
-        """Return the step at a path, in a list; an empty one when something is wrong with it."""
+        """Return the steps at a path of the recipe document; none when something is wrong."""
         if isinstance(given, str):
             kind = self._kind(at, given, stage)
             return self._bare(at, kind) if kind is not None else []
@@ -292,7 +288,7 @@ class _Reader:
         return self._check_recipe(kind, (*at, name), shorthand=not isinstance(value, dict))
 
     def _check_recipe(self, kind: StepType, at: Path, *, shorthand: bool) -> list[Step]:
-        """Return the step whose parameters stand at a path, when nothing is wrong with them."""
+        """Return the recipe's step with the parameters at a path; none when they are wrong."""
         try:
             parameters = check(self.document, kind.parameters, at)
         except BadInput as error:
@@ -305,6 +301,7 @@ class _Reader:
         return [step]
 
     def _bare(self, at: Path, kind: StepType) -> list[Step]:
+        """Return a recipe's step that is named without parameters; none when it needs some."""
         try:
             parameters: StepParameters = kind.parameters()
         except ValidationError:
@@ -314,6 +311,7 @@ class _Reader:
         return [Step(kind, parameters, at)]
 
     def _kind(self, at: Path, name: str, stage: Stage) -> StepType | None:
+        """Return the step type of a name in the recipe document; an unknown name is noted."""
         kind = find(name, stage)
         if kind is None:
             meant = resembling(name, stage)

@@ -11,7 +11,7 @@ _XML = ".xml"
 
 
 def load_recipe_document(path: Path, name: str | None = None) -> Document:
-    """Return a recipe file as a document that `load_recipe` takes; XML in its YAML form.
+    """Return a recipe file as a document for `load_recipe`; XML in its YAML form.
 
     name: what to call it in messages; None: the path. Raises BadInput with every problem found.
     """
@@ -30,5 +30,5 @@ def load_recipe_document(path: Path, name: str | None = None) -> Document:
 
 
 def load_recipe_file(path: Path) -> Recipe:
-    """Return the recipe in a file. Raises BadInput with every problem found."""
+    """Return the recipe in a file, YAML or XML. Raises BadInput with every problem."""
     return load_recipe(load_recipe_document(path))

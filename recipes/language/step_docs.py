@@ -16,7 +16,7 @@ _TYPES: dict[Any, str] = {float: "number", int: "whole number", bool: "true or f
 
 @dataclass(frozen=True, slots=True)
 class ParameterDoc:
-    """One parameter: its key, what it takes, and its default ("" where it is needed, or none)."""
+    """A step parameter's documentation: key, accepted values, default ("" for none)."""
 
     name: str
     takes: str
@@ -26,7 +26,7 @@ class ParameterDoc:
 
 @dataclass(frozen=True, slots=True)
 class StepDoc:
-    """One step. details: shapes, units, frames. notes: what its parameters mean."""
+    """A step's documentation. details: shapes, units, frames. notes: meaning of its parameters."""
 
     name: str
     stage: str
@@ -39,7 +39,7 @@ class StepDoc:
 
 
 def describe_steps(kind: StepType) -> StepDoc:
-    """Return the words for a step."""
+    """Return the documentation of one kind of step."""
     _, _, details = inspect.cleandoc(kind.build.__doc__ or "").partition("\n")
     fields = kind.parameters.model_fields.items()
     return StepDoc(
@@ -55,10 +55,12 @@ def describe_steps(kind: StepType) -> StepDoc:
 
 
 def _join_words(text: str) -> str:
+    """Return a docstring of a step on one line."""
     return " ".join(text.split())
 
 
 def _parameter(name: str, field: FieldInfo) -> ParameterDoc:
+    """Return the documentation of a step's parameter."""
     needed = field.is_required()
     default = field.get_default(call_default_factory=True, validated_data={})
     told = "" if needed or default in (None, PydanticUndefined) else _show_value(default)
@@ -66,6 +68,7 @@ def _parameter(name: str, field: FieldInfo) -> ParameterDoc:
 
 
 def _show_value(value: object) -> str:
+    """Return a step parameter's default as documentation shows it."""
     match value:
         case bool():
             return "true" if value else "false"
@@ -80,6 +83,7 @@ def _show_value(value: object) -> str:
 
 
 def _takes(annotation: Any) -> str:
+    """Return in words what values a step's parameter takes, by its annotation."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _takes(arguments[0])
@@ -95,5 +99,6 @@ def _takes(annotation: Any) -> str:
 
 
 def _plural(annotation: Any) -> str:
+    """Return the plural word for the items of a step's list parameter."""
     item = _takes(annotation)
     return {"text": "names", "number": "numbers"}.get(item, item)

@@ -9,7 +9,7 @@ from worlds.files.yaml_nodes import MAX_DEPTH, Place, Source
 
 @dataclass(slots=True)
 class Element:
-    """An element. text: all text within it, trimmed; text_place: where that begins."""
+    """An XML element with places. text: all text in it, trimmed; text_place: where that begins."""
 
     tag: str
     attributes: dict[str, str]
@@ -20,7 +20,7 @@ class Element:
 
 
 def parse_xml(content: bytes, source: Source) -> Element:
-    """Return the root element.
+    """Return the root element of an XML text. Raises BadInput.
 
     Raises BadInput for what is not well-formed, has a document type, or is nested too deep.
     """
@@ -39,6 +39,8 @@ def parse_xml(content: bytes, source: Source) -> Element:
 
 
 class _Builder:
+    """Builds the tree of XML elements from expat's events."""
+
     def __init__(self, source: Source) -> None:
         self.root: Element | None = None
         self.parser = expat.ParserCreate()
@@ -50,10 +52,12 @@ class _Builder:
         self.parser.StartDoctypeDeclHandler = self._doctype
 
     def _place(self) -> Place:
+        """Return the parser's place in the XML text."""
         column = self.parser.CurrentColumnNumber + 1
         return Place(self._source, self.parser.CurrentLineNumber, column)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        """Open an XML element. Raises BadInput when nested too deep."""
         if len(self._open) >= MAX_DEPTH:
             raise BadInput([self._place().problem(f"nested more than {MAX_DEPTH} deep")])
         element = Element(tag, attributes, self._place())
@@ -64,10 +68,12 @@ class _Builder:
         self._open.append(element)
 
     def _end(self, _tag: str) -> None:
+        """Close an XML element."""
         element = self._open.pop()
         element.text = element.text.strip()
 
     def _text(self, text: str) -> None:
+        """Add text to the open XML element."""
         element = self._open[-1]
         if element.text_place is None and text.strip():
             here = self._place()
@@ -77,4 +83,5 @@ class _Builder:
         element.text += text
 
     def _doctype(self, *_: object) -> None:
+        """Refuse a document type in the XML text."""
         raise BadInput([self._place().problem("a document type is not used in these files")])

@@ -9,7 +9,7 @@ from worlds.files.documents import Document, Path, Problem, closest
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step of a recipe. path: where it stands in the document, down to its parameters."""
+    """A step of a recipe with its parameters. path: where these stand in the document."""
 
     kind: StepType
     parameters: StepParameters
@@ -17,18 +17,18 @@ class Step:
     shorthand: bool = False
 
     def place_of(self, inner: Path) -> Path:
-        """Return the path in the document of a parameter of this step."""
+        """Return the path in the recipe document of a parameter of this step."""
         return (*self.path, *(inner[1:] if self.shorthand else inner))
 
     @property
     def label(self) -> str:
-        """Return what people call the step."""
+        """Return the recipe step's name in messages."""
         return self.parameters.label() or self.kind.name
 
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A sensor that the recipe declares.
+    """A sensor that a recipe declares.
 
     kind: type of the mixed readings. rate_hz: theirs; None: the real's. real_kind, twin_kind: what
     the two sources deliver, where transforms make it into `kind`; None: the same.
@@ -41,13 +41,13 @@ class Sensor:
     twin_kind: str | None = None
 
     def kind_of(self, side: Side) -> str:
-        """Return the type of what a side's source delivers."""
+        """Return the sensor type of what a side's source delivers to the recipe."""
         return (self.real_kind if side == "real" else self.twin_kind) or self.kind
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What the mixing of a sensor may cost before a run proves nothing; None: no limit.
+    """A recipe's mixing budget for a sensor: beyond it a run is INVALID; None: no limit.
 
     max_skew_s: between the two exposures. max_latency_s: from the older exposure to delivery.
     min_rate_hz: of the mixed readings. max_registration_error_px: of what is overlaid.
@@ -61,7 +61,7 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Combination:
-    """How one sensor's readings are mixed, and for whom.
+    """A recipe's combination: how one sensor's readings are mixed, and for which vehicles.
 
     steps: transforms and filters in their order. budget: an overlay beyond its skew or latency is
     not drawn. publish_raw: whether S and Sv go out beside Sm. shows: the virtual objects that the
@@ -79,11 +79,11 @@ class Combination:
 
     @property
     def max_skew_s(self) -> float:
-        """Return by how much the exposures may differ."""
+        """Return the largest skew of exposures that the recipe's combination allows."""
         return self.budget.max_skew_s
 
     def tolerated(self, side: Side) -> frozenset[str]:
-        """Return what is no fault of a side's readings: its steps mend it, or it is no news.
+        """Return the reading faults that the recipe's steps mend, or that are no news.
 
         The twin's cloud may be empty: a virtual world need not hold anything within reach.
         """
@@ -95,7 +95,7 @@ class Combination:
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """All combinations of a recipe file."""
+    """A recipe file's combinations."""
 
     description: str
     sensors: tuple[Sensor, ...]
@@ -112,7 +112,7 @@ class Recipe:
         return tuple(dict.fromkeys(reference for reference in used if reference))
 
     def objects(self) -> tuple[tuple[Path, str], ...]:
-        """Return the objects that the recipe names, each with its path in the document."""
+        """Return the world objects that the recipe names, each with its path in the document."""
         named = tuple(
             (step.place_of(path), name)
             for combination in self.combinations
@@ -127,7 +127,7 @@ class Recipe:
         return named + shown
 
     def unknown_objects(self, known: frozenset[str]) -> tuple[Problem, ...]:
-        """Return a problem for each object named that the world does not know."""
+        """Return a problem for each object that the recipe names and the world lacks."""
         return tuple(
             self.document.problem(path, f"no object '{name}' in the world", closest(name, known))
             for path, name in self.objects()

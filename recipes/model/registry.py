@@ -23,7 +23,7 @@ STAGES: tuple[Stage, ...] = ("transform", "filter", "merge")
 
 @dataclass(frozen=True, slots=True)
 class ParameterFault:
-    """What is wrong with a parameter in view of other files. path: in the step's parameters."""
+    """A fault of a registered step's parameter that shows in view of other files."""
 
     path: Path
     message: str
@@ -31,7 +31,7 @@ class ParameterFault:
 
 
 class StepParameters(Part):
-    """What a step may be given in a recipe; unknown keys are refused.
+    """The base of the parameters that a registered step takes; unknown keys are refused.
 
     shorthand: the parameter that a value stands for which is no mapping: `resize: real`.
     needs: what the step needs of a side's readings beside their values. tolerates: which faults of
@@ -47,29 +47,30 @@ class StepParameters(Part):
     @model_validator(mode="before")
     @classmethod
     def _expand(cls, given: object) -> object:
+        """Accept a bare value for the step's main parameter (`shorthand`)."""
         if cls.shorthand and given is not None and not isinstance(given, dict):
             return {cls.shorthand: given}
         return given
 
     def sides(self) -> tuple[Side, ...]:
-        """Return the sides that the step works on; a merge works on none of its own."""
+        """Return the sides that the registered step works on; a merge works on none alone."""
         return ()
 
     def needed(self) -> frozenset[Need]:
-        """Return what the step needs, as it is used."""
+        """Return what readings must carry for the step as configured: depth, object ids."""
         return self.needs
 
     def label(self) -> str:
-        """Return what people call the step where its name does not tell; "" for its name."""
+        """Return the step's name in messages; "" for its registered name."""
         return ""
 
     def refuses(self, kind: str) -> str:
-        """Return why the step, as used, does not work on a sensor of this type; "" if it does."""
+        """Return why the step as configured cannot handle a sensor type; "" if it can."""
         del kind
         return ""
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
-        """Return what is wrong with files that are named; they are relative to a folder."""
+        """Return what is wrong with files named in a step's parameters, beneath a folder."""
         del folder
         return ()
 
@@ -78,23 +79,23 @@ class StepParameters(Part):
         return ""
 
     def objects(self) -> tuple[tuple[Path, str], ...]:
-        """Return the objects of the world that the step names, each with its path in here."""
+        """Return the world objects named in a step's parameters, each with its path."""
         return ()
 
 
 class SidedParameters(StepParameters):
-    """Parameters of a transform or filter. on: the side it works on, usually the twin's."""
+    """Parameters of a transform or filter step. on: the side it works on, usually the twin."""
 
     on: Literal["real", "twin", "both"] = "twin"
 
     def sides(self) -> tuple[Side, ...]:
-        """Return the sides that the step works on."""
+        """Return the sides (`on`) that the transform or filter step works on."""
         return ("real", "twin") if self.on == "both" else (self.on,)
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What is known of the run when a recipe is compiled.
+    """What a registered step is built with: the run's facts when a recipe is compiled.
 
     object_ids: ids of the twin's world. folder: what files in the recipe are relative to. side:
     the one that an operator is built for; None for a merge.
@@ -107,7 +108,7 @@ class Context:
 
 @dataclass(frozen=True, slots=True)
 class StepType:
-    """A kind of step.
+    """A registered step: its name, stage, parameters and builder.
 
     sensors: the types that it works on. gives: the type that it turns one of these into, where
     that is another. summary: one sentence.
@@ -123,7 +124,7 @@ class StepType:
 
 
 class DuplicateStepError(ValueError):
-    """Two steps of one name."""
+    """A second step is registered under one name."""
 
 
 P = TypeVar("P", bound=StepParameters)
@@ -154,19 +155,19 @@ def step(
 
 
 def steps() -> tuple[StepType, ...]:
-    """Return all steps, by stage in the order of the method, then by name."""
+    """Return all registered steps, by stage in the order of the method, then by name."""
     _load()
     return tuple(sorted(_TYPES.values(), key=lambda kind: (STAGES.index(kind.stage), kind.name)))
 
 
 def find(name: str, stage: Stage | None = None) -> StepType | None:
-    """Return the step of this name, that of the stage if several have it; None for no step."""
+    """Return the registered step of a name, of that stage if several have it; None for no step."""
     found = {kind.stage: kind for kind in steps() if kind.name == name}
     return found.get(stage) if stage in found else next(iter(found.values()), None)
 
 
 def resembling(name: str, stage: Stage) -> str:
-    """Return the step that was probably meant, of this stage if one is like it; "" when none."""
+    """Return the registered step that a misspelt name probably means, of this stage first."""
     known = [kind.name for kind in steps() if kind.stage == stage]
     return closest(name, known) or closest(name, [kind.name for kind in steps()])
 

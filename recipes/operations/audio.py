@@ -16,7 +16,7 @@ Sound = NDArray[np.float64]
 
 
 def low_pass(cutoff: float, taps: int) -> Sound:
-    """Return a filter that keeps frequencies below `cutoff` (of the sample rate, 0 to 0.5).
+    """Return the FIR low-pass kernel for audio; cutoff: of the sample rate, 0 to 0.5.
 
     taps: odd. Its sum is 1.
     """
@@ -26,7 +26,7 @@ def low_pass(cutoff: float, taps: int) -> Sound:
 
 
 def band_pass_kernel(low: float, high: float, taps: int) -> Sound:
-    """Return a filter that keeps frequencies between two (of the sample rate, 0 to 0.5).
+    """Return the FIR band-pass kernel for audio between two fractions of the sample rate.
 
     low 0 keeps all below `high`; high 0.5 all above `low`.
     """
@@ -35,13 +35,14 @@ def band_pass_kernel(low: float, high: float, taps: int) -> Sound:
 
 
 def _all(taps: int) -> Sound:
+    """Return the audio kernel that passes every frequency."""
     kernel = np.zeros(taps)
     kernel[taps // 2] = 1.0
     return kernel
 
 
 class Filter:
-    """Filters blocks that follow each other; begins anew, from silence, after a gap.
+    """An FIR filter over consecutive audio blocks; restarts from silence after a gap.
 
     What comes out has the length of what went in, and the time at which it sounded: earlier by
     half of the filter's length.
@@ -53,7 +54,7 @@ class Filter:
         self._expected_s: float | None = None
 
     def filtered(self, block: MicrophoneReading) -> MicrophoneReading:
-        """Return the block filtered."""
+        """Return the audio block filtered."""
         if self._expected_s is None or abs(block.t_s - self._expected_s) > _GAP_SAMPLES / (
             block.sample_rate_hz
         ):
@@ -72,19 +73,19 @@ _GAP_SAMPLES = 1.5
 
 
 class TimeLine:
-    """Holds the last blocks of a microphone, to be read at any time."""
+    """A buffer of the last audio blocks of a microphone, readable at any time."""
 
     def __init__(self) -> None:
         self._blocks: list[MicrophoneReading] = []
 
     def add(self, block: MicrophoneReading) -> None:
-        """Take a block; one not newer than the last changes nothing."""
+        """Add an audio block; one not newer than the last changes nothing."""
         if not self._blocks or block.t_s > self._blocks[-1].t_s:
             self._blocks.append(block)
             del self._blocks[:-_HELD_BLOCKS]
 
     def during(self, like: MicrophoneReading) -> Sound:
-        """Return the pressure in pascals at the times of another block's samples, (samples,).
+        """Return the audio pressure (Pa) at the sample times of another block, (samples,).
 
         Silence where nothing was heard. Raises CannotMixError for another sample rate.
         """

@@ -19,7 +19,7 @@ INTERPOLATED = ("pose", "gps", "imu", "rangefinder", "lidar")
 
 
 def between(a: Reading, b: Reading, t_s: float) -> Reading | None:
-    """Return the reading at a time between those of two; None when they do not fit.
+    """Return the reading interpolated between two at a time; None when they do not fit.
 
     Positions, velocities, rates, forces and ranges change linearly, attitudes along the shortest
     arc. A range that is infinite on one side is taken from the nearer reading.
@@ -57,6 +57,7 @@ _STILL = (0.0, 0.0, 0.0)
 
 
 def _fix(a: GpsReading, b: GpsReading, fraction: float, t_s: float) -> GpsReading:
+    """Return the GPS fix interpolated between two, the shorter way across the date line."""
     # Across the date line the shorter way counts.
     east = (b.longitude_deg - a.longitude_deg + 180.0) % 360.0 - 180.0
     longitude = (a.longitude_deg + east * fraction + 180.0) % 360.0 - 180.0
@@ -77,6 +78,7 @@ def _fix(a: GpsReading, b: GpsReading, fraction: float, t_s: float) -> GpsReadin
 def _scan(
     a: LidarScanReading, b: LidarScanReading, fraction: float, t_s: float
 ) -> LidarScanReading:
+    """Return the lidar scan interpolated between two; unknown ranges are the nearer scan's."""
     nearer = a if fraction < 0.5 else b
     known = np.isfinite(a.ranges_m) & np.isfinite(b.ranges_m)
     with np.errstate(invalid="ignore"):

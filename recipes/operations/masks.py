@@ -1,7 +1,5 @@
 """Masks: which elements of a reading are kept."""
 
-from typing import Any, TypeVar
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -10,20 +8,19 @@ from recipes.working import AnyMasked, Masked, R, element_shape
 from vehicles.perception.hsv import Mask
 
 Bools = NDArray[np.bool_]
-A = TypeVar("A", bound=NDArray[Any])
 
 KEPT = 255
 
 
 def both(mask: Mask, earlier: Mask | None) -> Mask:
-    """Return the elements that this mask and an earlier one keep; writes into this one."""
+    """Return the conjunction of two masks; writes into the first."""
     if earlier is not None:
         cv2.bitwise_and(mask, earlier.reshape(mask.shape), dst=mask)
     return mask
 
 
 def narrowed(work: Masked[R], keep: Bools) -> Masked[R]:
-    """Return the side with what `keep` keeps of it; keep: bool, one per element."""
+    """Return the side with its mask narrowed by `keep`: bool, one per element."""
     mask = keep.astype(np.uint8)
     mask *= KEPT
     if work.mask is not None:
@@ -32,7 +29,7 @@ def narrowed(work: Masked[R], keep: Bools) -> Masked[R]:
 
 
 def with_mask(work: AnyMasked) -> Bools:
-    """Return one bool per element: whether it is kept."""
+    """Return the mask of a side: one bool per element, whether it is kept."""
     if work.mask is None:
         return np.ones(element_shape(work.reading), np.bool_)
     chosen: Bools = work.mask != 0
@@ -40,10 +37,5 @@ def with_mask(work: AnyMasked) -> Bools:
 
 
 def is_kept(work: AnyMasked) -> bool:
-    """Return whether a reading of one value is kept."""
+    """Return whether the mask keeps a reading of one value."""
     return work.mask is None or bool(work.mask.any())
-
-
-def take_elements(array: A | None, keep: Bools) -> A | None:
-    """Return those entries of an array, one per element, that are kept; None for None."""
-    return None if array is None else array[keep]  # type: ignore[return-value]  # numpy widens it

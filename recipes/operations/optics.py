@@ -23,12 +23,12 @@ _OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
 
 
 def size_of(picture: Picture) -> tuple[int, int]:
-    """Return (width, height) in pixels."""
+    """Return an image's (width, height) in pixels."""
     return picture.intrinsics.width_px, picture.intrinsics.height_px
 
 
 def resized(work: Masked[P], width_px: int, height_px: int) -> Masked[P]:
-    """Return the picture scaled to a size in pixels.
+    """Return an image reading scaled to a size in pixels, with its camera intrinsics.
 
     Colours are averaged over areas when both sides shrink, else interpolated linearly. Depth, ids
     and mask take the nearest pixel: between two objects there is no third.
@@ -56,7 +56,7 @@ def resized(work: Masked[P], width_px: int, height_px: int) -> Masked[P]:
 
 
 def scaled_intrinsics(intrinsics: Intrinsics, width_px: int, height_px: int) -> Intrinsics:
-    """Return the intrinsics of the same view at another size.
+    """Return camera intrinsics of the same view at another image size.
 
     The edges of the picture stay where they are, at -0.5 and width - 0.5 (pixel (0, 0) is the
     centre of the first pixel): u' = (u + 0.5) width'/width - 0.5. Distortion has no unit.
@@ -74,7 +74,7 @@ def scaled_intrinsics(intrinsics: Intrinsics, width_px: int, height_px: int) -> 
 
 
 def nearest(plane: NDArray[Pixel] | None, size: tuple[int, int]) -> NDArray[Pixel] | None:
-    """Return a plane scaled to (width, height) by the nearest pixel; None for None."""
+    """Return an image plane scaled to (width, height) by the nearest pixel; None for None."""
     if plane is None:
         return None
     scaled: NDArray[Pixel] = cv2.resize(plane, size, interpolation=cv2.INTER_NEAREST_EXACT)
@@ -82,7 +82,7 @@ def nearest(plane: NDArray[Pixel] | None, size: tuple[int, int]) -> NDArray[Pixe
 
 
 def cropped(work: Masked[P], left_px: int, top_px: int, width_px: int, height_px: int) -> Masked[P]:
-    """Return a part of the picture, sharing its memory; its camera's centre moves with it.
+    """Return a crop of an image, sharing its memory; its camera's centre moves with it.
 
     Raises ValueError when the part does not lie within the picture.
     """
@@ -122,7 +122,7 @@ def cropped(work: Masked[P], left_px: int, top_px: int, width_px: int, height_px
 
 @dataclass(frozen=True, slots=True)
 class Remap:
-    """Where each pixel of a new picture lies in the old: (height, width) float32 each.
+    """An image remapping: where each new pixel lies in the old image, (height, width) float32.
 
     seen: (height, width) uint8, 255 where the old camera saw it. z_ratio: depth along the new
     optical axis over that along the old one; None when no rotation lies between.
@@ -136,7 +136,7 @@ class Remap:
 
 @lru_cache(maxsize=8)
 def remap_between(old: Intrinsics, new: Intrinsics, turn: Quat = IDENTITY) -> Remap:
-    """Return the map from a picture of one camera to what another would show from the same place.
+    """Return the pixel map from one camera's image to another camera's at the same place.
 
     turn: attitude of the new camera in the old one's FRD frame. Each pixel of the new picture is
     undistorted to a ray with the new model, turned, and projected with the old model; exact up to
@@ -175,6 +175,7 @@ def remap_between(old: Intrinsics, new: Intrinsics, turn: Quat = IDENTITY) -> Re
 
 
 def _matrix(intrinsics: Intrinsics) -> NDArray[np.float64]:
+    """Return the 3x3 camera matrix of intrinsics."""
     i = intrinsics
     return np.array([[i.fx_px, 0, i.cx_px], [0, i.fy_px, i.cy_px], [0, 0, 1.0]])
 
@@ -183,7 +184,7 @@ _TERMS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
 
 
 def _undistort(pixels: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
-    """Return (x/z, y/z) of the rays of pixels, (n, 2)."""
+    """Return (x/z, y/z) of the rays of a camera's pixels, lens distortion removed, (n, 2)."""
     if not any(camera.distortion):
         found = (pixels[:, 0] - (camera.cx_px, camera.cy_px)) / (camera.fx_px, camera.fy_px)
         return np.asarray(found, np.float64)
@@ -193,13 +194,14 @@ def _undistort(pixels: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.fl
 
 
 def _project(rays: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
+    """Return the pixels of rays through a camera's lens, (n, 2)."""
     lens = np.array(camera.distortion) if camera.distortion else np.zeros(4)
     pixels, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), _matrix(camera), lens)
     return np.asarray(pixels, np.float64).reshape(-1, 2)
 
 
 def _invertible(rays: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.bool_]:
-    """Return which rays a lens's polynomial still maps outward the farther out they are.
+    """Return for which rays a lens's distortion polynomial is still increasing outwards.
 
     Beyond its turning point the polynomial folds back, and rays from far outside of the view
     would land within the picture.
@@ -218,7 +220,7 @@ def _invertible(rays: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.boo
 
 
 def remapped(work: Masked[P], new: Intrinsics, turn: Quat = IDENTITY) -> Masked[P]:
-    """Return what a camera of another model, turned by `turn`, would show from the same place.
+    """Return what a camera with other optics, turned by `turn`, would show from the same place.
 
     Pixels that the old camera did not see are black, infinitely far, and not kept. Colours are
     interpolated linearly; depth, ids and mask take the nearest pixel.
@@ -245,6 +247,7 @@ def remapped(work: Masked[P], new: Intrinsics, turn: Quat = IDENTITY) -> Masked[
 def _move_pixels(
     plane: NDArray[Pixel] | None, maps: Remap, outside: float
 ) -> NDArray[Pixel] | None:
+    """Return an image plane remapped to another camera; None for None."""
     if plane is None:
         return None
     found: NDArray[Pixel] = cv2.remap(
@@ -260,6 +263,7 @@ def _move_pixels(
 
 
 def _move_depth(depth_m: NDArray[np.float32], maps: Remap) -> NDArray[np.float32]:
+    """Return a depth image remapped to another camera, along its own optical axis."""
     moved = _move_pixels(depth_m, maps, np.inf)
     assert moved is not None  # noqa: S101 - only None gives None
     if maps.z_ratio is not None:
@@ -268,7 +272,7 @@ def _move_depth(depth_m: NDArray[np.float32], maps: Remap) -> NDArray[np.float32
 
 
 def disagreement_px(a: Intrinsics, b: Intrinsics) -> float:
-    """Return how far apart two cameras of one size see a point at the corners, in pixels.
+    """Return how far apart two cameras of one size image a point at the corners, pixels.
 
     Distortion that differs counts as infinitely far: only `camera_model` undoes it.
     """

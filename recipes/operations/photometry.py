@@ -33,7 +33,7 @@ _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How a camera sees; None where the picture does not tell.
+    """The photometry of a camera: level, noise, blur; None where the image does not show it.
 
     level_bgr: median of each channel, grey levels. noise_std_dn: grey levels. blur_sigma_px: of
     the sharpest of the edges.
@@ -45,7 +45,7 @@ class Look:
 
 
 def look_of(image_bgr: BgrImage) -> Look:
-    """Return what a (height, width, 3) uint8 picture tells of its camera."""
+    """Return the photometry measured in a (height, width, 3) uint8 image."""
     rows, columns = (
         slice(max(0, (length - crop) // 2), max(0, (length - crop) // 2) + crop)
         for length, crop in zip(image_bgr.shape[:2], _CROP_PX, strict=True)
@@ -55,6 +55,7 @@ def look_of(image_bgr: BgrImage) -> Look:
 
 
 def _level(image_bgr: BgrImage) -> tuple[float, float, float] | None:
+    """Return the mean blue, green, red of an image; None where most is too dark or too bright."""
     steps = [max(1, length // _SAMPLE_PX) for length in image_bgr.shape[:2]]
     pixels = image_bgr[:: steps[0], :: steps[1]].reshape(-1, 3)
     telling = pixels[((pixels > _DARK) & (pixels < _BRIGHT)).all(axis=1)]
@@ -65,6 +66,7 @@ def _level(image_bgr: BgrImage) -> tuple[float, float, float] | None:
 
 
 def _noise(image_bgr: BgrImage) -> float | None:
+    """Return the noise of an image, standard deviation in grey levels; None if not measurable."""
     if min(image_bgr.shape[:2]) < 8:
         return None
     green = image_bgr[:, :, 1]
@@ -78,6 +80,7 @@ def _noise(image_bgr: BgrImage) -> float | None:
 
 
 def _blur(gray: NDArray[np.float32]) -> float | None:
+    """Return the blur of a grey image, sigma in pixels; None if not measurable."""
     if min(gray.shape) < 32:
         return None
     across = cv2.filter2D(gray, -1, np.array([[-0.5, 0.0, 0.5]], np.float32))
@@ -101,7 +104,7 @@ _STEEPNESS = np.array([math.erf(1.0 / (s * math.sqrt(2.0))) / 2.0 for s in _SIGM
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """What is done to a picture. gains_bgr: factors; the others as in a Look, to be added."""
+    """A photometric correction of an image. gains_bgr: factors; others as in a Look, added."""
 
     gains_bgr: tuple[float, float, float] = (1.0, 1.0, 1.0)
     noise_std_dn: float = 0.0
@@ -124,7 +127,7 @@ class Correction:
 def correction(
     mine: Look, theirs: Look, *, max_gain: float, exposure: bool, white_balance: bool
 ) -> Correction:
-    """Return what makes a picture of one camera look as one of another.
+    """Return the photometric correction that makes one camera's image look like another's.
 
     Gains are the ratios of the medians, for all channels alike when only the exposure is matched,
     and balanced around their mean when only the white is; each within 1/max_gain to max_gain.
@@ -140,6 +143,7 @@ def correction(
 def _gains(
     mine: Look, theirs: Look, max_gain: float, *, exposure: bool, white_balance: bool
 ) -> tuple[float, float, float]:
+    """Return the gains of blue, green, red that match exposure and white balance of two images."""
     if mine.level_bgr is None or theirs.level_bgr is None:
         return (1.0, 1.0, 1.0)
     ratios = np.array(theirs.level_bgr) / np.maximum(mine.level_bgr, 1.0)
@@ -153,6 +157,7 @@ def _gains(
 
 
 def _add_noise(mine: float | None, theirs: float | None) -> float:
+    """Return the noise to add to an image to match another's; 0 when not measured."""
     if mine is None or theirs is None:
         return 0.0
     return math.sqrt(max(0.0, theirs * theirs - mine * mine))
@@ -165,7 +170,7 @@ _LEVELS = 32.0
 
 
 class Corrector:
-    """Applies corrections to pictures of one size; its noise repeats to the byte.
+    """Applies photometric corrections to images of one size; its noise repeats to the byte.
 
     Noise comes from a tile laid differently for each `seq`: fresh noise costs ten times as much.
     """
@@ -177,7 +182,7 @@ class Corrector:
     def applied(
         self, image_bgr: BgrImage, mask: Mask | None, what: Correction, seq: int
     ) -> BgrImage:
-        """Return the picture blurred, exposed and with noise.
+        """Return the image with blur, exposure and noise corrected.
 
         mask: what is kept; blur then takes in nothing from beyond it, so that the object's edge
         does not get the colour of its old background.
@@ -190,6 +195,7 @@ class Corrector:
         return made
 
     def _noisy(self, image_bgr: BgrImage, std_dn: float, seq: int) -> BgrImage:
+        """Return the image with noise of a standard deviation added, by its sequence number."""
         height_px, width_px = image_bgr.shape[:2]
         wanted = (height_px + _ROLL_PX, width_px + _ROLL_PX, 3)
         if self._tile is None or self._tile.shape != wanted:
@@ -206,12 +212,14 @@ class Corrector:
 
 
 def _gain_table(gains_bgr: tuple[float, float, float]) -> NDArray[np.uint8]:
+    """Return the lookup table that applies gains to an image."""
     levels = np.arange(256)[:, None] * np.array(gains_bgr)
     table: NDArray[np.uint8] = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
     return table.reshape(1, 256, 3)
 
 
 def _blur_image(image_bgr: BgrImage, mask: Mask | None, sigma_px: float) -> BgrImage:
+    """Return an image blurred by a sigma in pixels, within a mask."""
     if sigma_px < _LEAST_BLUR_PX:
         return image_bgr
     if mask is None:
@@ -234,7 +242,7 @@ def _blur_image(image_bgr: BgrImage, mask: Mask | None, sigma_px: float) -> BgrI
 
 
 def with_known(look: Look, *, noise_std_dn: float | None, blur_sigma_px: float | None) -> Look:
-    """Return the look with what is known of the camera in place of what was measured."""
+    """Return the photometry with known camera values in place of the measured ones."""
     if noise_std_dn is not None:
         look = replace(look, noise_std_dn=noise_std_dn)
     return look if blur_sigma_px is None else replace(look, blur_sigma_px=blur_sigma_px)

@@ -1,6 +1,7 @@
 """What a rule can ask of a reading: per sensor, names of numbers. Pure."""
 
 from collections.abc import Callable, Mapping
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Any
 
@@ -8,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicles.readings import SENSOR_TYPES
+from vehicles.readings.numbers import number_fields
 from worlds.frames import norm
 
 Values = float | NDArray[np.float32]
@@ -18,14 +21,21 @@ Quantity = Callable[[Any], Values | None]
 
 
 def _rms_pa(reading: Any) -> float:
+    """Return the RMS sound pressure of a microphone reading: a quantity for conditions."""
     return float(np.sqrt(np.mean(np.square(reading.pressure_pa, dtype=np.float64))))
 
 
 def _speed_of(velocity: Any) -> float | None:
+    """Return the speed of a velocity as a quantity for conditions; None for None."""
     return None if velocity is None else norm(velocity)
 
 
-QUANTITIES: Mapping[str, Mapping[str, Quantity]] = MappingProxyType(
+def _numbers_of(kind: type) -> Mapping[str, Quantity]:
+    """Return the numbers of a reading that has nothing else."""
+    return {name: attrgetter(name) for name in number_fields(kind)}
+
+
+_OF_TYPES: Mapping[str, Mapping[str, Quantity]] = MappingProxyType(
     {
         "camera": {
             "brightness": lambda r: float(np.mean(cv2.mean(r.image_bgr)[:3])),
@@ -60,5 +70,9 @@ QUANTITIES: Mapping[str, Mapping[str, Quantity]] = MappingProxyType(
         },
         "microphone": {"loudness_pa": _rms_pa},
     }
+)
+
+QUANTITIES: Mapping[str, Mapping[str, Quantity]] = MappingProxyType(
+    {name: _OF_TYPES.get(name) or _numbers_of(kind) for name, kind in SENSOR_TYPES.items()}
 )
 """Sensor type, to the names of what can be asked: per element where that is many."""

@@ -13,7 +13,7 @@ _SAME_RAD = 1e-4
 
 
 def refuse_other_beams(name: str, a: LidarScanReading, b: LidarScanReading) -> None:
-    """Raise CannotMixError when two scans have not the same beams."""
+    """Raise CannotMixError when two scans have different beams."""
     same = len(a.ranges_m) == len(b.ranges_m)
     if same and len(a.ranges_m):
         last = len(a.ranges_m) - 1
@@ -34,7 +34,7 @@ def refuse_other_beams(name: str, a: LidarScanReading, b: LidarScanReading) -> N
 def with_beams(
     work: Masked[LidarScanReading], *, count: int, start_angle_rad: float, step_rad: float
 ) -> Masked[LidarScanReading]:
-    """Return the scan as other beams would have it: each takes the old beam nearest in angle.
+    """Return the scan resampled to other beams: each takes the old beam nearest in angle.
 
     A new beam farther than half a step of the old ones (and half of the new) from any of them
     looks where the scan did not: it has infinity, no object, and is not kept.
@@ -68,5 +68,5 @@ def with_beams(
 
 
 def is_full_turn(scan: LidarScanReading) -> bool:
-    """Return whether the scan's last beam is the neighbour of its first."""
+    """Return whether a scan's last beam is the neighbour of its first."""
     return abs(len(scan.ranges_m) * abs(scan.step_rad) - math.tau) < abs(scan.step_rad) / 2

@@ -9,7 +9,7 @@ from vehicles.readings import BgrImage
 
 
 class SoftEdge:
-    """Blends a layer over the ground, its weight rising from its edge inward.
+    """Blends a layer with soft edges over the ground, its weight rising from its edge inward.
 
     width_px: from the edge of the kept part (weight near 0) to where the layer is opaque. Weight
     is the distance to the edge over the width, so that no pixel beyond the mask, which shows the
@@ -21,7 +21,7 @@ class SoftEdge:
         self._width_px = width_px
 
     def __call__(self, layer_bgr: BgrImage, shown: Mask | None, ground_bgr: BgrImage) -> None:
-        """Write the blend into `ground_bgr`; shown: what is kept of the layer and not hidden.
+        """Write the soft-edged blend into `ground_bgr`; shown: kept and unhidden layer pixels.
 
         Where a nearer thing of the ground cuts the layer, its edge fades likewise.
         """
@@ -38,7 +38,7 @@ class SoftEdge:
         part[:] = np.rint(part + (upper - part) * weight[:, :, None]).astype(np.uint8)
 
     def _weights(self, shown: Mask, rows: slice, columns: slice) -> NDArray[np.float32]:
-        """Return 0 to 1 per pixel of the box around what is shown."""
+        """Return the soft edge's weights, 0 to 1 per pixel of the box around what is shown."""
         box = shown[rows, columns]
         height_px, width_px = shown.shape
         # A border of zeros where the box ends within the picture; none where the picture ends.

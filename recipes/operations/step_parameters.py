@@ -29,7 +29,7 @@ _MATRIX_SLACK = 1e-3
 
 
 class RotationPart(Part):
-    """A rotation, given in one of three ways: Euler angles, a quaternion, or a matrix.
+    """A rotation in a step's parameters: Euler angles, a quaternion, or a matrix.
 
     roll_deg, pitch_deg, yaw_deg: applied as yaw, then pitch, then roll (3-2-1). q_wxyz: of any
     length but 0. matrix: 3 x 3 by rows, orthogonal and right-handed.
@@ -43,6 +43,7 @@ class RotationPart(Part):
 
     @model_validator(mode="after")
     def _one_form(self) -> "RotationPart":
+        """Refuse a step's rotation that is given in more than one form, or is none."""
         angles = {"roll_deg", "pitch_deg", "yaw_deg"} & self.model_fields_set
         forms = [bool(angles), self.q_wxyz is not None, self.matrix is not None]
         if sum(forms) > 1:
@@ -56,7 +57,7 @@ class RotationPart(Part):
         return self
 
     def quaternion(self) -> Quat:
-        """Return the rotation as a unit quaternion."""
+        """Return the rotation of a step's parameters as a unit quaternion."""
         if self.q_wxyz is not None:
             w, x, y, z = self.q_wxyz
             return quat_normalize((w, x, y, z))
@@ -68,7 +69,7 @@ class RotationPart(Part):
 
 
 class IntrinsicsPart(Part):
-    """A pinhole camera in pixels; cx_px, cy_px default to the middle, fy_px to fx_px.
+    """A pinhole camera in a step's parameters; cx_px, cy_px: the middle, fy_px: fx_px.
 
     distortion: OpenCV's coefficients (k1, k2, p1, p2[, k3[, k4, k5, k6]]).
     """
@@ -83,12 +84,13 @@ class IntrinsicsPart(Part):
 
     @model_validator(mode="after")
     def _known_lens(self) -> "IntrinsicsPart":
+        """Refuse a number of distortion coefficients that no lens model has."""
         if len(self.distortion) not in (0, 4, 5, 8):
             raise KeyFaultError("distortion", "takes 0, 4, 5 or 8 coefficients")
         return self
 
     def intrinsics(self) -> Intrinsics:
-        """Return the camera as the code uses it."""
+        """Return the camera intrinsics of a step's parameters."""
         return Intrinsics(
             width_px=self.width_px,
             height_px=self.height_px,

@@ -7,7 +7,7 @@ from vehicles.poses.pose_history import PoseHistory
 def align_pose(
     request: PoseRequest, history: PoseHistory, *, exposure_s: float, now_s: float
 ) -> AlignedPose | None:
-    """Return the body's pose for a picture exposed at `exposure_s`; None when none is near.
+    """Return the body's pose aligned with an image's exposure; None when no sample is near.
 
     history: of the vehicle that the request names. now_s: what is known by now counts for
     `latest`. The result's time is that of the pose, so that the skew of a mixture shows it.
@@ -21,6 +21,7 @@ def align_pose(
 
 
 def _interpolate_pose(history: PoseHistory, exposure_s: float) -> AlignedPose | None:
+    """Return the pose aligned to an exposure by interpolation; None without a pose."""
     found = history.at(exposure_s)
     if found.pose is None:
         return None
@@ -29,6 +30,7 @@ def _interpolate_pose(history: PoseHistory, exposure_s: float) -> AlignedPose | 
 
 
 def _hold_pose(history: PoseHistory, until_s: float, exposure_s: float) -> AlignedPose | None:
+    """Return the pose aligned to an exposure by hold: the last sample before a time."""
     sample = history.sample_before(until_s)
     if sample is None:
         return None

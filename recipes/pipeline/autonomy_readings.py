@@ -12,7 +12,7 @@ from vehicles.readings import (
 
 
 def autonomy_reading(reading: Reading, real: Reading, now_s: float, sensor: str) -> Reading:
-    """Return a mixture as the autonomy gets it: the real's time, and nothing but the values."""
+    """Return a mixture as the autonomy receives it: the real's time, and sensor values only."""
     made = replace(
         reading, t_s=real.t_s, arrived_s=now_s, seq=real.seq, source="mixed", sensor=sensor
     )
@@ -23,7 +23,7 @@ def autonomy_reading(reading: Reading, real: Reading, now_s: float, sensor: str)
 
 
 def without_knowledge(reading: Reading) -> Reading:
-    """Return the reading without what no sensor tells.
+    """Return an autonomy's reading without the simulator's knowledge: ids, poses, depth.
 
     Depth beside a picture, ids and the pose that was rendered from are the simulator's knowledge
     of the scene.

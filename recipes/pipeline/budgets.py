@@ -16,7 +16,7 @@ _SLACK = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """A limit that was left. what: the budget's key in the recipe; limit in the same unit."""
+    """An exceeded mixing budget. what: the budget's key in the recipe; limit in the same unit."""
 
     what: str
     actual: float
@@ -28,7 +28,7 @@ class Breach:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of a run, as summary.json has them; None where there are none.
+    """The figures of a run that are compared with mixing budgets; None where there are none.
 
     skew_ms, latency_ms, registration_error_px: the 99th percentiles. rate_hz: mean. Without a
     reference the bound stands for the registration error.
@@ -41,7 +41,7 @@ class Figures:
 
 
 def breaches(budget: Budget, figures: Figures) -> tuple[Breach, ...]:
-    """Return each limit that the figures of a run leave.
+    """Return each mixing budget that the figures of a run exceed.
 
     A limit without its figure is left too: what was not measured is not shown to be good. But the
     registration error is null by definition where there is no reference and no bound.
@@ -68,7 +68,7 @@ def breaches(budget: Budget, figures: Figures) -> tuple[Breach, ...]:
 
 
 def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
-    """Return the limit that one mixed reading leaves; None when it leaves none."""
+    """Return the mixing budget that one mixed reading exceeds; None when it exceeds none."""
     found = breaches(
         Budget(
             max_skew_s=budget.max_skew_s,
@@ -88,7 +88,7 @@ def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
 
 
 class RateWatch:
-    """Tells when the rate of deliveries, over a window that ends now, is below the budget's.
+    """Watches the mixing rate over a sliding window against the budget's least rate.
 
     window_s: long enough for a lost reading not to count: by default one second, and at least
     five readings.
@@ -101,16 +101,16 @@ class RateWatch:
         self._times: deque[float] = deque()
 
     def start(self, now_s: float) -> None:
-        """Begin to watch: what came before does not count."""
+        """Start to watch the mixing rate: earlier deliveries do not count."""
         self._started_s = now_s
         self._times.clear()
 
     def delivered(self, t_s: float) -> None:
-        """Take the time of a delivery."""
+        """Add the time of a delivered mixture."""
         self._times.append(t_s)
 
     def breach(self, now_s: float) -> Breach | None:
-        """Return the breach, once a whole window has been watched; None before, or without."""
+        """Return the rate budget's breach once a whole window is watched; None otherwise."""
         if self._min_rate_hz is None or self._started_s is None:
             return None
         begin_s = now_s - self._window_s
@@ -124,4 +124,5 @@ class RateWatch:
 
 
 def _ms(time_s: float | None) -> float | None:
+    """Return a time of a budget in milliseconds; None for None."""
     return None if time_s is None else time_s * 1000.0

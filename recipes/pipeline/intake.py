@@ -9,7 +9,7 @@ _REMEMBERED = 64
 
 
 class Intake:
-    """Judges the readings of one side, each against itself and against the one before.
+    """The intake check of one side's readings, each by itself and against the one before.
 
     A reading that is older than the one before is refused, as long as it takes; one that differs
     in size or intrinsics is refused once, so that the change is counted, and then let in. One
@@ -26,7 +26,7 @@ class Intake:
         self._let_in: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
 
     def fault_of(self, reading: Reading) -> str | None:
-        """Return what is wrong with a reading; None when nothing is."""
+        """Return what is wrong with an arriving reading; None when nothing is."""
         # Not the reading itself: a picture that is remembered is memory that is held.
         key = (id(reading), reading.t_s)
         if key in self._let_in:

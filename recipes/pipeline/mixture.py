@@ -13,7 +13,7 @@ R = TypeVar("R", bound=Reading, default=CameraReading)
 
 @dataclass(frozen=True, slots=True)
 class StageTime:
-    """How long one step took, by the clock that was handed to the mixer."""
+    """The duration of one step of a mixture, by the clock that was handed to the mixer."""
 
     step: str
     duration_s: float
@@ -21,7 +21,7 @@ class StageTime:
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Where a mixed reading comes from.
+    """The provenance of a mixture: the readings, times and alignment it is made of.
 
     real_*, twin_*: number and middle of exposure (run clock) of the inputs, where a step chose
     among several of the one chosen; None when there was none. skew_ms: by how much the exposures
@@ -55,7 +55,7 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True)
 class Mixed(Generic[R]):
-    """A mixed reading, or None where there is nothing to show, and its provenance."""
+    """A mixture, or None where there is nothing to show, with its provenance."""
 
     reading: R | None
     provenance: Provenance
@@ -63,7 +63,7 @@ class Mixed(Generic[R]):
 
 @dataclass(frozen=True, slots=True)
 class MixCounts:
-    """What became of the frames so far.
+    """The counts of a mixture's frames: all, fully mixed, dropped by reason.
 
     frames: calls. mixed: with everything in. dropped: each reason and how often; such a frame
     shows the real reading alone, or nothing where that is what was missing. faults: what was

@@ -41,7 +41,7 @@ def compile_recipe(
     stopwatch: Stopwatch | None = None,
     observer: Observer | None = None,
 ) -> tuple["Mixer", ...]:
-    """Return a mixer for each combination of a recipe, in their order.
+    """Return the mixing pipelines of a recipe: one Mixer per combination, in order.
 
     object_ids: what `object_ids` of the twin's readings mean. stopwatch: seconds, to measure the
     steps; None leaves the provenance without durations. observer: is shown what each step made,
@@ -59,6 +59,7 @@ def _compile(
     stopwatch: Stopwatch | None,
     observer: Observer | None,
 ) -> "Mixer":
+    """Return the mixing pipeline of one combination."""
     compiled = compile_stages(combination, context, recipe.document)
     return Mixer(
         combination=combination,
@@ -72,7 +73,7 @@ def _compile(
 
 
 class Mixer:
-    """Mixes the readings of one sensor, of whatever type.
+    """The mixing pipeline of one sensor of whatever type.
 
     Hand it one pair at a time: its steps keep buffers. What it returns shares no buffer with it,
     but may share the real reading, unchanged, where nothing is laid over it.
@@ -107,22 +108,22 @@ class Mixer:
 
     @property
     def sensor(self) -> str:
-        """Return the name of the sensor that is mixed."""
+        """Return the name of the sensor that the pipeline mixes."""
         return self.combination.sensor.name
 
     @property
     def publish(self) -> tuple[Side, ...]:
-        """Return the vehicles to whose autonomy the mixture goes."""
+        """Return the vehicles to whose autonomy the pipeline's mixture goes."""
         return self.combination.publish
 
     def counts(self) -> MixCounts:
-        """Return what became of the frames so far."""
+        """Return the counts of the pipeline's frames so far."""
         faults = sorted((self._real.faults + self._twin.faults).items())
         dropped = tuple(sorted(self._dropped.items()))
         return MixCounts(self._frames, self._mixed, dropped, tuple(faults))
 
     def offer(self, side: Side, reading: Reading) -> str | None:
-        """Take a reading as it comes: a step, or whoever pairs readings, may choose it later.
+        """Offer an arriving reading to the pipeline: a step or the pairing may choose it later.
 
         Readings that `mix` is given need not be offered. Returns what is wrong with one that is
         at fault; it is counted, and must not be mixed.
@@ -185,7 +186,7 @@ class Mixer:
         now_s: float,
         alignment: str,
     ) -> tuple[Reading | None, CannotMixError | None]:
-        """Return what is to be seen, if anything, and what is missing of the mixture, if so."""
+        """Run the pipeline on a frame; return the merged reading, and the fault if partial."""
         if real is None:
             return None, CannotMixError("no_real", f"no {self._real.kind} reading of real")
         if (bad := self._real.fault_of(real)) is not None:
@@ -207,7 +208,7 @@ class Mixer:
             return None, nothing
 
     def _overdue(self, sides: dict[Side, AnyMasked], now_s: float) -> CannotMixError | None:
-        """Leave out the twin's reading when it is too far in time, or too late."""
+        """Drop the twin's reading from the pipeline when its skew or age is beyond the limit."""
         if "twin" not in sides:
             return None
         real_s, twin_s = sides["real"].reading.t_s, sides["twin"].reading.t_s
@@ -226,7 +227,7 @@ class Mixer:
 
 
 class _Frame:
-    """One run of the steps: the sides as they become, and how long each step took."""
+    """One frame in the pipeline: the two sides as steps change them, and the steps' times."""
 
     __slots__ = ("_frame", "_merging", "_observer", "_stages", "_stopwatch", "sides", "times")
 
@@ -247,12 +248,12 @@ class _Frame:
         self.times: list[StageTime] = []
 
     def used(self, side: Side, given: Reading | None) -> Reading | None:
-        """Return the reading of a side that counts: the one chosen by a step, or the given."""
+        """Return the reading of a side in this frame: a step's choice, or the given one."""
         work = self.sides.get(side)
         return given if work is None else cast("Reading", work.reading)
 
     def apply(self) -> CannotMixError | None:
-        """Run the steps on the sides that are there; return why the twin's was left out.
+        """Run the pipeline's steps on the frame; return why the twin's reading was left out.
 
         Raises CannotMixError when it is the real side that cannot be worked on.
         """
@@ -276,7 +277,7 @@ class _Frame:
         return left_out
 
     def merged(self, fault: CannotMixError | None) -> tuple[Reading, CannotMixError | None]:
-        """Return the merged reading; the real side's alone, and why, when the two do not fit."""
+        """Return the frame's merged reading; the real's alone, and why, when the two do not fit."""
         started_s = self._now()
         try:
             reading = self._merging.apply(self.sides, self._frame)
@@ -291,18 +292,22 @@ class _Frame:
         return reading, fault
 
     def _show(self, name: str, side: Side) -> None:
+        """Show the frame after a step to the pipeline's observer."""
         if self._observer is not None:
             self._observer(StageView(name, side, self.sides[side]))
 
     def _now(self) -> float:
+        """Return the time of the pipeline's stopwatch; 0 without one."""
         return self._stopwatch() if self._stopwatch is not None else 0.0
 
     def _note(self, name: str, started_s: float) -> None:
+        """Note how long a step of the pipeline took on this frame."""
         if self._stopwatch is not None:
             self.times.append(StageTime(name, self._stopwatch() - started_s))
 
 
 def _ms(time_s: float) -> str:
+    """Return a time in milliseconds for a message of the pipeline."""
     return f"{time_s * 1000:.0f} ms"
 
 
@@ -316,6 +321,7 @@ def _provenance(
     times: list[StageTime],
     given: tuple[int | None, int | None],
 ) -> Provenance:
+    """Return the provenance of a frame that left the pipeline."""
     real_t_s = real.t_s if real is not None else None
     twin_t_s = twin.t_s if twin is not None else None
     skew_ms = (
@@ -339,4 +345,5 @@ def _provenance(
 
 
 def _seq(reading: Reading | None) -> int | None:
+    """Return a reading's sequence number for the provenance; None for None."""
     return None if reading is None else reading.seq

@@ -30,7 +30,7 @@ Stopwatch = Callable[[], float]
 
 @dataclass(frozen=True, slots=True)
 class StageView:
-    """What a step made. side: None for a merge. work: its mask holds until the next frame."""
+    """A view of what one stage's step produced. side: None for a merge. work: until next frame."""
 
     name: str
     side: Side | None
@@ -42,20 +42,21 @@ Observer = Callable[[StageView], None]
 
 @dataclass(frozen=True, slots=True)
 class StepPlace:
-    """Where a step stands in its recipe, and what people call it."""
+    """Where a stage's step stands in its recipe, and its name in messages."""
 
     file: str
     line: int
     label: str
 
     def failed(self, error: Exception, frame: int) -> StepError:
-        """Return the error that says where a step failed."""
+        """Return the error that says where a stage's step failed."""
         return StepError(
             file=self.file, line=self.line, step=self.label, frame=frame, detail=_error_text(error)
         )
 
 
 def _error_text(error: Exception) -> str:
+    """Return type, message and place of an exception raised in a stage's step."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name} line {frames[-1].lineno})" if frames else ""
     return f"{type(error).__name__}: {error}{where}"
@@ -63,7 +64,7 @@ def _error_text(error: Exception) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """A transform or filter; one operator for each side, for each has buffers of its own."""
+    """A compiled transform or filter step; one operator per side, since each has buffers."""
 
     name: str
     sides: tuple[Side, ...]
@@ -71,7 +72,7 @@ class Stage:
     place: StepPlace
 
     def apply(self, side: Side, sides: Sides, frame: int) -> AnyMasked:
-        """Return one side made anew. Raises CannotMixError, or StepError for any other fault."""
+        """Return one side after the stage. Raises CannotMixError, or StepError for other faults."""
         other: Side = "twin" if side == "real" else "real"
         try:
             return self.operators[side](sides[side], sides.get(other))
@@ -81,14 +82,14 @@ class Stage:
             raise self.place.failed(error, frame) from error
 
     def offer(self, side: Side, reading: Reading) -> Reading | None:
-        """Let a step that chooses by time see a reading; return what the step after it sees."""
+        """Offer a reading to a stage that selects by time; return what the next stage gets."""
         operator = self.operators.get(side)
         return operator.offer(reading) if isinstance(operator, TimedOperator) else reading
 
 
 @dataclass(frozen=True, slots=True)
 class Merging:
-    """The merge, and its place."""
+    """The compiled merge stage, and its place in the recipe."""
 
     name: str
     merge: Merge
@@ -106,7 +107,7 @@ class Merging:
 
 @dataclass(frozen=True, slots=True)
 class CompiledStages:
-    """A combination made ready. needs: what each side's readings must carry."""
+    """A combination's compiled stages. needs: what each side's readings must carry."""
 
     stages: tuple[Stage, ...]
     merging: Merging
@@ -117,7 +118,7 @@ class CompiledStages:
 def compile_stages(
     combination: Combination, context: Context, document: Document
 ) -> CompiledStages:
-    """Return the steps of a combination, built.
+    """Return the stages of a combination, built from its steps.
 
     Raises ValueError for an unknown object, StepError for a step of the user's that cannot be made.
     """
@@ -147,7 +148,7 @@ def compile_stages(
 
 
 def _build_operator(step: Step, context: Context, place: StepPlace) -> Built:
-    """Build a step; a class of the user's that cannot be made is told as a step that failed."""
+    """Build a stage's operator; a user class that raises becomes a StepError."""
     try:
         built: Built = step.kind.build(step.parameters, context)
     except Exception as error:
@@ -158,5 +159,6 @@ def _build_operator(step: Step, context: Context, place: StepPlace) -> Built:
 
 
 def _place(step: Step, document: Document) -> StepPlace:
+    """Return where a stage's step stands in the recipe."""
     line, _ = document.place(step.path, key=True)
     return StepPlace(document.name, line, step.label)

@@ -19,10 +19,11 @@ _READINGS = tuple(SENSOR_TYPES.values())
 
 
 class BadResultError(TypeError):
-    """A user's step returned what is no reading, or a reading that is at fault."""
+    """A user's own step returned what is no reading, or a bad one."""
 
 
 def _load_function(use: str, folder: FilePath) -> Callable[..., Any]:
+    """Return the function or class of a user's own step. Raises BadReferenceError."""
     found = load_reference(use, folder, beside="the recipe")
     if not callable(found):
         raise BadReferenceError(f"'{use}' is neither a function nor a class")
@@ -32,7 +33,7 @@ def _load_function(use: str, folder: FilePath) -> Callable[..., Any]:
 def _function_faults(
     use: str, given: dict[str, JsonValue], folder: FilePath, arguments: tuple[str, ...]
 ) -> tuple[ParameterFault, ...]:
-    """Return what is wrong with a reference: where it leads, and how it can be called."""
+    """Return what is wrong with the reference of a user's own step: where it leads, its call."""
     try:
         found = _load_function(use, folder)
     except BadReferenceError as error:
@@ -53,7 +54,7 @@ def _function_faults(
 def _prepare_function(
     use: str, given: dict[str, JsonValue], context: Context
 ) -> Callable[..., Any]:
-    """Return what is called for each reading: a function, or an instance of a class."""
+    """Return the callable of a user's own step: the function, or an instance of the class."""
     found = _load_function(use, context.folder)
     if inspect.isclass(found):
         return cast("Callable[..., Any]", found(**given))
@@ -67,7 +68,7 @@ class UseParameters(SidedParameters):
     with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
 
     def label(self) -> str:
-        """Return the user's own name of the step."""
+        """Return the name of the user's own step."""
         return self.use
 
     def reference(self) -> str:
@@ -75,7 +76,7 @@ class UseParameters(SidedParameters):
         return self.use
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
-        """Return why the function cannot be used."""
+        """Return why the user's own step cannot be used."""
         return _function_faults(self.use, self.with_, folder, ("work", "other"))
 
 
@@ -112,7 +113,7 @@ class UseMergeParameters(StepParameters):
     with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
 
     def label(self) -> str:
-        """Return the user's own name of the step."""
+        """Return the name of the user's own merge."""
         return self.use
 
     def reference(self) -> str:
@@ -120,7 +121,7 @@ class UseMergeParameters(StepParameters):
         return self.use
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
-        """Return why the function cannot be used."""
+        """Return why the user's own merge cannot be used."""
         return _function_faults(self.use, self.with_, folder, ("sides",))
 
 
@@ -144,6 +145,7 @@ def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
 
 
 def _refuse_bad(made: Any, kind: str) -> None:
+    """Raise BadResultError for a result of a user's own step that is no valid reading."""
     if sensor_type_of(made) != kind:
         raise BadResultError(f"returned a {sensor_type_of(made)} reading of a {kind} one")
     # The mixer sets the time of delivery.

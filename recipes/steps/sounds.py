@@ -15,7 +15,7 @@ Work = Masked[MicrophoneReading]
 
 
 class BandPassParameters(SidedParameters):
-    """low_hz, high_hz: the band; None leaves an end open. taps: length of the filter, odd.
+    """low_hz, high_hz: the band of sound, None: open end. taps: length of the filter, odd.
 
     The more taps, the sharper: the edges are about 5.5 / taps of the sample rate wide.
     """
@@ -27,12 +27,14 @@ class BandPassParameters(SidedParameters):
     @field_validator("taps")
     @classmethod
     def _odd(cls, taps: int) -> int:
+        """Refuse an even number of taps of the sound's band-pass."""
         if taps % 2 == 0:
             raise ValueError("must be odd")
         return taps
 
     @model_validator(mode="after")
     def _in_order(self) -> "BandPassParameters":
+        """Require a limit of the sound's band, and low_hz below high_hz."""
         if self.low_hz is None and self.high_hz is None:
             raise ValueError("needs low_hz, high_hz, or both")
         if self.low_hz is not None and self.high_hz is not None and self.low_hz >= self.high_hz:
@@ -95,7 +97,7 @@ def decimate_sound(parameters: DecimateSoundParameters, context: Context) -> Ope
 
 
 class AddParameters(StepParameters):
-    """real_gain, twin_gain: factors on the pressures; 0.5 each is their mean."""
+    """real_gain, twin_gain: factors on the sound pressures; 0.5 each is their mean."""
 
     real_gain: Annotated[float, Field(ge=0, le=1000)] = 1.0
     twin_gain: Annotated[float, Field(ge=0, le=1000)] = 1.0

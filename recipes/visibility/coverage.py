@@ -19,7 +19,7 @@ one of them may be taken for displaced."""
 
 @dataclass(slots=True)
 class ObjectCoverage:
-    """What became of one object. offsets: of the frames that show it, in `unit`."""
+    """The coverage of one object: in view, shown. offsets: of frames that show it, in `unit`."""
 
     unit: Unit = "px"
     in_view: int = 0
@@ -31,25 +31,25 @@ class ObjectCoverage:
 
     @property
     def is_due(self) -> bool:
-        """Return whether it was in view for long enough to have to be shown."""
+        """Return whether the object was in view long enough that coverage is required."""
         return self.in_view >= LEAST_FRAMES
 
     @property
     def is_covered(self) -> bool:
-        """Return whether it was shown in enough of the frames in which it was in view."""
+        """Return whether enough of the frames with the object in view show it."""
         return self.shown >= _LEAST_SHARE * self.in_view
 
 
 @dataclass(frozen=True, slots=True)
 class VisibilityFault:
-    """What a mixture fails to show, in words, and the exposure from when on (run clock)."""
+    """What a mixture fails to show, and the exposure since when (run clock)."""
 
     t_s: float
     text: str
 
 
 class Coverage:
-    """Counts what the mixtures of one combination show, while the goal is flown."""
+    """The coverage of virtual objects by one combination's mixtures while the goal is flown."""
 
     def __init__(self) -> None:
         self.frames = 0
@@ -58,7 +58,7 @@ class Coverage:
         self._unexpected = 0
 
     def take(self, frame: FrameVisibility) -> VisibilityFault | None:
-        """Take a measured mixture; return what is wrong, if it is wrong for long enough."""
+        """Count a measured mixture; return the visibility fault once it has lasted long enough."""
         if frame.not_measured:
             self.not_measured = frame.not_measured
             return None
@@ -73,11 +73,11 @@ class Coverage:
         return next((fault for fault in faults if fault is not None), None)
 
     def is_suspect(self) -> bool:
-        """Return whether the last mixture was wrong: then each one is worth measuring."""
+        """Return whether the last mixture missed an object: then measure each one."""
         return self._unexpected > 0 or any(one.displaced for one in self.objects.values())
 
     def never_shown(self) -> VisibilityFault | None:
-        """Return what the whole flight failed to show: whatever was in view, none of it."""
+        """Return the fault of objects in view that no mixture of the flight showed; or None."""
         due = [name for name, one in self.objects.items() if one.is_due]
         if not due or any(one.shown for one in self.objects.values()):
             return None
@@ -112,7 +112,7 @@ class Coverage:
 
 
 def never_shown(objects: dict[str, list[ObjectCoverage]]) -> VisibilityFault:
-    """Return the fault of objects that no mixture showed, or too few."""
+    """Return the coverage fault of objects that no mixture, or too few, showed."""
     said = []
     for name, each in objects.items():
         best = max(each, key=lambda one: one.in_view)
@@ -125,7 +125,7 @@ def never_shown(objects: dict[str, list[ObjectCoverage]]) -> VisibilityFault:
 
 
 def uncovered(combinations: Iterable[Coverage]) -> VisibilityFault | None:
-    """Return which objects no combination showed well enough, of those in which they were in view.
+    """Return the objects without coverage by any combination in which they were in view.
 
     A lidar may show what a camera's recipe leaves out, and the other way round.
     """

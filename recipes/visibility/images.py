@@ -43,7 +43,7 @@ _MATCHED = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImagePair:
-    """The compared pixels of one mixture, and what geometry puts there; all of one size.
+    """The compared pixels of one mixed image, and what geometry expects there; of one size.
 
     t_s: exposure. real_bgr: the real picture as the merge took it. limit_px: of the offset, in
     pixels of the full picture; None for the default. is_like: whether the twin's picture is drawn
@@ -60,7 +60,7 @@ class ImagePair:
 
 
 def compare_images(pair: ImagePair) -> FrameVisibility:
-    """Return what a mixed picture shows of the virtual objects."""
+    """Return the visibility of virtual objects in a mixed image."""
     expected = pair.expected
     differs = pair.real_bgr != pair.mixed_bgr
     changed: Mask = differs[:, :, 0] | differs[:, :, 1] | differs[:, :, 2]
@@ -77,6 +77,7 @@ def compare_images(pair: ImagePair) -> FrameVisibility:
 
 
 def _compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
+    """Return the visibility of objects by the outlines of the changed image areas."""
     per_sample, size, share = pair.expected.px_per_sample, changed.size, float(changed.mean())
     within = _without_edge(changed, _floor_px(pair) / per_sample)
     part = _box(changed | (ids != 0))
@@ -107,7 +108,7 @@ def _compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) ->
 
 
 def _without_edge(changed: Mask, reach: float) -> Mask:
-    """Return what is changed farther than `reach` samples from the edge of the picture.
+    """Return the changed area farther than `reach` samples from the image's edge.
 
     An object whose place is just out of the picture may reach into it by as much.
     """
@@ -118,7 +119,7 @@ def _without_edge(changed: Mask, reach: float) -> Mask:
 
 
 def _box(mask: Mask) -> tuple[slice, slice]:
-    """Return the part of a picture in which a mask lies, and what outlines need around it."""
+    """Return the part of an image in which a mask lies, with the margin that outlines need."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return slice(0, 1), slice(0, 1)
@@ -130,6 +131,7 @@ def _box(mask: Mask) -> tuple[slice, slice]:
 
 
 def _match_objects(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
+    """Return each virtual object's visibility in an image by matching its texture."""
     objects: list[ObjectVisibility] = []
     for object_id, name in pair.virtual.names.items():
         own = ids == object_id
@@ -151,7 +153,7 @@ def _match_objects(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> Fr
 
 
 def _floor_px(pair: ImagePair) -> float:
-    """Return the limit of the offset for what looks small."""
+    """Return the limit of the image offset for objects that look small."""
     per_sample = pair.expected.px_per_sample
     if pair.limit_px is not None:
         return pair.limit_px + per_sample
@@ -159,6 +161,7 @@ def _floor_px(pair: ImagePair) -> float:
 
 
 def _limit_px(own: Mask, pair: ImagePair) -> float:
+    """Return the limit of an object's image offset: grows with its size."""
     rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
     if pair.limit_px is not None or not rows.size:
         return _floor_px(pair)
@@ -168,7 +171,7 @@ def _limit_px(own: Mask, pair: ImagePair) -> float:
 
 
 def _distances(ids: NDArray[np.uint8]) -> tuple[Distances, NDArray[np.uint8]]:
-    """Return how far each pixel is from what has an id, and the id of what is nearest; samples."""
+    """Return each image sample's distance to the nearest object, and that object's id."""
     mask = ids != 0
     away = np.where(mask, np.uint8(0), np.uint8(255))
     found = np.unique(ids[mask])
@@ -189,7 +192,7 @@ _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
 def _outline(mask: Mask) -> Mask:
-    """Return the edge of a mask, without holes of one pixel and without the picture's own edge."""
+    """Return the outline of a mask, without holes of one pixel and the image's own edge."""
     whole = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
     inner = cv2.erode(whole, _CROSS)
     edge: Mask = (whole != 0) & (inner == 0)
@@ -197,7 +200,7 @@ def _outline(mask: Mask) -> Mask:
 
 
 def _quantile(distances: NDArray[np.float32], share: float) -> float:
-    """Return the distance within which this share lies, by nearest rank; 0 for none."""
+    """Return the distance within which this share of image samples lies, by nearest rank."""
     if not distances.size:
         return 0.0
     rank = max(0, math.ceil(share * distances.size) - 1)

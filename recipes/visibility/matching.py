@@ -22,7 +22,7 @@ _ALIKE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """Where a picture fits best. correlation: -1 to 1. samples: how far off that is, in pixels."""
+    """Where an image matches best. correlation: -1 to 1. samples: its offset there, in pixels."""
 
     correlation: float
     samples: float
@@ -31,7 +31,7 @@ class Shift:
 def best_shift(
     real_bgr: BgrImage, mixed_bgr: BgrImage, expected_bgr: BgrImage, own: Mask
 ) -> Shift | None:
-    """Return where a mixture shows an object as the expected picture does; None for no texture.
+    """Return the shift at which a mixture matches the expected object; None without texture.
 
     own: where the object is expected. What both pictures share with the real one (the same room,
     a blend) is taken out of them first, so that the object remains.
@@ -59,12 +59,13 @@ def best_shift(
 
 
 def _gray(image: BgrImage) -> Gray:
+    """Return an image in grey levels for matching, float32."""
     gray = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_BGR2GRAY)
     return np.asarray(gray, np.float32)
 
 
 def _without(real: Gray, picture: Gray) -> Gray:
-    """Return the part of a picture that is no linear function of the real one."""
+    """Return the part of an image to match that is no linear function of the real one."""
     centred, mean = real - real.mean(), picture - picture.mean()
     power = float((centred * centred).sum())
     weight = float((centred * mean).sum()) / power if power > 0.0 else 0.0
@@ -72,6 +73,7 @@ def _without(real: Gray, picture: Gray) -> Gray:
 
 
 def _box(own: Mask) -> tuple[slice, slice]:
+    """Return the box of an object to match in an image, with a margin."""
     rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
     return (
         slice(max(0, int(rows[0]) - _MARGIN), int(rows[-1]) + 1 + _MARGIN),

@@ -17,12 +17,12 @@ Unit = Literal["px", "m"]
 
 @dataclass(frozen=True, slots=True)
 class Virtual:
-    """The objects that stand only in the virtual world, by the ids that pictures carry."""
+    """The objects that exist only in the virtual world, by the ids that images carry."""
 
     names: dict[int, str]
 
     def mask_of(self, ids: Ids) -> Mask:
-        """Return where one of them is."""
+        """Return the mask of the virtual objects in an image of ids."""
         wanted = np.zeros(256, np.bool_)
         wanted[list(self.names)] = True
         return wanted[ids]
@@ -30,7 +30,7 @@ class Virtual:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedImage:
-    """What geometry puts into a picture of (height, width) pixels, from an independent pose.
+    """What geometry expects in an image of (height, width) pixels, from an independent pose.
 
     ids: of all that stands in the virtual world. image_bgr: how our renderer draws that.
     unknown: where something physical may hide what is virtual; neither counts there.
@@ -45,7 +45,7 @@ class ExpectedImage:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedRanges:
-    """What geometry puts before each beam, pixel of depth or point, (elements,) each.
+    """What geometry expects before each beam, depth pixel or point, (elements,) each.
 
     ranges_m: to what is met first, inf for nothing. ids: of that.
     """
@@ -56,7 +56,7 @@ class ExpectedRanges:
 
 @dataclass(frozen=True, slots=True)
 class ObjectVisibility:
-    """One virtual object in one mixture.
+    """The visibility of one virtual object in one mixture.
 
     expected: how much of the reading it should take, 0 to 1. shown: how much of that the mixture
     has, 0 to 1. offset: how far from its place the mixture shows it, in `unit`; None where it is
@@ -74,13 +74,13 @@ class ObjectVisibility:
 
     @property
     def is_displaced(self) -> bool:
-        """Return whether it is shown elsewhere than geometry says."""
+        """Return whether the virtual object is visible at another place than expected."""
         return self.offset is not None and self.offset > self.limit
 
 
 @dataclass(frozen=True, slots=True)
 class FrameVisibility:
-    """What one mixture shows of the virtual objects.
+    """The visibility of the virtual objects in one mixture.
 
     t_s: exposure of the real reading, run clock. changed: share of the reading that the recipe
     changed. elsewhere: share of the reading that shows something virtual farther than the limit

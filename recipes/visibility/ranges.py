@@ -24,7 +24,7 @@ LEAST_ELEMENTS = 2
 
 
 def limits_m(ranges_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far each range may be off."""
+    """Return the largest accepted error of each mixed range, metres."""
     return np.maximum(LIMIT_M, LIMIT_SHARE * np.where(np.isfinite(ranges_m), ranges_m, 0.0))
 
 
@@ -38,7 +38,7 @@ def compare_ranges(
     reach_m: tuple[float, float],
     least: float = LEAST_ELEMENTS,
 ) -> FrameVisibility:
-    """Return what mixed ranges show of the virtual objects; all arrays are (elements,).
+    """Return the visibility of virtual objects in mixed ranges; arrays are (elements,).
 
     real_m: the real ranges as the merge took them: what they show nearer hides what is virtual.
     reach_m: least and greatest range of the sensor. least: how many elements are in view.
@@ -70,7 +70,7 @@ def compare_points(
     ids: NDArray[np.uint8],
     virtual: Virtual,
 ) -> FrameVisibility:
-    """Return what a mixed cloud shows of the virtual objects.
+    """Return the visibility of virtual objects in a mixed point cloud, by its ranges.
 
     real_m, mixed_m: (points, 3) in one sensor frame, the real cloud as the merge took it.
     expected_m: (elements, 3), what geometry puts there, in the same frame; ids: (elements,).
@@ -98,12 +98,13 @@ def _added_points(real_m: NDArray[np.float32], mixed_m: NDArray[np.float32]) -> 
 
 
 def _share(mask: Mask) -> float:
+    """Return the share of ranges in a mask; 0 for none."""
     return float(mask.mean()) if mask.size else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Elements:
-    """error: of each range. nearer: where the mixture shows more than what is real."""
+    """The compared ranges. error: of each. nearer: where the mixture is nearer than the real."""
 
     error: NDArray[np.float64]
     nearer: Mask
@@ -111,6 +112,7 @@ class _Elements:
 
 
 def _object(name: str, own: Mask, elements: _Elements, least: float) -> ObjectVisibility:
+    """Return the visibility of one virtual object in the ranges."""
     error, nearer, limit = elements.error, elements.nearer, elements.limit
     count = int(np.count_nonzero(own))
     in_view = count >= max(1.0, least)

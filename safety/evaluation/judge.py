@@ -30,7 +30,7 @@ Handler = Callable[[S], tuple[Flag, ...]]
 
 @dataclass(frozen=True, slots=True)
 class OracleUse:
-    """An oracle as a campaign uses it: its name in results, its kind in the registry."""
+    """An oracle that the judge is to run: its name in results, its kind in the registry."""
 
     name: str
     kind: str
@@ -50,7 +50,7 @@ def build_oracles(
     *,
     collision_always: bool = True,
 ) -> tuple[Oracle, ...]:
-    """Return the oracles of one run; `contexts` has one entry per vehicle that flies in it.
+    """Return the oracles of one run's judge; `contexts`: one per vehicle that flies in it.
 
     An oracle that names no vehicle judges the subject, and in mode wil the twin beside it, not
     required. One that names a vehicle which does not fly in this mode is left out. That a real
@@ -72,6 +72,7 @@ def build_oracles(
 
 
 def _of_use(use: OracleUse, contexts: Mapping[str, OracleContext]) -> Iterable[Oracle]:
+    """Return the oracles of one use for the judge, one per vehicle or pair. Raises OracleError."""
     spec = registry.get(use.kind)
     if spec is None:
         known = ", ".join(sorted(registry))
@@ -88,11 +89,12 @@ def _of_use(use: OracleUse, contexts: Mapping[str, OracleContext]) -> Iterable[O
 
 
 def _is_final(oracle: Oracle) -> bool:
+    """Return whether an oracle judges the end of the flight: the real vehicle has landed."""
     return isinstance(oracle, LandedOracle) and oracle.vehicle == "real" and oracle.required
 
 
 def _judges_every_contact(use: OracleUse, subject: str) -> bool:
-    """Return whether a use says all that `collision_always` would."""
+    """Return whether a use of an oracle includes what `collision_always` judges."""
     given = use.parameters
     if use.kind != "collision" or not isinstance(given, ContactParameters):
         return False
@@ -101,13 +103,14 @@ def _judges_every_contact(use: OracleUse, subject: str) -> bool:
 
 
 def _ground(uses: Iterable[OracleUse]) -> tuple[str, ...]:
-    """Return what any use names as an object that one takes off from or lands on."""
+    """Return the objects that any oracle use names as ground for takeoff and landing."""
     given = (use.parameters for use in uses)
     names = (name for one in given if isinstance(one, ContactParameters) for name in one.ground)
     return tuple(dict.fromkeys(names))
 
 
 def _require_unique(oracles: Iterable[Oracle]) -> None:
+    """Raise OracleError when two oracles of the judge have one name and vehicle."""
     seen: set[str] = set()
     for oracle in oracles:
         source = source_of(oracle.name, oracle.vehicle)
@@ -117,7 +120,7 @@ def _require_unique(oracles: Iterable[Oracle]) -> None:
 
 
 class Judge:
-    """Feeds samples, in the order of their times, to all oracles that watch their vehicle.
+    """The judge of a run: feeds samples, in time order, to all oracles that watch their vehicle.
 
     All of them are evidence too: a signal that does not show what happened is decisive, and
     INVALID. A pose that is not finite reaches no oracle. A vehicle without any oracle may be fed:
@@ -141,27 +144,27 @@ class Judge:
 
     @property
     def flags(self) -> tuple[Flag, ...]:
-        """Return all flags so far, in the order in which they were seen."""
+        """Return all flags of the judge's oracles so far, in the order of raising."""
         return tuple(self._flags)
 
     @property
     def decisive(self) -> tuple[DecisiveEvent, ...]:
-        """Return what already settles the run: decisive flags of required oracles, no evidence."""
+        """Return the judge's first decisive flags: of required oracles, and missing evidence."""
         return tuple(self._events)
 
     @property
     def evidence(self) -> tuple[EvidenceResult, ...]:
-        """Return what the signals have shown so far."""
+        """Return the evidence results: what the judge's signals have shown so far."""
         return self._evidence.results()
 
     @property
     def timeouts(self) -> frozenset[str]:
-        """Return the sources of events that say only that time is up."""
+        """Return the sources of the judge's events that only say that the time is up."""
         limits = (one for one in self.oracles if isinstance(one, TimeLimit))
         return frozenset({GOAL_TIMEOUT, *(source_of(one.name, one.vehicle) for one in limits)})
 
     def pose(self, sample: PoseSample) -> tuple[Flag, ...]:
-        """Take a pose; returns new flags."""
+        """Feed a pose to the judge; return new flags."""
         is_finite = self._evidence.pose(sample)
         self._take_evidence()
         if not is_finite:
@@ -169,36 +172,36 @@ class Judge:
         return self._feed_oracles(self._poses.get(sample.vehicle, ()), sample)
 
     def state(self, sample: StateSample) -> tuple[Flag, ...]:
-        """Take a vehicle's state; returns new flags."""
+        """Feed a vehicle's state to the judge; return new flags."""
         self._evidence.state(sample)
         return self._feed_oracles(self._states.get(sample.vehicle, ()), sample)
 
     def received(self, sample: LinkSample) -> tuple[Flag, ...]:
-        """Take that a vehicle was heard; returns new flags."""
+        """Feed to the judge that a vehicle's link delivered something; return new flags."""
         self._evidence.received(sample)
         return self._feed_oracles(self._heards.get(sample.vehicle, ()), sample)
 
     def reference(self, sample: ReferenceSample) -> None:
-        """Take where another source has a vehicle."""
+        """Feed another source's position of a vehicle to the judge."""
         self._evidence.reference(sample)
         self._take_evidence()
 
     def report(self, sample: ReportSample) -> None:
-        """Take that a sample of a signal has arrived."""
+        """Feed to the judge that a sample of a signal has arrived."""
         self._evidence.report(sample)
         self._take_evidence()
 
     def doubt(self, sample: DoubtSample) -> None:
-        """Take that a signal cannot be believed: decisive, and INVALID."""
+        """Feed to the judge that a signal is not credible: decisive, and INVALID."""
         self._evidence.doubt(sample)
         self._take_evidence()
 
     def fence(self, sample: FenceSample) -> tuple[Flag, ...]:
-        """Take that a vehicle has another fence from now on; returns new flags."""
+        """Feed a vehicle's changed fence to the judge; return new flags."""
         return self._feed_oracles(self._fences.get(sample.vehicle, ()), sample)
 
     def stage(self, sample: StageSample) -> tuple[Flag, ...]:
-        """Take a stage, of one vehicle or of all; returns new flags."""
+        """Feed a stage, of one vehicle or of all, to the judge; return new flags."""
         handlers = [
             o.on_stage
             for o in self._stages
@@ -210,18 +213,18 @@ class Judge:
         return flags
 
     def tick(self, t_s: float) -> tuple[Flag, ...]:
-        """Take that time has passed (10 Hz is plenty); returns new flags."""
+        """Feed the passing of time to the judge (10 Hz is plenty); return new flags."""
         flags = self._feed_oracles(self._ticks, t_s)
         self._evidence.tick(t_s)
         self._take_evidence()
         return flags
 
     def ends_flight(self, event: DecisiveEvent) -> bool:
-        """Return whether the vehicles are to come down for a decisive event, now."""
+        """Return whether the judge ends the flight now for a decisive event."""
         return event.kind != "FAIL" or event.source in self._fail_fast
 
     def results(self, t_s: float) -> tuple[OracleResult, ...]:
-        """Return every oracle's result as it stands at `t_s`, in the campaign's order."""
+        """Return the judge's result of every oracle as of `t_s`, in the campaign's order."""
         return tuple(oracle.result(t_s) for oracle in self.oracles)
 
     def _table(self, method: str) -> dict[str, list[Handler[object]]]:
@@ -258,4 +261,5 @@ class Judge:
 
 
 def _overrides(oracle: Oracle, method: str) -> bool:
+    """Return whether an oracle overrides a method, so that the judge has to call it."""
     return getattr(type(oracle), method) is not getattr(Oracle, method)

@@ -47,19 +47,19 @@ _LARGEST = 1 << 20
 
 
 class JudgeLogError(ValueError):
-    """A tape that is none, or is damaged; says where and why."""
+    """A judge log that is damaged, or no judge log; says where and why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """Time has passed."""
+    """The judge log's entry of passed time."""
 
     t_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class WorldEvent:
-    """An event on which things of the world begin to move."""
+    """The judge log's entry of an event on which objects of the world start to move."""
 
     t_s: float
     name: str
@@ -90,19 +90,19 @@ _NAMES: dict[type[LoggedSample], str] = {
 
 
 class JudgeLogPacker:
-    """Turns samples into bytes; remembers what each vehicle said of its state last."""
+    """Packs the judge's samples into judge log bytes; remembers each vehicle's last state."""
 
     def __init__(self) -> None:
         self._said: dict[str, tuple[Any, ...]] = {}
         self._pack = msgpack.Packer().pack
 
     def header(self) -> bytes:
-        """Return the first bytes."""
+        """Return the first bytes of a judge log."""
         packed: bytes = self._pack([SCHEMA])
         return packed
 
     def pack(self, sample: LoggedSample) -> bytes:
-        """Return the bytes of a sample."""
+        """Return the judge log bytes of a sample."""
         packed: bytes = self._pack(self._row(sample))
         return packed
 
@@ -140,7 +140,7 @@ class JudgeLogPacker:
 
 
 def read_judge_log(stream: BinaryIO) -> Iterator[LoggedSample]:
-    """Yield the samples of a tape; a last one that was cut is left out.
+    """Yield the samples of a judge log; a truncated last one is left out.
 
     Raises TapeError for what is no tape, and for what is no sample.
     """
@@ -160,6 +160,7 @@ def read_judge_log(stream: BinaryIO) -> Iterator[LoggedSample]:
 
 
 def _sample(row: list[Any], states: dict[str, StateSample]) -> LoggedSample:
+    """Return the sample of a judge log's row. Raises ValueError."""
     kind, t_s, *rest = row
     if not isinstance(t_s, float) or kind not in _READERS:
         raise ValueError(f"it is {str(row)[:80]}")
@@ -169,6 +170,7 @@ def _sample(row: list[Any], states: dict[str, StateSample]) -> LoggedSample:
 
 
 def _state(t_s: float, rest: list[Any], states: dict[str, StateSample]) -> StateSample:
+    """Return the state sample of a judge log's row; a short row repeats the last state."""
     vehicle, *said = rest
     if not said:
         return dataclasses.replace(states[vehicle], t_s=t_s)
@@ -180,11 +182,13 @@ def _state(t_s: float, rest: list[Any], states: dict[str, StateSample]) -> State
 def _pose(
     t_s: float, vehicle: str, place: list[float], q: list[float], v: list[float]
 ) -> LoggedSample:
+    """Return the pose sample of a judge log's row."""
     (n, e, d), (w, x, y, z), (vn, ve, vd) = place, q, v
     return PoseSample(t_s, vehicle, Pose((n, e, d), (w, x, y, z)), (vn, ve, vd))
 
 
 def _stage(name: str) -> Stage:
+    """Return the stage of this name in a judge log. Raises ValueError."""
     for stage in get_args(Stage):
         if stage == name:
             return stage  # type: ignore[no-any-return]  # get_args is untyped
@@ -209,7 +213,7 @@ _READERS: dict[str, Callable[..., LoggedSample]] = {
 
 @dataclass(frozen=True, slots=True)
 class ReplayedJudgement:
-    """How far a tape went. end_s: when the run ended, None when the tape was cut before that."""
+    """How far a judge log goes. end_s: the run's end, None for a truncated log."""
 
     end_s: float | None
     stages: frozenset[Stage]
@@ -218,7 +222,7 @@ class ReplayedJudgement:
 def judge_from_log(
     tape: Iterable[LoggedSample], judge: Judge, events: dict[str, float]
 ) -> ReplayedJudgement:
-    """Feed a tape to a judge; return how far it went.
+    """Feed a judge log to a judge; return how far it goes.
 
     events: of the world, the mapping with which the judge's oracles were built.
     """
@@ -244,6 +248,7 @@ def judge_from_log(
 def _feed(
     judge: Judge, sample: StateSample | LinkSample | ReportSample | DoubtSample | FenceSample
 ) -> None:
+    """Feed one sample of a judge log to the judge."""
     match sample:
         case StateSample():
             judge.state(sample)

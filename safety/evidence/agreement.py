@@ -19,7 +19,7 @@ _MOST_GAP_S = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """How exact a source is, one standard deviation on each axis.
+    """The accuracy of a position source, one standard deviation on each axis.
 
     position_m: of where it says that the vehicle is; velocity_m_s: of its velocity, None where
     that is made of its positions.
@@ -29,7 +29,7 @@ class Accuracy:
     velocity_m_s: float | None = None
 
     def displacement_m(self, span_s: float) -> float:
-        """Return how exactly it knows how far the vehicle moved within a time."""
+        """Return the accuracy of a displacement within a time, metres."""
         by_places_m = math.sqrt(2.0) * self.position_m
         if self.velocity_m_s is None:
             return by_places_m
@@ -38,14 +38,14 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """Two sources exclude each other. at_s: since when; text: how, for people."""
+    """A disagreement of two position sources. at_s: since when; text: how, for people."""
 
     at_s: float
     text: str
 
 
 class Agreement:
-    """Compares the positions that are judged with another source's, at the other's moments.
+    """Checks the judged positions for agreement with another source, at the other's times.
 
     Places are compared, and what both moved within a second: over so short a time an estimate's
     velocity is far more exact than its position. Each difference is held to SIGMAS times what both
@@ -63,13 +63,13 @@ class Agreement:
         self._pairs: deque[tuple[ReferenceSample, Vec3, Vec3]] = deque()
 
     def restart(self) -> None:
-        """Forget what was: the window opens now."""
+        """Reset the agreement check: its window starts now."""
         self._poses.clear()
         self._waiting.clear()
         self._pairs.clear()
 
     def pose(self, sample: PoseSample) -> Disagreement | None:
-        """Take a pose that is judged."""
+        """Add a judged pose to the agreement check."""
         if self._poses and sample.t_s <= self._poses[-1].t_s:
             return None
         self._poses.append(sample)
@@ -78,7 +78,7 @@ class Agreement:
         return self._compare()
 
     def reference(self, sample: ReferenceSample) -> Disagreement | None:
-        """Take what the other source says."""
+        """Add a position of the other source; return a disagreement, or None."""
         self._waiting.append(sample)
         return self._compare()
 
@@ -131,7 +131,7 @@ class Agreement:
         )
 
     def _integrate_velocity(self, reference: ReferenceSample) -> Vec3:
-        """Return the integral of the other's velocity up to now, by the trapezoidal rule."""
+        """Return the integral of the other's velocity until now, trapezoidal."""
         if not self._pairs:
             return (0.0, 0.0, 0.0)
         last, _, before_m = self._pairs[-1]
@@ -139,7 +139,7 @@ class Agreement:
         return add(before_m, scale(both_m_s, (reference.t_s - last.t_s) / 2.0))
 
     def _judged_at(self, t_s: float) -> Vec3 | None:
-        """Return where the judged source has the vehicle at a moment; None before its first."""
+        """Return the judged position at a time for comparison; None before the first."""
         after: PoseSample | None = None
         for sample in reversed(self._poses):
             if sample.t_s <= t_s:
@@ -153,4 +153,5 @@ class Agreement:
 
 
 def _on_an_axis(apart_m: Vec3) -> float:
+    """Return the largest disagreement on any axis, metres."""
     return max(map(abs, apart_m))

@@ -15,14 +15,14 @@ and closes the gap when it arrives."""
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A signal that does not show what happened. at_s: since when; reason: for people."""
+    """A fault in a signal's coverage: a gap that proves nothing. at_s: since when; reason: text."""
 
     at_s: float
     reason: str
 
 
 class Coverage:
-    """Takes the times of a signal's samples; `fault` is the first thing that makes it INVALID.
+    """The coverage of a signal over time; `fault` is the first thing that makes it INVALID.
 
     A gap begins with the window, or with the sample before it, and ends with the next sample, or
     with the window. Samples may arrive late: the times are those that they are for.
@@ -47,13 +47,13 @@ class Coverage:
         self._of_link: str | None = None
 
     def received(self, t_s: float) -> None:
-        """Take when anything last arrived over the vehicle's link."""
+        """Note when anything last arrived over the vehicle's link, to explain coverage gaps."""
         if self._heard_s is not None:
             self._silence_s = max(self._silence_s, t_s - self._heard_s)
         self._heard_s = t_s
 
     def stage(self, sample: StageSample) -> None:
-        """Take a stage: it opens or closes the window; at the end nothing more will arrive."""
+        """Note a stage: it opens or closes the window that the signal has to cover."""
         self.stages.reach(sample)
         end_s = self.stages.end_s
         if sample.stage == "end" and end_s is not None and self._newest_s < end_s:
@@ -62,7 +62,7 @@ class Coverage:
             self.find(sample.t_s, self._of_link)
 
     def take(self, t_s: float) -> None:
-        """Take that a sample for this moment has arrived."""
+        """Note a sample: the signal covers this moment."""
         if not t_s > self._newest_s:
             return
         self._arrived = True
@@ -80,7 +80,7 @@ class Coverage:
             self._last_s = t_s
 
     def tick(self, t_s: float) -> None:
-        """Take that time has passed: a source that has ended is found without another sample."""
+        """Note passed time: a signal that has ended is found without another sample."""
         if self._of_link is not None:
             self.find(t_s, self._of_link)
         if self._arrived or self._quiet_since_s is None:
@@ -97,14 +97,14 @@ class Coverage:
         self.find(since_s + self.terms.limit_s, f"no sample since {since_s:.2f} s")
 
     def find(self, at_s: float, what: str) -> None:
-        """Take that something makes the signal INVALID, unless something did before."""
+        """Note a fault that makes the signal INVALID; only the first one counts."""
         if self.fault is None:
             terms = self.terms
             who = f"{terms.signal} of {terms.vehicle} from {terms.source}"
             self.fault = Fault(at_s, f"{who}: {what}")
 
     def result(self) -> EvidenceResult | None:
-        """Return what was seen of the signal; None when its window never opened."""
+        """Return the evidence of the signal's coverage; None when its window never opened."""
         if self.stages.begin_s is None and self.fault is None:
             return None
         terms = self.terms
@@ -126,12 +126,12 @@ class Coverage:
 
     @property
     def compared_with(self) -> tuple[str, ...]:
-        """Return the other sources of the same that it was compared with."""
+        """Return the other sources with which the covered signal was compared."""
         return ()
 
     @property
     def _since_s(self) -> float | None:
-        """Return when the gap began that lasts until now; None before the window opens."""
+        """Return when the coverage gap that lasts until now began; None before the window."""
         begin_s = self.stages.begin_s
         return None if begin_s is None else max(begin_s, self._newest_s)
 
@@ -151,7 +151,7 @@ class Coverage:
                 self.find(since_s + limit_s, said)
 
     def _is_link_silent(self, since_s: float, until_s: float) -> bool:
-        """Return whether nothing at all arrived over the link for most of a gap."""
+        """Return whether the link was silent for most of a coverage gap."""
         if not self.terms.over_link:
             return False
         if self._heard_s is None:

@@ -26,7 +26,7 @@ _Key = tuple[str, str]
 
 
 class Evidence:
-    """Takes what the judge takes; `events` grows by each required signal that proves nothing.
+    """Collects a run's evidence; `events` grows by each required signal that proves nothing.
 
     Pure and online as oracles are: the same samples give the same evidence when judged again.
     """
@@ -43,7 +43,7 @@ class Evidence:
         self.events: list[DecisiveEvent] = []
 
     def pose(self, sample: PoseSample) -> bool:
-        """Take a pose; return whether it is finite, so that it may be judged."""
+        """Add a pose to the evidence; return whether it is finite, so that it can be judged."""
         known = self._poses.get(sample.vehicle)
         if known is not None:
             known.pose(sample)
@@ -55,45 +55,45 @@ class Evidence:
         return False
 
     def reference(self, sample: ReferenceSample) -> None:
-        """Take where another source has a vehicle."""
+        """Add another source's position of a vehicle to the evidence."""
         known = self._poses.get(sample.vehicle)
         if known is not None:
             known.reference(sample)
             self._settle((POSE, sample.vehicle), known)
 
     def report(self, sample: ReportSample) -> None:
-        """Take that a sample of another signal has arrived."""
+        """Add to the evidence that a sample of another signal has arrived."""
         key = (sample.signal, sample.vehicle)
         if key in self._signals:
             self._signals[key].take(sample.t_s)
             self._settle(key, self._signals[key])
 
     def state(self, sample: StateSample) -> None:
-        """Take a vehicle's state: whether it is in the air."""
+        """Add a vehicle's state to the evidence: whether it is in the air."""
         if sample.vehicle in self._poses:
             self._poses[sample.vehicle].state(sample)
 
     def received(self, sample: LinkSample) -> None:
-        """Take that something arrived over a vehicle's link."""
+        """Add to the evidence that something arrived over a vehicle's link."""
         for signal in self._signals.values():
             if signal.terms.vehicle == sample.vehicle:
                 signal.received(sample.t_s)
 
     def stage(self, sample: StageSample) -> None:
-        """Take a stage."""
+        """Add a stage to the evidence."""
         for key, signal in self._signals.items():
             if sample.vehicle in {None, signal.terms.vehicle}:
                 signal.stage(sample)
                 self._settle(key, signal)
 
     def tick(self, t_s: float) -> None:
-        """Take that time has passed."""
+        """Add the passing of time to the evidence."""
         for key, signal in self._signals.items():
             signal.tick(t_s)
             self._settle(key, signal)
 
     def doubt(self, sample: DoubtSample) -> None:
-        """Take what others found: a signal cannot be believed, and the run proves nothing."""
+        """Add a doubt to the evidence: a signal is not credible, and the run proves nothing."""
         key = (sample.signal, sample.vehicle)
         known = self._signals.get(key)
         if known is not None:
@@ -106,7 +106,7 @@ class Evidence:
             self._decide(key, fault)
 
     def results(self) -> tuple[EvidenceResult, ...]:
-        """Return what was seen of each signal whose window has opened, in their order."""
+        """Return the evidence of each signal whose window has opened, in their order."""
         seen = (signal.result() for signal in self._signals.values())
         doubted = (_result_of(*doubt) for doubt in self._doubts.values())
         return (*(one for one in seen if one is not None), *doubted)
@@ -128,6 +128,7 @@ class Evidence:
 
 
 def _result_of(sample: DoubtSample, fault: Fault) -> EvidenceResult:
+    """Return the evidence result of a signal in doubt."""
     return EvidenceResult(
         signal=sample.signal,
         vehicle=sample.vehicle,

@@ -12,7 +12,7 @@ NOT_A_NUMBER = "it is not a number"
 
 
 class PoseCoverage(Coverage):
-    """Coverage of positions; one that repeats to the last bit in the air is no new sample.
+    """Coverage of poses; one that repeats to the last bit in the air is no new sample.
 
     No vehicle in the air is measured twice at one place to the last bit: noise alone moves the
     lowest digits of an estimate and of motion capture. A source that has ended behind a relay, a
@@ -32,16 +32,16 @@ class PoseCoverage(Coverage):
 
     @property
     def in_the_air(self) -> bool:
-        """Return whether the vehicle flies: by its own word, and between the stages in the air."""
+        """Return whether the poses are of a flying vehicle, by its report and the stage."""
         return self.stages.open and (self._landed is False or not self.stages.near_ground)
 
     @property
     def compared_with(self) -> tuple[str, ...]:
-        """Return the sources that have shown where the vehicle is beside the judged one."""
+        """Return the other sources that gave this vehicle's position beside the poses."""
         return tuple(name for name, one in self._agreements.items() if one.count)
 
     def stage(self, sample: StageSample) -> None:
-        """Take a stage."""
+        """Note a stage for the coverage of poses."""
         was_up, was_open = self.in_the_air, self.stages.open
         super().stage(sample)
         if self.stages.open and not was_open:
@@ -51,13 +51,13 @@ class PoseCoverage(Coverage):
             self._still_since_s = None
 
     def state(self, sample: StateSample) -> None:
-        """Take whether the vehicle says that it is on the ground."""
+        """Note whether the vehicle reports to be on the ground, for the coverage of poses."""
         was_up, self._landed = self.in_the_air, sample.landed
         if self.in_the_air and not was_up:
             self._still_since_s = None
 
     def pose(self, sample: PoseSample) -> None:
-        """Take a pose."""
+        """Note a pose of the judged source."""
         place = sample.pose.position_ned_m
         if not is_finite(sample):
             self.find(sample.t_s, f"{NOT_A_NUMBER} at {sample.t_s:.2f} s")
@@ -77,7 +77,7 @@ class PoseCoverage(Coverage):
             self.find(since_s + limit_s, said)
 
     def reference(self, sample: ReferenceSample) -> None:
-        """Take where another source has the vehicle."""
+        """Compare the poses with another source's position of the vehicle."""
         agreement = self._agreements.get(sample.source)
         if agreement is not None:
             self._disagree(agreement.reference(sample))
@@ -88,7 +88,7 @@ class PoseCoverage(Coverage):
 
 
 def is_finite(sample: PoseSample) -> bool:
-    """Return whether all of a pose are numbers."""
+    """Return whether all numbers of a pose are finite."""
     # One sum: infinities and NaN survive it, and a pose comes a thousand times a second.
     total = sum(sample.pose.position_ned_m) + sum(sample.pose.q_wxyz)
     return math.isfinite(total + sum(sample.velocity_ned_m_s) + sample.t_s)

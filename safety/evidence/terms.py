@@ -20,7 +20,7 @@ SILENCE_S = 1.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignalTerms:
-    """One signal of one vehicle.
+    """The evidence terms of one signal of one vehicle: rates, gaps, whether required.
 
     signal, source: as results name them ("pose", "mocap"). limit_s: the longest gap that is
     accepted. required: whether a required oracle rests on it: else its INVALID is only reported.
@@ -40,7 +40,7 @@ class SignalTerms:
 
 
 def position_limit_s(rate_hz: float, *, judged_every_s: float = 0.0) -> float:
-    """Return the longest gap that is accepted between positions of a source.
+    """Return the evidence terms' longest accepted gap between positions of a source.
 
     judged_every_s: the least time between two that are judged: a source that is quicker is
     thinned to its first sample after that time.
@@ -51,5 +51,5 @@ def position_limit_s(rate_hz: float, *, judged_every_s: float = 0.0) -> float:
 
 
 def status_limit_s(rate_hz: float) -> float:
-    """Return the longest gap that is accepted between a vehicle's reports of its own state."""
+    """Return the evidence terms' longest accepted gap between a vehicle's status reports."""
     return max(GAP_PERIODS / rate_hz, SILENCE_S)

@@ -32,7 +32,7 @@ _SHAPELY_ABOVE_EDGES = 24
 
 
 class FenceError(ValueError):
-    """A fence that cannot be; `reason` for programs, the message for people."""
+    """An invalid fence area; `reason` for programs, the message for people."""
 
     def __init__(self, reason: Reason, message: str) -> None:
         super().__init__(message)
@@ -40,7 +40,7 @@ class FenceError(ValueError):
 
 
 def require_finite(what: str, *values: float) -> None:
-    """Raise FenceError when any value is NaN or infinite."""
+    """Raise FenceError when any coordinate of an area is NaN or infinite."""
     if not all(map(math.isfinite, values)):
         raise FenceError("not_finite", f"{what}: {values} is not finite")
 
@@ -51,7 +51,7 @@ _PLACE = re.compile(r"\[(\S+) (\S+)\]")
 
 @dataclass(frozen=True, slots=True)
 class Polygon:
-    """A simple polygon by its corners (north_m, east_m), in either turn, not closed by a repeat.
+    """A polygon area by corners (north_m, east_m), simple, in either turn, not closed.
 
     Raises FenceError: too few corners, not finite, self-intersecting, no area.
     """
@@ -74,7 +74,7 @@ class Polygon:
 
     @classmethod
     def rectangle(cls, north_m: Point2, east_m: Point2) -> "Polygon":
-        """Return the rectangle between two norths and two easts, each (low, high)."""
+        """Return the polygon between two norths and two easts, each (low, high)."""
         for axis, (low, high) in (("north_m", north_m), ("east_m", east_m)):
             require_finite(axis, low, high)
             if low >= high:
@@ -85,7 +85,7 @@ class Polygon:
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """A disc by its centre (north_m, east_m) and radius. Raises FenceError when it has none."""
+    """A circle area by centre (north_m, east_m) and radius. Raises FenceError for none."""
 
     centre_m: Point2
     radius_m: float
@@ -96,7 +96,7 @@ class Circle:
             raise FenceError("radius", f"a circle needs a positive radius, has {self.radius_m}")
 
     def distance_m(self, north_m: float, east_m: float) -> float:
-        """Return the signed distance of a point to the edge."""
+        """Return the signed distance of a point to the circle's edge."""
         return self.radius_m - math.hypot(north_m - self.centre_m[0], east_m - self.centre_m[1])
 
 
@@ -104,7 +104,7 @@ Area = Polygon | Circle
 
 
 class Region:
-    """The union of polygons, with a fast exact signed distance to its edge."""
+    """The union of polygon areas, with a fast exact signed distance to its edge."""
 
     def __init__(self, polygons: Sequence[Polygon]) -> None:
         shape = shapely.union_all([shapely.Polygon(p.corners_m) for p in polygons])
@@ -117,7 +117,7 @@ class Region:
         shapely.prepare(self._boundary)
 
     def distance_m(self, north_m: float, east_m: float) -> float:
-        """Return the signed distance of a point to the edge."""
+        """Return the signed distance of a point to the edge of the areas."""
         if self._by_shapely:
             point = shapely.Point(north_m, east_m)
             distance = float(shapely.distance(self._boundary, point))
@@ -125,6 +125,7 @@ class Region:
         return self._distance_by_loop(north_m, east_m)
 
     def _distance_by_loop(self, north_m: float, east_m: float) -> float:
+        """Return the signed distance to the areas' edge by a plain loop over edges."""
         nearest, inside = math.inf, False
         for n_0, e_0, e_1, dn, de, per_length_2 in self._edges:
             pn, pe = north_m - n_0, east_m - e_0
@@ -140,10 +141,12 @@ class Region:
 
 
 def _parts(shape: Any) -> Iterable[Any]:
+    """Return the single polygons of a shapely area."""
     return getattr(shape, "geoms", (shape,))
 
 
 def _edges(coords: Iterable[Point2]) -> Iterable[tuple[float, float, float, float, float, float]]:
+    """Yield the edges of an area as start, end east, direction and 1 / length squared."""
     corners = [(float(n), float(e)) for n, e in coords]
     for (n_0, e_0), (n_1, e_1) in itertools.pairwise(corners):
         dn, de = n_1 - n_0, e_1 - e_0
@@ -152,6 +155,6 @@ def _edges(coords: Iterable[Point2]) -> Iterable[tuple[float, float, float, floa
 
 
 def _find_crossing(shape: shapely.Polygon) -> str:
-    """Return where a polygon crosses itself, in words; empty where that is not told."""
+    """Return in words where a polygon area crosses itself; "" when not known."""
     found = _PLACE.search(explain_validity(shape))
     return f" at north {float(found[1]):g} m, east {float(found[2]):g} m" if found else ""

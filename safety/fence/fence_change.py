@@ -12,7 +12,7 @@ def refusal_of_change(
     braking_m_s2: float,
     keep_m: float,
 ) -> str:
-    """Return why a vehicle in flight cannot be given a new fence now; empty when it can.
+    """Return why a flying vehicle's fence cannot be changed now; empty when it can.
 
     where: its position and velocity, world frame; None when they were not seen within the last
     second. It has to be inside of the new fence with `keep_m` to spare, and able to stop there: a

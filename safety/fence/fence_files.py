@@ -17,22 +17,28 @@ from worlds.files.documents import BadInput, Document, Path, Problem, check
 
 
 class _Foreign(BaseModel):
-    """A part of a file of another program: it may say more than we read."""
+    """A part of another program's fence file: it may hold more than we read."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class _PlanPolygon(_Foreign):
+    """A polygon in a QGroundControl .plan fence file."""
+
     inclusion: bool = True
     polygon: list[list[float]]
 
 
 class _PlanDisc(_Foreign):
+    """Centre and radius of a circle in a .plan fence file."""
+
     center: list[float]
     radius: Annotated[float, Field(gt=0)]
 
 
 class _PlanCircle(_Foreign):
+    """A circle in a QGroundControl .plan fence file."""
+
     inclusion: bool = True
     circle: _PlanDisc
 
@@ -43,12 +49,14 @@ class _GeoFence(_Foreign):
 
 
 class _Plan(_Foreign):
+    """A QGroundControl .plan file with its fence."""
+
     fileType: Literal["Plan"]  # noqa: N815  # QGroundControl's key
     geoFence: _GeoFence  # noqa: N815  # QGroundControl's key
 
 
 class _Drawing:
-    """Collects areas, and what is wrong with others where it stands in the file."""
+    """Collects the areas of a fence file, and problems where they stand in it."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
@@ -56,7 +64,7 @@ class _Drawing:
         self.problems: list[Problem] = []
 
     def fence(self) -> DrawnFence:
-        """Return the areas. Raises BadInput with every problem, or when there is none."""
+        """Return the fence of the file's areas. Raises BadInput with every problem."""
         if not self.problems and not any(self._areas.values()):
             self.note((), "no fence is drawn in this file")
         if self.problems:
@@ -64,18 +72,18 @@ class _Drawing:
         return DrawnFence(tuple(self._areas[True]), tuple(self._areas[False]))
 
     def note(self, path: Path, message: str) -> None:
-        """Take a problem with the value at a path."""
+        """Note a problem with the value at a path of the fence file."""
         self.problems.append(self._document.problem(path, message))
 
     def add(self, path: Path, make: Callable[[], GeoArea], *, inclusion: bool) -> None:
-        """Take an area; one that cannot be made is a problem at the path."""
+        """Add an area of the fence file; an invalid one is noted as a problem at the path."""
         try:
             self._areas[inclusion].append(make())
         except FenceError as error:
             self.note(path, str(error))
 
     def place(self, path: Path, given: list[float], *, longitude_first: bool) -> Point2 | None:
-        """Return (latitude, longitude) of what stands at a path; None when it is no place."""
+        """Return (latitude, longitude) at a path of the fence file; None when it is no place."""
         if len(given) < 2:
             self.note(path, f"a place has two coordinates, this has {len(given)}")
             return None
@@ -91,7 +99,7 @@ class _Drawing:
     def polygon(
         self, path: Path, given: list[list[float]], *, inclusion: bool, longitude_first: bool
     ) -> None:
-        """Take a polygon by its corners as they stand at a path; a closing repeat is left out."""
+        """Add a polygon of the fence file by its corners; a closing repeat is left out."""
         found = [
             self.place((*path, index), corner, longitude_first=longitude_first)
             for index, corner in enumerate(given)
@@ -105,13 +113,13 @@ class _Drawing:
     def circle(
         self, path: Path, centre: Point2 | None, radius_m: float, *, inclusion: bool
     ) -> None:
-        """Take a circle, its centre standing at a path."""
+        """Add a circle of the fence file by centre and radius."""
         if centre is not None:
             self.add(path, lambda: GeoCircle(centre, radius_m), inclusion=inclusion)
 
 
 def read_fence_file(document: Document) -> DrawnFence:
-    """Return the fence that a file draws. Raises BadInput with every fault, where it stands."""
+    """Return the fence in a file (.plan, GeoJSON). Raises BadInput with every problem."""
     if document.get(("fileType",)) is not None:
         return _read_plan(document)
     if isinstance(document.get(("type",)), str):
@@ -121,6 +129,7 @@ def read_fence_file(document: Document) -> DrawnFence:
 
 
 def _read_plan(document: Document) -> DrawnFence:
+    """Return the fence in a QGroundControl .plan file."""
     plan = check(document, _Plan)
     drawing = _Drawing(document)
     for index, drawn in enumerate(plan.geoFence.polygons):
@@ -138,21 +147,29 @@ _Ring = list[_Position]
 
 
 class _Properties(_Foreign):
+    """The properties of a GeoJSON feature in a fence file: inclusion, radius."""
+
     inclusion: bool = True
     radius_m: Annotated[float, Field(gt=0)] | None = None
 
 
 class _PolygonGeometry(_Foreign):
+    """A GeoJSON polygon in a fence file."""
+
     type: Literal["Polygon"]
     coordinates: list[_Ring]
 
 
 class _MultiPolygonGeometry(_Foreign):
+    """A GeoJSON multi-polygon in a fence file."""
+
     type: Literal["MultiPolygon"]
     coordinates: list[list[_Ring]]
 
 
 class _PointGeometry(_Foreign):
+    """A GeoJSON point in a fence file: a circle's centre."""
+
     type: Literal["Point"]
     coordinates: _Position
 
@@ -169,17 +186,22 @@ _BARE: dict[str, type[_PolygonGeometry | _MultiPolygonGeometry]] = {
 
 
 class _Feature(_Foreign):
+    """A GeoJSON feature in a fence file."""
+
     type: Literal["Feature"]
     properties: _Properties | None = None
     geometry: _Geometry
 
 
 class _Collection(_Foreign):
+    """A GeoJSON feature collection in a fence file."""
+
     type: Literal["FeatureCollection"]
     features: list[_Feature]
 
 
 def _read_geojson(document: Document) -> DrawnFence:
+    """Return the fence in a GeoJSON file."""
     drawing = _Drawing(document)
     bare = _BARE.get(str(document.get(("type",))))
     if bare is not None:
@@ -192,6 +214,7 @@ def _read_geojson(document: Document) -> DrawnFence:
 
 
 def _features(document: Document) -> Iterator[tuple[Path, _Feature]]:
+    """Yield the features of a GeoJSON fence file with their paths."""
     kind = document.get(("type",))
     if kind == "FeatureCollection":
         for index, each in enumerate(check(document, _Collection).features):
@@ -204,6 +227,7 @@ def _features(document: Document) -> Iterator[tuple[Path, _Feature]]:
 
 
 def _draw(drawing: _Drawing, path: Path, geometry: Any, properties: _Properties) -> None:
+    """Add a GeoJSON geometry of a fence file to the drawing."""
     inclusion = properties.inclusion
     match geometry:
         case _PointGeometry(coordinates=centre):
@@ -220,6 +244,7 @@ def _draw(drawing: _Drawing, path: Path, geometry: Any, properties: _Properties)
 
 
 def _draw_rings(drawing: _Drawing, path: Path, rings: list[_Ring], *, inclusion: bool) -> None:
+    """Add a GeoJSON polygon's rings to the fence: the outer one, then holes as exclusions."""
     if not rings:
         drawing.note(path, "a polygon without corners")
     for index, ring in enumerate(rings):

@@ -19,7 +19,7 @@ Radius = Annotated[float, Field(gt=0)]
 
 
 class BoxPart(Part):
-    """A box by [low, high]: north_m, east_m or latitude_deg, longitude_deg; and up_m."""
+    """A fence's box in YAML: [low, high] of north_m, east_m or latitude_deg, longitude_deg."""
 
     north_m: Range | None = None
     east_m: Range | None = None
@@ -29,6 +29,7 @@ class BoxPart(Part):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
+        """Require a fence box in metres or in degrees, its limits ordered."""
         for key in ("north_m", "east_m", "latitude_deg", "longitude_deg", "up_m"):
             limits = getattr(self, key)
             if limits is not None:
@@ -41,7 +42,7 @@ class BoxPart(Part):
         return self
 
     def shape(self) -> Polygon | GeoPolygon:
-        """Return the rectangle. Raises KeyFaultError for what is no place on Earth."""
+        """Return the fence box's rectangle. Raises KeyFaultError for what is no place on Earth."""
         if self.north_m is not None and self.east_m is not None:
             return Polygon.rectangle(self.north_m, self.east_m)
         (lat_0, lat_1), (lon_0, lon_1) = self.latitude_deg or (0, 0), self.longitude_deg or (0, 0)
@@ -50,7 +51,7 @@ class BoxPart(Part):
 
 
 class CirclePart(Part):
-    """A disc by its centre (north_m, east_m, or latitude_deg, longitude_deg) and radius."""
+    """A fence's circle in YAML: north_m, east_m or latitude_deg, longitude_deg, and radius."""
 
     north_m: float | None = None
     east_m: float | None = None
@@ -60,6 +61,7 @@ class CirclePart(Part):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
+        """Require a fence circle's centre in metres or in degrees."""
         local = (self.north_m, self.east_m)
         earth = (self.latitude_deg, self.longitude_deg)
         if not (_are_all_given(local, earth) or _are_all_given(earth, local)):
@@ -68,7 +70,7 @@ class CirclePart(Part):
         return self
 
     def shape(self) -> Circle | GeoCircle:
-        """Return the disc. Raises KeyFaultError for what is no place on Earth."""
+        """Return the fence circle. Raises KeyFaultError for what is no place on Earth."""
         if self.north_m is not None and self.east_m is not None:
             return Circle((self.north_m, self.east_m), self.radius_m)
         centre = (self.latitude_deg or 0.0, self.longitude_deg or 0.0)
@@ -76,7 +78,7 @@ class CirclePart(Part):
 
 
 class AreaPart(Part):
-    """A flat area: a polygon by corners [north_m, east_m] or [latitude, longitude], or a circle."""
+    """A flat fence area in YAML: a polygon in metres or degrees, or a circle."""
 
     polygon: list[Corner] | None = None
     polygon_deg: list[Corner] | None = None
@@ -84,6 +86,7 @@ class AreaPart(Part):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
+        """Require exactly one form of a fence area."""
         given = [each for each in (self.polygon, self.polygon_deg, self.circle) if each is not None]
         if len(given) != 1:
             raise ValueError("give one of polygon, polygon_deg and circle")
@@ -118,7 +121,7 @@ class FencePart(Part):
 
     @property
     def is_drawn(self) -> bool:
-        """Return whether it says anything."""
+        """Return whether the YAML fence gives any area or height."""
         given = (self.box, self.include, self.exclude, self.file, self.up_m)
         return any(each not in (None, []) for each in given)
 
@@ -153,7 +156,7 @@ class FencePart(Part):
         return any(isinstance(shape, GeoPolygon | GeoCircle) for shape in shapes)
 
     def fence(self, frame: LocalFrame | None = None, drawn: DrawnFence | None = None) -> Fence:
-        """Return the fence in the world's frame; drawn: what is in `file`.
+        """Return the YAML fence in the world's frame; drawn: what is in its `file`.
 
         Raises FenceError when it leaves no place, is far from the world, or has no frame to be
         drawn in.
@@ -174,19 +177,21 @@ class FencePart(Part):
 
 
 def _local(shape: Area | GeoArea, frame: LocalFrame | None) -> Area:
+    """Return a YAML fence's area in the world's frame."""
     if isinstance(shape, GeoPolygon | GeoCircle):
         return shape.local(_require_given(frame))
     return shape
 
 
 def _require_given(frame: LocalFrame | None) -> LocalFrame:
+    """Return the world's frame for a fence on Earth. Raises FenceError without one."""
     if frame is None:
         raise FenceError("far", "areas on Earth need a world with an origin")
     return frame
 
 
 def _at(path: Path, make: Callable[[], T]) -> T:
-    """Return what is made; a FenceError becomes a fault of the key."""
+    """Return what a function makes for the fence; a FenceError becomes a fault of the YAML key."""
     try:
         return make()
     except FenceError as error:
@@ -194,10 +199,12 @@ def _at(path: Path, make: Callable[[], T]) -> T:
 
 
 def _are_all_given(wanted: tuple[object, ...], others: tuple[object, ...]) -> bool:
+    """Return whether all wanted keys of a fence part are given, and none of the others."""
     return None not in wanted and all(other is None for other in others)
 
 
 def _require_ordered(path: Path, limits: Range) -> None:
+    """Raise KeyFaultError when a fence key's [low, high] are not in order."""
     low, high = limits
     if low >= high:
         raise KeyFaultError(path, f"must be [low, high], is [{low:g}, {high:g}]")

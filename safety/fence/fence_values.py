@@ -8,7 +8,7 @@ from safety.fence.geofence import Fence
 
 
 def plain_fence(fence: Fence) -> dict[str, Any]:
-    """Return a fence in plain values, for `fence_of_plain`."""
+    """Return a fence as plain values (msgpack, JSON), for `fence_of_plain`."""
     return {
         "inclusions": [_plain_area(area) for area in fence.inclusions],
         "exclusions": [_plain_area(area) for area in fence.exclusions],
@@ -31,6 +31,7 @@ def fence_of_plain(plain: Mapping[str, Any]) -> Fence:
 
 
 def _plain_area(area: Area) -> dict[str, Any]:
+    """Return a fence's area as plain values."""
     if isinstance(area, Circle):
         north_m, east_m = map(float, area.centre_m)
         return {"centre_m": [north_m, east_m], "radius_m": float(area.radius_m)}
@@ -38,6 +39,7 @@ def _plain_area(area: Area) -> dict[str, Any]:
 
 
 def _area(plain: Mapping[str, Any]) -> Area:
+    """Return the fence area of plain values."""
     if "corners_m" in plain:
         return Polygon(tuple((float(n), float(e)) for n, e in plain["corners_m"]))
     north_m, east_m = plain["centre_m"]

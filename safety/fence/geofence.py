@@ -21,7 +21,7 @@ _SHORTEST_STEP_M = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """A fence that is or will be left.
+    """A breach of the geofence: which boundary is or will be crossed, and where.
 
     margin_m: signed distance to the boundary now (positive inside). predicted: the vehicle is
     inside still, but cannot stop before `point_ned_m`. boundary: floor, ceiling, side.
@@ -41,7 +41,7 @@ class Breach:
 def predict(
     position_ned_m: Vec3, velocity_ned_m_s: Vec3, *, latency_s: float, braking_m_s2: float
 ) -> Vec3:
-    """Return the farthest point a vehicle reaches that is told to stop now.
+    """Return the farthest point a vehicle reaches before it stops at the geofence.
 
     It flies on for `latency_s`, then brakes evenly along its way: v t + v^2 / (2 a).
     """
@@ -57,7 +57,7 @@ def predict(
 
 
 class Fence:
-    """Where a vehicle may be: in any inclusion, in no exclusion, between floor and ceiling.
+    """A geofence: inside any inclusion, in no exclusion, between floor and ceiling.
 
     floor_up_m, ceiling_up_m: heights over the world's origin, positive up; None is open.
     Without inclusions the plane is open. Raises FenceError: altitude_swapped, not_finite, or
@@ -88,7 +88,7 @@ class Fence:
 
     @classmethod
     def box(cls, *, north_m: Point2, east_m: Point2, up_m: Point2) -> Self:
-        """Return the box between (low, high) of each axis."""
+        """Return the geofence of a box between (low, high) of each axis."""
         return cls(
             inclusions=(Polygon.rectangle(north_m, east_m),),
             floor_up_m=up_m[0],
@@ -96,7 +96,7 @@ class Fence:
         )
 
     def without_floor(self) -> "Fence | None":
-        """Return what holds of it for who lands, stands or is to take off; None for nothing.
+        """Return the geofence for takeoff, landing and standing; None when only a floor.
 
         The ground is where it goes then, and its own estimate may take that for some decimetres
         deeper than it is.
@@ -112,7 +112,7 @@ class Fence:
         )
 
     def margin_m(self, position_ned_m: Vec3) -> float:
-        """Return the signed distance to the nearest boundary, positive inside, always finite.
+        """Return the signed distance to the geofence's nearest boundary, positive inside, finite.
 
         The sign is exact. So is the value for one inclusion without exclusions; where areas
         overlap it never says more room than there is. Raises ValueError for NaN or infinity.
@@ -135,7 +135,7 @@ class Fence:
         braking_m_s2: float,
         keep_m: float = 0.0,
     ) -> Breach | None:
-        """Return the breach, when the vehicle is less than `keep_m` inside or cannot stop there.
+        """Return the geofence breach of a vehicle not `keep_m` inside, or unable to stop there.
 
         The whole way to the predicted point counts, so that nothing thin is jumped over: a step
         as long as the margin cannot leave the fence.
@@ -154,7 +154,7 @@ class Fence:
         return None if point is None else Breach(margin_m, True, point, self.boundary(point))
 
     def boundary(self, position_ned_m: Vec3) -> str:
-        """Return which boundary is the nearest to leave, or the one most left: for people."""
+        """Return the name of the geofence boundary nearest to being, or most, exceeded."""
         north_m, east_m, down_m = position_ned_m
         distances = {
             "side": self._flat_margin_m(north_m, east_m),
@@ -163,14 +163,8 @@ class Fence:
         }
         return min(distances, key=lambda name: distances[name])
 
-    def require_inside(self, position_ned_m: Vec3, what: str) -> None:
-        """Raise FenceError when a place ("start of real") is not inside."""
-        if (margin_m := self.margin_m(position_ned_m)) < 0.0:
-            side = self.boundary(position_ned_m)
-            message = f"{what} is {-margin_m:.2f} m outside of the fence's {side}"
-            raise FenceError("excludes_point", message)
-
     def _flat_margin_m(self, north_m: float, east_m: float) -> float:
+        """Return the signed horizontal distance to the geofence's areas."""
         inside_m = -math.inf if self._inside else math.inf
         for part in self._inside:
             inside_m = max(inside_m, part.distance_m(north_m, east_m))
@@ -181,6 +175,7 @@ class Fence:
     def _first_point_outside(
         self, start: Vec3, end: Vec3, way_m: float, keep_m: float
     ) -> Vec3 | None:
+        """Return the first point of a way that is not `keep_m` inside; None without."""
         gone_m = 0.0
         while True:
             part = min(1.0, gone_m / way_m)
@@ -197,6 +192,7 @@ class Fence:
             gone_m += max(margin_m, _SHORTEST_STEP_M)
 
     def _require_some_place(self) -> None:
+        """Refuse a geofence that bounds nothing, or that leaves no place."""
         bounded = self.inclusions or self.exclusions
         if not bounded and self.floor_up_m is None and self.ceiling_up_m is None:
             raise FenceError("empty", "the fence bounds nothing: give an area, floor or ceiling")
@@ -205,12 +201,15 @@ class Fence:
 
 
 def _compile(areas: tuple[Area, ...]) -> tuple[Region | Circle, ...]:
+    """Return the geofence's areas prepared for fast distances."""
     polygons = [area for area in areas if isinstance(area, Polygon)]
     circles = [area for area in areas if isinstance(area, Circle)]
     return (*((Region(polygons),) if polygons else ()), *circles)
 
 
 def _nothing_left(inclusions: tuple[Area, ...], exclusions: tuple[Area, ...]) -> bool:
+    """Return whether a geofence's exclusions leave nothing of its inclusions."""
+
     def shape(area: Area) -> object:
         if isinstance(area, Circle):
             return shapely.Point(area.centre_m).buffer(area.radius_m)

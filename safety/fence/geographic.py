@@ -13,7 +13,7 @@ FARTHEST_M = 100_000.0
 
 @dataclass(frozen=True, slots=True)
 class GeoPolygon:
-    """A polygon by its corners (latitude_deg, longitude_deg), not closed by a repeat.
+    """A geographic polygon by its corners (latitude_deg, longitude_deg), not closed.
 
     Raises FenceError: as `Polygon`, and latitude for what is no place on Earth.
     """
@@ -26,13 +26,13 @@ class GeoPolygon:
         Polygon(_flatten(self.corners_deg))
 
     def local(self, frame: LocalFrame) -> Polygon:
-        """Return it in a world's frame. Raises FenceError when it is far from there."""
+        """Return the geographic polygon in a world's frame. Raises FenceError when far away."""
         return Polygon(tuple(_to_local(frame, *corner) for corner in self.corners_deg))
 
 
 @dataclass(frozen=True, slots=True)
 class GeoCircle:
-    """A disc by its centre (latitude_deg, longitude_deg) and radius. Raises FenceError."""
+    """A geographic circle by centre (latitude_deg, longitude_deg) and radius."""
 
     centre_deg: Point2
     radius_m: float
@@ -42,7 +42,7 @@ class GeoCircle:
         Circle(self.centre_deg, self.radius_m)
 
     def local(self, frame: LocalFrame) -> Circle:
-        """Return it in a world's frame. Raises FenceError when it is far from there."""
+        """Return the geographic circle in a world's frame. Raises FenceError when far away."""
         return Circle(_to_local(frame, *self.centre_deg), self.radius_m)
 
 
@@ -51,18 +51,18 @@ GeoArea = GeoPolygon | GeoCircle
 
 @dataclass(frozen=True, slots=True)
 class DrawnFence:
-    """The areas of a fence that was drawn on a map."""
+    """The geographic areas of a fence that was drawn on a map."""
 
     inclusions: tuple[GeoArea, ...] = ()
     exclusions: tuple[GeoArea, ...] = ()
 
     def local(self, frame: LocalFrame) -> tuple[tuple[Area, ...], tuple[Area, ...]]:
-        """Return inclusions and exclusions in a world's frame. Raises FenceError."""
+        """Return a map's inclusions and exclusions in a world's frame. Raises FenceError."""
         return _all_to_local(frame, self.inclusions), _all_to_local(frame, self.exclusions)
 
 
 def require_place(latitude_deg: float, longitude_deg: float) -> None:
-    """Raise FenceError for what is no place on Earth."""
+    """Raise FenceError for a latitude or longitude that is no place on Earth."""
     require_finite("latitude and longitude", latitude_deg, longitude_deg)
     if abs(latitude_deg) > 90.0:
         swapped = ""
@@ -74,7 +74,7 @@ def require_place(latitude_deg: float, longitude_deg: float) -> None:
 
 
 def _flatten(corners_deg: Iterable[Point2]) -> tuple[Point2, ...]:
-    """Return corners in metres beside the first one, well enough to see what they enclose."""
+    """Return geographic corners in metres beside the first one, to see what they enclose."""
     places = tuple(corners_deg)
     if not places:
         return ()
@@ -88,10 +88,12 @@ def _flatten(corners_deg: Iterable[Point2]) -> tuple[Point2, ...]:
 
 
 def _all_to_local(frame: LocalFrame, areas: Iterable[GeoArea]) -> tuple[Area, ...]:
+    """Return geographic areas in a world's frame."""
     return tuple(area.local(frame) for area in areas)
 
 
 def _to_local(frame: LocalFrame, latitude_deg: float, longitude_deg: float) -> Point2:
+    """Return north, east of a latitude and longitude. Raises FenceError when far away."""
     north_m, east_m, _ = frame.to_ned(latitude_deg, longitude_deg, frame.altitude_m)
     away_m = math.hypot(north_m, east_m)
     if away_m <= FARTHEST_M:

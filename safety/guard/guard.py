@@ -13,21 +13,21 @@ from vehicles.poses.anchor import Anchor
 
 
 class Guard(Protocol):
-    """Stands between the orchestrator and the vehicles; an async context manager.
+    """The guard between orchestrator and vehicles (protocol); an async context manager.
 
     What it decides comes as events. Leaving ends it: land before that.
     """
 
     @property
     def events(self) -> Sequence[GuardEvent]:
-        """Return all events so far."""
+        """Return all events of the guard so far."""
 
     @property
     def phases(self) -> Mapping[str, Phase]:
-        """Return where each vehicle's contingency stands."""
+        """Return the contingency phase of each vehicle in the guard."""
 
     async def __aenter__(self) -> Self:
-        """Open its links. Raises LinkError."""
+        """Open the guard's links. Raises LinkError."""
 
     async def __aexit__(
         self,
@@ -35,37 +35,37 @@ class Guard(Protocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close its links."""
+        """Close the guard's links."""
 
     def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
-        """Have every event given to `listener`, at once, from the event loop."""
+        """Register a listener for every event of the guard, called from the event loop."""
 
     def position(self, sample: PoseSample) -> None:
-        """Take where a vehicle is, from the fastest source there is."""
+        """Give the guard a vehicle's position, from the fastest source there is."""
 
     def anchor(self, name: str, anchor: Anchor) -> None:
-        """Set where a vehicle's local frame is in the world."""
+        """Give the guard a vehicle's local frame in the world."""
 
     def start_outage(self, name: str, duration_s: float) -> None:
-        """Let nothing through between the guard and a vehicle for a while."""
+        """Start a link outage between the guard and a vehicle for a while."""
 
     def alive(self) -> None:
-        """Take a sign of life of the orchestrator; the first one starts the watch on it."""
+        """Give the guard the orchestrator's sign of life; the first one starts the watch on it."""
 
     def command(self, command: OperatorCommand) -> None:
-        """Follow an operator's abort, hold or resume; an event says what comes of it."""
+        """Have the guard execute an operator's abort, hold or resume; an event reports it."""
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Ask whether vehicles could be given new fences; an event says so, or why not."""
+        """Have the guard say in an event whether vehicles could take new fences."""
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Give vehicles new fences, all or none; an event says which."""
+        """Have the guard change vehicles' fences, all or none; an event says which."""
 
     def bring_down(self, reason: str) -> None:
-        """Bring all down for a reason of the orchestrator's own."""
+        """Have the guard bring all vehicles down for a reason of the orchestrator."""
 
     async def all_down(self, timeout_s: float) -> bool:
-        """Wait until all were brought down; False when they are not after `timeout_s`."""
+        """Wait until the guard brought all down; False when not within `timeout_s`."""
 
     async def at_rest(self, timeout_s: float) -> bool:
-        """Wait until nothing may be armed; False when something may be after `timeout_s`."""
+        """Wait until the guard sees nothing armed; False when not within `timeout_s`."""

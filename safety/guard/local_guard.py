@@ -39,7 +39,7 @@ Record = Callable[[str, float, bytes], None]
 
 @dataclass(frozen=True, slots=True)
 class GuardLinks:
-    """The guard's ends of one vehicle's links. impaired: what can black out the vehicle's."""
+    """The local guard's ends of one vehicle's links. impaired: the link that can have outages."""
 
     vehicle: Link
     orchestrator: Link
@@ -48,7 +48,7 @@ class GuardLinks:
 
 
 class LocalGuard:
-    """Holds the vehicle links; an async context manager that opens and closes its ends.
+    """The guard inside this process: holds the vehicle links; an async context manager.
 
     Frames of one decision leave before anything is recorded or told. `record` gets every frame
     that came from a vehicle or went to one; when it raises OSError the flight goes on unrecorded,
@@ -79,16 +79,16 @@ class LocalGuard:
 
     @property
     def started_s(self) -> float:
-        """Return the loop's time at which the ticks began."""
+        """Return the loop's time at which the local guard's ticks began."""
         return self._start_s
 
     @property
     def phases(self) -> dict[str, Phase]:
-        """Return where each vehicle's contingency stands."""
+        """Return the contingency phase of each vehicle in the local guard."""
         return self.core.phases
 
     async def __aenter__(self) -> Self:
-        """Open all links and start to tick. Raises LinkError when one cannot be had."""
+        """Open the local guard's links and start ticks. Raises LinkError."""
         async with AsyncExitStack() as stack:
             for name, ends in self._links.items():
                 ends.vehicle.receive(self._receiver(self.core.from_vehicle, name))
@@ -109,76 +109,76 @@ class LocalGuard:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop ticking and close all links; land before that."""
+        """Stop the local guard's ticks and close its links; land before that."""
         if self._timer is not None:
             self._timer.cancel()
         await self._stack.aclose()
 
     def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
-        """Have every event told to `listener`, at once, from the event loop."""
+        """Register a listener for every event of the local guard."""
         self._listeners.append(listener)
 
     def position(self, sample: PoseSample) -> None:
-        """Take where a vehicle is, from the fastest source there is."""
+        """Give the local guard a vehicle's position, from the fastest source there is."""
         self._apply(self.core.position(sample), sample.t_s)
 
     def anchor(self, name: str, anchor: Anchor) -> None:
-        """Say where a vehicle's local frame is in the world."""
+        """Give the local guard a vehicle's local frame in the world."""
         self.core.anchor(name, anchor)
 
     def start_outage(self, name: str, duration_s: float) -> None:
-        """Let nothing through between us and a vehicle for a while, as the campaign wants it."""
+        """Start a link outage between the local guard and a vehicle for a while."""
         impaired = self._links[name].impaired
         if impaired is None:
             raise ValueError(f"the link of {name} does not support outages")
         impaired.start_outage(duration_s)
 
     def alive(self) -> None:
-        """Take a sign of life of the orchestrator; the first one starts the watch on it."""
+        """Give the local guard the orchestrator's sign of life; the first starts the watch."""
         now_s = self._now_s()
         self._apply(self.core.orchestrator_alive(now_s), now_s)
 
     def command(self, command: OperatorCommand) -> None:
-        """Follow an operator's abort, hold or resume; an event says what comes of it."""
+        """Have the local guard execute an operator's abort, hold or resume."""
         now_s = self._now_s()
         self._apply(self.core.command(command, now_s), now_s)
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Ask whether vehicles could be given new fences; an event says so, or why not."""
+        """Have the local guard say in an event whether vehicles could take new fences."""
         now_s = self._now_s()
         self._apply(self.core.propose_fences(fences, who, now_s), now_s)
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Give vehicles new fences, all or none; an event says which."""
+        """Have the local guard change vehicles' fences, all or none."""
         now_s = self._now_s()
         self._apply(self.core.change_fences(fences, who, now_s), now_s)
 
     def bring_down(self, reason: str) -> None:
-        """Bring all down for a reason of the orchestrator's own."""
+        """Have the local guard bring all down for a reason of the orchestrator."""
         now_s = self._now_s()
         self._apply(self.core.bring_down(reason, now_s), now_s)
 
     def orchestrator_ended(self) -> None:
-        """Take that the orchestrator is gone for good."""
+        """Tell the local guard that the orchestrator is gone for good."""
         now_s = self._now_s()
         self._apply(self.core.orchestrator_ended(now_s), now_s)
 
     def vehicle_gone(self, name: str, text: str) -> None:
-        """Take that the process that was a vehicle ended or hangs, in words."""
+        """Tell the local guard that a vehicle's process ended or hangs, in words."""
         now_s = self._now_s()
         self._apply(self.core.vehicle_gone(name, text, now_s), now_s)
 
     def clocks_apart(self, name: str, text: str) -> None:
-        """Take that a simulated vehicle's time has left the run clock, in words."""
+        """Tell the local guard that a vehicle's time diverged from the run clock."""
         now_s = self._now_s()
         self._apply(self.core.clocks_apart(name, text, now_s), now_s)
 
     async def all_down(self, timeout_s: float) -> bool:
-        """Wait until the guard has brought all down; False when they are not after `timeout_s`."""
+        """Wait until the local guard brought all down; False when not within `timeout_s`."""
         return await happens(self._down, timeout_s)
 
     async def at_rest(self, timeout_s: float) -> bool:
-        """Wait until nothing may be armed; False when something may be after `timeout_s`."""
+        """Wait until the local guard sees nothing armed; False after `timeout_s`."""
         return await happens(self._rest, timeout_s)
 
     def _receiver(self, take: Callable[[str, bytes, float], Outputs], name: str) -> Receiver:
@@ -245,4 +245,5 @@ class LocalGuard:
 
 
 def _join_links(frames: tuple[bytes, ...]) -> bytes:
+    """Return several frames as one write of bytes for a link of the local guard."""
     return frames[0] if len(frames) == 1 else b"".join(frames)

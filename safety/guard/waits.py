@@ -4,7 +4,7 @@ import asyncio
 
 
 async def happens(event: asyncio.Event, within_s: float) -> bool:
-    """Return whether an event is set within a time."""
+    """Wait until an event is set; return False when it is not within a time."""
     try:
         async with asyncio.timeout(within_s):
             await event.wait()

@@ -9,7 +9,7 @@ Limit = float | tuple[float | None, float | None] | None
 
 @dataclass(frozen=True, slots=True)
 class OracleResult:
-    """One oracle's judgement of one run.
+    """One oracle's result of one run.
 
     verdict: INVALID where what it needs to judge is missing; detail says what.
     actual: the worst value in its window, at_s when (run clock). limit: a number or (low, high).
@@ -31,7 +31,7 @@ class OracleResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvidenceResult:
-    """What one signal showed over the time in which it was judged.
+    """The evidence result of one signal over the time in which it was judged.
 
     signal, vehicle, source: "pose" of "real" from "mocap". required: whether a required oracle
     rests on it. first_s, last_s: stamps of its samples within the window, None without any; count:
@@ -58,7 +58,7 @@ class EvidenceResult:
 
 @dataclass(frozen=True, slots=True)
 class Flag:
-    """Something decisive seen at a moment: a contact, a breach. Published when it happens."""
+    """A decisive moment of an oracle: a contact, a breach. Published when it happens."""
 
     t_s: float
     oracle: str

@@ -16,7 +16,7 @@ on the ground and disarmed, nothing more will come."""
 
 
 class PoseSample(NamedTuple):
-    """Where a vehicle is in the world, from the pose source that its campaign chose.
+    """A sample of a vehicle's pose in the world, from the source that its campaign chose.
 
     A named tuple: there are a hundred a second, and a frozen dataclass takes twice as long to make.
     """
@@ -29,7 +29,7 @@ class PoseSample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StateSample:
-    """What a vehicle says of itself.
+    """A sample of the state that a vehicle reports of itself.
 
     mode_name: the autopilot's own word. landed: None while unknown. fault: what is wrong with it
     in words, None while nothing is; estimator_fault: the same of its estimator alone.
@@ -50,14 +50,14 @@ class StateSample:
 
 @dataclass(frozen=True, slots=True)
 class LinkSample:
-    """Something valid arrived from the vehicle over its link."""
+    """A sample of the link: something valid arrived from the vehicle."""
 
     t_s: float
     vehicle: str
 
 
 class ReferenceSample(NamedTuple):
-    """Where another source than the judged one has a vehicle; a few of them in a second."""
+    """A sample of a vehicle's position by another source than the judged one."""
 
     t_s: float
     vehicle: str
@@ -67,7 +67,7 @@ class ReferenceSample(NamedTuple):
 
 
 class ReportSample(NamedTuple):
-    """A sample of a signal arrived whose value travels elsewhere: a status, a mixed frame.
+    """A sample of a signal whose value travels elsewhere: a status, a mixed frame.
 
     t_s: the moment that it is for.
     """
@@ -79,7 +79,7 @@ class ReportSample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DoubtSample:
-    """Something shows that a signal cannot be believed from t_s on; reason: what, for people.
+    """A sample that says that a signal is not credible from t_s on; reason: for people.
 
     source: where the signal comes from ("mocap", "recipe").
     """
@@ -93,7 +93,7 @@ class DoubtSample:
 
 @dataclass(frozen=True, slots=True)
 class StageSample:
-    """A stage of the run was reached, by one vehicle or, with None, by all of them."""
+    """A sample of a reached stage of the run, by one vehicle or, with None, by all."""
 
     t_s: float
     stage: Stage
@@ -102,7 +102,7 @@ class StageSample:
 
 @dataclass(frozen=True, slots=True)
 class FenceSample:
-    """From now on this is the vehicle's fence."""
+    """A sample of a vehicle's changed fence."""
 
     t_s: float
     vehicle: str

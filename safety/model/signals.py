@@ -7,56 +7,56 @@ from worlds.frames import euler_from_quat
 
 
 def north_m(sample: PoseSample) -> float:
-    """Return how far north of the world's origin it is."""
+    """Return the signal "north" of a pose: metres from the world's origin."""
     return sample.pose.position_ned_m[0]
 
 
 def east_m(sample: PoseSample) -> float:
-    """Return how far east of the world's origin it is."""
+    """Return the signal "east" of a pose: metres from the world's origin."""
     return sample.pose.position_ned_m[1]
 
 
 def up_m(sample: PoseSample) -> float:
-    """Return its height over the world's origin."""
+    """Return the signal "height" of a pose over the world's origin, metres."""
     return -sample.pose.position_ned_m[2]
 
 
 def speed_m_s(sample: PoseSample) -> float:
-    """Return its speed along all axes."""
+    """Return the signal "speed" of a pose along all axes."""
     return math.hypot(*sample.velocity_ned_m_s)
 
 
 def ground_speed_m_s(sample: PoseSample) -> float:
-    """Return its horizontal speed."""
+    """Return the signal "horizontal speed" of a pose."""
     return math.hypot(sample.velocity_ned_m_s[0], sample.velocity_ned_m_s[1])
 
 
 def climb_m_s(sample: PoseSample) -> float:
-    """Return how fast it climbs; negative while it sinks."""
+    """Return the signal "climb rate" of a pose; negative while it sinks."""
     return -sample.velocity_ned_m_s[2]
 
 
 def vertical_speed_m_s(sample: PoseSample) -> float:
-    """Return how fast it climbs or sinks, never negative."""
+    """Return the signal "vertical speed" of a pose, never negative."""
     return abs(sample.velocity_ned_m_s[2])
 
 
 def roll_deg(sample: PoseSample) -> float:
-    """Return its roll, positive to the right."""
+    """Return the signal "roll" of a pose, positive to the right."""
     return math.degrees(euler_from_quat(sample.pose.q_wxyz)[0])
 
 
 def pitch_deg(sample: PoseSample) -> float:
-    """Return its pitch, positive nose up."""
+    """Return the signal "pitch" of a pose, positive nose up."""
     return math.degrees(euler_from_quat(sample.pose.q_wxyz)[1])
 
 
 def yaw_deg(sample: PoseSample) -> float:
-    """Return its heading, clockwise from north, within [-180, 180]."""
+    """Return the signal "heading" of a pose, clockwise from north, within [-180, 180]."""
     return math.degrees(euler_from_quat(sample.pose.q_wxyz)[2])
 
 
 def tilt_deg(sample: PoseSample) -> float:
-    """Return the angle between its own vertical axis and the world's, 0 to 180."""
+    """Return the signal "tilt" of a pose: angle from the vertical, 0 to 180."""
     _, x, y, _ = sample.pose.q_wxyz
     return math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))

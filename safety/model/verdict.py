@@ -18,7 +18,7 @@ _ORDER: dict[DecisiveKind, int] = {"ERROR": 0, "INVALID": 1, "FAIL": 2, "ABORTED
 
 @dataclass(frozen=True, slots=True)
 class DecisiveEvent:
-    """Something that alone settles the run's verdict, if nothing did before.
+    """An event that alone decides the run's verdict, if nothing did before.
 
     source: who says so: "collision/real" for an oracle's flag (its result is then not told again).
     note: the last of the judged vehicle's autonomy then. trace: a traceback, where there is one.
@@ -34,7 +34,7 @@ class DecisiveEvent:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The verdict, its reason in a sentence (empty for PASS), and what came later.
+    """The decision: the verdict, its reason in a sentence (empty for PASS), and what came later.
 
     source, note, trace: of the event that made the verdict; empty for PASS, and where it has none.
     """
@@ -48,7 +48,7 @@ class Decision:
 
 
 def source_of(oracle: str, vehicle: str) -> str:
-    """Return the source of an oracle's events."""
+    """Return the source of an oracle's events in the verdict."""
     return f"{oracle}/{vehicle}"
 
 
@@ -86,19 +86,21 @@ def decide(
 
 
 def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) -> str | None:
-    """Return the source of the first oracle that waited in vain; None without one."""
+    """Return the first oracle that waited until the verdict in vain; None without."""
     waited = (one for one in failed if one.verdict == "FAIL" and one.at_s is None)
     sources = (source_of(one.name, one.vehicle) for one in waited)
     return next((source for source in sources if source not in timeouts), None)
 
 
 def _rank(event: DecisiveEvent, is_of_the_end: bool) -> tuple[float, bool, int]:
+    """Return the rank of a decisive event for the verdict: time, end, kind."""
     # A time that is not a number must not make the order depend on where it stood.
     at_s = math.inf if math.isnan(event.t_s) else event.t_s
     return (at_s, is_of_the_end, _ORDER[event.kind])
 
 
 def _event_of(result: OracleResult, end_s: float) -> DecisiveEvent:
+    """Return the decisive event of an oracle's result that is not PASS."""
     at_s = end_s if result.at_s is None else min(result.at_s, end_s)
     kind: DecisiveKind = "INVALID" if result.verdict == "INVALID" else "FAIL"
     said = "cannot be judged" if kind == "INVALID" else "failed"
@@ -111,6 +113,7 @@ def _event_of(result: OracleResult, end_s: float) -> DecisiveEvent:
 
 
 def _limit(result: OracleResult) -> str:
+    """Return the limit of an oracle's result in words, for the verdict's reason."""
     if not isinstance(result.limit, tuple):
         return "no limit" if result.limit is None else f"{result.limit:g}"
     low, high = ("open" if x is None else f"{x:g}" for x in result.limit)

@@ -23,7 +23,7 @@ from worlds.files.documents import KeyFaultError
 
 
 class AltitudeParameters(Band):
-    """min_m, max_m: heights over the world's origin, in metres, positive up."""
+    """min_m, max_m: the area's heights over the world's origin, metres, positive up."""
 
     min_m: Annotated[
         float | None, Field(description="lowest height over the world's origin, in the air")
@@ -32,7 +32,7 @@ class AltitudeParameters(Band):
 
 
 class AreaParameters(Windowed):
-    """keep: where it has to stay, said as `geofence` is."""
+    """keep: the area to stay inside, written as `geofence` is."""
 
     keep: Annotated[FencePart, Field(description="where it has to stay; written as `geofence` is")]
 
@@ -44,7 +44,7 @@ class AreaParameters(Windowed):
 
 
 class Geofence(LimitOracle):
-    """Stays inside of its fence; the floor holds from at_height to the landing only.
+    """The oracle of the fence's area; its floor holds from at_height to the landing only.
 
     actual: the smallest signed distance to the boundary, positive inside; limit 0. The oracle
     judges where the vehicle was; whether it could still have stopped is the guard's business.
@@ -60,14 +60,14 @@ class Geofence(LimitOracle):
         self._changes = changes
 
     def on_fence(self, sample: FenceSample) -> Flags:
-        """Take that the operator gave the vehicle another fence."""
+        """Take the vehicle's changed fence as the area to keep."""
         if self._changes:
             self._fence = sample.fence
             self._low_fence = sample.fence.without_floor()
         return NO_FLAGS
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Take a pose; each time the fence is left is a flag."""
+        """Judge a pose; each time the fence's area is left is a flag."""
         fence = self._low_fence if self.stages.near_ground else self._fence
         if not self.stages.open or fence is None:
             return NO_FLAGS
@@ -82,7 +82,7 @@ class Geofence(LimitOracle):
 
 
 class Altitude(LimitOracle):
-    """Keeps between two heights; the lower one holds from at_height to the landing only."""
+    """The oracle of the altitude area; the lower limit from at_height to the landing only."""
 
     def __init__(
         self, terms: Terms, *, min_m: float | None = None, max_m: float | None = None
@@ -92,7 +92,7 @@ class Altitude(LimitOracle):
         self._max_m = max_m
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Take a pose; each time the band is left is a flag."""
+        """Judge a pose; each time the altitude area is left is a flag."""
         if not self.stages.open:
             return NO_FLAGS
         low_m = None if self.stages.near_ground else self._min_m
@@ -105,7 +105,7 @@ class Altitude(LimitOracle):
 
 @oracle("geofence", "stays inside of its geofence", Windowed)
 def geofence(terms: Terms, parameters: Windowed, context: OracleContext) -> Oracle:
-    """Return the oracle of the fence. Raises OracleError when the campaign has none."""
+    """Return the oracle of the fence's area. Raises OracleError when the campaign has none."""
     del parameters
     if context.fence is None:
         raise OracleError(
@@ -126,6 +126,6 @@ def area(terms: Terms, parameters: AreaParameters, context: OracleContext) -> Or
 
 @oracle("altitude", "stays between min_m and max_m over the world's origin", AltitudeParameters)
 def altitude(terms: Terms, parameters: AltitudeParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of height."""
+    """Return the oracle of the altitude area."""
     del context
     return Altitude(terms, min_m=parameters.min_m, max_m=parameters.max_m)

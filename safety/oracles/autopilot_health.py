@@ -16,7 +16,7 @@ ModeName = Literal["hold", "takeoff", "guided", "land", "rtl", "mission", "pilot
 
 
 class EstimatorParameters(Windowed):
-    """max_unsound_s: for how long the estimator may report a fault, in seconds."""
+    """max_unsound_s: how long the autopilot's estimator may report a fault, seconds."""
 
     max_unsound_s: float = Field(
         default=0.0,
@@ -26,7 +26,7 @@ class EstimatorParameters(Windowed):
 
 
 class BatteryParameters(Windowed):
-    """min_percent: of its capacity; min_v: volts. At least one."""
+    """min_percent: of the battery's capacity; min_v: volts. At least one."""
 
     min_percent: Annotated[
         float | None, Field(ge=0, le=100, description="least remaining charge")
@@ -35,13 +35,14 @@ class BatteryParameters(Windowed):
 
     @model_validator(mode="after")
     def _require_one_limit(self) -> Self:
+        """Require one battery limit: percent or volts."""
         if (self.min_percent is None) == (self.min_v is None):
             raise ValueError("give min_percent or min_v; use two oracles for both")
         return self
 
 
 class ModesParameters(Windowed):
-    """allowed: the modes that it may be in; max_changes: how often the mode may change."""
+    """allowed: the autopilot's allowed modes; max_changes: how often they may change."""
 
     allowed: Annotated[tuple[ModeName, ...], Field(description="the modes that it may be in")] = (
         "guided",
@@ -52,13 +53,14 @@ class ModesParameters(Windowed):
 
     @model_validator(mode="after")
     def _require_some_limit(self) -> Self:
+        """Refuse an empty list of the autopilot's allowed modes."""
         if not self.allowed:
             raise KeyFaultError("allowed", "names no mode")
         return self
 
 
 class Estimator(Oracle):
-    """Its estimator is sound, or unsound for no longer than the limit at a time."""
+    """The oracle of the autopilot's estimator health: unsound no longer than the limit."""
 
     reports = frozenset({"estimator"})
 
@@ -71,7 +73,7 @@ class Estimator(Oracle):
         self._flagged = False
 
     def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage: a fault at the end of the window counts up to there."""
+        """Take a stage: an estimator fault at the end of the window counts up to there."""
         was_open = self.stages.open
         self.stages.reach(sample)
         if was_open and not self.stages.open:
@@ -79,7 +81,7 @@ class Estimator(Oracle):
         return NO_FLAGS
 
     def on_state(self, sample: StateSample) -> Flags:
-        """Take a state; a fault that lasts too long is flagged once."""
+        """Take a state; an estimator fault that lasts too long is flagged once."""
         if not self.stages.open:
             return NO_FLAGS
         self._seen = True
@@ -91,7 +93,7 @@ class Estimator(Oracle):
         return flags
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the longest time for which it was unsound."""
+        """Return the longest time for which the estimator was unsound."""
         del t_s
         limit = self._max_s
         if not self._seen:
@@ -108,6 +110,7 @@ class Estimator(Oracle):
         )
 
     def _unsound_until(self, t_s: float) -> Flags:
+        """Return flags of an estimator fault that has lasted until a time."""
         if self._since is None:
             return NO_FLAGS
         since_s, fault = self._since
@@ -120,12 +123,13 @@ class Estimator(Oracle):
         return self.flag(t_s, f"{self.vehicle}: {fault}")
 
     def _too_long(self, lasted_s: float, fault: str) -> bool:
+        """Return whether an estimator fault has lasted longer than the limit."""
         # Without a limit the fault itself is too much, however short.
         return bool(fault) and (lasted_s > self._max_s or self._max_s == 0.0)
 
 
 class Battery(LimitOracle):
-    """Keeps a least charge or voltage."""
+    """The oracle of battery health: a least charge or voltage."""
 
     reports = frozenset({"battery"})
 
@@ -140,7 +144,7 @@ class Battery(LimitOracle):
         )
 
     def on_state(self, sample: StateSample) -> Flags:
-        """Take a state; falling below the limit is a flag."""
+        """Take a state; a battery below its limit is a flag."""
         value = sample.battery_v
         if self._in_percent:
             fraction = sample.battery_fraction
@@ -157,7 +161,7 @@ class Battery(LimitOracle):
 
 
 class Modes(Oracle):
-    """Flies in the allowed modes only, and changes between them no more often than allowed."""
+    """The oracle of the autopilot's modes: allowed ones only, and few enough changes."""
 
     reports = frozenset({"heartbeat"})
 
@@ -172,7 +176,7 @@ class Modes(Oracle):
         self._first_bad: tuple[float, str] | None = None
 
     def on_state(self, sample: StateSample) -> Flags:
-        """Take a state; each change into what is not allowed is a flag, and one too many."""
+        """Take a state; each mode that is not allowed is a flag, and one change too many."""
         if not self.stages.open:
             return NO_FLAGS
         mode = sample.mode.value
@@ -191,7 +195,7 @@ class Modes(Oracle):
         return self.flag(sample.t_s, text)
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the number of changes, and the first that was not allowed."""
+        """Return the number of mode changes, and the first that was not allowed."""
         del t_s
         limit = self._max_changes
         if self._last is None:
@@ -210,20 +214,20 @@ class Modes(Oracle):
 
 @oracle("estimator", "has a healthy estimator in flight", EstimatorParameters)
 def estimator(terms: Terms, parameters: EstimatorParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of the estimator's health."""
+    """Return the oracle of the autopilot's estimator health."""
     del context
     return Estimator(terms, max_unsound_s=parameters.max_unsound_s)
 
 
 @oracle("battery", "keeps at least a charge or voltage", BatteryParameters)
 def battery(terms: Terms, parameters: BatteryParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of the battery."""
+    """Return the oracle of the battery's health."""
     del context
     return Battery(terms, min_percent=parameters.min_percent, min_v=parameters.min_v)
 
 
 @oracle("modes", "flies in the allowed modes only", ModesParameters, window=ON_GOAL)
 def modes(terms: Terms, parameters: ModesParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of mode changes."""
+    """Return the oracle of the autopilot's mode changes."""
     del context
     return Modes(terms, allowed=parameters.allowed, max_changes=parameters.max_changes)

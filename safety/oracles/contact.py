@@ -26,7 +26,7 @@ _CLEAR_AGAIN_M = 0.02
 
 
 class ContactParameters(Windowed):
-    """exclude: names of objects not judged. ground: objects that one takes off from."""
+    """exclude: objects whose contact is not judged. ground: objects of takeoff or landing."""
 
     exclude: Annotated[
         tuple[str, ...],
@@ -38,18 +38,18 @@ class ContactParameters(Windowed):
 
 
 class ClearanceParameters(ContactParameters):
-    """min_m: the clearance to be kept, in metres."""
+    """min_m: the least clearance to objects, metres; contact is 0."""
 
     min_m: float = Field(gt=0, description="the clearance to be kept")
 
 
 def part_name(separation: Separation) -> str:
-    """Return what people call the part: "gate.left", or the object where it has no parts."""
+    """Return the touched part's name: "gate.left", or the object where it has no parts."""
     return f"{separation.object_name}.{separation.part_name}".rstrip(".")
 
 
 class Limits(Mapping[tuple[str, bool], float]):
-    """Below which clearance an object is of interest, by name and whether it is a floor."""
+    """The clearance or contact limit of each object, by name and whether it is a floor."""
 
     def __init__(self) -> None:
         self.below_m = math.inf
@@ -69,7 +69,7 @@ class Limits(Mapping[tuple[str, bool], float]):
 
 
 class Clearance(Oracle):
-    """The smallest clearance, by default from the takeoff command to the end of the landing.
+    """The oracle of contact or clearance, from takeoff command to landing by default.
 
     While the vehicle takes off (until at_height) and lands (from land on), the ground does not
     count: floors of rooms, and the objects that `ground` names. In between the ground is an
@@ -101,7 +101,7 @@ class Clearance(Oracle):
         self._limits.ignored = self._ground
 
     def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage: opens, narrows and closes the window."""
+        """Take a stage: it opens, narrows and closes the contact window."""
         self.stages.reach(sample)
         near_ground = self.stages.near_ground
         self._limits.floors_ignored = near_ground
@@ -109,7 +109,7 @@ class Clearance(Oracle):
         return NO_FLAGS
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Sweep from the last pose to this one."""
+        """Sweep from the last pose to this one for contact."""
         last, self._last = self._last or sample, sample
         if not self.stages.open:
             return NO_FLAGS
@@ -126,7 +126,7 @@ class Clearance(Oracle):
         return self._judge(swept)
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the smallest clearance as the actual value."""
+        """Return the least clearance as the actual value; 0 is contact."""
         del t_s
         if not self._seen:
             return self.invalid("no pose seen")
@@ -146,9 +146,11 @@ class Clearance(Oracle):
         )
 
     def _limits_kept(self, separation: Separation) -> bool:
+        """Return whether a separation is no contact and within the clearance limit."""
         return separation.clearance_m > 0.0 and separation.clearance_m >= self._min_m
 
     def _judge(self, swept: tuple[Separation, ...]) -> Flags:
+        """Return flags of new contacts and clearances below the limit."""
         flags: Flags = NO_FLAGS
         still_near: set[tuple[str, bool]] = set()
         for separation in swept:
@@ -167,6 +169,7 @@ class Clearance(Oracle):
         return flags
 
     def _text(self, separation: Separation) -> str:
+        """Return a contact or a small clearance in words."""
         part = part_name(separation)
         if separation.clearance_m <= 0.0:
             return f"{self.vehicle} touched {part}"
@@ -181,7 +184,7 @@ def collision(terms: Terms, parameters: ContactParameters, context: OracleContex
 
 @oracle("clearance", "keeps at least min_m from everything", ClearanceParameters)
 def clearance(terms: Terms, parameters: ClearanceParameters, context: OracleContext) -> Oracle:
-    """Return the oracle that fails when a clearance is not kept."""
+    """Return the oracle that fails when the clearance (0 is contact) falls below a limit."""
     return Clearance(
         terms,
         context=context,

@@ -22,7 +22,7 @@ from worlds.files.documents import closest
 
 
 class DistanceParameters(Band):
-    """object: the thing's name; min_m, max_m: from the vehicle's body to its nearest point."""
+    """object: whose distance; min_m, max_m: from the body to its nearest point."""
 
     object: Annotated[str, Field(description="the name of the object in the world")]
     min_m: Annotated[float | None, Field(ge=0, description="never nearer than this")] = None
@@ -30,7 +30,7 @@ class DistanceParameters(Band):
 
 
 class Distance(LimitOracle):
-    """Keeps its distance to a thing; between two poses the nearest point of the way counts."""
+    """The oracle of the distance to an object; between two poses the nearest point counts."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class Distance(LimitOracle):
         self._last: PoseSample | None = None
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Take a pose; each time the limits are left is a flag."""
+        """Judge a pose; each time the distance limits are left is a flag."""
         last, self._last = self._last or sample, sample
         if not self.stages.open:
             return NO_FLAGS
@@ -71,7 +71,7 @@ class Distance(LimitOracle):
         )
 
     def _nearest(self, first: PoseSample, last: PoseSample) -> tuple[float, float]:
-        """Return when the distance was least on the way between two poses, and the distance."""
+        """Return time and value of the least distance between two poses."""
         swept = self._probe.sweep(first.pose, first.t_s, last.pose, last.t_s, self._events)
         nearest = min(swept, key=lambda each: each.clearance_m)
         return nearest.at_s, max(0.0, nearest.clearance_m)
@@ -84,7 +84,7 @@ class Distance(LimitOracle):
     window=IN_THE_AIR,
 )
 def distance(terms: Terms, parameters: DistanceParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of a distance. Raises OracleError when the thing does not stand there."""
+    """Return the oracle of a distance. Raises OracleError when the object is not there."""
     thing = parameters.object
     if thing not in context.things or context.probe_of is None:
         known = ", ".join(context.things) or "none"

@@ -11,7 +11,7 @@ _CLOSE_M = 1e-6
 
 
 class SceneGate:
-    """One opening of one object, in the world's coordinates (NED metres)."""
+    """One gate opening of an object, in the world's coordinates (NED metres)."""
 
     def __init__(self, thing: SceneObject, opening: Opening) -> None:
         self._thing = thing
@@ -22,11 +22,11 @@ class SceneGate:
 
     @property
     def limit_m(self) -> float:
-        """Return half of the inner size."""
+        """Return half of the gate's inner size."""
         return self._opening.limit_m
 
     def depth_m(self, point_ned_m: Vec3, t_s: float, events: Mapping[str, float]) -> float:
-        """Return how far behind the opening's plane a point is, along its forward axis."""
+        """Return a point's depth behind the gate's plane, along its forward axis."""
         if self._thing.motion is None:
             centre, axis = self._centre_m, self._axis
             depth_m = (
@@ -42,14 +42,14 @@ class SceneGate:
     def crossing(
         self, p_0: Vec3, t_0: float, p_1: Vec3, t_1: float, events: Mapping[str, float]
     ) -> Crossing | None:
-        """Return where the way from one point to the next meets the opening's plane."""
+        """Return where the way between two points crosses the gate's plane."""
         local_0 = self._thing.pose_at(t_0, events).to_local(p_0)
         local_1 = self._thing.pose_at(t_1, events).to_local(p_1)
         return self._opening.crossing(local_0, local_1)
 
 
 def gates_of(scene: Scene) -> dict[str, SceneGate]:
-    """Return what can be flown through, by object; by "object.opening" where it has several."""
+    """Return a scene's gates by object; by "object.opening" where it has several."""
     gates: dict[str, SceneGate] = {}
     for thing in scene.objects:
         openings = thing.shape.openings

@@ -49,7 +49,7 @@ _AT: dict[LastStage, str] = {
 
 
 class ReachedPosition(Oracle):
-    """Comes within a tolerance of the goal's position, between the goal and the landing.
+    """The oracle of the goal's position: within a tolerance between goal and landing.
 
     actual: the smallest distance there was; limit: the tolerance.
     """
@@ -61,7 +61,7 @@ class ReachedPosition(Oracle):
         self._best: tuple[float, float] | None = None
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Take a pose."""
+        """Take a pose: the distance to the goal's position."""
         if not self.stages.open:
             return NO_FLAGS
         distance_m = norm(subtract(sample.pose.position_ned_m, self._target_ned_m))
@@ -73,7 +73,7 @@ class ReachedPosition(Oracle):
         return NO_FLAGS
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the smallest distance to the goal."""
+        """Return the least distance to the goal's position."""
         del t_s
         if self._best is None:
             detail = "no pose seen after the goal was given"
@@ -94,7 +94,7 @@ class ReachedPosition(Oracle):
 
 
 class TimeLimit(Oracle):
-    """Gets from one stage to another within a time: by default from the goal to done."""
+    """The oracle of the time between two stages: by default from the goal to done."""
 
     def __init__(self, terms: Terms, *, limit_s: float) -> None:
         super().__init__(terms)
@@ -102,12 +102,12 @@ class TimeLimit(Oracle):
         self._flagged = False
 
     def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage."""
+        """Take a stage: the goal's time starts or ends."""
         self.stages.reach(sample)
         return self.on_tick(sample.t_s)
 
     def on_tick(self, t_s: float) -> Flags:
-        """Flag the moment at which the time is up."""
+        """Flag the moment at which the goal's time limit is exceeded."""
         start_s = self.stages.begin_s
         if start_s is None or self._flagged or t_s - start_s <= self._limit_s:
             return NO_FLAGS
@@ -140,6 +140,7 @@ class TimeLimit(Oracle):
 
     @property
     def _reached_s(self) -> float | None:
+        """Return when the awaited stage (by default the goal's done) was reached; None."""
         # A later stage closes the window, but only the stage itself is what was waited for.
         return self.stages.at(self.terms.window.last)
 
@@ -170,6 +171,6 @@ def reached_position(
     fail_fast=True,
 )
 def time_limit(terms: Terms, parameters: TimeLimitParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of the time from one stage to another."""
+    """Return the oracle of the time from the goal to done, or between two stages."""
     del context
     return TimeLimit(terms, limit_s=parameters.limit_s)

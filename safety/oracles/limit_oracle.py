@@ -11,7 +11,7 @@ from worlds.files.documents import KeyFaultError
 
 
 class LimitOracle(Oracle):
-    """Remembers the value with the smallest margin; each time it turns negative is a flag."""
+    """The base of oracles with limits: remembers the least margin; a negative one is a flag."""
 
     def __init__(
         self, terms: Terms, *, unit: str, limit: Limit, nothing: str = "no pose seen"
@@ -24,14 +24,14 @@ class LimitOracle(Oracle):
         self._outside = False
 
     def take(self, t_s: float, actual: float, margin: float, text: Callable[[], str]) -> Flags:
-        """Take a value with its margin; `text` says what happened when the limits are left."""
+        """Judge a value by its margin to the limit; `text` describes a violation."""
         if self._worst is None or margin < self._worst[0]:
             self._worst = (margin, actual, t_s)
         left, self._outside = margin < 0.0 and not self._outside, margin < 0.0
         return self.flag(t_s, text()) if left else NO_FLAGS
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the value with the smallest margin."""
+        """Return the oracle's value with the least margin to its limit."""
         del t_s
         if self._worst is None:
             return self.invalid(self._nothing)
@@ -47,7 +47,7 @@ class LimitOracle(Oracle):
 
 
 def margin_of(value: float, low: float | None, high: float | None) -> float:
-    """Return the signed distance to the nearest of the limits that there are; one there is."""
+    """Return the signed distance to the nearest of the given limits; one is given."""
     if high is None:
         return value - (low or 0.0)
     return high - value if low is None else min(value - low, high - value)
@@ -61,23 +61,24 @@ def limit_of(low: float | None, high: float | None) -> Limit:
 
 
 class Band(Windowed):
-    """Parameters with a lower and an upper limit, at least one of them given.
+    """Parameters of an oracle with a lower and an upper limit, at least one given.
 
     A subclass has fields min_<unit> and max_<unit>, which begin with these words.
     """
 
     @property
     def low(self) -> float | None:
-        """Return the lower limit."""
+        """Return the lower limit of the oracle."""
         return self._limit("min_")
 
     @property
     def high(self) -> float | None:
-        """Return the upper limit."""
+        """Return the upper limit of the oracle."""
         return self._limit("max_")
 
     @model_validator(mode="after")
     def _require_order(self) -> Self:
+        """Require a limit, and the lower one below the upper one."""
         low_key, high_key = _keys(type(self))
         if self.low is None and self.high is None:
             raise ValueError(f"give {low_key}, {high_key} or both")
@@ -92,6 +93,7 @@ class Band(Windowed):
 
 
 def _keys(model: type[Windowed]) -> tuple[str, str]:
+    """Return the keys of the lower and upper limit in an oracle's parameters."""
     names = list(model.model_fields)
     low = next(name for name in names if name.startswith("min_"))
     return low, next(name for name in names if name.startswith("max_"))

@@ -21,7 +21,7 @@ _SPEEDS: dict[Axis, Callable[[PoseSample], float]] = {
 
 
 class SpeedParameters(Band):
-    """min_m_s, max_m_s: of the speed along `axis`."""
+    """min_m_s, max_m_s: limits of the motion's speed along `axis`."""
 
     min_m_s: Annotated[
         float | None, Field(ge=0, description="slowest, between at_height and land")
@@ -31,7 +31,7 @@ class SpeedParameters(Band):
 
 
 class AttitudeParameters(Windowed):
-    """The greatest angles to either side, in degrees; at least one."""
+    """The greatest angles of the motion's attitude to either side, degrees; at least one."""
 
     max_tilt_deg: Annotated[
         Angle, Field(description="between its vertical axis and the world's")
@@ -41,13 +41,14 @@ class AttitudeParameters(Windowed):
 
     @model_validator(mode="after")
     def _require_some_limit(self) -> Self:
+        """Require a limit of tilt, roll or pitch."""
         if self.max_tilt_deg is None and self.max_roll_deg is None and self.max_pitch_deg is None:
             raise ValueError("give max_tilt_deg, max_roll_deg or max_pitch_deg")
         return self
 
 
 class Speed(LimitOracle):
-    """Keeps its speed between limits; the lower one holds from at_height to the landing only."""
+    """The oracle of the motion's speed; the lower limit from at_height to the landing only."""
 
     def __init__(
         self, terms: Terms, *, min_m_s: float | None, max_m_s: float | None, axis: Axis
@@ -58,7 +59,7 @@ class Speed(LimitOracle):
         self._speed_m_s = _SPEEDS[axis]
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Take a pose; each time the limits are left is a flag."""
+        """Judge a pose's speed; each time the limits are left is a flag."""
         if not self.stages.open:
             return NO_FLAGS
         low_m_s = None if self.stages.near_ground else self._min_m_s
@@ -72,7 +73,7 @@ class Speed(LimitOracle):
 
 
 class Attitude(LimitOracle):
-    """Leans no more than each of its limits; the one with the smallest margin is told."""
+    """The oracle of the motion's attitude: the angle with the least margin is reported."""
 
     def __init__(
         self, terms: Terms, *, limits: tuple[tuple[str, Callable[[PoseSample], float], float], ...]
@@ -83,7 +84,7 @@ class Attitude(LimitOracle):
         self._least_deg: float | None = None
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Take a pose; each time a limit is exceeded is a flag."""
+        """Judge a pose's attitude; each time a limit is exceeded is a flag."""
         if not self.stages.open:
             return NO_FLAGS
         angles = [(limit - abs(of(sample)), what, limit) for what, of, limit in self._limits]
@@ -101,7 +102,7 @@ class Attitude(LimitOracle):
 
 @oracle("speed", "flies no faster than max_m_s and no slower than min_m_s", SpeedParameters)
 def speed(terms: Terms, parameters: SpeedParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of speed."""
+    """Return the oracle of the motion's speed."""
     del context
     return Speed(
         terms, min_m_s=parameters.min_m_s, max_m_s=parameters.max_m_s, axis=parameters.axis
@@ -110,7 +111,7 @@ def speed(terms: Terms, parameters: SpeedParameters, context: OracleContext) -> 
 
 @oracle("attitude", "tilts no more than its limits", AttitudeParameters)
 def attitude(terms: Terms, parameters: AttitudeParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of attitude."""
+    """Return the oracle of the motion's attitude."""
     del context
     given = (
         ("tilt", signals.tilt_deg, parameters.max_tilt_deg),

@@ -57,7 +57,7 @@ class OracleError(Exception):
 
 
 class Oracle(ABC):
-    """One judge of one vehicle (`watches`: whose samples it wants; most watch that one alone).
+    """The base of oracles of one vehicle (`watches`: whose samples it takes, mostly its own).
 
     reports: what it takes of a vehicle's state; its silence is the oracle's blindness.
     """
@@ -73,45 +73,45 @@ class Oracle(ABC):
 
     @property
     def watches(self) -> tuple[str, ...]:
-        """Return the vehicles whose samples are to be fed."""
+        """Return the vehicles whose samples the oracle takes."""
         return (self.vehicle,)
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Take a pose."""
+        """Give the oracle a pose."""
         del sample
         return NO_FLAGS
 
     def on_state(self, sample: StateSample) -> Flags:
-        """Take a vehicle's state."""
+        """Give the oracle a vehicle's state."""
         del sample
         return NO_FLAGS
 
     def on_received(self, sample: LinkSample) -> Flags:
-        """Take that a vehicle was heard."""
+        """Tell the oracle that a vehicle's link delivered something."""
         del sample
         return NO_FLAGS
 
     def on_stage(self, sample: StageSample) -> Flags:
-        """Take that the run reached a stage."""
+        """Tell the oracle that the run reached a stage."""
         self.stages.reach(sample)
         return NO_FLAGS
 
     def on_fence(self, sample: FenceSample) -> Flags:
-        """Take that a vehicle has another fence from now on."""
+        """Tell the oracle that a vehicle's fence changed."""
         del sample
         return NO_FLAGS
 
     def on_tick(self, t_s: float) -> Flags:
-        """Take that time has passed, for oracles that judge silence."""
+        """Tell the oracle that time has passed, for those that judge silence."""
         del t_s
         return NO_FLAGS
 
     @abstractmethod
     def result(self, t_s: float) -> OracleResult:
-        """Return the judgement as it stands at run time `t_s`."""
+        """Return the oracle's result as of run time `t_s`."""
 
     def flag(self, t_s: float, text: str, *, decisive: bool = True) -> Flags:
-        """Return one flag of this oracle."""
+        """Return a flag of this oracle."""
         return (Flag(t_s, self.name, self.vehicle, text, decisive),)
 
     def verdict(
@@ -144,7 +144,7 @@ class Oracle(ABC):
         )
 
     def invalid(self, detail: str, *, at_s: float | None = None) -> OracleResult:
-        """Return that there is nothing to judge by. detail: which signal is missing, and when."""
+        """Return that the oracle has nothing to judge by. detail: which signal is missing, when."""
         return replace(self.verdict(passed=False, at_s=at_s, detail=detail), verdict="INVALID")
 
 
@@ -154,7 +154,7 @@ Factory = Callable[[Terms, Any, OracleContext], Oracle]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OracleSpec:
-    """A kind of oracle that campaigns may name.
+    """A registered kind of oracle that campaigns may name.
 
     pair_only: it compares two vehicles and is left out where only one flies; a function of its
     parameters where these decide. at_the_end: only the
@@ -171,7 +171,7 @@ class OracleSpec:
     fail_fast: bool = False
 
     def needs_pair(self, parameters: Parameters) -> bool:
-        """Return whether it judges nothing where one vehicle flies alone."""
+        """Return whether the oracle judges nothing where one vehicle flies alone."""
         return self.pair_only(parameters) if callable(self.pair_only) else self.pair_only
 
     def build(
@@ -212,7 +212,7 @@ def oracle(
     window: Window = FLIGHT,
     fail_fast: bool = False,
 ) -> Callable[[Factory], Factory]:
-    """Register a factory under a name. Raises ValueError when the name is taken."""
+    """Register a factory of oracles under a name. Raises ValueError when the name is taken."""
 
     def register(factory: Factory) -> Factory:
         if name in registry:

@@ -13,34 +13,34 @@ RunMode = Literal["sim", "wil", "real"]
 
 
 class Separation(Protocol):
-    """The least clearance to one object on a stretch; `worlds.clearance.clearance.Clearance`.
+    """An oracle context's least clearance to an object (protocol of worlds' Clearance).
 
     The floor of a room is told apart from the rest of it.
     """
 
     @property
     def object_name(self) -> str:
-        """Return the object's name in the world file."""
+        """Return the separated object's name in the world file."""
 
     @property
     def part_name(self) -> str:
-        """Return which part of it was the nearest ("left"); empty when it has but one."""
+        """Return the nearest part of the separated object ("left"); empty for only one."""
 
     @property
     def clearance_m(self) -> float:
-        """Return the smallest distance between the vehicle's body and it; <= 0 is contact."""
+        """Return the least distance between the vehicle's body and the object; <= 0: contact."""
 
     @property
     def at_s(self) -> float:
-        """Return when it was that small, on the run clock."""
+        """Return the time of the least separation on the run clock."""
 
     @property
     def is_floor(self) -> bool:
-        """Return whether it is a floor that vehicles stand on."""
+        """Return whether the separated object is a floor that vehicles stand on."""
 
 
 class Probe(Protocol):
-    """Measures a body's clearance to the judged world; `worlds.clearance`'s ClearanceProbe."""
+    """An oracle context's clearance probe of the judged world (protocol of ClearanceProbe)."""
 
     def sweep(
         self,
@@ -60,24 +60,24 @@ class Probe(Protocol):
 
 
 class Gate(Protocol):
-    """An opening that the vehicle may have to fly through; `safety.oracles.gates.SceneGate`."""
+    """An oracle context's gate: an opening to fly through (protocol of SceneGate)."""
 
     @property
     def limit_m(self) -> float:
-        """Return half of the inner size: the offset at which the centre meets the frame."""
+        """Return half the gate's inner size: the offset at which the centre meets the frame."""
 
     def depth_m(self, point_ned_m: Vec3, t_s: float, events: Mapping[str, float]) -> float:
-        """Return how far behind the opening's plane a point is, along its forward axis."""
+        """Return a point's depth behind the gate's plane, along its forward axis."""
 
     def crossing(
         self, p_0: Vec3, t_0: float, p_1: Vec3, t_1: float, events: Mapping[str, float]
     ) -> Crossing | None:
-        """Return where the way from one point to the next meets the opening's plane."""
+        """Return where the way from one point to the next crosses the gate's plane."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OracleContext:
-    """What an oracle is told of the run and of the one vehicle it judges.
+    """The context of an oracle: the run and the one vehicle it judges.
 
     vehicle: whom this oracle judges. body_half_m: of the box round it, forward, right and down
     from its centre; zeros for a point. probe: clearance to the world in which that vehicle is

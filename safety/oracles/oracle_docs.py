@@ -25,7 +25,7 @@ _UNITS = {
 
 @dataclass(frozen=True, slots=True)
 class ParameterDoc:
-    """One parameter: its key in the file, what it takes, its unit, its default ("" for none)."""
+    """An oracle parameter's documentation: key, values, unit, default ("" for none)."""
 
     name: str
     takes: str
@@ -37,7 +37,7 @@ class ParameterDoc:
 
 @dataclass(frozen=True, slots=True)
 class OracleDoc:
-    """One oracle: what it demands, when it judges, what is its own to be said of it."""
+    """An oracle's documentation: what it demands, when it judges, its parameters."""
 
     name: str
     summary: str
@@ -47,7 +47,7 @@ class OracleDoc:
 
 
 def describe_oracles(spec: OracleSpec) -> OracleDoc:
-    """Return the words for an oracle; what all oracles take is `common_parameters`."""
+    """Return an oracle's documentation; common ones are in `common_parameters`."""
     windowed = issubclass(spec.parameters, Windowed)
     window = f"from {spec.window.first} to {spec.window.last}" if windowed else "at the end"
     common = {*Parameters.model_fields, *Windowed.model_fields}
@@ -58,15 +58,17 @@ def describe_oracles(spec: OracleSpec) -> OracleDoc:
 
 
 def common_parameters() -> tuple[ParameterDoc, ...]:
-    """Return what every oracle takes."""
+    """Return the documentation of the parameters that every oracle takes."""
     return _documented_parameters(Windowed.model_fields.items())
 
 
 def _documented_parameters(fields: Iterable[tuple[str, FieldInfo]]) -> tuple[ParameterDoc, ...]:
+    """Return the documentation of an oracle's parameters."""
     return tuple(_parameter(field.alias or name, field) for name, field in fields)
 
 
 def _parameter(name: str, field: FieldInfo) -> ParameterDoc:
+    """Return the documentation of one oracle parameter."""
     needed = field.is_required()
     default = "" if needed or field.default is None else _show_value(field.default)
     unit = _UNITS.get(unit_of(name), "")
@@ -76,6 +78,7 @@ def _parameter(name: str, field: FieldInfo) -> ParameterDoc:
 
 
 def _show_value(value: object) -> str:
+    """Return an oracle parameter's default as documentation shows it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
@@ -86,6 +89,7 @@ def _show_value(value: object) -> str:
 
 
 def _takes(annotation: Any) -> str:
+    """Return in words what values an oracle parameter takes, by its annotation."""
     if get_origin(annotation) in {Union, UnionType}:
         inner = [each for each in get_args(annotation) if each is not NoneType]
         return " or ".join(map(_takes, inner))

@@ -17,7 +17,7 @@ LastStage = Literal["at_height", "goal", "done", "land", "landed", "end"]
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """From which stage to which an oracle judges: from reaching `first` to reaching `last`.
+    """The stages between which an oracle judges: from reaching `first` to reaching `last`.
 
     A run that skips `last` (it was cut short) closes the window with any later stage.
     """
@@ -33,7 +33,7 @@ ON_GOAL = Window("goal", "land")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Terms:
-    """The terms of one oracle in one run.
+    """The terms of one oracle in one run: name, vehicle, window, whether required.
 
     fail_fast: its decisive flag ends the flight, which lands at once; else the flight goes on.
     """
@@ -46,7 +46,7 @@ class Terms:
 
 
 class Parameters(BaseModel):
-    """What a campaign may say of every oracle.
+    """The parameters that a campaign may give to every oracle.
 
     vehicle: whom it judges; None means the subject of the run (real in wil and real, twin in sim).
     required: whether its FAIL fails the run, or is only reported.
@@ -64,7 +64,7 @@ class Parameters(BaseModel):
 
 
 class Windowed(Parameters):
-    """What a campaign may say of an oracle that judges a part of the flight.
+    """The parameters of an oracle that judges a window of the flight.
 
     from, to: the stages that open and close its window; None: those of its kind. fail_fast: land
     at once when it fails; None: as its kind does.
@@ -80,6 +80,7 @@ class Windowed(Parameters):
 
     @model_validator(mode="after")
     def _fails_something(self) -> Self:
+        """Refuse fail_fast of an oracle that is not required."""
         if self.fail_fast and not self.required:
             raise KeyFaultError(
                 "fail_fast", "an oracle that is not required does not end the flight"
@@ -87,7 +88,7 @@ class Windowed(Parameters):
         return self
 
     def window(self, usual: Window) -> Window:
-        """Return its window, where `usual` is that of its kind. Raises ValueError when empty."""
+        """Return the oracle's window, `usual` by default. Raises ValueError when empty."""
         first, last = self.from_ or usual.first, self.to or usual.last
         if STAGES.index(first) >= STAGES.index(last):
             raise ValueError(f"its window is empty: '{first}' does not come before '{last}'")
@@ -95,7 +96,7 @@ class Windowed(Parameters):
 
 
 class Stages:
-    """When each stage was reached, and whether a window is open.
+    """The stages reached so far, and whether an oracle's window is open.
 
     `open` is a plain attribute: it is asked for each pose.
     """
@@ -110,7 +111,7 @@ class Stages:
         """Whether the vehicle is meant to be on or near the ground now."""
 
     def reach(self, sample: StageSample) -> None:
-        """Note a stage; only its first time counts."""
+        """Note a reached stage; only its first time counts."""
         self._at_s.setdefault(sample.stage, sample.t_s)
         closed = not self._closing.isdisjoint(self._at_s)
         self.open = self._window.first in self._at_s and not closed
@@ -122,10 +123,10 @@ class Stages:
 
     @property
     def begin_s(self) -> float | None:
-        """Return when the window opened, or None."""
+        """Return when the oracle's window opened, or None."""
         return self._at_s.get(self._window.first)
 
     @property
     def end_s(self) -> float | None:
-        """Return when the window closed, or None."""
+        """Return when the oracle's window closed, or None."""
         return min((self._at_s[s] for s in self._closing if s in self._at_s), default=None)

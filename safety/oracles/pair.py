@@ -20,7 +20,7 @@ from worlds.frames import Vec3, add, norm, scale, subtract
 
 
 class TwinDivergenceParameters(Windowed):
-    """max_m: the largest distance between real and twin, in metres; None only reports it."""
+    """max_m: the largest distance of the pair, metres; None only reports it."""
 
     required: Annotated[
         bool, Field(description="whether its FAIL fails the run; by default it is reported")
@@ -31,7 +31,7 @@ class TwinDivergenceParameters(Windowed):
 
 
 class TwinDivergence(Oracle):
-    """The distance between real and twin, by default from the takeoff to the landing command.
+    """The oracle of the pair's distance, from takeoff to landing command by default.
 
     The two are sampled at different times: the older pose is carried on by its velocity.
     """
@@ -45,11 +45,11 @@ class TwinDivergence(Oracle):
 
     @property
     def watches(self) -> tuple[str, ...]:
-        """Return both vehicles."""
+        """Return both vehicles of the pair."""
         return ("real", "twin")
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Take a pose of either."""
+        """Judge a pose of either vehicle of the pair."""
         self._last[sample.vehicle] = sample
         other = self._last.get("twin" if sample.vehicle == "real" else "real")
         if other is None or not self.stages.open:
@@ -63,7 +63,7 @@ class TwinDivergence(Oracle):
         return self.flag(sample.t_s, f"real and twin are {distance_m:.2f} m apart")
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the largest distance."""
+        """Return the largest distance of the pair."""
         del t_s
         if self._worst is None:
             return self.invalid("there are no poses of both at one time")
@@ -80,7 +80,7 @@ class TwinDivergence(Oracle):
 
 
 def carried(sample: PoseSample, t_s: float) -> Vec3:
-    """Return where a vehicle is at a time, by the pose and velocity that it had."""
+    """Return a vehicle's position extrapolated to a time, to compare the pair."""
     ahead_m = scale(sample.velocity_ned_m_s, t_s - sample.t_s)
     return add(sample.pose.position_ned_m, ahead_m)
 
@@ -95,6 +95,6 @@ def carried(sample: PoseSample, t_s: float) -> Vec3:
 def twin_divergence(
     terms: Terms, parameters: TwinDivergenceParameters, context: OracleContext
 ) -> Oracle:
-    """Return the oracle of the distance between the two."""
+    """Return the oracle of the distance between the pair's vehicles."""
     del context
     return TwinDivergence(terms, max_m=parameters.max_m)

@@ -14,7 +14,7 @@ Side = Literal[1, -1]
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """A body that was on one side of a gate's plane and is out on the other, by its radius.
+    """A passage: a body that went from one side of a gate's plane to the other, all of it.
 
     direction: +1 along the gate's forward axis. offset_m: of the centre from the opening's centre
     when it crossed the plane, at_s. reach_m: the largest offset of any point of the body.
@@ -28,7 +28,7 @@ class Passage:
 
 @dataclass(frozen=True, slots=True)
 class Dip:
-    """A body whose centre crossed the plane and came back before the body was out.
+    """A dip into a gate: the centre crossed the plane and came back before the body was through.
 
     depth_m: how far the centre was behind the plane; at_s: when it was back.
     """
@@ -38,7 +38,7 @@ class Dip:
 
 
 class Body:
-    """A box round a vehicle's centre. half_m: forward, right and down from the centre."""
+    """The body of a passing vehicle: a box. half_m: forward, right and down from the centre."""
 
     def __init__(self, half_m: Vec3) -> None:
         ahead, right, down = half_m
@@ -48,13 +48,13 @@ class Body:
         self.radius_m = norm(half_m)
 
     def corners_m(self, sample: PoseSample) -> tuple[Vec3, ...]:
-        """Return where the corners are at a pose, in NED metres."""
+        """Return the passing body's corners at a pose, in NED metres."""
         q_wxyz, centre = sample.pose.q_wxyz, sample.pose.position_ned_m
         return tuple(add(centre, rotate(q_wxyz, corner)) for corner in self._corners_m)
 
 
 class PassageDetector:
-    """Follows one body past one gate, pose by pose.
+    """Detects passages of one body through one gate, pose by pose.
 
     `side` is the one on which the body was last by at least its radius; at first, that of its
     centre. What it crosses in between counts only once it is out on the other side: a nose that
@@ -74,12 +74,12 @@ class PassageDetector:
 
     @property
     def unfinished_m(self) -> float:
-        """Return how far the centre is through the plane while the body is not out; 0 for not."""
+        """Return the centre's depth beyond the plane in an unfinished passage; else 0."""
         now = 1 if self._last_depth_m > 0.0 else -1
         return abs(self._last_depth_m) if now != self.side else 0.0
 
     def take(self, sample: PoseSample) -> Passage | Dip | None:
-        """Return what ends with this pose, if anything does."""
+        """Take a pose; return the passage or dip that ends with it, if any."""
         last, before_m = self._last, self._last_depth_m
         depth_m = self._depth_m(sample)
         self._last, self._last_depth_m = sample, depth_m
@@ -95,7 +95,7 @@ class PassageDetector:
         return self._settle(now, sample.t_s)
 
     def _settle(self, now: Side, t_s: float) -> Passage | Dip | None:
-        """Return what it comes to that the body is clear of the plane, on a side."""
+        """Return the passage or dip of a body that is clear of the gate's plane."""
         centre, reach_m, deepest_m = self._centre, self._reach_m, self._deepest_m
         before, self.side = self.side, now
         self._centre, self._reach_m, self._deepest_m = None, 0.0, 0.0
@@ -104,7 +104,7 @@ class PassageDetector:
         return Dip(deepest_m, t_s) if now == before and deepest_m > 0.0 else None
 
     def _measure(self, last: PoseSample, sample: PoseSample) -> None:
-        """Note where the centre and the corners cross the plane between two poses."""
+        """Note where centre and corners cross the gate's plane between two poses."""
         gate, events = self._gate, self._events
         t_0, t_1 = last.t_s, sample.t_s
         from_m, to_m = last.pose.position_ned_m, sample.pose.position_ned_m

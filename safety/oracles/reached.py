@@ -29,7 +29,7 @@ _POINT: Vec3 = (0.0, 0.0, 0.0)
 
 
 class ReachedParameters(Windowed):
-    """gates: names in their order (None: the goal's); direction: which way counts."""
+    """gates: to be reached in order (None: the goal's); direction: which way counts."""
 
     gates: Annotated[
         tuple[str, ...] | None, Field(description="their names in order; by default the goal's")
@@ -42,7 +42,7 @@ class ReachedParameters(Windowed):
 
 @dataclass(frozen=True, slots=True)
 class _Through:
-    """A passage that counts. limit_m: the offset of the centre at which the body would touch."""
+    """A counted passage of `reached`. limit_m: the offset at which the body would touch."""
 
     gate: str
     offset_m: float
@@ -51,7 +51,7 @@ class _Through:
 
 
 class Reached(Oracle):
-    """Flies with its whole body through the opening of each gate, in order.
+    """The oracle `reached`: the whole body flies through the opening of each gate, in order.
 
     A gate is passed once the body is out on the far side by its radius, every point of it having
     crossed the plane inside of the opening. Passing beside a gate, from the wrong side, out of
@@ -82,7 +82,7 @@ class Reached(Oracle):
         self._wrong: dict[str, str] = {}
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Look whether the way since the last pose leads through the next gate."""
+        """Judge whether the way since the last pose leads through the next gate to be reached."""
         last, self._last = self._last or sample, sample
         if self._done or not self.stages.open:
             return NO_FLAGS
@@ -103,7 +103,7 @@ class Reached(Oracle):
         return flags
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the largest offset, or which gate was not flown through."""
+        """Return the largest offset, or which gate was not reached."""
         del t_s
         if not self._done:
             limit_m = self._route[len(self._through)][1].limit_m
@@ -139,7 +139,7 @@ class Reached(Oracle):
                 return direction != self._home
 
     def _pass(self, name: str, passage: Passage) -> Flags:
-        """Take that the body went through the plane of a gate."""
+        """Handle a passage of the body through the plane of a gate to be reached."""
         gate = dict(self._route)[name]
         inside = passage.reach_m < gate.limit_m
         if name != self._next:
@@ -167,7 +167,7 @@ class Reached(Oracle):
         return self.flag(passage.at_s, f"{self.vehicle} passed beside {name}", decisive=False)
 
     def _note(self, gate: str, text: str) -> None:
-        """Note a wrong turn, once; it is forgotten when its gate is flown through after all."""
+        """Note a wrong direction or order, once; forgotten when its gate is reached after all."""
         self._wrong.setdefault(text, gate)
 
     def _missing_text(self) -> str:
@@ -199,7 +199,7 @@ _MOST_TURNS = 3
     at_the_end=True,
 )
 def reached(terms: Terms, parameters: ReachedParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of gates. Raises OracleError when a gate is not in the world."""
+    """Return the oracle of reached gates. Raises OracleError when one is not in the world."""
     route = context.route if parameters.gates is None else parameters.gates
     for gate in route:
         if gate not in context.gates:

@@ -46,7 +46,7 @@ class StlParameters(Windowed):
 
 
 class Stl(Oracle):
-    """Has a formula hold from the stage that opens its window on.
+    """The oracle of an STL formula from the stage that opens its window on.
 
     actual, limit, unit, margin, at_s: of the comparison that decides; a margin of 0 of a strict
     comparison fails. INVALID where a signal has no value when the formula needs it.
@@ -69,12 +69,12 @@ class Stl(Oracle):
 
     @property
     def watches(self) -> tuple[str, ...]:
-        """Return both vehicles where the distance between them is asked for."""
+        """Return both vehicles where the STL formula has the distance between them."""
         both = any(signal.of_both for signal in self._used.values())
         return ("real", "twin") if both else (self.vehicle,)
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Take a pose of either vehicle; those of its own make a row."""
+        """Record a pose of either vehicle for the formula; own ones make a row."""
         together_m = self._together.take(sample)
         if sample.vehicle != self.vehicle:
             return NO_FLAGS
@@ -87,7 +87,7 @@ class Stl(Oracle):
         return NO_FLAGS
 
     def on_state(self, sample: StateSample) -> Flags:
-        """Take a state: a row as well, so that formulas about it need no pose."""
+        """Record a state for the formula: a row as well, for formulas without poses."""
         if sample.vehicle != self.vehicle:
             return NO_FLAGS
         for name, signal in self._used.items():
@@ -97,13 +97,13 @@ class Stl(Oracle):
         return NO_FLAGS
 
     def on_received(self, sample: LinkSample) -> Flags:
-        """Take a sign of life."""
+        """Record a sign of life for the STL formula."""
         if sample.vehicle == self.vehicle:
             self._heard_s = sample.t_s
         return NO_FLAGS
 
     def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage: the window begins with the values that are known when it opens."""
+        """Record a stage: the formula's window begins with the values known when it opens."""
         opened = not self.stages.open
         flags = super().on_stage(sample)
         if opened and self.stages.open:
@@ -111,14 +111,14 @@ class Stl(Oracle):
         return flags
 
     def on_fence(self, sample: FenceSample) -> Flags:
-        """Take that the operator gave a vehicle another fence."""
+        """Record the vehicle's changed fence for the STL formula."""
         for signal in self._used.values():
             if sample.vehicle == self.vehicle and isinstance(signal.of_pose, FenceMargin):
                 signal.of_pose.fence = sample.fence
         return NO_FLAGS
 
     def on_tick(self, t_s: float) -> Flags:
-        """Look, where it is to fail fast, whether the formula can hold still."""
+        """Check, where it fails fast, whether the STL formula can still hold."""
         due = self.terms.fail_fast and not self._flagged and t_s >= self._look_s
         if not due or not self.stages.open or not self._trace.times_s:
             return NO_FLAGS
@@ -134,7 +134,7 @@ class Stl(Oracle):
         return self.flag(t_s, text)
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the robustness of what was recorded in the window."""
+        """Return the STL formula's robustness over the recorded window."""
         found = self.evaluated(t_s)
         if isinstance(found, Unevaluable):
             return self.invalid(str(found), at_s=found.at_s)
@@ -152,7 +152,7 @@ class Stl(Oracle):
         )
 
     def evaluated(self, t_s: float) -> Robustness | Unevaluable:
-        """Return the robustness as it stands at t_s, or why there is none."""
+        """Return the STL robustness as of t_s, or why there is none."""
         if not self._trace.times_s:
             return Unevaluable("the formula", None, "was not evaluated: its window never began")
         end_s = self.stages.end_s if self.stages.end_s is not None else t_s
@@ -171,6 +171,7 @@ class Stl(Oracle):
 def _read_formula(
     terms: Terms, text: str, context: OracleContext, judge: Oracle
 ) -> tuple[Formula, dict[str, Signal]]:
+    """Return the STL formula and its signals. Raises OracleError."""
     signals = signals_of(context, judge.stages)
     try:
         formula = parse_stl(text)
@@ -186,6 +187,7 @@ def _read_formula(
 
 
 def _of_both(parameters: StlParameters) -> bool:
+    """Return whether an STL formula uses the distance between both vehicles."""
     try:
         names = names_of(parse_stl(parameters.stl))
     except StlError:
@@ -201,5 +203,5 @@ def _of_both(parameters: StlParameters) -> bool:
     window=ON_GOAL,
 )
 def stl(terms: Terms, parameters: StlParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of a formula. Raises OracleError with the place of a mistake in it."""
+    """Return the oracle of an STL formula. Raises OracleError with the place of a mistake."""
     return Stl(terms, text=parameters.stl, context=context)

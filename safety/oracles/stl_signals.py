@@ -25,7 +25,7 @@ OfState = Callable[[StateSample], float | None]
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A signal of one vehicle in one run: its kind, and how its value is told from a sample."""
+    """An STL signal of one vehicle in one run: its kind, and how a sample gives its value."""
 
     kind: SignalKind
     of_pose: OfPose | None = None
@@ -37,10 +37,12 @@ class Signal:
 
 
 def _truth(value: bool | None) -> float | None:
+    """Return a boolean STL signal's value as a number; None for None."""
     return None if value is None else float(value)
 
 
 def _in_mode(mode: str) -> OfState:
+    """Return the STL signal that is true while the vehicle is in a mode."""
     return lambda sample: float(sample.mode.value == mode)
 
 
@@ -94,7 +96,7 @@ THING_DISTANCE = SignalKind("m", "distance to one object of the world, by its na
 
 
 def signal_docs() -> dict[str, SignalKind]:
-    """Return every signal that there is, also those that only some campaigns have."""
+    """Return the documentation of every STL signal, also those of some campaigns only."""
     return {
         **{name: kind for name, (kind, _) in _OF_POSE.items()},
         "clearance_m": CLEARANCE,
@@ -108,12 +110,12 @@ def signal_docs() -> dict[str, SignalKind]:
 
 
 def reports_of(names: Iterable[str]) -> frozenset[ReportName]:
-    """Return which reports of a vehicle signals are made of."""
+    """Return which reports of a vehicle its STL signals need."""
     return frozenset(_REPORTS.get(name, "heartbeat") for name in names if name in _OF_STATE)
 
 
 def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
-    """Return the signals of one vehicle in one run. stages: those that the oracle is told."""
+    """Return the STL signals of one vehicle in one run. stages: those of the oracle."""
     found = {name: Signal(kind, of_pose=of) for name, (kind, of) in _OF_POSE.items()}
     found |= {name: Signal(kind, of_state=of) for name, (kind, of) in _OF_STATE.items()}
     found["silence_s"] = Signal(SILENCE, of_silence=True)
@@ -136,18 +138,18 @@ def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
 
 
 class FenceMargin:
-    """The distance to the fence in force."""
+    """The STL signal of the distance to the present fence."""
 
     def __init__(self, fence: Fence) -> None:
         self.fence = fence
 
     def __call__(self, sample: PoseSample) -> float:
-        """Return it where a pose is."""
+        """Return the fence margin of a pose as a signal value."""
         return self.fence.margin_m(sample.pose.position_ned_m)
 
 
 class _Distance:
-    """The distance to one thing, where each pose was."""
+    """The STL signal of the distance to one object at each pose."""
 
     def __init__(
         self, thing: str, probe_of: Callable[[str], Probe], events: Mapping[str, float]
@@ -163,7 +165,7 @@ class _Distance:
 
 
 class _Nearest:
-    """The least distance to anything on the way from the last pose to this one."""
+    """The STL signal of the least clearance to any object since the last pose."""
 
     def __init__(self, context: OracleContext, stages: Stages) -> None:
         self._context, self._stages = context, stages
@@ -186,13 +188,13 @@ class _Nearest:
 
 
 class Together:
-    """The distance between real and twin, the older pose carried on by its velocity."""
+    """The STL signal of the distance between real and twin, the older pose extrapolated."""
 
     def __init__(self) -> None:
         self._last: dict[str, PoseSample] = {}
 
     def take(self, sample: PoseSample) -> float | None:
-        """Take a pose of either; return their distance, None while one was not seen."""
+        """Take a pose of either; return the pair's distance signal, None while one is unknown."""
         self._last[sample.vehicle] = sample
         other = self._last.get("twin" if sample.vehicle == "real" else "real")
         if other is None:

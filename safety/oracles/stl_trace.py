@@ -12,7 +12,7 @@ FIRST_WITHIN_S = 0.5
 
 
 class Trace:
-    """The values of some signals over time: a row whenever one of them has a new value.
+    """The recorded STL signals over time: a row whenever one of them has a new value.
 
     A signal is NaN in the rows before its first value.
     """
@@ -23,12 +23,12 @@ class Trace:
         self._latest = dict.fromkeys(names, math.nan)
 
     def note(self, name: str, value: float | None) -> None:
-        """Take a value; it counts from the next row on."""
+        """Note a signal's value; it counts from the trace's next row on."""
         if value is not None:
             self._latest[name] = value
 
     def add_row(self, t_s: float) -> None:
-        """Add what is known now; a sample that is late counts as now."""
+        """Add a row of known values to the trace; a late sample counts as now."""
         if self.times_s and t_s <= self.times_s[-1]:
             for name, row in self._rows.items():
                 row[-1] = self._latest[name]
@@ -38,7 +38,7 @@ class Trace:
             row.append(self._latest[name])
 
     def values(self) -> dict[str, Values]:
-        """Return the values of each signal, one per row."""
+        """Return the trace's values of each signal, one per row."""
         return {name: self._fill_gaps(np.array(row)) for name, row in self._rows.items()}
 
     def _fill_gaps(self, row: Values) -> Values:

@@ -17,13 +17,13 @@ from safety.oracles.oracle import (
 
 
 class LinkParameters(Windowed):
-    """max_gap_s: the longest silence of the vehicle that is borne, in seconds."""
+    """max_gap_s: the longest silence of the vehicle's link, in seconds."""
 
     max_gap_s: float = Field(gt=0, description="the longest silence that is allowed")
 
 
 class VehicleFault(Oracle):
-    """Reports no fault, and does not disarm in flight, by default from takeoff to the landing."""
+    """The oracle of the vehicle's own faults, and of disarming in flight."""
 
     reports = frozenset({"heartbeat", "landed_state", "estimator"})
 
@@ -34,7 +34,7 @@ class VehicleFault(Oracle):
         self._faults: list[tuple[str, float]] = []
 
     def on_state(self, sample: StateSample) -> Flags:
-        """Take a state; each new fault is a flag."""
+        """Take a vehicle's state; each new fault is a flag."""
         if not self.stages.open:
             return NO_FLAGS
         self._seen = True
@@ -48,7 +48,7 @@ class VehicleFault(Oracle):
         return self.flag(sample.t_s, f"{self.vehicle}: {fault}")
 
     def result(self, t_s: float) -> OracleResult:
-        """Return FAIL with the faults in words, the first one's time."""
+        """Return FAIL with the vehicle's faults in words, at the first one's time."""
         del t_s
         if not self._seen:
             return self.invalid("no state seen")
@@ -59,7 +59,7 @@ class VehicleFault(Oracle):
 
 
 class LinkOracle(Oracle):
-    """Is heard without a gap longer than the limit, by default from takeoff to the landing.
+    """The oracle of the vehicle's link: no gap above the limit, from takeoff to landing.
 
     A gap is flagged when it ends: one that does not is the loss of the vehicle, an ERROR that the
     guard tells.
@@ -73,7 +73,7 @@ class LinkOracle(Oracle):
         self._worst: tuple[float, float] = (0.0, 0.0)
 
     def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage: the window opens with the takeoff command and closes with the landing."""
+        """Take a stage: the link's window opens with the takeoff command, until landing."""
         self._worst = self._worst_at(sample.t_s)
         self.stages.reach(sample)
         if self.stages.open and self._since_s is None:
@@ -82,7 +82,7 @@ class LinkOracle(Oracle):
         return NO_FLAGS
 
     def on_received(self, sample: LinkSample) -> Flags:
-        """Take a sign of life; one that ends a gap that was too long is flagged."""
+        """Take a sign of life of the vehicle; one after too long a gap is flagged."""
         if not self.stages.open or self._since_s is None:
             return NO_FLAGS
         since_s, self._since_s, self._heard = self._since_s, sample.t_s, True
@@ -95,7 +95,7 @@ class LinkOracle(Oracle):
         return self.flag(sample.t_s, text)
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the longest gap."""
+        """Return the longest gap of the vehicle's link."""
         if not self._heard:
             return self.invalid("never heard in flight")
         gap_s, at_s = self._worst_at(t_s)
@@ -110,7 +110,7 @@ class LinkOracle(Oracle):
         )
 
     def _worst_at(self, t_s: float) -> tuple[float, float]:
-        """Return the longest gap up to now, with that which goes on."""
+        """Return the longest gap of the link up to now, the present one included."""
         if not self.stages.open or self._since_s is None:
             return self._worst
         now = (t_s - self._since_s, t_s)
@@ -118,7 +118,7 @@ class LinkOracle(Oracle):
 
 
 class LandedOracle(Oracle):
-    """Is on the ground and disarmed at the end, by its own last word."""
+    """The oracle that the vehicle ends on the ground and disarmed, by its last report."""
 
     reports = frozenset({"heartbeat", "landed_state"})
 
@@ -127,12 +127,12 @@ class LandedOracle(Oracle):
         self._last: StateSample | None = None
 
     def on_state(self, sample: StateSample) -> Flags:
-        """Take a state."""
+        """Take a vehicle's state: landed, armed."""
         self._last = sample
         return NO_FLAGS
 
     def result(self, t_s: float) -> OracleResult:
-        """Return PASS only for a vehicle that said that it is landed and disarmed."""
+        """Return PASS only for a vehicle that reported to be landed and disarmed."""
         del t_s
         last = self._last
         if last is None:
@@ -157,13 +157,13 @@ def vehicle_fault(terms: Terms, parameters: Windowed, context: OracleContext) ->
 
 @oracle("link", "is never silent for longer than max_gap_s", LinkParameters)
 def link(terms: Terms, parameters: LinkParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of silence."""
+    """Return the oracle of the vehicle's link gaps."""
     del context
     return LinkOracle(terms, max_gap_s=parameters.max_gap_s)
 
 
 @oracle("landed", "is landed and disarmed at the end", Parameters, at_the_end=True)
 def landed(terms: Terms, parameters: Parameters, context: OracleContext) -> Oracle:
-    """Return the oracle of how the flight ended."""
+    """Return the oracle that the vehicle ends landed and disarmed."""
     del parameters, context
     return LandedOracle(terms)

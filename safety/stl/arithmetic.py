@@ -27,7 +27,7 @@ _OPPOSITE: dict[Comparator, Comparator] = {">=": "<", "<": ">=", "<=": ">", ">":
 
 
 def value_of(term: Term, signals: Mapping[str, Values]) -> Values:
-    """Return the values of a term; what is divided by 0 is infinite, or not a number."""
+    """Return the arithmetic value of an STL term; division by 0 is infinite, or NaN."""
     match term:
         case Number(value):
             return np.array(value)
@@ -42,21 +42,21 @@ def value_of(term: Term, signals: Mapping[str, Values]) -> Values:
 
 
 def difference_of(atom: Comparison, signals: Mapping[str, Values]) -> Values:
-    """Return by how much a comparison holds, in its unit."""
+    """Return the difference by which an STL comparison holds, in its unit."""
     left, right = value_of(atom.left, signals), value_of(atom.right, signals)
     with np.errstate(invalid="ignore", over="ignore"):
         return left - right if atom.comparator in {">=", ">"} else right - left
 
 
 def limit_side(atom: Comparison) -> tuple[Term, Term]:
-    """Return the side that is measured and the one that limits it: the number, or the right one."""
+    """Return the measured and the limiting side of a comparison: the number, or the right."""
     if isinstance(atom.left, Number):
         return atom.right, atom.left
     return atom.left, atom.right
 
 
 def scale_of(atom: Atom) -> float:
-    """Return what a margin of a comparison is a share of where several units meet."""
+    """Return the scale by which a comparison's margin is divided where units are mixed."""
     if isinstance(atom, Comparison):
         limit = limit_side(atom)[1]
         if isinstance(limit, Number) and limit.value:
@@ -65,7 +65,7 @@ def scale_of(atom: Atom) -> float:
 
 
 def written(atom: Atom, *, positive: bool = True) -> str:
-    """Return an atom, or its negation, as a formula writes it."""
+    """Return an atom, or its negation, as STL text."""
     if isinstance(atom, Holds):
         return atom.name.name if positive else f"not {atom.name.name}"
     comparator = atom.comparator if positive else _OPPOSITE[atom.comparator]
@@ -73,7 +73,7 @@ def written(atom: Atom, *, positive: bool = True) -> str:
 
 
 def written_term(term: Term) -> str:
-    """Return a term as a formula writes it."""
+    """Return an arithmetic term as STL text."""
     match term:
         case Number(value):
             return f"{value:g}"
@@ -91,4 +91,5 @@ def written_term(term: Term) -> str:
 
 
 def _is_sum(term: Term) -> bool:
+    """Return whether a term of the arithmetic is a sum or a difference."""
     return isinstance(term, Calculation) and term.operator in {"+", "-"}

@@ -12,7 +12,7 @@ from safety.stl.units import SignalKind, unit_text
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A comparison, or a signal that is true or false, at the sample that decides.
+    """The deciding part of a formula: a comparison or a boolean signal at the deciding sample.
 
     text: as a formula writes it, so that it should hold. margin: by how much it does, negative
     where it is violated. actual, limit, margin: None for a signal that is true or false.
@@ -26,7 +26,7 @@ class Part:
 
     @property
     def violation(self) -> str:
-        """Return that it is violated, in a clause."""
+        """Return the deciding part's violation in a clause."""
         if self.actual is None or self.limit is None:
             return f"{self.text} is violated"
         values = f"{self.actual:.3f} {self.unit} against {self.limit:g} {self.unit}"
@@ -36,7 +36,7 @@ class Part:
 def part_of(
     by: Occurrence, index: int, signals: Mapping[str, Values], kinds: Mapping[str, SignalKind]
 ) -> Part:
-    """Return the part that decides at a sample."""
+    """Return the part of a formula that decides at a sample."""
     atom = by.atom
     text = written(atom, positive=by.positive)
     if not isinstance(atom, Comparison):
@@ -54,9 +54,10 @@ def part_of(
 
 
 def unit_of_either(one: Term, other: Term, kinds: Mapping[str, SignalKind]) -> str:
-    """Return the unit of a comparison's sides; a bare number has that of the other side."""
+    """Return the unit of a deciding comparison; a bare number has the other side's."""
     return unit_text(one, kinds) or unit_text(other, kinds)
 
 
 def _at(values: Values, index: int) -> float:
+    """Return a signal's value at the deciding sample."""
     return float(values if values.ndim == 0 else values[index])

@@ -41,21 +41,21 @@ from safety.stl.steps import (
 
 @dataclass(frozen=True, slots=True)
 class Occurrence:
-    """One place of an atom in a formula. positive: robustness of the formula grows with it."""
+    """An occurrence of an atom in an evaluated formula. positive: robustness grows with it."""
 
     atom: Atom
     positive: bool
 
     @property
     def strict(self) -> bool:
-        """Whether a margin of exactly 0 violates it."""
+        """Return whether a margin of exactly 0 violates this occurrence of the atom."""
         strict = isinstance(self.atom, Comparison) and self.atom.comparator in {">", "<"}
         return strict is self.positive
 
 
 @dataclass(frozen=True, slots=True)
 class Unevaluable:
-    """A formula without a value. signal: the signal or term at fault; at_s: since when.
+    """A formula that cannot be evaluated. signal: the one at fault; at_s: since when.
 
     at_s is on the time axis of the samples, None where there are none. problem: "has no value".
     """
@@ -65,13 +65,13 @@ class Unevaluable:
     problem: str
 
     def __str__(self) -> str:
-        """Return it as a sentence."""
+        """Return why the formula cannot be evaluated as a sentence."""
         when = "" if self.at_s is None else f" at {self.at_s:.3f} s"
         return f"{self.signal} {self.problem}{when}"
 
 
 class UnevaluableError(Exception):
-    """Ends an evaluation."""
+    """Ends the evaluation of a formula that has no value."""
 
     def __init__(self, found: Unevaluable) -> None:
         super().__init__(str(found))
@@ -79,7 +79,7 @@ class UnevaluableError(Exception):
 
 
 class Recording:
-    """The samples of a formula's signals, on an axis of nanoseconds from the first one on.
+    """The recorded signals for an evaluation, on a nanosecond axis from the first sample.
 
     end_ns: from when on nothing is known. best_after: all goes as well as can be from then on;
     else the last values last on. mixed: the formula compares values of several units.
@@ -102,12 +102,12 @@ class Recording:
         self.best_after = best_after
 
     def rows(self, from_ns: int, until_ns: int) -> slice:
-        """Return the samples that tell the values from one time to another, both included."""
+        """Return the recorded rows that give the values between two times, both included."""
         first, last = np.searchsorted(self.times_ns, [from_ns, until_ns], side="right")
         return slice(int(first) - 1, int(last))
 
     def require_finite(self, name: str, values: Values, rows: slice, problem: str) -> None:
-        """Raise UnevaluableError for the first value in rows that is not finite."""
+        """Raise UnevaluableError for the first recorded value that is not finite."""
         wrong = np.flatnonzero(~np.isfinite(values[rows]))
         if wrong.size:
             at_ns = int(self.times_ns[rows.start + int(wrong[0])])
@@ -115,7 +115,7 @@ class Recording:
 
 
 class Evaluation:
-    """The robustness of one formula over one recording.
+    """The evaluation of one formula's robustness over one recording.
 
     truth: atoms count 1 or -1, so that the value says whether the formula holds. Origins are
     occurrence * samples + sample.
@@ -128,7 +128,7 @@ class Evaluation:
         self._known: dict[tuple[int, bool], Steps] = {}
 
     def at_begin(self, formula: Formula) -> tuple[float, Occurrence | None, int]:
-        """Return the robustness, the atom that decides, and the sample. Raises UnevaluableError."""
+        """Return the robustness, the deciding atom and sample. Raises UnevaluableError."""
         found = self._of(formula, (0, 0), positive=True)
         value, origin = float(found.values[0]), int(found.origins[0])
         if origin == NO_ORIGIN:
@@ -137,7 +137,7 @@ class Evaluation:
         return value, self._occurrences[number], index
 
     def _of(self, formula: Formula, span_ns: tuple[int, int], *, positive: bool) -> Steps:
-        """Return the robustness of a part over a span, both ends included.
+        """Return the robustness of a subformula over a span, both ends included.
 
         positive: whether the robustness of the whole grows with it. A part is never asked for two
         spans; `iff` asks for both signs.
@@ -206,7 +206,7 @@ class Evaluation:
         return _extreme(inner, inner.times_ns + near_ns, leaves_ns, span_ns, lowest)
 
     def _until(self, node: Until, span_ns: tuple[int, int], *, positive: bool) -> Steps:
-        """Return left until[near,far] right.
+        """Return the robustness of left until[near,far] right.
 
         It is eventually[near,far] right, and always[0,near] (left until right) (Donze, Ferrere,
         Maler, "Efficient robust monitoring for STL", 2013).
@@ -229,7 +229,7 @@ class Evaluation:
         return lower(reached, whole)
 
     def _end_ns(self, inner: Node, *, latest: bool) -> int:
-        """Return where an interval that is not given ends.
+        """Return the end of an interval for the evaluation where none is given.
 
         Of a recording that goes on: where it is best for the formula that the window ends, now or
         when what is known has left all windows of the past.
@@ -281,29 +281,32 @@ class Evaluation:
 def _extreme(
     inner: Steps, enters_ns: Indices, leaves_ns: Indices, span_ns: tuple[int, int], lowest: bool
 ) -> Steps:
+    """Return the extreme of a subformula's robustness within a moving window."""
     signed = inner.negated() if lowest else inner
     found = highest_within(signed, enters_ns, leaves_ns, *span_ns)
     return found.negated() if lowest else found
 
 
 def _constant(from_ns: int, value: float) -> Steps:
+    """Return the constant robustness from a time on."""
     return Steps(np.array([from_ns]), np.array([value]), np.array([NO_ORIGIN]))
 
 
 def _shift_times(until_ns: Indices, by_ns: int) -> Indices:
-    """Return times moved; the last one stays never."""
+    """Return evaluation times shifted; the last one stays never."""
     if by_ns == NEVER_NS:
         return np.full_like(until_ns, NEVER_NS)
     return np.append(until_ns[:-1] + by_ns, NEVER_NS)
 
 
 def _bounds_ns(interval: Interval) -> tuple[int, int | None]:
+    """Return an STL interval's bounds in nanoseconds; None for an open end."""
     until_s = interval.until_s
     return _ns(interval.from_s), None if until_s is None else _ns(until_s)
 
 
 def _past_ns(node: Node) -> int:
-    """Return how far a part looks back, where its intervals say so."""
+    """Return how far an evaluated subformula looks back, by its intervals."""
     own_ns = 0
     if isinstance(node, Temporal) and node.word in {"once", "historically"}:
         own_ns = _bounds_ns(node.interval)[1] or 0
@@ -311,4 +314,5 @@ def _past_ns(node: Node) -> int:
 
 
 def _ns(time_s: float) -> int:
+    """Return seconds as whole nanoseconds of the evaluation's axis."""
     return round(time_s * 1e9)

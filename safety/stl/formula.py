@@ -9,7 +9,7 @@ Modal = Literal["always", "eventually", "once", "historically"]
 
 
 class StlError(ValueError):
-    """A formula that is none, with the offset of the mistake in its text (from 0)."""
+    """A malformed STL formula, with the offset of the mistake in its text (from 0)."""
 
     def __init__(self, message: str, offset: int, suggestion: str = "") -> None:
         super().__init__(message)
@@ -19,7 +19,7 @@ class StlError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A constant; it has the unit of what it is compared with."""
+    """A constant in a formula; it has the unit of what it is compared with."""
 
     value: float
     at: int
@@ -27,7 +27,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Name:
-    """A signal."""
+    """A signal's name in a formula."""
 
     name: str
     at: int
@@ -35,7 +35,7 @@ class Name:
 
 @dataclass(frozen=True, slots=True)
 class Calculation:
-    """Arithmetic on two terms."""
+    """Arithmetic on two terms of a formula."""
 
     operator: Literal["+", "-", "*", "/"]
     left: "Term"
@@ -45,7 +45,7 @@ class Calculation:
 
 @dataclass(frozen=True, slots=True)
 class Absolute:
-    """The absolute value of a term."""
+    """The absolute value of a term in a formula."""
 
     term: "Term"
     at: int
@@ -56,7 +56,7 @@ Term = Number | Name | Calculation | Absolute
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two terms compared; its robustness is their difference."""
+    """A comparison of two terms in a formula; its robustness is their difference."""
 
     left: Term
     comparator: Comparator
@@ -66,7 +66,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """A signal that is true or false by itself."""
+    """A boolean signal in a formula."""
 
     name: Name
     at: int
@@ -74,7 +74,7 @@ class Holds:
 
 @dataclass(frozen=True, slots=True)
 class Not:
-    """A negation."""
+    """A negated formula."""
 
     inner: "Formula"
     at: int
@@ -82,7 +82,7 @@ class Not:
 
 @dataclass(frozen=True, slots=True)
 class Junctor:
-    """Two formulas joined."""
+    """Two formulas joined by and, or, implies."""
 
     word: Junction
     left: "Formula"
@@ -92,7 +92,7 @@ class Junctor:
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """From when to when, in seconds; until_s None is to the end of the window."""
+    """An interval of a formula, seconds; until_s None is to the end of the window."""
 
     from_s: float = 0.0
     until_s: float | None = None
@@ -100,7 +100,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Temporal:
-    """A formula at all times (always, historically), or at some time (eventually, once)."""
+    """A temporal formula: always, historically (all times); eventually, once (some time)."""
 
     word: Modal
     interval: Interval
@@ -110,7 +110,7 @@ class Temporal:
 
 @dataclass(frozen=True, slots=True)
 class Until:
-    """The left one holds until, within the interval, the right one does."""
+    """The formula left until right: left holds until, within the interval, right does."""
 
     interval: Interval
     left: "Formula"
@@ -124,7 +124,7 @@ Node = Term | Formula
 
 
 def children(node: Node) -> tuple[Node, ...]:
-    """Return what a node is made of."""
+    """Return the parts that a formula's node is made of."""
     match node:
         case Number() | Name():
             return ()
@@ -141,20 +141,10 @@ def children(node: Node) -> tuple[Node, ...]:
 
 
 def names_of(node: Node) -> tuple[Name, ...]:
-    """Return every name in a formula, in the order of the text."""
+    """Return every signal name in a formula, in the order of the text."""
     if isinstance(node, Name):
         return (node,)
     return tuple(name for child in children(node) for name in names_of(child))
-
-
-def horizon_s(formula: Formula) -> float:
-    """Return how far into the future it looks, where its intervals say so."""
-    own_s = 0.0
-    match formula:
-        case Temporal("always" | "eventually", interval) | Until(interval):
-            own_s = interval.until_s or interval.from_s
-    inner = [horizon_s(c) for c in children(formula) if isinstance(c, FORMULAS)]
-    return own_s + max(inner, default=0.0)
 
 
 FORMULAS = (Comparison, Holds, Not, Junctor, Temporal, Until)

@@ -48,7 +48,7 @@ _MODALS: dict[str, Modal] = {
 
 
 def parse_stl(text: str) -> Formula:
-    """Return the formula that a text writes. Raises StlError with the offset of the mistake."""
+    """Return the parsed STL formula of a text. Raises StlError with the offset of the mistake."""
     parser = _Parser(list(tokens_of(text)))
     node = parser.junction(0)
     parser.expect_end()
@@ -56,6 +56,7 @@ def parse_stl(text: str) -> Formula:
 
 
 def _formula(node: Node) -> Formula:
+    """Return the parsed node as a formula. Raises StlError for a bare value."""
     if isinstance(node, FORMULAS):
         return node
     if isinstance(node, Name):
@@ -64,12 +65,14 @@ def _formula(node: Node) -> Formula:
 
 
 def _term(node: Node) -> Term:
+    """Return the parsed node as a term. Raises StlError for a statement."""
     if isinstance(node, TERMS):
         return node
     raise StlError("is a statement; a value is needed here", _begin(node))
 
 
 def _begin(node: Node) -> int:
+    """Return the offset at which a parsed node begins in the text."""
     match node:
         case Calculation(_, left, _) | Comparison(left, _, _):
             return _begin(left)
@@ -105,7 +108,7 @@ class _Parser:
         return token
 
     def expect_end(self) -> None:
-        """Raise StlError when there is more."""
+        """Raise StlError when there is more text to parse."""
         if self._token.kind != "end":
             raise self._unexpected(f"'{self._token.text}' is not expected here")
 
@@ -125,7 +128,7 @@ class _Parser:
         return StlError(message, token.at)
 
     def junction(self, level: int) -> Node:
-        """Return what stands here, joined by the junctions from a level of strength on."""
+        """Parse what stands here, joined by operators from a precedence on."""
         if level == len(_JUNCTIONS):
             return self._until()
         word = _JUNCTIONS[level]

@@ -23,7 +23,7 @@ from safety.stl.steps import Values
 
 @dataclass(frozen=True, slots=True)
 class Robustness:
-    """The value of a formula at the beginning.
+    """The robustness of an STL formula at the beginning of the window.
 
     value: positive when it holds, negative when not; infinite where signals that are true or
     false decide. holds: tells < from <= where the value is 0. decided_by: the atom that decides,
@@ -37,7 +37,7 @@ class Robustness:
 
 
 class StlMonitor:
-    """Evaluates one formula over values. mixed: whether its comparisons have different units."""
+    """Evaluates one STL formula's robustness. mixed: comparisons of different units."""
 
     def __init__(self, formula: Formula, *, mixed: bool = False) -> None:
         self._formula = formula
@@ -57,7 +57,7 @@ class StlMonitor:
     def at_best(
         self, times_s: Sequence[float], signals: Mapping[str, Values], end_s: float
     ) -> Robustness | Unevaluable:
-        """Return the robustness if all went as well as can be from end_s on."""
+        """Return the best robustness still possible after end_s."""
         return self._evaluate_formula(times_s, signals, end_s, best_after=True)
 
     def _evaluate_formula(
@@ -68,6 +68,7 @@ class StlMonitor:
         *,
         best_after: bool,
     ) -> Robustness | Unevaluable:
+        """Return the formula's robustness over recorded values, or why none."""
         recording = Recording(
             times_s, signals, end_s=end_s, mixed=self._mixed, best_after=best_after
         )

@@ -19,7 +19,7 @@ NO_ORIGIN = -1
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """A value over time: values[i] from times_ns[i] to times_ns[i + 1], the last one for good.
+    """A step function over time: values[i] from times_ns[i] on, the last one for good.
 
     times_ns: ascending, relative to the begin of the evaluation. origins: a number for the sample
     that each value comes from; NO_ORIGIN where there is none.
@@ -30,21 +30,21 @@ class Steps:
     origins: Indices
 
     def negated(self) -> "Steps":
-        """Return it with the other sign."""
+        """Return the step function with the other sign."""
         return Steps(self.times_ns, -self.values, self.origins)
 
     def until_ns(self) -> Indices:
-        """Return until when each value lasts."""
+        """Return the end of each step's value."""
         return np.append(self.times_ns[1:], NEVER_NS)
 
     def compressed(self) -> "Steps":
-        """Return it without the times at which the value stays as it is."""
+        """Return the step function without times at which the value stays."""
         kept = np.append(True, self.values[1:] != self.values[:-1])  # a flag
         return Steps(self.times_ns[kept], self.values[kept], self.origins[kept])
 
 
 def aligned(left: Steps, right: Steps) -> tuple[Steps, Steps]:
-    """Return both over the times of both; both begin at the same time."""
+    """Return two step functions over the times of both; both begin at the same time."""
     if np.array_equal(left.times_ns, right.times_ns):
         return left, right
     times_ns = np.union1d(left.times_ns, right.times_ns)
@@ -52,25 +52,26 @@ def aligned(left: Steps, right: Steps) -> tuple[Steps, Steps]:
 
 
 def _over(steps: Steps, times_ns: Indices) -> Steps:
+    """Return a step function over other times."""
     index = np.searchsorted(steps.times_ns, times_ns, side="right") - 1
     return Steps(times_ns, steps.values[index], steps.origins[index])
 
 
 def split_at(steps: Steps, time_ns: int) -> Steps:
-    """Return it with a step at a time, if that lies behind its begin."""
+    """Return the step function with a step at a time, if that lies behind its begin."""
     if time_ns <= steps.times_ns[0]:
         return steps
     return _over(steps, np.union1d(steps.times_ns, np.array([time_ns])))
 
 
 def higher(left: Steps, right: Steps) -> Steps:
-    """Return the higher of two values at each time; the left one where they are equal."""
+    """Return the higher of two step functions at each time; the left where equal."""
     left, right = aligned(left, right)
     return _choose_steps(right.values > left.values, left, right).compressed()
 
 
 def lower(left: Steps, right: Steps) -> Steps:
-    """Return the lower of two values at each time; the left one where they are equal."""
+    """Return the lower of two step functions at each time; the left where equal."""
     left, right = aligned(left, right)
     return _choose_steps(right.values < left.values, left, right).compressed()
 
@@ -84,7 +85,7 @@ def _choose_steps(second: NDArray[np.bool_], first: Steps, other: Steps) -> Step
 
 
 def implied(premise: Steps, conclusion: Steps) -> Steps:
-    """Return the higher of the negated premise and the conclusion.
+    """Return the step function of an implication: max of negated premise and conclusion.
 
     Where both are violated, the origin is the conclusion's: it is what a reader calls violated.
     """
@@ -99,7 +100,7 @@ def implied(premise: Steps, conclusion: Steps) -> Steps:
 def highest_within(
     steps: Steps, enters_ns: Indices, leaves_ns: Indices, from_ns: int, until_ns: int
 ) -> Steps:
-    """Return the highest value in a moving window, for each time from from_ns to until_ns.
+    """Return a step function's moving maximum, for each time from from_ns to until_ns.
 
     enters_ns, leaves_ns: from when and until when each value lies in the window, both ascending.
     The first of equal values counts; an empty window is -inf. One pass over all values (Lemire,
@@ -128,6 +129,7 @@ def highest_within(
 
 
 def _of_indices(steps: Steps, times_ns: Indices, found: list[int]) -> Steps:
+    """Return the step function of selected indices; -inf for none."""
     index = np.array(found)
     values = np.where(index < 0, -np.inf, steps.values[index])
     origins = np.where(index < 0, NO_ORIGIN, steps.origins[index])
@@ -135,7 +137,7 @@ def _of_indices(steps: Steps, times_ns: Indices, found: list[int]) -> Steps:
 
 
 def held_until(held: Steps, reached: Steps, end_ns: int) -> Steps:
-    """Return how far `held` holds until, up to and with end_ns, `reached` does.
+    """Return the robustness steps of `held` until, by end_ns at the latest, `reached`.
 
     At a time t: the highest over t' >= t of the lower of reached(t') and of the lowest of held
     from t to t', both ends included; after end_ns t' is t alone.

@@ -38,7 +38,7 @@ WORDS = frozenset({*MODALS, "until", "not", "and", "or", "implies", "iff", "abs"
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """A number, a name, or a word or sign of the language; text is "" at the end."""
+    """A token of an STL formula: number, name, word or sign; text is "" at the end."""
 
     kind: str
     text: str
@@ -46,7 +46,7 @@ class Token:
 
 
 def tokens_of(text: str) -> Iterator[Token]:
-    """Yield the tokens, the last one of kind "end". Raises StlError."""
+    """Yield the tokens of a formula, the last one of kind "end". Raises StlError."""
     if len(text) > LONGEST:
         raise StlError(f"is longer than {LONGEST} characters", LONGEST)
     at, end, count = 0, len(text.rstrip()), 0

@@ -24,14 +24,14 @@ Dimension = Mapping[str, int]
 
 @dataclass(frozen=True, slots=True)
 class SignalKind:
-    """What a formula may be told of a signal. unit: "m/s"; "" for one that is true or false."""
+    """The kind of an STL signal. unit: "m/s"; "" for a boolean one."""
 
     unit: str
     meaning: str
 
 
 def require_sound(formula: Formula, signals: Mapping[str, SignalKind]) -> None:
-    """Raise StlError when a signal is not there, or units do not fit together."""
+    """Raise StlError for an unknown signal, or units that do not fit together."""
     if isinstance(formula, Comparison):
         left, right = _dimension(formula.left, signals), _dimension(formula.right, signals)
         if left is None and right is None:
@@ -53,7 +53,7 @@ def unit_text(term: Term, signals: Mapping[str, SignalKind]) -> str:
 
 
 def has_several_units(formula: Formula, signals: Mapping[str, SignalKind]) -> bool:
-    """Return whether comparisons of different units meet in a formula."""
+    """Return whether a formula joins comparisons of different units."""
     return len(set(_units(formula, signals))) > 1
 
 
@@ -67,6 +67,7 @@ def _units(formula: Formula, signals: Mapping[str, SignalKind]) -> Iterator[str]
 
 
 def _dimension(term: Term, signals: Mapping[str, SignalKind]) -> Dimension | None:
+    """Return the dimension of a term by its units; None for a bare number."""
     match term:
         case Number():
             return None
@@ -89,6 +90,7 @@ def _dimension(term: Term, signals: Mapping[str, SignalKind]) -> Dimension | Non
 
 
 def _kind(name: Name, signals: Mapping[str, SignalKind]) -> SignalKind:
+    """Return a signal's kind with its unit. Raises StlError for an unknown signal."""
     kind = signals.get(name.name)
     if kind is None:
         meant = closest(name.name, signals)
@@ -98,6 +100,7 @@ def _kind(name: Name, signals: Mapping[str, SignalKind]) -> SignalKind:
 
 
 def _require_same(left: Dimension | None, right: Dimension | None, at: int, how: str) -> None:
+    """Raise StlError when the units of two sides differ."""
     if left is not None and right is not None and left != right:
         raise StlError(f"{_text(left)} cannot be {how} {_text(right)}", at)
 
@@ -108,11 +111,14 @@ def _parse_unit(unit: str) -> Dimension:
 
 
 def _product(left: Dimension, right: Dimension, sign: int) -> Dimension:
+    """Return the dimension of a product or quotient of units."""
     powers = {base: left.get(base, 0) + sign * right.get(base, 0) for base in {*left, *right}}
     return {base: power for base, power in powers.items() if power}
 
 
 def _text(dimension: Dimension) -> str:
+    """Return a dimension as a unit in text ("m/s^2")."""
+
     def written(base: str, power: int) -> str:
         return base if power == 1 else f"{base}^{power}"
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from orchestrator.model.results_reader import read_result
-from orchestrator.recording.mcap_reader import read_recording
+from orchestrator.recording.mcap_reader import Recording
 
 
 def unreadable(folder: Path) -> list[str]:
@@ -15,7 +15,7 @@ def unreadable(folder: Path) -> list[str]:
         "trajectory.csv": lambda path: list(csv.DictReader(path.read_text("utf-8").splitlines())),
         "log.jsonl": read_lines,
         "guard.jsonl": read_lines,
-        "run.mcap": lambda path: sum(1 for _ in read_recording(path)),
+        "run.mcap": lambda path: sum(1 for _ in Recording(path)),
         "result.json": read_result,
     }
     found = []

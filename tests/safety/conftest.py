@@ -11,8 +11,9 @@ from safety.guard.core.events import GuardEvent, Output, ToOrchestrator, ToVehic
 from safety.guard.core.guard_core import GuardCore
 from safety.model.samples import PoseSample
 from tests.safety.guard.guard_rigs import make_pair
+from tests.vehicles.px4_modes import px4_custom_mode
 from vehicles.autopilots.autopilot import Autopilot, Mode, Target
-from vehicles.autopilots.px4 import Px4, px4_custom_mode
+from vehicles.autopilots.px4 import Px4
 from vehicles.mavlink.codec import Codec
 from worlds.frames import Pose
 

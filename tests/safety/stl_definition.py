@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from safety.stl.formula import (
+    FORMULAS,
     Comparison,
     Formula,
     Interval,
@@ -17,11 +18,22 @@ from safety.stl.formula import (
     Number,
     Temporal,
     Until,
+    children,
 )
 
 GRID_S = 0.5
 """Samples, bounds and all: values change on this grid only, so that looking there is enough."""
 Trace = dict[str, list[float]]
+
+
+def horizon_s(formula: Formula) -> float:
+    """Return how far into the future a formula looks, where its intervals say so."""
+    own_s = 0.0
+    match formula:
+        case Temporal("always" | "eventually", interval) | Until(interval):
+            own_s = interval.until_s or interval.from_s
+    inner = [horizon_s(c) for c in children(formula) if isinstance(c, FORMULAS)]
+    return own_s + max(inner, default=0.0)
 
 
 def defined(formula: Formula, trace: Trace, t: int) -> float:  # noqa: PLR0911  # one each

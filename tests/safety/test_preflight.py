@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from safety.fence.geofence import Fence
 from safety.preflight import (
-    CHECKS,
     Item,
     at_least,
     at_most,
@@ -143,10 +142,6 @@ def test_no_number_of_an_item_is_not_finite(actual: float, limit: float) -> None
     ):
         assert item.actual is None or math.isfinite(item.actual)
         assert (item.outcome == "ok") is (item.text == "")
-
-
-def test_every_check_has_its_words() -> None:
-    assert all(words and not words.endswith(".") for words in CHECKS.values())
 
 
 @pytest.mark.parametrize("fix", [(3, 9, 1.0), (3, 4, 9.0), (1, 0, None), (0, None, None)])

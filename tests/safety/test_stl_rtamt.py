@@ -19,11 +19,10 @@ from safety.stl.formula import (
     Not,
     Temporal,
     Until,
-    horizon_s,
 )
 from safety.stl.parser import parse_stl
 from safety.stl.robustness import Robustness, StlMonitor
-from tests.safety.stl_definition import formulas
+from tests.safety.stl_definition import formulas, horizon_s
 
 # antlr4 4.7, which rtamt needs, imports typing.io: it warns in Python 3.12 and is gone in 3.13.
 sys.modules.setdefault("typing.io", typing)

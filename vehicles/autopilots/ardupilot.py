@@ -15,7 +15,6 @@ from vehicles.autopilots.autopilot import (
     IGNORE_YAW_RATE,
     Autopilot,
     AutopilotName,
-    FailsafeParameter,
     MessageRate,
     Mode,
     Target,
@@ -90,24 +89,9 @@ class ArduCopter(Autopilot):
         forbidden_flags=mavlink.ESTIMATOR_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED,
         needs_home=False,
     )
-    failsafes: ClassVar[tuple[FailsafeParameter, ...]] = (
-        FailsafeParameter("GUID_TIMEOUT", "seconds without setpoints until GUIDED stops"),
-        FailsafeParameter(
-            "FS_GCS_ENABLE", "what it does when it loses the ground station; 0 is off"
-        ),
-        FailsafeParameter("FS_GCS_TIMEOUT", "seconds until the ground station counts as lost"),
-        FailsafeParameter("FS_THR_ENABLE", "what it does when the remote control is lost"),
-        FailsafeParameter("FS_EKF_ACTION", "what it does when its estimator fails"),
-        FailsafeParameter("FS_OPTIONS", "modes that go on in spite of a failsafe"),
-        FailsafeParameter("BATT_FS_LOW_ACT", "what it does on a low battery"),
-        FailsafeParameter("DISARM_DELAY", "seconds after arming until it disarms again"),
-        FailsafeParameter("FENCE_ENABLE", "whether its own fence is on"),
-        FailsafeParameter("FENCE_ACTION", "what it does on a breach of its own fence"),
-        FailsafeParameter("RTL_ALT", "centimetres above home that RTL climbs to"),
-    )
 
     def mode_of(self, custom_mode: int) -> Mode:
-        """Return what the mode of a HEARTBEAT means."""
+        """Return our mode for an ArduCopter HEARTBEAT."""
         return _MODES.get(custom_mode, ("", Mode.OTHER))[1]
 
     def mode_name(self, custom_mode: int) -> str:
@@ -115,20 +99,20 @@ class ArduCopter(Autopilot):
         return _MODES.get(custom_mode, (f"mode {custom_mode}", Mode.OTHER))[0]
 
     def set_mode(self, target: Target, mode: Mode) -> Any:
-        """Return the DO_SET_MODE; raises ValueError for other modes."""
+        """Return ArduCopter's DO_SET_MODE; raises ValueError for other modes."""
         if mode not in _ASKED:
             raise ValueError(f"{mode} is not asked of ArduCopter")
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(_ASKED[mode]))
 
     def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
-        """Return the NAV_TAKEOFF; its height is relative, so that the ground's does not matter."""
+        """Return ArduCopter's NAV_TAKEOFF; its height is relative to the ground."""
         del ground_amsl_m
         unused = (0.0,) * 6
         return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, altitude_m)
 
     def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
-        """Return which messages to ask for, and how often."""
+        """Return the messages to request from ArduCopter, and how often."""
         return (
             MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
             MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
@@ -150,7 +134,7 @@ class ArduCopter(Autopilot):
         yaw_rad: float | None = None,
         yaw_rate_rad_s: float | None = None,
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a velocity."""
+        """Return ArduCopter's SET_POSITION_TARGET_LOCAL_NED of a velocity."""
         if yaw_rad is not None and yaw_rate_rad_s is not None:
             raise ValueError("a setpoint has a heading or a heading rate, not both")
         mask = IGNORE_POSITION | IGNORE_ACCELERATION
@@ -168,7 +152,7 @@ class ArduCopter(Autopilot):
     def position_setpoint(
         self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a position."""
+        """Return ArduCopter's SET_POSITION_TARGET_LOCAL_NED of a position."""
         mask = IGNORE_VELOCITY | IGNORE_ACCELERATION
         mask |= IGNORE_YAW if yaw_rad is None else IGNORE_YAW_RATE
         return local_target(

@@ -16,7 +16,7 @@ AutopilotName = Literal["px4", "ardupilot"]
 
 
 class Mode(Enum):
-    """What a flight mode means to us, whatever the autopilot calls it."""
+    """A flight mode's meaning to us, whatever the autopilot calls it."""
 
     HOLD = "hold"
     TAKEOFF = "takeoff"
@@ -32,7 +32,7 @@ class Mode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Whom a message is for: MAVLink system and component id."""
+    """The target autopilot of a message: MAVLink system and component id."""
 
     system: int
     component: int = 1
@@ -40,7 +40,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class TelemetryRates:
-    """How often telemetry is asked for, in Hz."""
+    """The telemetry rates requested from an autopilot, in Hz."""
 
     position_hz: float = 50.0
     attitude_hz: float = 50.0
@@ -53,23 +53,15 @@ class TelemetryRates:
 
 @dataclass(frozen=True, slots=True)
 class MessageRate:
-    """One line of a telemetry plan. What is not `required` may stay away."""
+    """A line of an autopilot's telemetry plan; one that is not `required` may be missing."""
 
     message_id: int
     rate_hz: float
     required: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class FailsafeParameter:
-    """A parameter that says what the autopilot does by itself when something is lost."""
-
-    name: str
-    meaning: str
-
-
 def command_long(target: Target, command: int, *parameters: float) -> Any:
-    """Return a COMMAND_LONG; parameters that are not given are 0."""
+    """Return a COMMAND_LONG to an autopilot; parameters that are not given are 0."""
     padded = (*parameters, *([0.0] * (7 - len(parameters))))
     return mavlink.MAVLink_command_long_message(
         target.system, target.component, command, 0, *padded
@@ -77,14 +69,14 @@ def command_long(target: Target, command: int, *parameters: float) -> Any:
 
 
 def own_heartbeat() -> Any:
-    """Return the heartbeat that we send: a ground station's, else PX4 sends no STATUSTEXT."""
+    """Return our heartbeat to the autopilot: a GCS's, else PX4 sends no STATUSTEXT."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
     )
 
 
 class Autopilot(ABC):
-    """Builds the messages that make one kind of autopilot do a thing, and reads its answers.
+    """The strategy of one kind of autopilot: builds its messages, reads its replies.
 
     Messages are pymavlink objects (dialect ardupilotmega, v2), not yet packed. Positions and
     velocities are in the autopilot's own local NED frame.
@@ -116,11 +108,10 @@ class Autopilot(ABC):
     refusal_prefixes: ClassVar[tuple[str, ...]]
     """How a STATUSTEXT begins that says why it does not arm."""
     readiness_rules: ClassVar[ReadinessRules]
-    failsafes: ClassVar[tuple[FailsafeParameter, ...]]
 
     @abstractmethod
     def mode_of(self, custom_mode: int) -> Mode:
-        """Return what the mode of a HEARTBEAT means."""
+        """Return our mode for the autopilot's HEARTBEAT."""
 
     @abstractmethod
     def mode_name(self, custom_mode: int) -> str:
@@ -128,14 +119,14 @@ class Autopilot(ABC):
 
     @abstractmethod
     def set_mode(self, target: Target, mode: Mode) -> Any:
-        """Return the COMMAND_LONG (MAV_CMD_DO_SET_MODE) that asks for HOLD, GUIDED, LAND or RTL.
+        """Return the autopilot's MAV_CMD_DO_SET_MODE for HOLD, GUIDED, LAND or RTL.
 
         Raises ValueError for a mode that is not asked for by us.
         """
 
     @abstractmethod
     def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
-        """Return the NAV_TAKEOFF to `altitude_m` above the ground that it stands on.
+        """Return the autopilot's NAV_TAKEOFF to `altitude_m` above the ground.
 
         ground_amsl_m: the autopilot's own estimate of that ground above mean sea level. Raises
         VehicleError when the autopilot needs it and it is None.
@@ -143,7 +134,7 @@ class Autopilot(ABC):
 
     @abstractmethod
     def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
-        """Return which messages to ask for, and how often."""
+        """Return the messages to request from the autopilot, and how often."""
 
     @abstractmethod
     def velocity_setpoint(
@@ -155,7 +146,7 @@ class Autopilot(ABC):
         yaw_rad: float | None = None,
         yaw_rate_rad_s: float | None = None,
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a velocity.
+        """Return the autopilot's SET_POSITION_TARGET_LOCAL_NED of a velocity.
 
         Neither yaw nor yaw rate keeps the present heading. Raises ValueError for both.
         """
@@ -164,7 +155,7 @@ class Autopilot(ABC):
     def position_setpoint(
         self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a position."""
+        """Return the autopilot's SET_POSITION_TARGET_LOCAL_NED of a position."""
 
     def arm(self, target: Target) -> Any:
         """Return the command that arms, with all of the autopilot's checks."""
@@ -175,30 +166,30 @@ class Autopilot(ABC):
         return command_long(target, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
 
     def terminate(self, target: Target) -> Any:
-        """Return the command that stops the motors at once, in the air too."""
+        """Return the autopilot's command that stops the motors at once, in the air too."""
         return command_long(target, mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1.0)
 
     def ask_interval(self, target: Target, rate: MessageRate) -> Any:
-        """Return the MAV_CMD_SET_MESSAGE_INTERVAL for one line of a plan."""
+        """Return MAV_CMD_SET_MESSAGE_INTERVAL for one line of the autopilot's plan."""
         interval_us = round(1e6 / rate.rate_hz) if rate.rate_hz > 0 else -1
         return command_long(
             target, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(rate.message_id), float(interval_us)
         )
 
     def ask_message(self, target: Target, message_id: int) -> Any:
-        """Return the MAV_CMD_REQUEST_MESSAGE for one message."""
+        """Return MAV_CMD_REQUEST_MESSAGE for one message of the autopilot."""
         return command_long(target, mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id))
 
     def ask_checks(self, target: Target) -> Any:
-        """Return the command that has it say by STATUSTEXT which pre-arm checks fail."""
+        """Return the command that makes the autopilot report failing pre-arm checks."""
         return command_long(target, mavlink.MAV_CMD_RUN_PREARM_CHECKS)
 
     def readiness(self) -> Readiness:
-        """Return a fresh judge of whether the vehicle can arm and take off."""
+        """Return a new tracker of the autopilot's readiness to arm and take off."""
         return Readiness(self.readiness_rules)
 
     def refusal_reasons(self, texts: Iterable[str]) -> tuple[str, ...]:
-        """Return what STATUSTEXTs say against arming, each once, without their prefixes."""
+        """Return the autopilot's STATUSTEXT reasons against arming, without prefixes."""
         reasons: dict[str, None] = {}
         for text in texts:
             for prefix in self.refusal_prefixes:
@@ -234,7 +225,7 @@ def local_target(
     yaw_rad: float = 0.0,
     yaw_rate_rad_s: float = 0.0,
 ) -> Any:
-    """Return a SET_POSITION_TARGET_LOCAL_NED in MAV_FRAME_LOCAL_NED with this type mask."""
+    """Return an autopilot's SET_POSITION_TARGET_LOCAL_NED with this type mask."""
     return mavlink.MAVLink_set_position_target_local_ned_message(
         t_boot_ms & 0xFFFFFFFF,
         target.system,

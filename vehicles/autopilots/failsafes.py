@@ -25,7 +25,7 @@ they ship, ArduCopter hovers on and PX4 stays in Hold. A campaign's own `params`
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FailsafeRule:
-    """What a parameter has to be.
+    """A rule of what a failsafe parameter has to be.
 
     names: the newest first; firmware knows one of them. wanted: what it is set to where we may;
     None is left as it is. sound: the values that will do; or longest_s, the longest time that
@@ -39,7 +39,7 @@ class FailsafeRule:
     wrong: str
 
     def holds(self, value: float, pace: float = 1.0) -> bool:
-        """Return whether a value will do; pace: how many times real time the vehicle flies."""
+        """Return whether a failsafe parameter's value will do; pace: times real time."""
         if self.longest_s is not None:
             return 0.0 < value <= self.longest_s * max(1.0, pace)
         return value in self.sound
@@ -47,7 +47,7 @@ class FailsafeRule:
 
 @dataclass(frozen=True, slots=True)
 class AltitudeParameter:
-    """The height above home that a return climbs to: a parameter, and the metres of its unit."""
+    """The parameter of the return altitude in a failsafe, and its unit in metres."""
 
     name: str
     metres: float
@@ -108,7 +108,7 @@ RETURN_ALTITUDES: Mapping[AutopilotName, tuple[AltitudeParameter, ...]] = {
 def unsound(
     autopilot: AutopilotName, values: Mapping[str, float], *, pace: float = 1.0
 ) -> Iterator[str]:
-    """Yield in words what is the matter with the parameters that an autopilot has.
+    """Yield in words what is wrong with an autopilot's failsafe parameters.
 
     pace: how many times real time it was launched to fly; PX4's startup makes its time-outs as many
     times longer (ROMFS/px4fmu_common/init.d-posix/rcS).
@@ -122,7 +122,7 @@ def unsound(
 
 
 def return_altitude_m(autopilot: AutopilotName, values: Mapping[str, float]) -> float | None:
-    """Return the height above home that it returns at; None when that is not known."""
+    """Return the altitude above home of a failsafe's return; None when unknown."""
     for one in RETURN_ALTITUDES[autopilot]:
         if one.name in values:
             return values[one.name] * one.metres

@@ -16,7 +16,6 @@ from vehicles.autopilots.autopilot import (
     IGNORE_YAW_RATE,
     Autopilot,
     AutopilotName,
-    FailsafeParameter,
     MessageRate,
     Mode,
     Target,
@@ -60,12 +59,8 @@ _AUTO_SUB: dict[int, tuple[str, Mode]] = {
 }
 
 
-def px4_custom_mode(main: int, sub: int = 0) -> int:
-    """Return HEARTBEAT.custom_mode of a main and sub mode."""
-    return main << 16 | sub << 24
-
-
 def _describe_mode(custom_mode: int) -> tuple[str, Mode]:
+    """Return PX4's name of a custom mode, and our mode."""
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     if main == _AUTO:
         return _AUTO_SUB.get(sub, (f"AUTO {sub}", Mode.OTHER))
@@ -104,22 +99,9 @@ class Px4(Autopilot):
     readiness_rules: ClassVar[ReadinessRules] = ReadinessRules(
         estimator_message="ESTIMATOR_STATUS", forbidden_flags=0, needs_home=True
     )
-    failsafes: ClassVar[tuple[FailsafeParameter, ...]] = (
-        FailsafeParameter("COM_OF_LOSS_T", "seconds without setpoints until OFFBOARD is lost"),
-        FailsafeParameter("COM_OBL_RC_ACT", "what it does when OFFBOARD is lost"),
-        FailsafeParameter("NAV_DLL_ACT", "what it does when it loses the ground station"),
-        FailsafeParameter("COM_DL_LOSS_T", "seconds until the ground station counts as lost"),
-        FailsafeParameter("NAV_RCL_ACT", "what it does when the remote control is lost"),
-        FailsafeParameter("COM_RCL_EXCEPT", "modes in which a lost remote control is ignored"),
-        FailsafeParameter("COM_LOW_BAT_ACT", "what it does on a low battery"),
-        FailsafeParameter("COM_DISARM_PRFLT", "seconds after arming until it disarms again"),
-        FailsafeParameter("GF_ACTION", "what it does on a breach of its own fence"),
-        FailsafeParameter("RTL_RETURN_ALT", "metres above home that RTL climbs to"),
-        FailsafeParameter("CBRK_FLIGHTTERM", "121212 blocks the automatic flight termination"),
-    )
 
     def mode_of(self, custom_mode: int) -> Mode:
-        """Return what the mode of a HEARTBEAT means."""
+        """Return our mode for a PX4 HEARTBEAT."""
         return _describe_mode(custom_mode)[1]
 
     def mode_name(self, custom_mode: int) -> str:
@@ -127,7 +109,7 @@ class Px4(Autopilot):
         return _describe_mode(custom_mode)[0]
 
     def set_mode(self, target: Target, mode: Mode) -> Any:
-        """Return the DO_SET_MODE (main mode, sub mode); raises ValueError for other modes."""
+        """Return PX4's DO_SET_MODE (main mode, sub mode); raises ValueError for other modes."""
         if mode not in _ASKED:
             raise ValueError(f"{mode} is not asked of PX4")
         main, sub = _ASKED[mode]
@@ -135,13 +117,13 @@ class Px4(Autopilot):
         return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(main), float(sub))
 
     def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
-        """Return the NAV_TAKEOFF, here and with the present heading."""
+        """Return PX4's NAV_TAKEOFF, here and with the present heading."""
         amsl_m = self._needed_amsl(ground_amsl_m) + altitude_m
         unused = (math.nan,) * 6
         return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, amsl_m)
 
     def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
-        """Return which messages to ask for, and how often."""
+        """Return the messages to request from PX4, and how often."""
         return (
             MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
             MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
@@ -163,7 +145,7 @@ class Px4(Autopilot):
         yaw_rad: float | None = None,
         yaw_rate_rad_s: float | None = None,
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a velocity."""
+        """Return PX4's SET_POSITION_TARGET_LOCAL_NED of a velocity."""
         if yaw_rad is not None and yaw_rate_rad_s is not None:
             raise ValueError("a setpoint has a heading or a heading rate, not both")
         mask = IGNORE_POSITION | IGNORE_ACCELERATION
@@ -182,7 +164,7 @@ class Px4(Autopilot):
     def position_setpoint(
         self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
     ) -> Any:
-        """Return a SET_POSITION_TARGET_LOCAL_NED that asks for a position."""
+        """Return PX4's SET_POSITION_TARGET_LOCAL_NED of a position."""
         mask = IGNORE_VELOCITY | IGNORE_ACCELERATION | IGNORE_YAW_RATE
         mask |= IGNORE_YAW if yaw_rad is None else 0
         return local_target(

@@ -18,7 +18,7 @@ _VERTICAL = mavlink.ESTIMATOR_POS_VERT_ABS | mavlink.ESTIMATOR_POS_VERT_AGL
 
 @dataclass(frozen=True, slots=True)
 class ReadinessRules:
-    """What differs between autopilots.
+    """How autopilots differ in readiness: sensors, estimator flags, pre-arm texts.
 
     estimator_message: which message carries the estimator's flags. forbidden_flags: of these
     none may be set. needs_home: whether a home position must be known.
@@ -30,7 +30,7 @@ class ReadinessRules:
 
 
 class Readiness:
-    """Judges readiness from the messages it is fed; pure."""
+    """Tracks an autopilot's readiness from the messages it is fed; pure."""
 
     def __init__(self, rules: ReadinessRules) -> None:
         self._rules = rules
@@ -47,11 +47,11 @@ class Readiness:
 
     @property
     def prearm_failed(self) -> bool:
-        """Return whether the autopilot's own checks have said no."""
+        """Return whether the autopilot's pre-arm checks have failed."""
         return self._prearm_ok is False
 
     def feed(self, message: Any) -> None:
-        """Take one message of the vehicle's autopilot; those that do not matter are ignored."""
+        """Take a message of the autopilot into its readiness; others are ignored."""
         kind = message.get_type()
         if kind == "HEARTBEAT":
             self._system_status = message.system_status
@@ -67,7 +67,7 @@ class Readiness:
             self._home_known = True
 
     def reasons(self) -> tuple[str, ...]:
-        """Return what speaks against arming, in words; empty when ready."""
+        """Return what speaks against readiness to arm, in words; empty when ready."""
         reasons = [
             self._status_reason(),
             self._landed_reason(),

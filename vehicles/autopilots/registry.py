@@ -22,10 +22,10 @@ MULTICOPTERS = frozenset(
 
 
 def autopilot_named(name: AutopilotName) -> Autopilot:
-    """Return the strategy of a name in a campaign."""
+    """Return the registered autopilot strategy of a name in a campaign."""
     return next(strategy for strategy in _STRATEGIES if strategy.name == name)
 
 
 def autopilot_of(mav_autopilot: int) -> Autopilot | None:
-    """Return the strategy for HEARTBEAT.autopilot; None when we have none."""
+    """Return the registered autopilot strategy for HEARTBEAT.autopilot; None without."""
     return next((each for each in _STRATEGIES if each.mav_autopilot == mav_autopilot), None)

@@ -23,12 +23,12 @@ DICTIONARIES = {
 
 
 class CalibrationError(VehicleError):
-    """A camera that cannot be calibrated with what there is: why, and what to do."""
+    """A camera that cannot be calibrated with a board: why, and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """A board in a picture.
+    """A sighting of a calibration board in an image.
 
     t_s: when the picture was taken, by its stamp. board_m: (n, 3), corners in the board's frame,
     z 0. pixels: (n, 2), where they are seen.
@@ -40,19 +40,19 @@ class Sighting:
 
 
 class Board(Protocol):
-    """A flat board with corners at known places."""
+    """A flat calibration board with corners at known places."""
 
     @property
     def name(self) -> str:
-        """Return what people know it by."""
+        """Return the calibration board's name in messages."""
 
     def find(self, image_bgr: Picture, t_s: float = 0.0) -> Sighting | None:
-        """Return where its corners are seen; None when they are not."""
+        """Return the board's corners in an image; None when they are not seen."""
 
 
 @dataclass(frozen=True)
 class ChessBoard:
-    """A chessboard, all of which has to be seen. columns, rows: of inner corners.
+    """A chessboard to calibrate with, seen as a whole. columns, rows: of inner corners.
 
     It looks the same upside down, so that it has to be held upright: within a quarter turn.
     """
@@ -62,24 +62,24 @@ class ChessBoard:
     square_m: float
 
     def __post_init__(self) -> None:
-        """Refuse what no detector finds."""
+        """Refuse a chessboard that no detector finds."""
         if min(self.columns, self.rows) < 3:
             raise CalibrationError("a chessboard needs at least 3 x 3 inner corners")
 
     @property
     def name(self) -> str:
-        """Return its kind and size."""
+        """Return the chessboard's kind and size."""
         return f"chessboard {self.columns}x{self.rows}, {1000 * self.square_m:g} mm"
 
     @cached_property
     def corners_m(self) -> Points:
-        """Return the corners, row by row."""
+        """Return the chessboard's corners, row by row."""
         across, down = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
         flat = np.stack((across.ravel(), down.ravel(), np.zeros(across.size)), axis=1)
         return np.asarray(flat * self.square_m, np.float64)
 
     def find(self, image_bgr: Picture, t_s: float = 0.0) -> Sighting | None:
-        """Return all of its corners; None when one is missing."""
+        """Return all corners of the chessboard in an image; None when one is missing."""
         gray = _gray(image_bgr)
         size = (self.columns, self.rows)
         flags = cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
@@ -98,7 +98,7 @@ class ChessBoard:
 
 @dataclass(frozen=True)
 class CharucoBoard:
-    """A chessboard with markers, a part of which may be seen. columns, rows: of squares."""
+    """A chessboard with markers, also seen in part. columns, rows: of squares."""
 
     columns: int
     rows: int
@@ -107,7 +107,7 @@ class CharucoBoard:
     dictionary: str = "4x4_50"
 
     def __post_init__(self) -> None:
-        """Refuse what is no such board."""
+        """Refuse an impossible ChArUco board."""
         if self.dictionary not in DICTIONARIES:
             raise CalibrationError(
                 f"there is no dictionary '{self.dictionary}' (there are {', '.join(DICTIONARIES)})"
@@ -119,7 +119,7 @@ class CharucoBoard:
 
     @property
     def name(self) -> str:
-        """Return its kind and size."""
+        """Return the ChArUco board's kind and size."""
         return (
             f"ChArUco {self.columns}x{self.rows}, {1000 * self.square_m:g} mm, markers "
             f"{1000 * self.marker_m:g} mm, {self.dictionary}"
@@ -136,12 +136,12 @@ class CharucoBoard:
         return cv2.aruco.CharucoDetector(self._board)
 
     def picture(self, pixels_per_square: int) -> Picture:
-        """Return the board to be printed."""
+        """Return the ChArUco board's image to be printed."""
         size = (self.columns * pixels_per_square, self.rows * pixels_per_square)
         return np.asarray(self._board.generateImage(size), np.uint8)
 
     def find(self, image_bgr: Picture, t_s: float = 0.0) -> Sighting | None:
-        """Return the corners that are seen; None when they are too few."""
+        """Return the board's corners seen in an image; None when too few."""
         corners, ids, _, _ = self._detector.detectBoard(_gray(image_bgr))
         if ids is None or len(ids) < _FEWEST_CHARUCO:
             return None
@@ -153,6 +153,7 @@ class CharucoBoard:
 
 
 def _gray(image_bgr: Picture) -> Picture:
+    """Return an image in grey levels, to find a board in it."""
     if image_bgr.ndim == 2:
         return image_bgr
     return np.asarray(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY), np.uint8)

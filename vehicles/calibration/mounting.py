@@ -39,7 +39,7 @@ _DIFFERENCE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class BodyPath:
-    """Where a body was: times, positions (n, 3) NED metres, attitudes (n, 4) wxyz."""
+    """The body's path for the mounting: times, positions (n, 3) NED, attitudes (n, 4) wxyz."""
 
     t_s: Points
     position_ned_m: Points
@@ -48,7 +48,7 @@ class BodyPath:
 
 @dataclass(frozen=True, slots=True)
 class MountingFit:
-    """How a camera sits, how late it is, and how well both are known.
+    """The fit of a camera's mounting and latency, and how well both are known.
 
     mount: the camera's pose (FRD axes) on the body. latency_s: middle of the exposure to the
     stamp. spread_*: one standard deviation. rms_px: of all corners.
@@ -67,7 +67,7 @@ class MountingFit:
 def fit_mounting(
     sightings: Sequence[Sighting], path: BodyPath, intrinsics: Intrinsics
 ) -> MountingFit:
-    """Return mounting and latency. sightings: with stamps on the clock of the path.
+    """Return the fit of mounting and latency. sightings: stamped on the path's clock.
 
     Raises CalibrationError when there is too little, or the body did not move enough to tell.
     """
@@ -99,10 +99,12 @@ def fit_mounting(
 
 
 def _latencies() -> Points:
+    """Return the camera latencies that the mounting fit tries."""
     return np.arange(0.0, LONGEST_S, _STEP_S, dtype=np.float64)
 
 
 def _check_fit(found: Any, problem: "_Problem", pictures: int) -> MountingFit:
+    """Raise CalibrationError for a poor fit of the mounting."""
     plain = problem.residuals(found.x)
     rms_px = float(np.sqrt(2.0 * np.mean(np.square(plain))))
     if not rms_px < _POOR_PX:
@@ -137,6 +139,7 @@ def _check_fit(found: Any, problem: "_Problem", pictures: int) -> MountingFit:
 
 
 def _move_more(known: str) -> str:
+    """Return the message that the mounting needs more motion of the body."""
     return (
         f"the mounting cannot be determined ({known}): turn the body by 20 degrees and "
         "more about two "
@@ -145,7 +148,7 @@ def _move_more(known: str) -> str:
 
 
 class _Track:
-    """A body's path, to be asked at any time."""
+    """A body's path, interpolated at any time for the mounting fit."""
 
     def __init__(self, path: BodyPath) -> None:
         order = np.argsort(path.t_s, kind="stable")
@@ -159,17 +162,18 @@ class _Track:
         self._slerp = Slerp(self._t_s, Rotation.from_quat(q[:, [1, 2, 3, 0]]))
 
     def covers(self, from_s: float, to_s: float) -> bool:
+        """Return whether the body's track covers a time span."""
         return bool(self._t_s[0] <= from_s and to_s <= self._t_s[-1])
 
     def at(self, times_s: Points) -> tuple[Points, Points]:
-        """Return rotations (n, 3, 3) body to world, and positions (n, 3)."""
+        """Return the body's rotations (n, 3, 3) to world, and positions (n, 3)."""
         within = np.clip(times_s, self._t_s[0], self._t_s[-1])
         columns = [np.interp(within, self._t_s, self._positions[:, axis]) for axis in range(3)]
         return np.asarray(self._slerp(within).as_matrix()), np.stack(columns, axis=1)
 
 
 class _Problem:
-    """Where the twin sees the corners, less where the real camera saw them."""
+    """The least-squares problem of the mounting: corners as predicted less as seen."""
 
     def __init__(
         self, seen: Sequence[Sighting], times: Points, track: _Track, intrinsics: Intrinsics
@@ -183,6 +187,7 @@ class _Problem:
         self._of = np.repeat(np.arange(len(seen)), [len(one.board_m) for one in seen])
 
     def residuals(self, x: Points) -> Points:
+        """Return the residuals of a mounting: pixels of all corners."""
         mount_r, mount_t = _turn(x[3:6]), x[:3]
         world = self._board_m @ _turn(x[9:12]).T + x[6:9]
         rotations, positions = self._track.at(self._times - x[12])
@@ -197,7 +202,7 @@ class _Problem:
         return np.asarray(off)
 
     def jacobian(self, x: Points) -> Points:
-        """Return it by differences; steps of their own, for any of the numbers may be 0."""
+        """Return the Jacobian of the mounting's residuals by finite differences."""
         steps = _DIFFERENCE * np.eye(len(x))
         columns = [self.residuals(x + step) - self.residuals(x - step) for step in steps]
         return np.stack(columns, axis=1) / (2.0 * _DIFFERENCE)
@@ -220,7 +225,7 @@ Indices = NDArray[np.intp]
 def _closed_form(
     track: _Track, times_s: Points, boards: Sequence[Transform]
 ) -> tuple[Transform, Transform, float]:
-    """Return mount, board, and how badly the turns of body and camera agree.
+    """Return mounting and board in closed form, and how badly rotations agree.
 
     The body's motion between two pictures, A, and the board's in the camera, B, belong together:
     A X = X B for the mount X.
@@ -246,7 +251,7 @@ def _closed_form(
 def _board_of(
     rotations: Points, positions: Points, boards: Sequence[Transform], mount: Transform
 ) -> Transform:
-    """Return the board's mean pose in the world."""
+    """Return the board's mean pose in the world for a mounting."""
     turns, places = [], []
     for body_r, body_t, (board_r, board_t) in zip(rotations, positions, boards, strict=True):
         turns.append(body_r @ mount[0] @ board_r)
@@ -257,7 +262,7 @@ def _board_of(
 
 
 def _informative_pairs(rotations: Points) -> tuple[Indices, Indices]:
-    """Return pairs of pictures between which the body turned. Raises CalibrationError."""
+    """Return image pairs between which the body rotates enough for the mounting."""
     spaced = np.linspace(0, len(rotations) - 1, min(len(rotations), _SPACED)).astype(int)
     one, other = np.triu_indices(len(spaced), k=1)
     first, second = spaced[one], spaced[other]
@@ -272,6 +277,7 @@ def _informative_pairs(rotations: Points) -> tuple[Indices, Indices]:
 
 
 def _lens(intrinsics: Intrinsics) -> tuple[Points, Points]:
+    """Return camera matrix and distortion of intrinsics for the mounting fit."""
     i = intrinsics
     matrix = np.array([[i.fx_px, 0.0, i.cx_px], [0.0, i.fy_px, i.cy_px], [0.0, 0.0, 1.0]])
     return matrix, np.array(i.distortion or (0.0, 0.0, 0.0, 0.0))
@@ -283,14 +289,17 @@ def _logs(rotations: Points) -> Points:
 
 
 def _turn(vector: Points) -> Points:
+    """Return the rotation matrix of a rotation vector in the mounting fit."""
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
 def _vector(transform: Transform) -> Points:
+    """Return a transform as the mounting fit's six parameters."""
     return np.concatenate((transform[1], _logs(transform[0][None])[0]))
 
 
 def _pose(vector: Points) -> Pose:
+    """Return the mounting fit's six parameters as a pose."""
     x, y, z, w = Rotation.from_rotvec(vector[3:6]).as_quat()
     north, east, down = (float(value) for value in vector[:3])
     return Pose((north, east, down), (float(w), float(x), float(y), float(z)))

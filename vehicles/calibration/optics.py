@@ -31,7 +31,7 @@ _COEFFICIENTS = {
 
 @dataclass(frozen=True, slots=True)
 class OpticsFit:
-    """A camera model and how good it is.
+    """The fit of a camera's optics, and how good it is.
 
     pictures: that it is of. rms_px: of their corners. covered: share of the picture's cells in
     which a corner was seen.
@@ -46,7 +46,7 @@ class OpticsFit:
 def fit_optics(
     sightings: Sequence[Sighting], size: tuple[int, int], *, coefficients: int = 4
 ) -> OpticsFit:
-    """Return the optics of a camera of a size (width, height).
+    """Return the fitted optics of a camera of an image size (width, height).
 
     coefficients: of the distortion, 4 (k1, k2, p1, p2), 5 (with k3) or 8 (rational). Raises
     CalibrationError when there are too few pictures, all alike, or none that fit.
@@ -94,7 +94,7 @@ def fit_optics(
 def most_different(
     sightings: Sequence[Sighting], size: tuple[int, int], most: int
 ) -> list[Sighting]:
-    """Return at most so many sightings, each as unlike the ones before it as can be.
+    """Return at most so many sightings, the most different ones, to fit optics.
 
     Two of the same view are one: what was seen twice from one place tells nothing new.
     """
@@ -113,7 +113,7 @@ def most_different(
 
 
 def covered(sightings: Sequence[Sighting], size: tuple[int, int]) -> float:
-    """Return the share of the picture's cells (8 x 6) in which a corner was seen."""
+    """Return the share of the image's cells (8 x 6) with a corner, for the optics."""
     cells = {
         (int(u * _GRID[0] / size[0]), int(v * _GRID[1] / size[1]))
         for one in sightings
@@ -123,7 +123,7 @@ def covered(sightings: Sequence[Sighting], size: tuple[int, int]) -> float:
 
 
 def _view(one: Sighting, size: tuple[int, int]) -> Points:
-    """Return a view as numbers: middle, size and slant of the board in the picture."""
+    """Return a view of the board as numbers: middle, size and slant, to tell views apart."""
     board, pixels = one.board_m[:, :2], one.pixels / size[0]
     design = np.column_stack((board, np.ones(len(board))))
     affine = np.linalg.lstsq(design, pixels, rcond=None)[0]
@@ -134,7 +134,7 @@ def _view(one: Sighting, size: tuple[int, int]) -> Points:
 
 
 def _slant(sightings: Sequence[Sighting]) -> float:
-    """Return how far the most slanted view is from a likeness of the board (0: it is one)."""
+    """Return the slant of the most slanted view (0: none), which optics need."""
     worst = 0.0
     for one in sightings:
         board = one.board_m[:, :2]
@@ -148,7 +148,7 @@ def _slant(sightings: Sequence[Sighting]) -> float:
 def _calibrate(
     sightings: Sequence[Sighting], size: tuple[int, int], coefficients: int
 ) -> tuple[Points, Points, Points]:
-    """Return camera matrix, distortion, and of each picture the error in pixels."""
+    """Return fitted camera matrix, distortion, and each image's error in pixels."""
     boards = [one.board_m.astype(np.float32) for one in sightings]
     pixels = [one.pixels.astype(np.float32).reshape(-1, 1, 2) for one in sightings]
     try:

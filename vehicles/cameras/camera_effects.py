@@ -29,7 +29,7 @@ NO_STREAK: Streak = (0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class CameraQuality:
-    """How good a camera is; the default is a perfect one.
+    """The effects of a camera: blur, gain, noise; the default is a perfect one.
 
     noise_std_dn, offset_dn: grey levels of 8 bits; gain: a factor, before the offset. exposure_s:
     how long the shutter is open. latency_s: from the middle of the exposure to delivery;
@@ -45,7 +45,7 @@ class CameraQuality:
 
     @classmethod
     def of_profile(cls, faults: CameraFaults) -> Self:
-        """Return the quality that a vehicle's profile gives its camera."""
+        """Return the camera effects that a vehicle's profile gives its camera."""
         return cls(
             noise_std_dn=faults.noise_std,
             gain=faults.gain,
@@ -57,7 +57,7 @@ class CameraQuality:
 
 
 class CameraEffects:
-    """Makes of a rendered picture what the camera would deliver.
+    """Applies camera effects to rendered images.
 
     Safe in several threads: what it holds is never written to after construction.
     """
@@ -71,7 +71,7 @@ class CameraEffects:
     def apply(
         self, image_bgr: BgrImage, *, streak_px: Streak, noise_roll_px: tuple[int, int]
     ) -> BgrImage:
-        """Return the picture blurred along a streak, exposed, and with noise.
+        """Return the image with motion blur along a streak, exposure and noise.
 
         streak_px: how far it moved to the right and down while the shutter was open.
         noise_roll_px: how the noise is laid, down and right, each from 0 to NOISE_ROLL_PX. The
@@ -92,7 +92,7 @@ class CameraEffects:
 
 
 def blur_image(image_bgr: BgrImage, streak_px: Streak) -> BgrImage:
-    """Return the picture averaged along a line; itself when the line is shorter than a pixel.
+    """Return the image with motion blur along a line; itself below a pixel.
 
     A line for the whole picture, rather than several renderings: it costs one small convolution,
     and it misses how blur differs over the picture when the camera rolls or objects move.
@@ -107,7 +107,7 @@ def blur_image(image_bgr: BgrImage, streak_px: Streak) -> BgrImage:
 
 
 def _line_kernel(streak_px: Streak) -> NDArray[np.float32]:
-    """Return a line through the centre, as long as the streak, that sums to 1."""
+    """Return the kernel of motion blur: a line as long as the streak, summing to 1."""
     reach = int(np.ceil(max(abs(streak_px[0]), abs(streak_px[1])) / 2.0))
     kernel = np.zeros((2 * reach + 1, 2 * reach + 1), np.float32)
     for fraction in np.linspace(-0.5, 0.5, 4 * reach + 1):
@@ -118,7 +118,7 @@ def _line_kernel(streak_px: Streak) -> NDArray[np.float32]:
 
 
 def streak_px(start: Pose, end: Pose, intrinsics: Intrinsics) -> Streak:
-    """Return how far the picture moved between two poses of the camera, to the right and down.
+    """Return the camera's motion blur between two poses, pixels right and down.
 
     Of the point that was straight ahead, BLUR_DISTANCE_M away; none when it leaves the front.
     """
@@ -129,6 +129,7 @@ def streak_px(start: Pose, end: Pose, intrinsics: Intrinsics) -> Streak:
 
 
 def _exposure_table(quality: CameraQuality) -> NDArray[np.uint8] | None:
+    """Return the lookup table of the camera's gain and offset; None for neither."""
     if quality.gain == 1.0 and quality.offset_dn == 0.0:
         return None
     levels = np.arange(256) * quality.gain + quality.offset_dn
@@ -139,7 +140,7 @@ def _exposure_table(quality: CameraQuality) -> NDArray[np.uint8] | None:
 def _noise_tile(
     quality: CameraQuality, intrinsics: Intrinsics, rng: np.random.Generator
 ) -> tuple[BgrImage, BgrImage] | None:
-    """Return what is added and what is taken away; two, so that both saturate."""
+    """Return the camera's noise to add and to subtract; two, so that both saturate."""
     if quality.noise_std_dn == 0.0:
         return None
     shape = (intrinsics.height_px + NOISE_ROLL_PX, intrinsics.width_px + NOISE_ROLL_PX, 3)

@@ -47,27 +47,27 @@ T = TypeVar("T")
 
 
 class NoImageError(VehicleError):
-    """A source gave no picture this time: it was late, refused, or wrong."""
+    """A rendered camera got no image this time: it was late, refused, or wrong."""
 
 
 class RenderedImage(Protocol):
-    """What a source makes: colours, and depth and ids where they were asked for."""
+    """A rendered image: colours, and depth and ids where requested."""
 
     @property
     def image_bgr(self) -> BgrImage:
-        """Return (height, width, 3) uint8."""
+        """Return the rendered colours, (height, width, 3) uint8."""
 
     @property
     def depth_m(self) -> DepthImage | None:
-        """Return (height, width) float32 along the optical axis, inf where nothing is."""
+        """Return the rendered depth, (height, width) float32 along the axis, inf: nothing."""
 
     @property
     def object_ids(self) -> IdImage | None:
-        """Return (height, width) uint8, 0 for the background."""
+        """Return the rendered ids, (height, width) uint8, 0 for the background."""
 
 
 class ImageSource(Protocol):
-    """Makes a picture of a world from a pose at a time."""
+    """Renders images of a world from a pose at a time (protocol)."""
 
     def picture(
         self,
@@ -78,23 +78,25 @@ class ImageSource(Protocol):
         want_depth: bool = False,
         want_ids: bool = False,
     ) -> RenderedImage:
-        """Return a picture of its own: the caller keeps it. Raises NoPictureError."""
+        """Return a rendered image of the caller's own. Raises NoImageError."""
 
 
 class Compute(Protocol):
-    """Runs a job that takes long, and awaits it."""
+    """Runs a rendered camera's long jobs, and awaits them (protocol)."""
 
     def __call__(self, job: Callable[[], T], /) -> Awaitable[T]:
         """Return what the job returns."""
 
 
 async def inline(job: Callable[[], T], /) -> T:
-    """Run a job here and now, as virtual time wants it; `asyncio.to_thread` is the other way."""
+    """Run a camera's job here, as virtual time wants it; else `asyncio.to_thread`."""
     return job()
 
 
 @dataclass(frozen=True, slots=True)
 class _Exposure:
+    """One exposure of a rendered camera."""
+
     seq: int
     t_s: float
     due_s: float
@@ -104,7 +106,7 @@ class _Exposure:
 
 
 class RenderedCamera:
-    """A camera on a vehicle that delivers pictures by itself, at its rate, as good as it is.
+    """A rendered camera that delivers images at its rate, with its effects.
 
     history: where the body truly was. Exposures have their middle at the start + k / rate_hz; one
     that cannot be taken (no pose, or the last picture is not ready) is left out, and its
@@ -144,7 +146,7 @@ class RenderedCamera:
         self.left_out = 0
 
     async def run(self, deliver: Callable[[CameraReading], None]) -> None:
-        """Take and deliver pictures until cancelled; what `deliver` raises ends it."""
+        """Render and deliver images until cancelled; what `deliver` raises ends it."""
         ready: asyncio.Queue[tuple[float, CameraReading]] = asyncio.Queue()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._expose(ready), name=f"{self._side} camera exposures")
@@ -178,7 +180,7 @@ class RenderedCamera:
                 self._on_missing(str(error))
 
     def _exposure(self, seq: int, t_s: float, earliest_s: float) -> _Exposure | None:
-        """Return what is drawn for one exposure; None when the body's pose is not known."""
+        """Return what to render for one exposure; None without the body's pose."""
         jitter = float(np.clip(self._rng.standard_normal(), -MAX_JITTER_SIGMA, MAX_JITTER_SIGMA))
         down, right = (int(n) for n in self._rng.integers(0, NOISE_ROLL_PX + 1, 2))
         half_s = self._quality.exposure_s / 2.0
@@ -222,7 +224,7 @@ class RenderedCamera:
 
 
 class OnDemandCamera:
-    """The twin's camera when it is asked: a picture from a given body pose, with no faults.
+    """The twin's rendered camera on demand: an image from a given body pose, ideal.
 
     mount: of the camera whose picture it is to match, so that of the real vehicle.
     """
@@ -246,7 +248,7 @@ class OnDemandCamera:
     async def ask(
         self, body: Pose, t_s: float, *, want_depth: bool = False, want_ids: bool = False
     ) -> CameraReading:
-        """Return the picture from a body's pose (world frame) of the world as it is at t_s.
+        """Return the image rendered from a body's pose (world frame) at t_s.
 
         Raises NoPictureError.
         """
@@ -273,7 +275,7 @@ class OnDemandCamera:
 
 
 def next_tick(elapsed_s: float, rate_hz: float) -> int:
-    """Return the number of the first tick k / rate_hz that is not over yet."""
+    """Return the number of the first camera tick k / rate_hz that is not over yet."""
     return int(np.ceil(elapsed_s * rate_hz - 1e-6))
 
 
@@ -291,6 +293,7 @@ async def sleep_until(t_s: float) -> None:
 
 
 def _set_result(reached: asyncio.Future[None]) -> None:
+    """Set a camera's future, unless it is done."""
     if not reached.done():
         reached.set_result(None)
 
@@ -298,7 +301,7 @@ def _set_result(reached: asyncio.Future[None]) -> None:
 async def _hand_over(
     ready: asyncio.Queue[tuple[float, CameraReading]], deliver: Callable[[CameraReading], None]
 ) -> None:
-    """Deliver each picture when it is due, stamped with the time at which it truly was."""
+    """Deliver each rendered image when it is due, stamped with its exposure."""
     while True:
         due_s, reading = await ready.get()
         await sleep_until(due_s)

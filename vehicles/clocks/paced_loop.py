@@ -14,17 +14,17 @@ _LONGEST_WAIT_S = 60.0
 
 
 class _PacedSelector(selectors.DefaultSelector):
-    """Waits for as much of the wall's time as the loop's own time takes."""
+    """The paced loop's selector: waits the wall time that the loop's time takes."""
 
     loop: "PacedLoop"
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """Return ready descriptors; `timeout` is in the loop's time."""
+        """Return ready descriptors; `timeout` is in the paced loop's time."""
         return super().select(self.loop.wall_wait_s(timeout))
 
 
 class PacedLoop(asyncio.SelectorEventLoop):
-    """An asyncio loop with `speed` seconds in each of the wall's; it begins at CLOCK_MONOTONIC.
+    """An asyncio loop paced at `speed` seconds per wall second; begins at CLOCK_MONOTONIC.
 
     speed: more than 0, until `follow` says otherwise. Its time never goes back.
     """
@@ -41,22 +41,22 @@ class PacedLoop(asyncio.SelectorEventLoop):
 
     @property
     def segment(self) -> Segment:
-        """Return the piece of the clock that holds now."""
+        """Return the present segment of the paced clock."""
         return self._segment
 
     def time(self) -> float:
-        """Return the clock's time in seconds."""
+        """Return the paced loop's time in seconds."""
         now_s = self._segment.at(time.monotonic())
         self._latest_s = max(self._latest_s, now_s)
         return self._latest_s
 
     def follow(self, segment: Segment) -> None:
-        """Go on by another piece; where that is behind, the clock stands until it has come up."""
+        """Continue by another segment; where it is behind, the paced clock stands meanwhile."""
         self.time()
         self._segment = segment
 
     def call_wall_later(self, delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:
-        """Call after so much of the wall's time, however fast the clock runs."""
+        """Call after so much wall time, whatever the loop's pace."""
         when_s = time.monotonic() + delay_s
         timer = asyncio.TimerHandle(when_s, callback, (), self)
         self._wall_timers_set += 1
@@ -64,7 +64,7 @@ class PacedLoop(asyncio.SelectorEventLoop):
         return timer
 
     def wall_wait_s(self, timeout_s: float | None) -> float | None:
-        """Return how long descriptors may be waited for; calls what is due by the wall's clock."""
+        """Return how long the paced loop may wait; calls what is due by the wall clock."""
         timers, now_s = self._wall_timers, time.monotonic()
         while timers and (timers[0][0] <= now_s or timers[0][2].cancelled()):
             timer = heappop(timers)[2]
@@ -81,13 +81,13 @@ class PacedLoop(asyncio.SelectorEventLoop):
 
 
 def _run_timer(timer: asyncio.TimerHandle) -> None:
-    """Run a timer that is due, unless it was cancelled meanwhile."""
+    """Run a due timer of the paced loop, unless it was cancelled."""
     if not timer.cancelled():
         timer._run()  # noqa: SLF001 - asyncio's loops do so
 
 
 def call_wall_later(delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:
-    """Call after so much of the wall's time, whichever loop runs: for watchdogs."""
+    """Call after so much wall time, paced loop or not: for watchdogs."""
     loop = asyncio.get_running_loop()
     if isinstance(loop, PacedLoop):
         return loop.call_wall_later(delay_s, callback)
@@ -96,7 +96,7 @@ def call_wall_later(delay_s: float, callback: Callable[[], object]) -> asyncio.H
 
 @asynccontextmanager
 async def wall_timeout(delay_s: float | None) -> AsyncIterator[None]:
-    """Raise TimeoutError as asyncio.timeout does, by the wall's clock, whichever loop runs."""
+    """Raise TimeoutError as asyncio.timeout does, by the wall clock, paced loop or not."""
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(None) as limit:
         if delay_s is None:

@@ -38,7 +38,7 @@ _LASTS_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A straight piece of the run clock: from `run_s` at `wall_s` (CLOCK_MONOTONIC) with a slope.
+    """A linear segment of the sim clock: `run_s` at `wall_s` (CLOCK_MONOTONIC), and a slope.
 
     rate: run seconds for each of the wall's, 0 or more. holds_s: beyond so much of the wall's time
     the clock stands, for whoever steers it has not been heard of; infinite where it goes on.
@@ -50,12 +50,12 @@ class Segment:
     holds_s: float = math.inf
 
     def at(self, wall_s: float) -> float:
-        """Return the run clock's time."""
+        """Return the sim clock's time at a wall time."""
         return self.run_s + max(0.0, min(wall_s - self.wall_s, self.holds_s)) * self.rate
 
 
 class BootTrack:
-    """What a vehicle's time since boot is against the wall's, from stamps that come late at times.
+    """Tracks a simulated vehicle's time since boot against the wall, from late stamps.
 
     Of the stamps of a few milliseconds the last one counts: what waited in a buffer comes at once.
     """
@@ -69,18 +69,18 @@ class BootTrack:
 
     @property
     def known(self) -> bool:
-        """Return whether its rate can be told."""
+        """Return whether the simulation's rate is known."""
         samples = self._samples
         return len(samples) > 2 and samples[-1][0] - samples[0][0] >= _ENOUGH_S
 
     @property
     def newest_s(self) -> float:
-        """Return the newest stamp. Raises IndexError before the first."""
+        """Return the simulation's newest stamp. Raises IndexError before the first."""
         return self._samples[-1][1]
 
     @property
     def ahead_s(self) -> float:
-        """Return for how long its time may be taken to go on without a word of it."""
+        """Return how long the simulation's time may be extrapolated."""
         samples = self._samples
         if len(samples) < 2:
             return _AHEAD_S[1]
@@ -88,11 +88,11 @@ class BootTrack:
         return min(max(_AHEAD_WORDS * between_s, _AHEAD_S[0]), _AHEAD_S[1])
 
     def still_s(self, wall_s: float) -> float:
-        """Return for how long by the wall's clock its time has not grown."""
+        """Return for how much wall time the simulation's clock has not advanced."""
         return 0.0 if self._grew_s is None else wall_s - self._grew_s
 
     def received(self, wall_s: float, boot_s: float) -> None:
-        """Take a stamp that came at a time of the wall's clock."""
+        """Take a simulation's stamp that arrived at a wall time."""
         if self._samples and boot_s < self._samples[-1][1] - 1.0:
             self._samples.clear()
             self._began_s, self.first_s = -math.inf, None
@@ -111,7 +111,7 @@ class BootTrack:
             self._samples.popleft()
 
     def line(self, wall_s: float) -> tuple[float, float]:
-        """Return its time at a time of the wall's clock, and its rate: a least-squares line."""
+        """Return the simulation's time at a wall time, and its rate, by least squares."""
         count = len(self._samples)
         mean_w = sum(w for w, _ in self._samples) / count
         mean_b = sum(b for _, b in self._samples) / count
@@ -121,7 +121,7 @@ class BootTrack:
 
 
 class SimClockController:
-    """Lays the pieces of the run clock behind the vehicle that leads it.
+    """Controls the run clock so that it follows the leading simulation.
 
     nominal: the pace that was asked for. follows_us: the vehicle runs on the run clock itself, as
     fast as its machine can: then the clock goes at the nominal pace while it keeps up. Until
@@ -142,20 +142,20 @@ class SimClockController:
 
     @property
     def segment(self) -> Segment:
-        """Return the piece that holds now."""
+        """Return the controlled clock's present segment."""
         return self._segment
 
     @property
     def locked(self) -> bool:
-        """Return whether the clock follows the vehicle by now."""
+        """Return whether the clock has locked to the simulation."""
         return self._offset_s is not None
 
     def begin(self, segment: Segment) -> None:
-        """Go on from a piece: where the clock is."""
+        """Start the controlled clock from a segment."""
         self._segment = segment
 
     def step(self, wall_s: float) -> Segment:
-        """Return the next piece; to be called every `STEP_S` of the wall's time."""
+        """Return the controlled clock's next segment; called every `STEP_S` wall time."""
         last = self._segment
         run_s, dt_s = last.at(wall_s), max(0.0, wall_s - last.wall_s)
         self._laid.append((wall_s, run_s))
@@ -210,7 +210,7 @@ class SimClockController:
 
 
 class ClockDivergence:
-    """Whether a vehicle's time stays with the run clock.
+    """Detects that a simulated vehicle's time diverges from the run clock.
 
     By how much it is off counts from a moment after both were known; what is made good within a
     second is let go.
@@ -224,7 +224,7 @@ class ClockDivergence:
         self.off_s = 0.0
 
     def look(self, track: BootTrack, *, wall_s: float, run_s: float) -> bool:
-        """Return whether it has come apart by more than `APART_S` for good."""
+        """Return whether the sim time has diverged by more than `APART_S` for good."""
         if track.reboots != self._reboots or not track.known:
             self._reboots = track.reboots
             self._base_s = self._since_s = self._apart_from_s = None

@@ -36,7 +36,7 @@ _LATEST_PLAUSIBLE_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class ClockEstimate:
-    """How a vehicle's clock relates to the run clock, for the record.
+    """The estimate by TIMESYNC of how a vehicle's clock relates to the run clock.
 
     offset_s: vehicle minus run clock, at the newest exchange. drift_ppm: how much faster the
     vehicle's clock runs. uncertainty_s: bound of the offset's error. resets: how often the
@@ -52,20 +52,25 @@ class ClockEstimate:
 
 @dataclass(frozen=True, slots=True)
 class _Exchange:
+    """One TIMESYNC exchange: sent, received, and the vehicle's time."""
+
     sent_s: float
     received_s: float
     remote_ns: int
 
     @property
     def remote_s(self) -> float:
+        """Return the vehicle's time in a TIMESYNC exchange, seconds."""
         return self.remote_ns * 1e-9
 
     @property
     def round_trip_s(self) -> float:
+        """Return the round trip of a TIMESYNC exchange, seconds."""
         return self.received_s - self.sent_s
 
     @property
     def middle_s(self) -> float:
+        """Return the run clock's time in the middle of a TIMESYNC exchange."""
         return (self.sent_s + self.received_s) / 2.0
 
 
@@ -93,16 +98,16 @@ class ClockMap:
 
     @property
     def known(self) -> bool:
-        """Return whether there was an exchange at all."""
+        """Return whether there was any TIMESYNC exchange."""
         return bool(self._exchanges)
 
     @property
     def uncertainty_s(self) -> float:
-        """Return the bound in seconds of the error of `run_time` now; infinite when unknown."""
+        """Return the bound of `run_time`'s error by TIMESYNC; infinite when unknown."""
         return self._uncertainty_s
 
     def add(self, *, t_sent_s: float, t_received_s: float, remote_ns: int) -> None:
-        """Take one exchange: when we asked, when the answer came (run clock), and what it said.
+        """Add a TIMESYNC exchange: sent and received (run clock), and the vehicle's time.
 
         Raises ValueError when the answer came before the question.
         """
@@ -124,7 +129,7 @@ class ClockMap:
         self._refit()
 
     def run_time(self, remote_s: float) -> float:
-        """Return the run clock's time of a moment on the vehicle's clock.
+        """Return the run clock's time of a moment on the vehicle's clock, by TIMESYNC.
 
         Raises ValueError before the first exchange.
         """
@@ -138,11 +143,11 @@ class ClockMap:
 
     @property
     def half_round_trip_s(self) -> float:
-        """Return half the shortest round trip of the window."""
+        """Return half the shortest TIMESYNC round trip of the window."""
         return self._half_round_trip_s
 
     def estimate(self) -> ClockEstimate:
-        """Return the mapping in figures. Raises ValueError before the first exchange."""
+        """Return the clock estimate. Raises ValueError before the first TIMESYNC."""
         self._check_known()
         return ClockEstimate(
             offset_s=self._remote_s - self._run_s,
@@ -153,11 +158,12 @@ class ClockMap:
         )
 
     def _check_known(self) -> None:
+        """Raise ValueError before the first TIMESYNC exchange."""
         if not self._exchanges:
             raise ValueError("no TIMESYNC was answered yet")
 
     def _has_jumped(self, new: _Exchange) -> bool:
-        """Return whether the vehicle's clock was set or restarted since the last exchange."""
+        """Return whether the vehicle's clock was set or restarted since the last TIMESYNC."""
         if not self._exchanges:
             return False
         last = self._exchanges[-1]
@@ -169,13 +175,13 @@ class ClockMap:
         return self._contradictions >= _CONTRADICTIONS_TO_RESET
 
     def _step_s(self) -> float:
-        """Return by how much stamps may be too old: the steps in which the clock advances."""
+        """Return by how much stamps may be too old: the steps of the vehicle's clock."""
         if self._step_ns < _SHORTEST_STEP_NS or len(self._exchanges) < _STAMPS_TO_TELL_STEPS:
             return 0.0
         return min(self._step_ns, _LONGEST_STEP_NS) * 1e-9
 
     def _refit(self) -> None:
-        """Intersect the bounds on run minus remote time, all moved to the newest exchange."""
+        """Refit the clock map: intersect the bounds of all TIMESYNC exchanges."""
         step_s = self._step_s()
         self._rate, rate_error = self._fitted_rate(step_s)
         self._half_round_trip_s = min(map(_round_trip, self._exchanges)) / 2.0
@@ -197,7 +203,7 @@ class ClockMap:
             self._uncertainty_s = self._half_round_trip_s + (low - high) / 2.0
 
     def _fitted_rate(self, step_s: float) -> tuple[float, float]:
-        """Return run seconds per vehicle second, and the bound of its error."""
+        """Return run seconds per vehicle second by TIMESYNC, and the bound of its error."""
         first, last = self._exchanges[0].remote_s, self._exchanges[-1].remote_s
         if last - first < _SHORTEST_DRIFT_SPAN_S:
             return 1.0, self._max_drift
@@ -217,11 +223,12 @@ class ClockMap:
 
 
 def _round_trip(exchange: _Exchange) -> float:
+    """Return a TIMESYNC exchange's round trip, to sort by."""
     return exchange.round_trip_s
 
 
 class _LeastDelay:
-    """The least of the values that came in the last `span_s` to twice that."""
+    """The least telemetry delay of the last `span_s` to twice that."""
 
     def __init__(self, span_s: float) -> None:
         self._span_s = span_s
@@ -230,6 +237,7 @@ class _LeastDelay:
         self._previous = math.inf
 
     def add(self, value: float, now_s: float) -> None:
+        """Add a delay to the moving minimum."""
         if now_s - self._since_s > self._span_s:
             self._since_s, self._previous, self._current = now_s, self._current, value
         elif value < self._current:
@@ -237,11 +245,12 @@ class _LeastDelay:
 
     @property
     def value(self) -> float:
+        """Return the least delay of the moving window."""
         return min(self._current, self._previous)
 
 
 class VehicleClock:
-    """Maps time_boot of a vehicle's telemetry to the run clock, and back.
+    """Maps time_boot of a vehicle's telemetry to the run clock and back, by TIMESYNC.
 
     Feed it what was asked and answered by TIMESYNC, and stamps of telemetry as they arrive. Until
     an answer comes, and where TIMESYNC has another epoch than time_boot, the least delay of
@@ -270,7 +279,7 @@ class VehicleClock:
         return stamp
 
     def answered(self, *, tc1: int, ts1: int, arrived_s: float) -> bool:
-        """Take a TIMESYNC that came; return whether it was an answer to a question of ours."""
+        """Take a received TIMESYNC; return whether it answers one of ours."""
         t_sent_s = self._asked.pop(ts1, None) if tc1 != 0 else None
         if t_sent_s is None:
             return False
@@ -284,7 +293,7 @@ class VehicleClock:
         return True
 
     def stamped(self, boot_s: float, arrived_s: float) -> float:
-        """Take a telemetry stamp as it arrives; return its time on the run clock.
+        """Take an arriving telemetry stamp; return its time on the run clock.
 
         Never later than its arrival.
         """
@@ -298,7 +307,7 @@ class VehicleClock:
         return min(self.run_time(boot_s), arrived_s)
 
     def run_time(self, boot_s: float) -> float:
-        """Return the run clock's time of a moment in seconds since boot.
+        """Return the run clock's time of a vehicle's moment in seconds since boot.
 
         Raises ValueError when nothing is known of the clock.
         """
@@ -309,35 +318,37 @@ class VehicleClock:
         return boot_s + self._raw_delay.value
 
     def boot_time(self, t_s: float) -> float:
-        """Return the seconds since boot at a moment of the run clock; 0 when unknown."""
+        """Return the vehicle's seconds since boot at a run-clock time; 0 when unknown."""
         if self._map.known:
             return self._map.remote_time(t_s) - self._epoch_shift_s
         return t_s - self._raw_delay.value if self._raw_delay.value < math.inf else 0.0
 
     @property
     def synchronised(self) -> bool:
-        """Return whether TIMESYNC was answered."""
+        """Return whether the vehicle has answered TIMESYNC."""
         return self._map.known
 
     @property
     def uncertainty_s(self) -> float | None:
-        """Return the bound of the mapping's error; None while only arrivals are known."""
+        """Return the bound of the clock map's error; None with arrivals only."""
         if not self._map.known:
             return None
         shift_error_s = self._map.half_round_trip_s if self._epoch_shift_s else 0.0
         return self._map.uncertainty_s + shift_error_s
 
     def estimate(self) -> ClockEstimate | None:
-        """Return the mapping in figures; None while only arrivals are known."""
+        """Return the clock estimate by TIMESYNC; None with arrivals only."""
         return self._map.estimate() if self._map.known else None
 
     def _judge_epoch(self) -> None:
+        """Decide whether TIMESYNC and time_boot share an epoch, and their shift."""
         least_s = self._mapped_delay.value
         early_s = -(self._map.uncertainty_s + _EARLY_SLACK_S)
         same_epoch = early_s <= least_s <= _LATEST_PLAUSIBLE_S
         self._epoch_shift_s = 0.0 if same_epoch else least_s - self._map.half_round_trip_s
 
     def _restart(self) -> None:
+        """Restart the clock map after the vehicle's reboot."""
         self.reboots += 1
         self._newest_boot_s = -math.inf
         self._map = ClockMap(max_drift=self._max_drift)

@@ -20,56 +20,56 @@ FailureListener = Callable[[VehicleError], None]
 
 
 class CommandBackend(Protocol):
-    """Who speaks for a driver; of one driver only."""
+    """Sends one driver's commands to the vehicle (protocol)."""
 
     @property
     def speak(self) -> Speak | None:
-        """Return what says a message; None where the driver writes frames itself."""
+        """Return the backend's sender of messages; None where the driver writes frames."""
 
     @property
     def sends_heartbeats(self) -> bool:
-        """Return whether it sends a ground station's heartbeats by itself."""
+        """Return whether the backend sends a GCS's heartbeats by itself."""
 
     def join(self, link: Link) -> Link:
-        """Return the link to hear by, which opens and closes `link` and the voice with it."""
+        """Return the link to receive by, which opens and closes `link` and the backend."""
 
     def on_failure(self, listener: FailureListener) -> None:
-        """Call `listener` once when nothing can be said any more."""
+        """Call `listener` once when the command backend can send nothing any more."""
 
     async def await_vehicle(self, target: Target, timeout_s: float) -> None:
-        """Take note of whom to speak to. Raises VehicleError when it does not find it."""
+        """Set the backend's target vehicle. Raises VehicleError if it is not found."""
 
     def orders(
         self, *, commander: Commander, autopilot: Autopilot, target: Target
     ) -> VehicleCommands:
-        """Return who gives orders to the vehicle that was found."""
+        """Return the backend's commands for the vehicle that was found."""
 
     def onboard(self, *, session: Session, circumstances: Callable[[], str]) -> Onboard:
-        """Return the access to what is kept on board."""
+        """Return the backend's access to onboard data: parameters, missions, logs."""
 
 
 class FrameBackend:
-    """Frames of our own, written to the link; it never fails."""
+    """The command backend of our own frames, written to the link; it never fails."""
 
     speak: Speak | None = None
     sends_heartbeats = False
 
     def join(self, link: Link) -> Link:
-        """Return the link itself."""
+        """Return the link itself: this backend writes frames to it."""
         return link
 
     def on_failure(self, listener: FailureListener) -> None:
-        """Never call it."""
+        """Ignore the listener: the frame backend never fails."""
 
     async def await_vehicle(self, target: Target, timeout_s: float) -> None:
-        """Go on: frames carry their target."""
+        """Do nothing: the backend's frames carry their target."""
 
     def orders(
         self, *, commander: Commander, autopilot: Autopilot, target: Target
     ) -> VehicleCommands:
-        """Return orders by COMMAND_LONG."""
+        """Return commands by COMMAND_LONG."""
         return VehicleCommands(commander=commander, autopilot=autopilot, target=target)
 
     def onboard(self, *, session: Session, circumstances: Callable[[], str]) -> Onboard:
-        """Return access by the session."""
+        """Return onboard access by the session."""
         return Onboard(session=session, circumstances=circumstances)

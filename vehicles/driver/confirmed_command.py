@@ -14,7 +14,7 @@ Order = Callable[[Done], Awaitable[None]]
 
 
 class ConfirmedCommand:
-    """Has orders accepted and sees them done.
+    """Sends commands until they are confirmed: accepted, and their effect seen.
 
     state: gives the vehicle as last heard. circumstances: gives words that are added to errors.
     """
@@ -33,7 +33,7 @@ class ConfirmedCommand:
         self._circumstances = circumstances
 
     async def confirm(self, order: Order, done: Done, what: str) -> None:
-        """Have an order accepted and see it done. Raises CommandError, StateTimeoutError.
+        """Send a command until confirmed. Raises CommandError, StateTimeoutError.
 
         An acknowledgement does not say of which of two commands of one kind it is, and on a bad
         link it may be the earlier one's: what is not seen done is asked for once more, unless
@@ -48,7 +48,7 @@ class ConfirmedCommand:
         await self.see(done, SEEN_WITHIN_S, what)
 
     async def see(self, condition: Done, timeout_s: float, what: str) -> None:
-        """Wait until something is seen. Raises StateTimeoutError."""
+        """Wait until a command's effect is seen. Raises StateTimeoutError."""
         if await self._changes.until(condition, timeout_s):
             return
         state = self._state()

@@ -37,10 +37,10 @@ _ANSWER_WITHIN_S = 1.0
 
 
 class Driver:
-    """A vehicle at the end of a link; an async context manager that opens and closes the link.
+    """The driver of one vehicle at the end of a link; an async context manager.
 
-    In order: `identify`, `ready`, `arm`, `begin_takeoff`, `enter_guided`, `send`, and `land` or
-    `rtl`, `disarmed`. Times and deadlines are on the loop's clock, positions in the world frame.
+    In order: `identify`, `ready`, `arm`, `begin_takeoff`, `enter_guided`, `send`, `land`,
+    `disarmed`. Times and deadlines are on the loop's clock, positions in the world frame.
 
     system_id: its own; None for the first vehicle that is heard. start: where in the world it
     stands; unless `set_anchor` says otherwise, arming maps the place and heading that its
@@ -100,7 +100,7 @@ class Driver:
         self._voice.on_failure(self._on_failure)
 
     async def __aenter__(self) -> Self:
-        """Open the link and begin with heartbeats. Raises LinkError."""
+        """Open the driver's link and start heartbeats. Raises LinkError."""
         await self._link.__aenter__()
         if not self._voice.sends_heartbeats:
             self._presence.start()
@@ -112,7 +112,7 @@ class Driver:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop all sending and close the link; it does not land the vehicle."""
+        """Stop all sending and close the driver's link; it does not land the vehicle."""
         if self._vehicle is not None:
             self._vehicle.setpoints.stop()
         self._presence.stop()
@@ -122,12 +122,12 @@ class Driver:
 
     @property
     def identity(self) -> Identity:
-        """Return who it is. Raises VehicleError before `identify`."""
+        """Return the vehicle's identity. Raises VehicleError before `identify`."""
         return self._require_flying().identity
 
     @property
     def state(self) -> VehicleState:
-        """Return the vehicle as last heard, as one that does not change."""
+        """Return the vehicle's last reported state, an immutable snapshot."""
         state = VehicleState() if self._status is None else self._status.state
         return state._replace(
             last_heard_s=self._session.last_heard_s,
@@ -137,21 +137,21 @@ class Driver:
 
     @property
     def reported_s(self) -> Mapping[ReportName, float]:
-        """Return when each report of its state last arrived (run clock)."""
+        """Return when each of the vehicle's reports last arrived (run clock)."""
         return {} if self._status is None else self._status.reported_s
 
     @property
     def estimate(self) -> EstimateSample | None:
-        """Return the newest estimate; None until the vehicle is anchored in the world."""
+        """Return the vehicle's newest estimate; None until it is anchored in the world."""
         return self._estimates.newest
 
     @property
     def place_deg(self) -> tuple[float, float] | None:
-        """Return its latitude and longitude by its own estimate; None while it knows none."""
+        """Return the vehicle's latitude and longitude by its estimate; None while unknown."""
         return self._estimates.place_deg
 
     def place_of(self, world_ned_m: Vec3) -> Geodetic:
-        """Return where on earth a place of the world is, by the vehicle's own estimate.
+        """Return the latitude and longitude of a place of the world by the vehicle's estimate.
 
         Raises AnchorError while it is not anchored, or knows no latitude and longitude.
         """
@@ -159,28 +159,28 @@ class Driver:
 
     @property
     def anchor(self) -> Anchor | None:
-        """Return how the autopilot's local frame lies in the world; None while unknown."""
+        """Return the anchor of the autopilot's local frame in the world; None while unknown."""
         return self._estimates.anchor
 
     def set_anchor(self, anchor: Anchor) -> None:
-        """Use this anchor (geodetic, motion capture) instead of the start pose."""
+        """Set the driver's anchor (geodetic, motion capture) in place of the start pose."""
         self._anchor_given = True
         self._estimates.set_anchor(anchor)
 
     def on_estimate(self, listener: EstimateListener) -> None:
-        """Call `listener` with each estimate, as it comes, once the vehicle is anchored."""
+        """Call `listener` with each estimate of the vehicle, once it is anchored."""
         self._estimates.listen(listener)
 
     def on_event(self, listener: EventListener) -> None:
-        """Call `listener` with each event, as it happens."""
+        """Call `listener` with each event of the vehicle."""
         self._event_listeners.append(listener)
 
     def on_failure(self, listener: FailureListener) -> None:
-        """Call `listener` once when it can be told nothing any more; all that waits raises that."""
+        """Call `listener` once when the driver can send nothing any more; waits raise that."""
         self._voice.on_failure(listener)
 
     async def identify(self, timeout_s: float) -> Identity:
-        """Find the vehicle, ask who it is, and ask for its telemetry and time.
+        """Find and identify the vehicle, and request its telemetry and time.
 
         Raises IdentifyError, which says what was heard instead.
         """
@@ -250,7 +250,7 @@ class Driver:
         self._capture_anchor()
 
     async def arm(self) -> None:
-        """Anchor the vehicle, bring it into the mode to arm in, arm, and see it armed.
+        """Anchor the vehicle, set the mode to arm in, arm, and see it armed.
 
         Raises ArmRefusedError with the autopilot's reasons, AnchorError, StateTimeoutError.
         """
@@ -267,7 +267,7 @@ class Driver:
             raise await arm_refused(vehicle, self.name, self._changes, error) from error
 
     async def disarm(self) -> None:
-        """Disarm on the ground. Raises CommandError when refused (in the air)."""
+        """Disarm the vehicle on the ground. Raises CommandError when refused (in the air)."""
         vehicle = self._require_flying()
         status = vehicle.status
         await self._insistence.confirm(
@@ -275,7 +275,7 @@ class Driver:
         )
 
     def begin_takeoff(self, altitude_m: float) -> Awaitable[None]:
-        """Send the takeoff command now; the awaitable is its acceptance.
+        """Send the vehicle's takeoff command now; the awaitable is its acceptance.
 
         altitude_m: above where it stands. The frame is written before this returns, so that two
         vehicles get theirs in one turn of the loop. Awaiting raises CommandError.
@@ -291,7 +291,7 @@ class Driver:
         )
 
     async def enter_guided(self) -> None:
-        """Bring it into the mode that follows setpoints, standing still until the first `send`.
+        """Set the vehicle's mode that follows setpoints; it holds until the first `send`.
 
         Where the autopilot wants a stream of setpoints (PX4), zero velocity is streamed until
         then. Raises CommandError, StateTimeoutError.
@@ -304,7 +304,7 @@ class Driver:
             await self._reach(Mode.GUIDED)
 
     def send(self, setpoint: Setpoint) -> None:
-        """Send a setpoint of the world frame; it must be renewed within the autopilot's time-out.
+        """Send the vehicle a setpoint (world frame); to be renewed within its time-out.
 
         Raises AnchorError before `ready`, and what `on_failure` is told.
         """
@@ -316,37 +316,33 @@ class Driver:
         self._require_flying().setpoints.send(anchor.to_local(setpoint))
 
     def keep_still(self) -> None:
-        """Stream zero velocity until the next `send` or `hand_over`."""
+        """Stream zero velocity to the vehicle until the next `send` or `hand_over`."""
         self._require_flying().setpoints.keep_still()
 
     def hand_over(self) -> None:
-        """Stream nothing by ourselves any more: somebody else sends setpoints."""
+        """Stop the driver's setpoints: another program sends them."""
         self._require_flying().setpoints.stop()
 
     def tell(self, message: Any) -> None:
-        """Send any other message, as what the vehicle would hear from its sensors."""
+        """Send the vehicle another message, such as a sensor's."""
         self._session.send(message)
 
     async def hold(self) -> None:
-        """Stop and stay, whatever setpoints come. Raises CommandError, StateTimeoutError."""
+        """Have the vehicle hold, despite setpoints. Raises CommandError, StateTimeoutError."""
         await self._reach(Mode.HOLD)
 
     async def land(self) -> None:
-        """Begin to land here; `disarmed` tells the end. Raises CommandError, StateTimeoutError."""
+        """Start the vehicle's landing; see `disarmed`. Raises CommandError, StateTimeoutError."""
         await self._reach(Mode.LAND)
 
-    async def rtl(self) -> None:
-        """Begin to return and land. Raises CommandError, StateTimeoutError."""
-        await self._reach(Mode.RTL)
-
     async def terminate(self) -> None:
-        """Stop the motors at once, in the air too. Raises CommandError."""
+        """Stop the vehicle's motors at once, in the air too. Raises CommandError."""
         vehicle = self._require_flying()
         vehicle.setpoints.stop()
         await vehicle.orders.terminate()
 
     async def disarmed(self, timeout_s: float) -> None:
-        """Wait until it is disarmed. Raises StateTimeoutError."""
+        """Wait until the vehicle is disarmed. Raises StateTimeoutError."""
         status = self._require_flying().status
         await self._insistence.see(lambda: not status.state.armed, timeout_s, "disarmed")
 
@@ -378,7 +374,7 @@ class Driver:
         return self._require_flying().reasons(self._rates.position_hz)
 
     def _circumstances(self) -> str:
-        """Return what people want to know beside an error; empty, or begins with a semicolon."""
+        """Return the link's and vehicle's circumstances for an error message; or empty."""
         texts = () if self._status is None else self._status.last_texts()
         said = "its last STATUSTEXT: " + " | ".join(texts) if texts else ""
         return "".join(f"; {words}" for words in (self._presence.silence(), said) if words)

@@ -9,7 +9,7 @@ _ATTITUDES_KEPT = 16
 
 
 class EstimatePairing:
-    """Gives each position the attitude of the same moment.
+    """Pairs each estimated position with the attitude of the same time.
 
     A position waits for the first attitude that is not older, and takes the one in between. If
     the next position comes first, it takes the last attitude, when that is at most `max_age_s`
@@ -39,7 +39,7 @@ class EstimatePairing:
     def position(
         self, boot_s: float, position_ned_m: Vec3, velocity_ned_m_s: Vec3
     ) -> tuple[LocalEstimate, ...]:
-        """Take a position; return the estimates that are complete now, in order of time."""
+        """Take a position; return the estimates complete now, in order of time."""
         late: LocalEstimate | None = None
         if self._waiting is not None:
             late = self._complete(*self._waiting)
@@ -51,7 +51,7 @@ class EstimatePairing:
         return () if late is None else (late,)
 
     def restart(self) -> None:
-        """Forget everything: the vehicle's clock started anew."""
+        """Forget unpaired estimates: the vehicle's clock restarted."""
         self._attitudes.clear()
         self._waiting = None
 

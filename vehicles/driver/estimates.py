@@ -27,7 +27,7 @@ EstimateListener = Callable[[EstimateSample], None]
 
 
 class Estimates:
-    """Takes positions and attitudes; keeps the newest estimate and tells listeners.
+    """Collects a vehicle's position and attitude estimates; calls listeners with each.
 
     Listeners are told once the vehicle is anchored, in the loop's turn in which the message
     came; what they raise goes to the loop's exception handler.
@@ -60,12 +60,12 @@ class Estimates:
 
     @property
     def anchor(self) -> Anchor | None:
-        """Return how the autopilot's frame lies in the world; None while unknown."""
+        """Return the anchor of the estimates' frame in the world; None while unknown."""
         return self._anchor
 
     @property
     def place_deg(self) -> tuple[float, float] | None:
-        """Return its latitude and longitude by its own estimate; None while it knows none."""
+        """Return latitude and longitude of the newest estimate; None while unknown."""
         if self._here is None:
             return None
         frame, _ = self._here
@@ -73,22 +73,22 @@ class Estimates:
 
     @property
     def average(self) -> PoseAverage:
-        """Return the mean of the last second of local poses."""
+        """Return the mean of the last second's estimated local poses."""
         return self._average
 
     def set_anchor(self, anchor: Anchor) -> None:
-        """Map into the world by this anchor from now on."""
+        """Map estimates into the world by this anchor from now on."""
         self._anchor = anchor
         if self.local is not None:
             t_s = min(self._clock.run_time(self.local.boot_s), self._arrived_s)
             self._map(self.local, t_s, anchor)
 
     def anchor_at(self, start: Pose) -> None:
-        """Map where the last second of local poses stood to `start`. Raises AnchorError."""
+        """Anchor the last second's mean estimate at `start`. Raises AnchorError."""
         self.set_anchor(Anchor.of_poses(local=self._average.mean(), world=start))
 
     def place_of(self, world_ned_m: Vec3) -> Geodetic:
-        """Return where on earth a place of the world is. Raises AnchorError while unknown."""
+        """Return the latitude and longitude of a world place. Raises AnchorError if unknown."""
         if self._anchor is None or self._here is None:
             lacks = "is not anchored" if self._anchor is None else "has sent no GLOBAL_POSITION_INT"
             raise AnchorError(
@@ -101,7 +101,7 @@ class Estimates:
         return frame.to_geodetic(subtract(wanted, local))
 
     def listen(self, listener: EstimateListener) -> None:
-        """Tell each estimate to `listener`."""
+        """Call a listener with each estimate."""
         self._listeners.append(listener)
 
     def _position(self, payload: bytes, t_s: float) -> None:
@@ -192,4 +192,5 @@ class Estimates:
 
 
 def _unpack_quaternion(layout: Struct, payload: bytes) -> tuple[float, ...]:
+    """Return the fields of an estimate's payload, trailing zeros restored."""
     return layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))

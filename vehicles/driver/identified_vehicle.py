@@ -20,7 +20,7 @@ _LEAST_RATE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class IdentifiedVehicle:
-    """An identified vehicle: who it is, how to speak to it, and what it says."""
+    """An identified vehicle: its identity, its commands, and its state."""
 
     identity: Identity
     autopilot: Autopilot
@@ -33,7 +33,7 @@ class IdentifiedVehicle:
     clock: VehicleClock
 
     def towards_ready(self) -> Iterator[Any]:
-        """Yield what is to be sent to a vehicle that is not ready to arm."""
+        """Yield what is sent to an identified vehicle that is not ready to arm."""
         autopilot, state = self.autopilot, self.status.state
         if self.status.readiness.prearm_failed:
             yield autopilot.ask_checks(self.target)
@@ -42,7 +42,7 @@ class IdentifiedVehicle:
             yield autopilot.set_mode(self.target, Mode.HOLD)
 
     def reasons(self, position_hz: float) -> tuple[str, ...]:
-        """Return what speaks against arming: the autopilot's reasons, and what we lack ourselves.
+        """Return what speaks against arming the vehicle: its reasons, and ours.
 
         position_hz: how often positions were asked for.
         """

@@ -11,7 +11,7 @@ _TEXT_WITHIN_S = 0.5
 def not_ready(
     vehicle: IdentifiedVehicle, what: str, reasons: tuple[str, ...], circumstances: str
 ) -> NotReadyError:
-    """Return the error of a vehicle that is not ready; what: whose, and for how long."""
+    """Return the error of a vehicle that refuses readiness; what: whose, and for how long."""
     texts = vehicle.status.last_texts()
     reasons = (*reasons, *vehicle.autopilot.refusal_reasons(texts))
     return NotReadyError(

@@ -13,7 +13,7 @@ _STILL = VelocitySetpoint((0.0, 0.0, 0.0))
 
 
 class SetpointSender:
-    """Sends setpoints of the autopilot's local frame, stamped in the vehicle's time.
+    """Sends setpoints in the autopilot's local frame, stamped in the vehicle's time.
 
     A setpoint is sent once: whoever flies renews it, so that the autopilot's own time-out acts
     when that one dies. Only standing still is repeated, from `keep_still` to the next `send`.
@@ -30,16 +30,16 @@ class SetpointSender:
         self._still = Repeater(period_s=period_s, action=lambda: self._write(_STILL))
 
     def send(self, setpoint: Setpoint) -> None:
-        """Send a setpoint, and no longer keep the vehicle still."""
+        """Send a setpoint, and end streaming of zero velocity."""
         self._still.stop()
         self._write(setpoint)
 
     def keep_still(self) -> None:
-        """Stream zero velocity until `send` or `stop`."""
+        """Stream setpoints of zero velocity until `send` or `stop`."""
         self._still.start()
 
     def stop(self) -> None:
-        """Send nothing more by ourselves."""
+        """Stop sending setpoints."""
         self._still.stop()
 
     def _write(self, setpoint: Setpoint) -> None:

@@ -38,7 +38,7 @@ _UNKNOWN_VOLTAGE_MV = 0xFFFF
 
 
 class StatusTracker:
-    """Takes what an autopilot says of its state; keeps it in `state`, tells listeners of changes.
+    """Tracks the autopilot's reported status in `state`; reports changes to listeners.
 
     Listeners are called in the loop's turn in which a message came; what they raise goes to the
     loop's exception handler. state: without estimates and time of arrival, which change too
@@ -77,13 +77,13 @@ class StatusTracker:
             session.on(message_id, handler)
 
     def tell(self, event: VehicleEvent) -> None:
-        """Tell an event to all listeners."""
+        """Report an event to all listeners of the status."""
         for listener in self._listeners:
             with Contained(f"a listener to a vehicle ({event.kind})"):
                 listener(event)
 
     def set_link(self, *, up: bool, t_s: float, gap_s: float) -> None:
-        """Note that the vehicle fell silent for `gap_s`, or is heard again after that."""
+        """Note in the status that the vehicle fell silent for `gap_s`, or is back."""
         self._change(link_up=up)
         if up:
             text = f"heard again after {gap_s:.1f} s"
@@ -92,14 +92,14 @@ class StatusTracker:
             self.tell(VehicleEvent(t_s, "link_lost", f"nothing heard for {gap_s:.1f} s"))
 
     def rebooted(self, t_s: float) -> None:
-        """Note that the vehicle started anew: what it said of its readiness is void."""
+        """Reset the status of readiness: the vehicle rebooted."""
         self.readiness = self._autopilot.readiness()
         self._was_sound = False
         self._change(faults=())
         self.tell(VehicleEvent(t_s, "reboot", "the vehicle's clock started anew"))
 
     def last_texts(self, count: int = 5) -> tuple[str, ...]:
-        """Return the last STATUSTEXTs, oldest first; each once, however often it was said."""
+        """Return the last STATUSTEXTs, oldest first; each once."""
         said: dict[str, None] = {}
         for text in reversed(self._texts):
             said.setdefault(text.text)
@@ -114,7 +114,7 @@ class StatusTracker:
         self._changes.notify()
 
     def heartbeat(self, message: Any, t_s: float) -> None:
-        """Take a HEARTBEAT: those of the link, and the one by which the vehicle was found."""
+        """Take a HEARTBEAT into the status, the one of identification included."""
         before = self.state
         self.reported_s["heartbeat"] = t_s
         mode = self._autopilot.mode_of(message.custom_mode)

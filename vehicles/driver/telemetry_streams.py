@@ -15,7 +15,7 @@ _SHORTEST_LOOK_S = 1.0
 
 
 class TelemetryStreams:
-    """Asks for each line of a plan, and knows which of them do not come.
+    """Requests the telemetry streams of a plan, and finds those that do not come.
 
     The requests go out all at once and their acknowledgements are not awaited: on a slow radio
     that would take seconds, and an acknowledged message that does not come helps nobody.
@@ -41,12 +41,12 @@ class TelemetryStreams:
             session.on_payload(line.message_id, partial(self._on_message, line.message_id))
 
     def ask(self) -> None:
-        """Ask for the whole plan."""
+        """Request all telemetry streams of the plan."""
         for line in self._plan:
             self._session.send(self._autopilot.ask_interval(self._target, line))
 
     def ask_missing(self, now_s: float) -> None:
-        """Ask again for what does not come, or came too seldom since this was called last."""
+        """Request again telemetry streams that are missing or too slow."""
         looked_s = now_s if self._looked_s is None else self._looked_s
         for line in self._plan:
             if self._missing_streams(line, now_s) or self._slow_streams(line, now_s - looked_s):
@@ -56,7 +56,7 @@ class TelemetryStreams:
             self._counts_then = dict(self._counts)
 
     def missing(self, now_s: float) -> tuple[str, ...]:
-        """Return the names of the required messages that do not come."""
+        """Return the required telemetry streams that do not come."""
         return tuple(
             message_name(line.message_id)
             for line in self._plan
@@ -64,7 +64,7 @@ class TelemetryStreams:
         )
 
     def rate_hz(self, message_id: int) -> float:
-        """Return how often a message was asked for; 0 when it was not."""
+        """Return the requested rate of a telemetry message; 0 when not requested."""
         return next((line.rate_hz for line in self._plan if line.message_id == message_id), 0.0)
 
     def _missing_streams(self, line: MessageRate, now_s: float) -> bool:

@@ -11,7 +11,7 @@ Done = Callable[[], bool]
 
 
 class VehicleCommands:
-    """Gives a vehicle its orders, each a COMMAND_LONG; awaiting one is its acceptance.
+    """A vehicle's commands, each a COMMAND_LONG; awaiting one is its acceptance.
 
     All raise CommandError when refused, CommandTimeoutError when never answered.
     """
@@ -22,16 +22,16 @@ class VehicleCommands:
         self.target = target
 
     async def set_mode(self, mode: Mode, done: Done) -> None:
-        """Ask for HOLD, GUIDED, LAND or RTL."""
+        """Command the mode HOLD, GUIDED, LAND or RTL."""
         message = self.autopilot.set_mode(self.target, mode)
         await self.commander.run(message, done_anyway=done)
 
     async def arm(self, done: Done) -> None:
-        """Arm, with all of the autopilot's checks."""
+        """Command arming, with all of the autopilot's checks."""
         await self.commander.run(self.autopilot.arm(self.target), done_anyway=done)
 
     async def disarm(self, done: Done) -> None:
-        """Disarm on the ground."""
+        """Command disarming on the ground."""
         await self.commander.run(self.autopilot.disarm(self.target), done_anyway=done)
 
     def begin_takeoff(
@@ -47,5 +47,5 @@ class VehicleCommands:
         return self.commander.begin(message, done_anyway=done, urgent=True)
 
     async def terminate(self) -> None:
-        """Stop the motors at once, in the air too."""
+        """Command the motors to stop at once, in the air too."""
         await self.commander.run(self.autopilot.terminate(self.target))

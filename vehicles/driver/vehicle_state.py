@@ -35,7 +35,7 @@ EventKind = Literal[
 
 
 class LocalEstimate(NamedTuple):
-    """The autopilot's estimate in its own local frame, at seconds since its boot."""
+    """A vehicle's estimate in its own local frame, at seconds since its boot."""
 
     boot_s: float
     pose: Pose
@@ -43,7 +43,7 @@ class LocalEstimate(NamedTuple):
 
 
 class EstimateSample(NamedTuple):
-    """The autopilot's estimate in the world frame.
+    """A vehicle's estimate in the world frame.
 
     t_s: the moment it is for, by mapped clocks. arrived_s: when it reached us. Both are on the
     run clock. boot_s: the same moment on the vehicle's clock.
@@ -58,7 +58,7 @@ class EstimateSample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StatusText:
-    """A STATUSTEXT; severity by MAV_SEVERITY (0 emergency to 7 debug)."""
+    """A vehicle's STATUSTEXT; severity by MAV_SEVERITY (0 emergency to 7 debug)."""
 
     t_s: float
     severity: int
@@ -67,7 +67,7 @@ class StatusText:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """SYS_STATUS's battery; what the autopilot does not know is None."""
+    """The vehicle's battery in SYS_STATUS; what the autopilot does not know is None."""
 
     voltage_v: float | None
     remaining: float | None
@@ -76,7 +76,7 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class VehicleEvent:
-    """Something that happened, when we learned of it (run clock).
+    """An event in a vehicle's state, when we learned of it (run clock).
 
     text: for people ("OFFBOARD", "Armed by external command"). mode: of kind "mode", what it
     means. asked: of kind "mode", whether it is the mode that we last asked for. duration_s: of
@@ -93,7 +93,7 @@ class VehicleEvent:
 
 
 class VehicleState(NamedTuple):
-    """The vehicle as last heard; never changes, a new one replaces it.
+    """The vehicle's last reported state; immutable, a new one replaces it.
 
     last_heard_s: when a byte of it last came (run clock); None before. custom_mode and
     system_status as in HEARTBEAT. estimate: None until the vehicle is anchored in the world.

@@ -19,7 +19,7 @@ Pair = tuple[Nonnegative, Nonnegative]
 
 
 class ProfileError(ValueError):
-    """No profile has this name. suggestion: the name that was probably meant; empty without."""
+    """An unknown profile. suggestion: the name that was probably meant; empty without."""
 
     def __init__(self, message: str, suggestion: str = "") -> None:
         super().__init__(message)
@@ -27,21 +27,21 @@ class ProfileError(ValueError):
 
 
 class AirMovement(Part):
-    """First-order Gauss-Markov movement of the air, NED, of zero mean."""
+    """A profile's wind: first-order Gauss-Markov movement of the air, NED, of zero mean."""
 
     sigma_m_s: tuple[Nonnegative, Nonnegative, Nonnegative]
     time_constant_s: Positive
 
 
 class Motors(Part):
-    """Lag of thrust behind its command, and the spread (standard deviation) between motors."""
+    """A profile's motors: lag of thrust, and the spread (standard deviation) between motors."""
 
     lag_s: Positive
     spread: Annotated[float, Field(ge=0.0, le=0.2)]
 
 
 class Battery(Part):
-    """A pack that sags under load; `thrust_loss`: part of thrust that is gone when empty."""
+    """A profile's battery; `thrust_loss`: part of thrust that is gone when empty."""
 
     full_v: Positive
     empty_v: Positive
@@ -52,7 +52,7 @@ class Battery(Part):
 
 
 class EstimatorNoise(Part):
-    """First-order Gauss-Markov errors of the vehicle's own estimate, and its delay."""
+    """A profile's estimator noise: first-order Gauss-Markov errors, and delay."""
 
     position_sigma_m: Pair
     position_time_constant_s: Positive
@@ -65,7 +65,7 @@ class EstimatorNoise(Part):
 
 
 class MotionCapture(Part):
-    """White noise, rate and latency of the motion-capture feed."""
+    """A profile's motion capture: white noise, rate and latency."""
 
     rate_hz: Annotated[int, Field(ge=1, le=250)]
     position_sigma_m: Pair
@@ -74,7 +74,7 @@ class MotionCapture(Part):
 
 
 class CameraFaults(Part):
-    """What the camera does to a picture.
+    """A profile's camera faults.
 
     noise_std and offset in grey levels of 8 bits, gain a factor. exposure_s: open shutter, blurs
     with motion. latency_s: from the middle of the exposure to delivery, plus or minus jitter_s
@@ -90,14 +90,14 @@ class CameraFaults(Part):
 
 
 class VehicleClock(Part):
-    """The autopilot's clock: its reading when the vehicle starts, and its drift."""
+    """A profile's autopilot clock: its reading when the vehicle starts, and its drift."""
 
     boot_offset_s: Nonnegative
     drift_ppm: Annotated[float, Field(ge=-500.0, le=500.0)]
 
 
 class Profile(Part):
-    """A vehicle and a place.
+    """A profile of an embedded vehicle and its place.
 
     sensors: what lidars, GPS, IMU and the like are: `ideal`, with the reach of their data sheets
     and no noise; or `datasheet`, with their noise.

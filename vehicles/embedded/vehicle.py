@@ -33,7 +33,7 @@ MocapCallback = Callable[[PoseReading], None]
 
 
 class EmbeddedVehicle:
-    """A vehicle that lives in this event loop, in virtual or wall time.
+    """An embedded vehicle in this event loop, in virtual or wall time.
 
     As an async context manager it opens its end of the link and flies by timers of the loop until
     it is closed. `seed` decides everything random in it. Positions are in the world's local frame.
@@ -77,52 +77,52 @@ class EmbeddedVehicle:
 
     @property
     def autopilot(self) -> EmulatedAutopilot:
-        """Return the autopilot, for tests that look inside."""
+        """Return the embedded vehicle's autopilot, for tests."""
         return self._autopilot
 
     @property
     def body(self) -> Body:
-        """Return the body, for tests that look inside or break a motor."""
+        """Return the embedded vehicle's body, for tests that look inside or break a motor."""
         return self._body
 
     def truth(self) -> TruthSample:
-        """Return where the vehicle truly is now."""
+        """Return the embedded vehicle's true state now."""
         return self._body.sample(self._step_s(self._steps))
 
     def on_truth(self, callback: TruthCallback, rate_hz: float) -> None:
-        """Have the truth given to `callback` so often (at most 250 Hz, a whole part of it)."""
+        """Call `callback` with the vehicle's truth (at most 250 Hz, a whole part of it)."""
         self._truth_callbacks.append((max(1, round(PHYSICS_HZ / rate_hz)), callback))
 
     def on_mocap(self, callback: MocapCallback) -> None:
-        """Have motion capture's readings given to `callback`, with the profile's faults."""
+        """Call `callback` with the vehicle's motion capture, faults included."""
         self._mocap.add(callback)
 
     def on_fault(self, callback: Callable[[], None]) -> None:
-        """Have `callback` called when the physics fails."""
+        """Call `callback` when the vehicle's physics fails."""
         self._on_fault = callback
 
     def notify(self, event: str, t_s: float) -> None:
-        """Pass an event of the world to the surroundings: what moves may start now."""
+        """Pass an event of the world to the vehicle's surroundings."""
         if isinstance(self._surroundings, EventListener):
             self._surroundings.notify(event, t_s)
 
     def kill(self) -> None:
-        """Stop at once and for good, without a word: as when its process dies."""
+        """Stop the embedded vehicle at once and for good, as when its process dies."""
         self._alive = False
         for timer in (self._timer, self._mocap_timer):
             if timer is not None:
                 timer.cancel()
 
     def mute(self, *, muted: bool) -> None:
-        """Lose all bytes in both directions, or no longer; the vehicle flies on."""
+        """Mute or unmute the vehicle: all bytes are lost both ways; it flies on."""
         self._muted = muted
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Let one motor (0 to 3, PX4's order) give only this part of its thrust from now on."""
+        """Let one motor (0 to 3, PX4's order) give only this part of its thrust."""
         self._body.fail_motor(index, factor=factor)
 
     async def __aenter__(self) -> Self:
-        """Open the link and begin to live."""
+        """Open the embedded vehicle's link and start its physics."""
         await self._link.__aenter__()
         self._loop = loop = asyncio.get_running_loop()
         self._t0_s = loop.time()
@@ -136,7 +136,7 @@ class EmbeddedVehicle:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop and close the link. Raises what stopped the vehicle, if something inside it did."""
+        """Stop the vehicle and close the link. Raises what stopped it, if anything."""
         self.kill()
         await self._link.__aexit__(kind, error, trace)
         if self._fault is not None and error is None:
@@ -159,7 +159,7 @@ class EmbeddedVehicle:
             self._timer = self._loop.call_at(due_s, self._tick)
 
     def _catch_up(self) -> None:
-        """Step until the present, and send what came of it."""
+        """Step the embedded vehicle until the present, and send its messages."""
         now_s = self._loop.time()
         behind = round((now_s - self._t0_s) * PHYSICS_HZ) - self._steps
         if behind > _MOST_STEPS_BEHIND:
@@ -174,7 +174,7 @@ class EmbeddedVehicle:
             self._deliver_mocap()
 
     def _deliver_mocap(self) -> None:
-        """Give the readings that have arrived, each at its own time and not at the next tick."""
+        """Deliver arrived motion capture readings, each at its own time."""
         loop = self._loop
         now_s = loop.time()
         if self._mocap_timer is not None and self._mocap_timer.when() > now_s:
@@ -221,7 +221,7 @@ class EmbeddedVehicle:
             self._reboot()
 
     def _reboot(self) -> None:
-        """Start the autopilot anew; its parameters stay."""
+        """Reboot the embedded vehicle's autopilot; its parameters stay."""
         kept = {name: self._autopilot.parameters[name] for name in self._autopilot.parameters}
         self._autopilot = build_autopilot(replace(self.config, parameters=kept), self._body)
         self._boot_step = self._steps
@@ -235,7 +235,7 @@ class EmbeddedVehicle:
 
 
 def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
-    """Return the autopilot that a configuration asks for."""
+    """Return the embedded vehicle's autopilot for a config."""
     world = LocalFrame(config.latitude_deg, config.longitude_deg, config.altitude_m)
     start = world.to_geodetic(config.start.position_ned_m)
     identity = Identity(

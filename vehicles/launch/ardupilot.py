@@ -27,7 +27,7 @@ _FRAME = "FRAME_CLASS"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArduPilotLaunch:
-    """An arducopter binary that was built for SITL.
+    """The launch of an arducopter binary built for SITL.
 
     frame: its --model ("quad", "hexa"). defaults: parameter files, later ones win; empty for those
     that its source tree has for the frame, without which it is of no frame and never arms.
@@ -44,12 +44,12 @@ class ArduPilotLaunch:
 
     @property
     def label(self) -> str:
-        """Return what people call it."""
+        """Return the ArduPilot launch's name in messages."""
         return "ArduPilot SITL"
 
     @property
     def instances(self) -> int:
-        """Return how many can run at once by its port numbers."""
+        """Return how many ArduPilot instances port numbers allow."""
         return 50
 
     def check(self) -> None:
@@ -68,12 +68,12 @@ class ArduPilotLaunch:
             raise LaunchError(f"ArduPilot SITL: speedup {self.speedup} is not within 0 to 100")
 
     def ports(self, instance: int) -> tuple[Port, ...]:
-        """Return serial 0 to 2 and its input for remote control."""
+        """Return ArduPilot's ports: serial 0 to 2 and its input for remote control."""
         tcp, rc = _BASE_PORT + _PER_INSTANCE * instance, 5501 + _PER_INSTANCE * instance
         return (Port(tcp, "tcp"), Port(tcp + 2, "tcp"), Port(tcp + 3, "tcp"), Port(rc, "udp"))
 
     def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
-        """Return what to start; eeprom and logs are written to its working folder."""
+        """Return ArduPilot's launch plan; eeprom and logs go to its working folder."""
         argv = [
             executable(self.binary, "ArduPilot SITL", "build it with './waf copter'"),
             "--model", self.frame,
@@ -104,7 +104,7 @@ class ArduPilotLaunch:
         )
 
     def _parameter_files(self) -> tuple[Path, ...]:
-        """Return the files that it boots with; sim_vehicle.py takes the same for these frames."""
+        """Return ArduPilot's default parameter files, as of sim_vehicle.py."""
         if self.defaults:
             return self.defaults
         binary = Path(shutil.which(str(self.binary)) or self.binary).resolve()
@@ -119,12 +119,13 @@ class ArduPilotLaunch:
 
 
 def _home_argument(home: Home) -> str:
+    """Return ArduPilot's --home argument."""
     place = f"{home.latitude_deg:.7f},{home.longitude_deg:.7f},{home.altitude_m:.2f}"
     return f"{place},{home.heading_deg:.1f}"
 
 
 def executable(path: Path, label: str, remedy: str) -> str:
-    """Return the absolute path of a program, which may be on PATH. Raises LaunchError."""
+    """Return a launched program's absolute path, PATH included. Raises LaunchError."""
     found = shutil.which(str(path))
     if found is not None:
         return str(Path(found).absolute())

@@ -13,7 +13,7 @@ from vehicles.launch.launch_plan import Launch, LaunchError, Port
 
 
 class Instance:
-    """An instance number of one kind of simulator, held until it is closed.
+    """An instance number of one kind of simulator, reserved until it is closed.
 
     A lock that the kernel frees when its holder dies keeps it from other runs of this user;
     what others use is seen by their ports.
@@ -24,7 +24,7 @@ class Instance:
         self._lock: int | None = lock
 
     def close(self) -> None:
-        """Give the number back."""
+        """Release the instance number."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
@@ -42,7 +42,7 @@ class Instance:
 
 
 def lock_folder() -> Path:
-    """Return where the locks of this user are."""
+    """Return the folder of this user's instance locks."""
     return Path(tempfile.gettempdir()) / f"wil-campaign-{os.getuid()}"
 
 
@@ -70,7 +70,7 @@ def take_instance(launch: Launch, *, locks: Path | None = None) -> Instance:
 
 
 def is_free(port: Port) -> bool:
-    """Return whether nobody has bound a port; nobody who listens there notices."""
+    """Return whether an instance's port is not bound; no listener notices."""
     kind = socket.SOCK_STREAM if port.kind == "tcp" else socket.SOCK_DGRAM
     with socket.socket(socket.AF_INET, kind) as probe:
         if port.kind == "tcp":

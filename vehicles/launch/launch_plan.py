@@ -10,12 +10,12 @@ from vehicles.links.link_strings import LinkAddress
 
 
 class LaunchError(VehicleError):
-    """A simulated autopilot that cannot be started, or died; says what it printed."""
+    """A simulator that cannot be launched, or died; says what it printed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """A port on this machine that the program, or our link to it, will bind."""
+    """A port on this machine that the launched program, or our link to it, binds."""
 
     number: int
     kind: Literal["tcp", "udp"]
@@ -23,7 +23,7 @@ class Port:
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """Where the vehicle stands: WGS-84 degrees, metres above sea level, heading in degrees."""
+    """The launched vehicle's home: WGS-84 degrees, metres above sea level, heading in degrees."""
 
     latitude_deg: float
     longitude_deg: float
@@ -33,7 +33,7 @@ class Home:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaunchPlan:
-    """One program: its arguments, what is added to its environment, and the link to it.
+    """A plan to launch one program: arguments, environment additions, and the link to it.
 
     ready: a line that holds one of these says that it runs. fatal: one that holds one of these
     says that it will not. complaints: lines with these are told when it does not become ready.
@@ -57,26 +57,26 @@ BornWith = tuple[tuple[str, float], ...]
 
 
 def parameter_text(value: float) -> str:
-    """Return a parameter's value as autopilots read it, whole numbers without a point."""
+    """Return a parameter's value as launched autopilots read it, integers without a point."""
     return str(int(value)) if float(value).is_integer() else f"{value:.9g}"
 
 
 class Launch(Protocol):
-    """A kind of autopilot that can be started several times on one machine."""
+    """A kind of simulator that can be launched several times on one machine (protocol)."""
 
     @property
     def label(self) -> str:
-        """Return what people call it."""
+        """Return the launch's name in messages."""
 
     @property
     def instances(self) -> int:
-        """Return how many can run at once by its port numbers."""
+        """Return how many instances of the launch port numbers allow."""
 
     def check(self) -> None:
-        """Raise LaunchError when something that it needs is missing; starts nothing."""
+        """Raise LaunchError when something that the launch needs is missing; starts nothing."""
 
     def ports(self, instance: int) -> tuple[Port, ...]:
-        """Return the ports that an instance binds."""
+        """Return the ports that an instance of the launch binds."""
 
     def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
-        """Return what to start for an instance that runs in `folder`."""
+        """Return the launch plan of an instance that runs in `folder`."""

@@ -14,7 +14,7 @@ RECORD = "wil-launch.json"
 
 @dataclass(frozen=True, slots=True)
 class LaunchRecord:
-    """One start: what, where, the supervisor that runs it, and for whom."""
+    """The record of one launch: what, where, its supervisor, and for which process."""
 
     label: str
     folder: str
@@ -25,7 +25,7 @@ class LaunchRecord:
     cleanup: tuple[str, ...]
 
     def write(self) -> None:
-        """Write it into its folder, whole or not at all."""
+        """Write the launch record into its folder, atomically."""
         file = Path(self.folder) / RECORD
         half = file.with_suffix(".tmp")
         half.write_bytes(msgspec.json.encode(self))
@@ -33,11 +33,11 @@ class LaunchRecord:
 
     @property
     def left_over(self) -> bool:
-        """Return whether it still runs, and who started it does not."""
+        """Return whether the launched program is an orphan: it runs, its owner does not."""
         return self.boot_id == boot_id() and not self.owner.lives and bool(self.survivors())
 
     def survivors(self) -> tuple[ProcessId, ...]:
-        """Return its processes that live: the supervisor, or else what works in its folder."""
+        """Return the launch's living processes: supervisor, or what works in its folder."""
         if self.boot_id != boot_id():
             return ()
         if self.supervisor.lives:
@@ -46,7 +46,7 @@ class LaunchRecord:
 
 
 def find_orphans(root: Path) -> tuple[LaunchRecord, ...]:
-    """Return what was started in folders below `root`, still runs, and belongs to nobody."""
+    """Return the launch records of orphans in folders below `root`."""
     return tuple(record for record in _records(root) if record.left_over)
 
 

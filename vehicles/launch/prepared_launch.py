@@ -17,7 +17,7 @@ _LOOK_S = 0.05
 
 
 class PreparedLaunch:
-    """Takes what a simulator needs, as a context manager; closing gives it back.
+    """Reserves what a simulator's launch needs; a context manager that releases it.
 
     folder: becomes its scratch folder, made new; its output goes to `output.txt` there. Raises
     LaunchError when something is missing, before anything is started.
@@ -58,17 +58,17 @@ class PreparedLaunch:
 
     @property
     def output(self) -> Path:
-        """Return the file that holds what it printed."""
+        """Return the file with the launched simulator's output."""
         return self.folder / "output.txt"
 
     def command(self, *, parent: int, grace_s: float) -> tuple[str, ...]:
-        """Return the command that starts it under a supervisor; for the arguments see there."""
+        """Return the command that launches it under a supervisor; arguments: see there."""
         # The supervisor opens it anew; who looks for it before that finds it empty.
         self.output.touch()
         return supervised(self.plan.argv, parent=parent, grace_s=grace_s, folder=str(self.folder))
 
     def note(self, pid: int) -> None:
-        """Write down that it runs, so that orphans of it are found; pid: of its supervisor."""
+        """Record that it is launched, so that orphans are found; pid: of its supervisor."""
         LaunchRecord(
             label=self.plan.label,
             folder=str(self.folder),
@@ -80,7 +80,7 @@ class PreparedLaunch:
         ).write()
 
     async def until_ready(self, end: "asyncio.Future[int | None]", *, ready_s: float) -> None:
-        """Wait until it says that it runs. Raises LaunchError with its last lines.
+        """Wait until the simulator reports ready. Raises LaunchError with its output.
 
         end: done when its process has ended, with the exit code.
         """
@@ -107,7 +107,7 @@ class PreparedLaunch:
             await asyncio.wait({end}, timeout=_LOOK_S)
 
     def died(self, exit_code: int | None, output: Output | None = None) -> LaunchError:
-        """Return the error of one that ended, with what it printed last."""
+        """Return the error of a launched simulator that ended, with its last output."""
         if output is None:
             output = Output(self.output)
             output.new_lines(ended=True)
@@ -119,15 +119,15 @@ class PreparedLaunch:
         )
 
     def where(self) -> str:
-        """Return in words where all is that it printed."""
+        """Return in words where the launched simulator's output is."""
         return f" (all that it printed is in {self.output})"
 
     async def clean_up(self) -> None:
-        """Remove what remains of one that has ended."""
+        """Remove what remains of an ended simulator."""
         if self.plan.cleanup:
             await run_briefly(self.plan.cleanup)
         (self.folder / RECORD).unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Give the instance back."""
+        """Release the launch's instance."""
         self._instance.close()

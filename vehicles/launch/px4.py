@@ -40,7 +40,7 @@ _FATAL = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Px4Launch:
-    """PX4 from `build` (the folder build/px4_sitl_default) or from the container `image`.
+    """The launch of PX4 from `build` (build/px4_sitl_default) or the container `image`.
 
     model: its PX4_SIM_MODEL. speed: its PX4_SIM_SPEED_FACTOR; PX4 multiplies its own time-outs by
     it. Instances beyond ten would share one port. params: that it boots with.
@@ -59,16 +59,16 @@ class Px4Launch:
 
     @property
     def label(self) -> str:
-        """Return what people call it."""
+        """Return the PX4 launch's name in messages."""
         return "PX4 SITL"
 
     @property
     def instances(self) -> int:
-        """Return how many can run at once by its port numbers."""
+        """Return how many PX4 instances port numbers allow."""
         return 10
 
     def check(self) -> None:
-        """Raise LaunchError when the build folder, or docker, is missing."""
+        """Raise LaunchError when PX4's build folder, or docker, is missing."""
         if not 0.0 < self.speed <= 100.0:
             raise LaunchError(f"PX4 SITL: speed {self.speed} is not within 0 to 100")
         if self.build is None:
@@ -82,14 +82,14 @@ class Px4Launch:
             )
 
     def ports(self, instance: int) -> tuple[Port, ...]:
-        """Return the ports that an instance binds, and the one that our link binds."""
+        """Return the ports that a PX4 instance binds, and the one that our link binds."""
         numbers = [_API_PORT + instance, *(base + instance for base in _LOCAL_PORTS)]
         if self.model.startswith("sihsim"):
             numbers.append(_SIH_PORT + instance)
         return tuple(Port(number, "udp") for number in numbers)
 
     def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
-        """Return what to start; parameters and logs are written to its working folder."""
+        """Return PX4's launch plan; parameters and logs go to its working folder."""
         environment = self._environment()
         files = {_HOOK: self._hook(system_id)}
         link = LinkAddress("udpin", host="127.0.0.1", port=_API_PORT + instance)
@@ -132,7 +132,7 @@ class Px4Launch:
         )
 
     def _hook(self, system_id: int) -> str:
-        """Return the hook that sets the parameters, then does what PX4's own does.
+        """Return PX4's start-up hook that sets the parameters, then does what PX4's own does.
 
         rcS sets PX4_PARAM_* of the environment too, but then by itself the system id (instance
         and 1) and, by the speed, its time-outs.

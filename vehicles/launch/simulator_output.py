@@ -9,7 +9,7 @@ _COLOURS = re.compile(rb"\x1b\[[0-9;]*[A-Za-z]")
 
 
 class Output:
-    """The lines of a growing file, without colours; a line is one when its end has come."""
+    """A simulator's output: the complete lines of a growing file, without colours."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -18,7 +18,7 @@ class Output:
         self._tail: deque[str] = deque(maxlen=_TAIL_LINES)
 
     def new_lines(self, *, ended: bool = False) -> list[str]:
-        """Return the lines that came since the last call.
+        """Return the simulator's output lines since the last call.
 
         ended: nobody writes any more, so that what has no end of line is a line too.
         """
@@ -37,5 +37,5 @@ class Output:
 
     @property
     def last_output(self) -> str:
-        """Return the last lines."""
+        """Return the last lines of a simulator's output."""
         return "\n".join(self._tail)

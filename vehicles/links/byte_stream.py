@@ -10,7 +10,7 @@ MOST_WAITING_BYTES = 16_384
 
 
 class StreamPeer(asyncio.Protocol):
-    """One TCP connection.
+    """The peer of one TCP byte stream.
 
     received: takes what came and the loop's time. lost: called once, with the reason in words,
     unless we closed it ourselves.
@@ -35,7 +35,7 @@ class StreamPeer(asyncio.Protocol):
 
     @property
     def address(self) -> str:
-        """Return the peer's address for people."""
+        """Return the stream peer's address in messages."""
         if self._transport is None:
             return "nobody"
         host, port = self._transport.get_extra_info("peername")[:2]
@@ -43,13 +43,13 @@ class StreamPeer(asyncio.Protocol):
 
     @property
     def socket(self) -> TransportSocket | None:
-        """Return its socket; None once it is gone."""
+        """Return the byte stream's socket; None once it is gone."""
         if self._transport is None:
             return None
         return cast("TransportSocket", self._transport.get_extra_info("socket"))
 
     def write(self, data: bytes) -> None:
-        """Send, unless the connection is clogged or gone."""
+        """Send bytes on the stream, unless it is clogged or gone."""
         transport = self._transport
         if transport is None or transport.is_closing():
             return
@@ -59,23 +59,23 @@ class StreamPeer(asyncio.Protocol):
         transport.write(data)
 
     def close(self) -> None:
-        """Close at once; `lost` is not called."""
+        """Close the byte stream at once; `lost` is not called."""
         self._closed_by_us = True
         if self._transport is not None:
             self._transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take the connection (asyncio calls this)."""
+        """Keep the byte stream's transport (asyncio calls this)."""
         self._transport = cast("asyncio.Transport", transport)
         self._opened(self)
 
     def data_received(self, data: bytes) -> None:
-        """Hand bytes on with their time (asyncio calls this)."""
+        """Pass the stream's bytes on with their time (asyncio calls this)."""
         self.heard_s = self._loop.time()
         self._received(self, data, self.heard_s)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Say why the connection ended (asyncio calls this)."""
+        """Report why the byte stream ended (asyncio calls this)."""
         self._transport = None
         if self._closed_by_us:
             return

@@ -13,7 +13,7 @@ from vehicles.mavlink.framing import FrameSplitter
 
 
 class ImpairedLink:
-    """Wraps any link; whole MAVLink frames are lost, late, doubled and broken each by itself.
+    """An impaired link: MAVLink frames are lost, late, doubled and broken each by itself.
 
     outgoing: what is done to what we write; incoming: to what we hear. rng: a generator of its
     own; the same seed and the same frames at the same times give the same arrivals.
@@ -36,39 +36,39 @@ class ImpairedLink:
 
     @property
     def name(self) -> str:
-        """Return the name of the wrapped link."""
+        """Return the name of the impaired link."""
         return self._link.name
 
     @property
     def trouble(self) -> str:
-        """Return the wrapped link's trouble."""
+        """Return the impaired link's own trouble."""
         return self._link.trouble if isinstance(self._link, TellsTrouble) else ""
 
     @property
     def outgoing(self) -> ImpairmentCounts:
-        """Return what became of the frames that we wrote."""
+        """Return the counts of frames sent on the impaired link."""
         return self._out.counts
 
     @property
     def incoming(self) -> ImpairmentCounts:
-        """Return what became of the frames that came."""
+        """Return the counts of frames received on the impaired link."""
         return self._in.counts
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives."""
+        """Set the receiver of the impaired link's bytes."""
         self._receiver = receiver
 
     def write(self, data: bytes) -> None:
-        """Send frames, as well as this link does."""
+        """Send frames through the impairment."""
         self._out.put(data)
 
     def start_outage(self, duration_s: float) -> None:
-        """Let nothing through either way, from now on for a while."""
+        """Start an outage of the impaired link, both ways, for a while."""
         self._out.start_outage(duration_s)
         self._in.start_outage(duration_s)
 
     async def __aenter__(self) -> Self:
-        """Open the wrapped link; blackouts count from here. Raises LinkError."""
+        """Open the wrapped link; outages count from here. Raises LinkError."""
         self._out.open()
         self._in.open()
         await self._link.__aenter__()
@@ -80,7 +80,7 @@ class ImpairedLink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the wrapped link; what is under way is lost."""
+        """Close the wrapped link; delayed frames are lost."""
         self._out.close()
         self._in.close()
         await self._link.__aexit__(kind, error, trace)
@@ -97,7 +97,7 @@ class ImpairedLink:
 
 
 class _Way:
-    """One way, with the one timer that its next arrival needs."""
+    """One direction of an impaired link, with the timer of its next arrival."""
 
     def __init__(
         self,
@@ -115,29 +115,29 @@ class _Way:
 
     @property
     def counts(self) -> ImpairmentCounts:
-        """Return what became of the frames; zeros before the link is opened."""
+        """Return the impaired direction's counts; zeros before the link is opened."""
         return ImpairmentCounts() if self._way is None else self._way.counts
 
     def open(self) -> None:
-        """Begin to take frames."""
+        """Open the impaired direction."""
         now_s = asyncio.get_running_loop().time()
         self._way = ImpairedWay(impairment=self._impairment, rng=self._rng, opened_s=now_s)
         self._open = True
 
     def close(self) -> None:
-        """Take no more, and lose what is under way."""
+        """Close the impaired direction; delayed frames are lost."""
         self._open = False
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
     def start_outage(self, duration_s: float) -> None:
-        """Let nothing through for a while."""
+        """Start an outage of the impaired direction."""
         if self._way is not None:
             self._way.start_outage(asyncio.get_running_loop().time(), duration_s)
 
     def put(self, data: bytes) -> None:
-        """Take bytes that are sent now."""
+        """Take bytes sent now into the impaired direction."""
         way = self._way
         if way is None or not self._open:
             return
@@ -147,12 +147,14 @@ class _Way:
         self._give(now_s)
 
     def _tick(self) -> None:
+        """Deliver impaired frames that are due, and set the next timer."""
         self._timer = None
         # A loop's timer may fire a hair before its time.
         now_s = asyncio.get_running_loop().time()
         self._give(now_s)
 
     def _give(self, now_s: float) -> None:
+        """Deliver the impaired frames that have arrived by now."""
         way = self._way
         if way is None:
             return

@@ -14,7 +14,7 @@ _BLOCK = 256
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bursts:
-    """Loss that comes in bursts, by Gilbert's and Elliott's model of two states.
+    """An impairment: loss in bursts, by the two-state model of Gilbert and Elliott.
 
     The state changes with time, not with each frame, so that a burst takes both ways alike however
     much they carry: length_s and gap_s are the mean lengths of bursts and of the times between,
@@ -35,7 +35,7 @@ class Bursts:
                 raise ValueError(f"{name} is {getattr(self, name)}: it is a mean time above 0 s")
 
     def chance_within(self, *, was_within: bool, elapsed_s: float) -> float:
-        """Return the chance to be in a burst so long after it was known whether one was on."""
+        """Return the chance of a loss burst so long after its state was known."""
         share = self.length_s / (self.length_s + self.gap_s)
         forgotten = math.exp(-elapsed_s * (1.0 / self.length_s + 1.0 / self.gap_s))
         return share + ((1.0 if was_within else 0.0) - share) * forgotten
@@ -43,7 +43,7 @@ class Bursts:
 
 @dataclass(frozen=True, slots=True)
 class LinkOutage:
-    """A time in which nothing arrives: seconds after the link was opened, and for how long."""
+    """An impairment: an outage, seconds after the link was opened, and for how long."""
 
     from_s: float
     duration_s: float
@@ -53,13 +53,13 @@ class LinkOutage:
             raise ValueError(f"blackout from {self.from_s} s for {self.duration_s} s")
 
     def covers(self, t_s: float) -> bool:
-        """Return whether a moment lies in it."""
+        """Return whether the outage covers a moment."""
         return self.from_s <= t_s < self.from_s + self.duration_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Impairment:
-    """How one way of a link treats each MAVLink frame; the default does nothing.
+    """The impairment of one direction of a link, per MAVLink frame; the default does nothing.
 
     latency_s, jitter_s: a frame takes latency_s, more or less by up to jitter_s, evenly spread;
     frames keep their order, as on a radio. loss, duplicate, reorder, corrupt: chances per frame.
@@ -98,7 +98,7 @@ class Impairment:
 
 @dataclass(slots=True)
 class ImpairmentCounts:
-    """What became of the frames of one way."""
+    """The counts of frames by outcome in an impaired direction."""
 
     frames: int = 0
     lost: int = 0
@@ -111,7 +111,7 @@ class ImpairmentCounts:
 
 
 class ImpairedWay:
-    """One way of an impaired link: takes frames, gives them back when they arrive.
+    """One direction under impairment: takes frames, returns them when they arrive.
 
     Times are seconds of any one clock; `opened_s` is the moment from which blackouts count.
     """
@@ -132,11 +132,11 @@ class ImpairedWay:
         self.counts = ImpairmentCounts()
 
     def start_outage(self, now_s: float, duration_s: float) -> None:
-        """Let nothing through from now on for a while."""
+        """Start an outage of this direction for a while."""
         self._forced_until_s = max(self._forced_until_s, now_s + duration_s)
 
     def put(self, frame: bytes, now_s: float) -> None:
-        """Take one frame that is sent now."""
+        """Take one frame that is sent now into the impairment."""
         setting, counts = self._set, self.counts
         lost, state, burst, delay, copy, order, corrupt = next(self._luck)
         counts.frames += 1
@@ -167,11 +167,11 @@ class ImpairedWay:
 
     @property
     def next_due_s(self) -> float | None:
-        """Return when the next frame arrives; None when none is under way."""
+        """Return when the next impaired frame arrives; None without."""
         return self._queue[0][0] if self._queue else None
 
     def take(self, now_s: float) -> list[bytes]:
-        """Return the frames that have arrived by now, in their order."""
+        """Return the frames that arrive by now through the impairment, in order."""
         arrived = []
         while self._queue and self._queue[0][0] <= now_s:
             due_s, _, frame = heapq.heappop(self._queue)
@@ -194,7 +194,7 @@ class ImpairedWay:
         return any(blackout.covers(since_s) for blackout in self._set.blackouts)
 
     def _through_bottleneck(self, size: int, now_s: float) -> float | None:
-        """Return when a frame has left the bottleneck; None when its queue is full."""
+        """Return when a frame leaves the bottleneck; None when its queue is full."""
         rate = self._set.bandwidth_bit_s
         if rate is None:
             return now_s
@@ -215,16 +215,19 @@ class ImpairedWay:
 
 
 def _uniforms(rng: np.random.Generator) -> Iterator[tuple[float, ...]]:
+    """Yield the random numbers that the impairment draws per frame."""
     while True:
         yield from map(tuple, rng.random((_BLOCK, _DRAWS)).tolist())
 
 
 def _with_bit_flipped(frame: bytes, where: float) -> bytes:
+    """Return an impaired frame with one bit flipped."""
     bit = min(int(where * 8 * len(frame)), 8 * len(frame) - 1)
     at = bit // 8
     return frame[:at] + bytes([frame[at] ^ 1 << bit % 8]) + frame[at + 1 :]
 
 
 def _check_chance(name: str, value: float) -> None:
+    """Raise ValueError when an impairment's probability is not within 0 to 1."""
     if not 0.0 <= value <= 1.0:
         raise ValueError(f"{name} is {value}: it is a chance from 0 to 1")

@@ -11,7 +11,7 @@ Receiver = Callable[[bytes, float], None]
 
 
 class LinkError(VehicleError):
-    """A link that cannot be had or was lost; says which and what to do."""
+    """A link that cannot be opened or was lost; says which and what to do."""
 
 
 class Link(Protocol):
@@ -23,16 +23,16 @@ class Link(Protocol):
 
     @property
     def name(self) -> str:
-        """Return what people know it by, for messages ("udpin://127.0.0.1:14540")."""
+        """Return the link's name in messages ("udpin://127.0.0.1:14540")."""
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives; called once, before opening."""
+        """Set the link's receiver of bytes; called once, before opening."""
 
     def write(self, data: bytes) -> None:
-        """Send bytes."""
+        """Send bytes on the link."""
 
     async def __aenter__(self) -> Self:
-        """Open. Raises LinkError when it cannot be had."""
+        """Open the link. Raises LinkError."""
 
     async def __aexit__(
         self,
@@ -40,13 +40,13 @@ class Link(Protocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close; nothing arrives afterwards."""
+        """Close the link; nothing arrives afterwards."""
 
 
 @runtime_checkable
 class TellsTrouble(Protocol):
-    """A link that knows what its operating system last complained about."""
+    """A link that knows its operating system's last error."""
 
     @property
     def trouble(self) -> str:
-        """Return the last complaint in words; empty when there was none."""
+        """Return the link's last error in words; empty when there was none."""

@@ -19,13 +19,13 @@ _FLAWLESS = Impairment()
 
 @dataclass(frozen=True, slots=True)
 class KeySource:
-    """Where the signing key is: a file's path, or an environment variable's name; never the key."""
+    """Where a link's signing key is: a file, or an environment variable; never the key."""
 
     kind: Literal["file", "environment"]
     name: str
 
     def key(self) -> SigningKey:
-        """Return the key. Raises SigningKeyError."""
+        """Return the link's signing key. Raises SigningKeyError."""
         if self.kind == "file":
             return key_from_file(Path(self.name))
         return key_from_environment(self.name)
@@ -33,7 +33,7 @@ class KeySource:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkConditions:
-    """How a link is treated between us and the vehicle.
+    """The conditions of a link between us and the vehicle: signing, impairment.
 
     outgoing, incoming: what is done to the frames of each way. seed: of all luck in it. signing:
     where the key is; None for unsigned frames.
@@ -48,13 +48,13 @@ class LinkConditions:
 
     @property
     def impaired(self) -> bool:
-        """Return whether frames fare worse than on the bare link."""
+        """Return whether the link's conditions include impairment."""
         return self.may_go_dark or (self.outgoing, self.incoming) != (_FLAWLESS, _FLAWLESS)
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionedLink:
-    """A link in its conditions. impaired: what blacks it out; None where it is not impaired."""
+    """A link under conditions. impaired: its outages' link; None when not impaired."""
 
     link: Link
     impaired: ImpairedLink | None = None
@@ -68,7 +68,7 @@ def under_conditions(
     spares: Sequence[Link] = (),
     told: Callable[[str], None] | None = None,
 ) -> ConditionedLink:
-    """Return a link under conditions: what is signed is impaired afterwards, as on the air.
+    """Return a link under conditions: signed first, then impaired, as on the air.
 
     utc_s: what time it is (UTC, seconds since 1970). spares: links to the same vehicle that stand
     by, unimpaired; told: gets in words that another of them is flown by. Raises SigningKeyError.

@@ -30,12 +30,12 @@ _FOREIGN_KIND: dict[str, LinkKind] = {
 
 
 class LinkAddressError(LinkError, ValueError):
-    """A link string that cannot be read; says how it should read."""
+    """A link string that cannot be parsed; says its proper form."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkAddress:
-    """Where a link leads: host and port of a network link, device and baud of a serial one."""
+    """The address in a link string: host and port of a network link, device and baud of serial."""
 
     kind: LinkKind
     host: str = ""
@@ -44,7 +44,7 @@ class LinkAddress:
     baud: int = 0
 
     def __str__(self) -> str:
-        """Return the link string."""
+        """Return the address as a link string."""
         if self.kind == "memory":
             return "memory://"
         if self.kind == "serial":
@@ -78,6 +78,7 @@ def parse_link(text: str) -> LinkAddress:
 
 
 def _serial(text: str, rest: str) -> LinkAddress:
+    """Return the address in a serial link string. Raises LinkAddressError."""
     match = _DEVICE_BAUD.fullmatch(rest)
     if match is None:
         raise _unreadable(text, "serial:// needs device:baud")
@@ -88,6 +89,7 @@ def _serial(text: str, rest: str) -> LinkAddress:
 
 
 def _unreadable(text: str, why: str = "") -> LinkAddressError:
+    """Return the error of a malformed link string, with a suggestion."""
     suggestion = _suggestion(text)
     meant = f"; did you mean {suggestion}?" if suggestion else ""
     forms = "" if suggestion else " (like udpin://0.0.0.0:14540 or serial:///dev/ttyACM0:57600)"
@@ -96,6 +98,7 @@ def _unreadable(text: str, why: str = "") -> LinkAddressError:
 
 
 def _suggestion(text: str) -> str:
+    """Return the link string that a foreign spelling probably means; "" when unknown."""
     if match := _FOREIGN_NET.fullmatch(text.strip()):
         name = match["kind"]
         kind = _FOREIGN_KIND.get(name, name)
@@ -110,6 +113,7 @@ def _suggestion(text: str) -> str:
 
 
 def _if_readable(text: str) -> str:
+    """Return a suggested link string if it is well-formed; else ""."""
     kind, _, rest = text.partition("://")
     if kind == "memory":
         return text

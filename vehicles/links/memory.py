@@ -9,7 +9,7 @@ from vehicles.links.link import Link, Receiver
 
 
 class MemoryLink:
-    """One end of a pair; what it writes arrives at the other end `latency_s` later.
+    """One end of a link in memory; written bytes arrive at the other end `latency_s` later.
 
     Bytes written while either end is closed are lost, as on a cable that is not plugged in.
     """
@@ -26,20 +26,20 @@ class MemoryLink:
 
     @property
     def name(self) -> str:
-        """Return the name of this end."""
+        """Return the name of this end of the memory link."""
         return self._name
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives."""
+        """Set the receiver of this end of the memory link."""
         self._receiver = receiver
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the other end."""
+        """Send bytes to the memory link's other end."""
         if self._loop is not None and self._other is not None:
             self._other._take(data)  # noqa: SLF001 - the twin end
 
     async def __aenter__(self) -> Self:
-        """Open this end."""
+        """Open this end of the memory link."""
         self._loop = asyncio.get_running_loop()
         return self
 
@@ -49,7 +49,7 @@ class MemoryLink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close this end; what is under way to it is lost."""
+        """Close this end of the memory link; delayed bytes to it are lost."""
         self._loop = None
         self._under_way.clear()
         if self._timer is not None:
@@ -57,7 +57,7 @@ class MemoryLink:
             self._timer = None
 
     def join(self, other: "MemoryLink") -> None:
-        """Make `other` the end that hears this one."""
+        """Join this end of the memory link to `other`, which receives from it."""
         self._other = other
 
     def _take(self, data: bytes) -> None:

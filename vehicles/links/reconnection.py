@@ -18,18 +18,18 @@ _FLAPS = 3
 
 @dataclass(frozen=True, slots=True)
 class BackOff:
-    """How long to wait before each try: twice as long as before, up to `longest_s`."""
+    """The back-off of reconnection: each wait twice the last, up to `longest_s`."""
 
     first_s: float = 0.2
     longest_s: float = 3.0
 
     def after(self, failures: int) -> float:
-        """Return the wait before the next try."""
+        """Return the wait before the next reconnection."""
         return min(self.first_s * 2.0 ** min(failures, 30), self.longest_s)
 
 
 class Reconnection:
-    """Tries to have a link again in a task of its own until it has, or is stopped.
+    """Reconnects a lost link in a task of its own until connected or stopped.
 
     again: opens the link; raises LinkError when it cannot. A loss is logged once, and once when
     the link is back. Of a link that flaps the third loss says so, and nothing more is logged until
@@ -55,7 +55,7 @@ class Reconnection:
         self.losses = 0
 
     def lost(self, why: str) -> None:
-        """Note that the link is gone, and begin to try."""
+        """Note that the link is lost, and start to reconnect."""
         if self._lost_s is not None:
             return
         self._lost_s = now_s = asyncio.get_running_loop().time()
@@ -77,7 +77,7 @@ class Reconnection:
             self._task = start(self._try(self._again), name=f"{self._name}: again")
 
     def back(self) -> None:
-        """Note that the link is there again."""
+        """Note that the link is connected again."""
         if self._lost_s is None:
             return
         loop = asyncio.get_running_loop()
@@ -90,7 +90,7 @@ class Reconnection:
             self._steady = loop.call_later(_STEADY_S, self._is_steady)
 
     async def stop(self) -> None:
-        """Try no more."""
+        """Stop reconnecting."""
         task, self._task = self._task, None
         self._lost_s = None
         self._forget_steady()

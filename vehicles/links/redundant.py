@@ -46,7 +46,7 @@ _COMMANDS_EVERYWHERE = frozenset(
 
 
 class RedundantLink:
-    """Hands on what comes by one of its links, the first that is not silent.
+    """Redundant links as one: passes on what arrives on the first one that is not silent.
 
     Autopilots number and time what they send by each link apart, so that two streams do not mix.
     What does the same when it comes twice (heartbeats, setpoints, modes, landing, disarming,
@@ -79,12 +79,12 @@ class RedundantLink:
 
     @property
     def name(self) -> str:
-        """Return the names of the links, the preferred one first."""
+        """Return the names of the redundant links, the preferred one first."""
         return " + ".join(link.name for link in self._links)
 
     @property
     def trouble(self) -> str:
-        """Return the troubles of the links; empty when none has any."""
+        """Return the redundant links' errors; empty when none has any."""
         troubles = [
             f"{link.name}: {link.trouble}"
             for link in self._links
@@ -93,11 +93,11 @@ class RedundantLink:
         return "; ".join(troubles)
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives."""
+        """Set the receiver of the redundant links' bytes."""
         self._receiver = receiver
 
     def write(self, data: bytes) -> None:
-        """Send frames: by all links what may come twice, by the active one the rest."""
+        """Send frames: on all redundant links if repeatable, else on the active one."""
         frames = self._outward.feed(data)
         for frame in frames:
             if _command_of(frame) == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
@@ -108,7 +108,7 @@ class RedundantLink:
                 link.write(mine)
 
     async def __aenter__(self) -> Self:
-        """Open all links. Raises LinkError when one cannot be had; the others are closed again."""
+        """Open all redundant links. Raises LinkError for any; the others are closed."""
         now_s = asyncio.get_running_loop().time()
         self._heard_s = [now_s] + [-SILENT_S] * (len(self._links) - 1)
         self._steady_since_s = [now_s] * len(self._links)
@@ -124,7 +124,7 @@ class RedundantLink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close all links."""
+        """Close all redundant links."""
         await self._stack.__aexit__(kind, error, trace)
 
     def _on_bytes(self, number: int, data: bytes, t_s: float) -> None:
@@ -157,11 +157,12 @@ class RedundantLink:
 
 
 def _may_come_twice(frame: Frame) -> bool:
+    """Return whether a frame may be sent on several redundant links."""
     return frame.message_id in _EVERYWHERE or _command_of(frame) in _COMMANDS_EVERYWHERE
 
 
 def _command_of(frame: Frame) -> int | None:
-    """Return the number of a command (MAV_CMD); None of another message."""
+    """Return the MAV_CMD of a frame for redundant sending; None of another message."""
     if frame.message_id not in _COMMANDS:
         return None
     payload = frame.payload[: _COMMAND_AT + 2].ljust(_COMMAND_AT + 2, b"\0")

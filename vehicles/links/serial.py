@@ -17,7 +17,7 @@ _MOST_WAITING_BYTES = 4096
 
 
 class SerialLink:
-    """A serial port, 8N1 without flow control; wall clock only.
+    """A serial port as a link, 8N1 without flow control; wall clock only.
 
     The port is ours alone while it is open. When it vanishes it is opened again by its name; a
     name of /dev/serial/by-id stays the same when the device is plugged in anew.
@@ -36,20 +36,20 @@ class SerialLink:
 
     @property
     def name(self) -> str:
-        """Return the link string."""
+        """Return the serial link's link string."""
         return str(self._address)
 
     @property
     def trouble(self) -> str:
-        """Return why it is lost; empty while it is there."""
+        """Return why the serial port is lost; empty while it is there."""
         return self._recovery.trouble
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives."""
+        """Set the receiver of the serial port's bytes."""
         self._receiver = receiver
 
     def write(self, data: bytes) -> None:
-        """Send bytes, while the port is there and not clogged."""
+        """Send bytes on the serial port, unless it is gone or clogged."""
         if self._port is None or self._loop is None:
             return
         if len(self._waiting) > _MOST_WAITING_BYTES:
@@ -61,7 +61,7 @@ class SerialLink:
             self._send()
 
     async def __aenter__(self) -> Self:
-        """Open the port. Raises LinkError, which says what to do."""
+        """Open the serial port. Raises LinkError, which says what to do."""
         self._loop = asyncio.get_running_loop()
         self._open(self._loop)
         return self
@@ -72,7 +72,7 @@ class SerialLink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the port."""
+        """Close the serial port."""
         self._receiver = None
         await self._recovery.stop()
         self._close()

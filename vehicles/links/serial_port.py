@@ -18,7 +18,7 @@ _USUAL_NAMES = ("ttyACM*", "ttyUSB*", "ttyAMA*", "cu.usb*")
 
 
 def open_port(device: str, baud: int) -> int:
-    """Return the descriptor of a serial port: raw, 8N1, not blocking, ours alone.
+    """Return the descriptor of a serial port: raw, 8N1, not blocking, exclusive.
 
     Raises OSError; its words for people are `remedy`'s.
     """
@@ -45,7 +45,7 @@ def ports() -> tuple[str, ...]:
 
 
 def remedy(error: OSError, device: str, baud: int) -> str:
-    """Return in words why a port could not be opened, and what to do."""
+    """Return in words why a serial port could not be opened, and what to do."""
     match error.errno:
         case errno.ENOENT | errno.ENODEV | errno.ENXIO:
             there = ", ".join(ports())
@@ -72,6 +72,7 @@ def remedy(error: OSError, device: str, baud: int) -> str:
 
 
 def _make_raw(port: int, baud: int) -> None:
+    """Set a serial port raw at a baud rate."""
     attributes = termios.tcgetattr(port)
     special = attributes[6]
     special[termios.VMIN], special[termios.VTIME] = 1, 0
@@ -84,6 +85,7 @@ def _make_raw(port: int, baud: int) -> None:
 
 
 def _set_unnamed_speed(port: int, baud: int) -> None:
+    """Set a serial port's non-standard baud rate (Linux). Raises OSError."""
     if not sys.platform.startswith("linux"):
         raise OSError(errno.EINVAL, f"no such speed: {baud}")
     raw = fcntl.ioctl(port, _TCGETS2, bytes(_TERMIOS2.size))
@@ -94,7 +96,7 @@ def _set_unnamed_speed(port: int, baud: int) -> None:
 
 
 def group_of(device: str) -> str:
-    """Return the group that may open a device."""
+    """Return the group that may open a serial port."""
     try:
         found = Path(device).stat()
         if stat.S_ISCHR(found.st_mode):

@@ -11,7 +11,7 @@ from vehicles.mavlink.signing_key import SigningKey
 
 
 class SignedLink:
-    """Wraps the link to a vehicle that wants MAVLink 2 signing; inside, frames are unsigned.
+    """A link with MAVLink 2 signing; frames are unsigned on our side.
 
     utc_s: what time it is (UTC, seconds since 1970) when the link is made; from there it goes on
     with the loop's clock. link_id tells several links with one key apart. newest: the last
@@ -32,7 +32,7 @@ class SignedLink:
 
     @property
     def name(self) -> str:
-        """Return the name of the wrapped link."""
+        """Return the name of the signed link."""
         return self._link.name
 
     @property
@@ -42,19 +42,19 @@ class SignedLink:
 
     @property
     def newest(self) -> int:
-        """Return the last timestamp, for the next link with this key."""
+        """Return the last signing timestamp, for the next link with this key."""
         return self._signer.newest
 
     @property
     def trouble(self) -> str:
-        """Return what was refused, in words, and the wrapped link's trouble."""
+        """Return what the signed link refused, in words, and the wrapped link's error."""
         inner = self._link.trouble if isinstance(self._link, TellsTrouble) else ""
         refused = str(self.counts)
         said = f"refused for its signature: {refused} frames" if refused else ""
         return "; ".join(words for words in (said, inner) if words)
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives and is believed."""
+        """Set the receiver of correctly signed bytes."""
         self._receiver = receiver
 
     def write(self, data: bytes) -> None:
@@ -66,7 +66,7 @@ class SignedLink:
             self._link.write(whole)
 
     async def __aenter__(self) -> Self:
-        """Open the wrapped link. Raises LinkError."""
+        """Open the link under signing. Raises LinkError."""
         self._start_s = asyncio.get_running_loop().time()
         await self._link.__aenter__()
         return self
@@ -77,7 +77,7 @@ class SignedLink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the wrapped link."""
+        """Close the link under signing."""
         await self._link.__aexit__(kind, error, trace)
 
     def _on_bytes(self, data: bytes, t_s: float) -> None:

@@ -7,7 +7,7 @@ from vehicles.links.link import Link, Receiver
 
 
 class TappedLink:
-    """Hands on what comes by a link to its receiver, and after that to every tap."""
+    """A tapped link: passes received bytes to its receiver, and after that to every tap."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -17,23 +17,23 @@ class TappedLink:
 
     @property
     def name(self) -> str:
-        """Return the name of the link."""
+        """Return the name of the tapped link."""
         return self._link.name
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives first."""
+        """Set the first receiver of the tapped link."""
         self._receiver = receiver
 
     def tap(self, receiver: Receiver) -> None:
-        """Hand what arrives to `receiver` as well, from now on."""
+        """Add a tap: `receiver` gets what arrives as well, from now on."""
         self._taps.append(receiver)
 
     def write(self, data: bytes) -> None:
-        """Send bytes."""
+        """Send bytes on the tapped link."""
         self._link.write(data)
 
     async def __aenter__(self) -> Self:
-        """Open the link. Raises LinkError."""
+        """Open the tapped link. Raises LinkError."""
         await self._link.__aenter__()
         return self
 
@@ -43,7 +43,7 @@ class TappedLink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the link."""
+        """Close the tapped link."""
         await self._link.__aexit__(kind, error, trace)
 
     def _on_bytes(self, data: bytes, t_s: float) -> None:

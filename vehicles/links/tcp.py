@@ -21,7 +21,7 @@ _UNANSWERED_MS = 5000
 
 
 class TcpOutLink:
-    """A TCP connection that we make; wall clock only.
+    """A TCP client as a link; wall clock only.
 
     When it is lost it is made again, after waits that grow; meanwhile what is written is lost.
     patient: the other side need not be there yet when it is opened.
@@ -40,25 +40,25 @@ class TcpOutLink:
 
     @property
     def name(self) -> str:
-        """Return the link string."""
+        """Return the TCP client's link string."""
         return str(self._address)
 
     @property
     def trouble(self) -> str:
-        """Return why it is lost; empty while it is there."""
+        """Return why the TCP connection is lost; empty while it is there."""
         return self._recovery.trouble
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives."""
+        """Set the receiver of the TCP connection's bytes."""
         self._receiver = receiver
 
     def write(self, data: bytes) -> None:
-        """Send bytes, while connected."""
+        """Send bytes on the TCP connection, while connected."""
         if self._peer is not None:
             self._peer.write(data)
 
     async def __aenter__(self) -> Self:
-        """Connect. Raises LinkError when nobody answers there, unless it is patient."""
+        """Connect by TCP. Raises LinkError without an answer, unless it is patient."""
         try:
             await self._connect()
         except LinkError as error:
@@ -73,7 +73,7 @@ class TcpOutLink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the connection."""
+        """Close the TCP connection."""
         self._receiver = None
         await self._recovery.stop()
         await _close(self._peer)
@@ -105,7 +105,7 @@ class TcpOutLink:
 
 
 class TcpInLink:
-    """A TCP port that a vehicle, or several ground stations, connect to; wall clock only.
+    """A TCP server as a link for a vehicle, or several ground stations; wall clock only.
 
     clients: how many may be connected. One more is turned away, unless one of them has been
     silent, as after a loss that it noticed and we did not. Of several clients whole MAVLink
@@ -125,34 +125,34 @@ class TcpInLink:
 
     @property
     def name(self) -> str:
-        """Return the link string."""
+        """Return the TCP server's link string."""
         return str(self._address)
 
     @property
     def trouble(self) -> str:
-        """Return why nobody is connected, or who was turned away; empty otherwise."""
+        """Return why no TCP client is connected, or which was refused; empty otherwise."""
         if not self._peers:
             return self._recovery.trouble or "nobody has connected"
         return self._turned_away
 
     @property
     def local_port(self) -> int:
-        """Return the port that is listened on; 0 when closed."""
+        """Return the TCP server's port; 0 when closed."""
         if self._server is None or not self._server.sockets:
             return 0
         return int(self._server.sockets[0].getsockname()[1])
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives."""
+        """Set the receiver of TCP clients' bytes."""
         self._receiver = receiver
 
     def write(self, data: bytes) -> None:
-        """Send bytes to who is connected."""
+        """Send bytes to the connected TCP clients."""
         for peer in self._peers:
             peer.write(data)
 
     async def __aenter__(self) -> Self:
-        """Listen. Raises LinkError when the port is taken or the address is not ours."""
+        """Listen by TCP. Raises LinkError when the port is taken or the address not ours."""
         loop = asyncio.get_running_loop()
         host, port = self._address.host, self._address.port
         try:
@@ -167,7 +167,7 @@ class TcpInLink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the port and all connections."""
+        """Close the TCP server and all connections."""
         self._receiver = None
         if self._server is not None:
             self._server.close()
@@ -194,7 +194,7 @@ class TcpInLink:
         self._recovery.back()
 
     def _make_room(self, now_s: float) -> bool:
-        """Close the client that has been silent the longest; return whether there was one."""
+        """Close the TCP client that is silent the longest; return whether there was one."""
         oldest = min(self._peers, key=lambda peer: peer.heard_s)
         if now_s - oldest.heard_s < _SILENT_S:
             return False
@@ -217,6 +217,7 @@ class TcpInLink:
 
 
 async def _close(peer: StreamPeer | None) -> None:
+    """Close a TCP peer and wait for its socket."""
     if peer is not None:
         peer.close()
         # An aborted transport closes its socket one turn later.
@@ -224,13 +225,14 @@ async def _close(peer: StreamPeer | None) -> None:
 
 
 def _notice_dead_peers(peer: StreamPeer) -> None:
-    """Have the kernel tell us of a peer that vanished without a word (Linux)."""
+    """Set TCP keep-alive, so that a vanished peer is noticed (Linux)."""
     stream = peer.socket
     if stream is not None and sys.platform.startswith("linux"):
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNANSWERED_MS)
 
 
 def _remedy(error: OSError, address: LinkAddress) -> str:
+    """Return what to do about a TCP error."""
     if isinstance(error, socket.gaierror):
         return f"host {address.host!r} is unknown; check its name, or give its IP address"
     listens = address.kind == "tcpin"

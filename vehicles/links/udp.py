@@ -23,6 +23,8 @@ _Address = tuple[str, int]
 
 
 class _Source(NamedTuple):
+    """A UDP sender: its address, and when it was last received."""
+
     address: _Address
     heard_s: float
 
@@ -51,31 +53,31 @@ class UdpLink(asyncio.DatagramProtocol):
 
     @property
     def name(self) -> str:
-        """Return the link string."""
+        """Return the UDP link's link string."""
         return str(self._address)
 
     @property
     def trouble(self) -> str:
-        """Return what the operating system last said of the socket; empty when nothing."""
+        """Return the operating system's last error of the UDP socket; empty when none."""
         return self._trouble
 
     @property
     def local_port(self) -> int:
-        """Return the port that this end uses; 0 when closed."""
+        """Return the UDP link's own port; 0 when closed."""
         if self._transport is None:
             return 0
         return int(self._transport.get_extra_info("sockname")[1])
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives."""
+        """Set the receiver of UDP bytes."""
         self._receiver = receiver
 
     def on_rival(self, listener: Callable[[str], None]) -> None:
-        """Tell `listener` in words of each who speaks in the name of another."""
+        """Report to `listener` each UDP sender with another's system id."""
         self._rival = listener
 
     def write(self, data: bytes) -> None:
-        """Send one datagram, if a peer is known."""
+        """Send one UDP datagram to each known peer."""
         transport = self._transport
         if transport is None or transport.is_closing():
             return
@@ -86,7 +88,7 @@ class UdpLink(asyncio.DatagramProtocol):
                 transport.sendto(data, address)
 
     async def __aenter__(self) -> Self:
-        """Open the socket. Raises LinkError when the port is taken or the host unknown."""
+        """Open the UDP socket. Raises LinkError when the port is taken or the host unknown."""
         self._loop = asyncio.get_running_loop()
         where = (self._address.host, self._address.port)
         try:
@@ -104,7 +106,7 @@ class UdpLink(asyncio.DatagramProtocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the socket."""
+        """Close the UDP socket."""
         self._receiver = None
         if self._transport is not None:
             self._transport.close()
@@ -113,12 +115,12 @@ class UdpLink(asyncio.DatagramProtocol):
             await asyncio.sleep(0)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the transport (asyncio calls this)."""
+        """Keep the UDP transport (asyncio calls this)."""
         # Python 3.11's own datagram transport is no subclass of DatagramTransport.
         self._transport = cast("asyncio.DatagramTransport", transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Hand a datagram on with its time (asyncio calls this)."""
+        """Pass a UDP datagram on with its time (asyncio calls this)."""
         if self._loop is None:
             return
         now_s = self._loop.time()
@@ -133,7 +135,7 @@ class UdpLink(asyncio.DatagramProtocol):
             self._receiver(data, now_s)
 
     def _has_place(self, now_s: float) -> bool:
-        """Return whether one more may be written to, in the place of who fell silent if need be."""
+        """Return whether one more UDP peer fits, in a silent one's place if need be."""
         if len(self._sources) < _MOST_SOURCES:
             return True
         key, oldest = min(self._sources.items(), key=lambda item: item[1].heard_s)
@@ -143,7 +145,7 @@ class UdpLink(asyncio.DatagramProtocol):
         return True
 
     def _addresses(self) -> list[_Address]:
-        """Return where all whom we heard are, also the silent: who is not heard may hear us."""
+        """Return the addresses of all UDP peers, the silent ones included."""
         return list(dict.fromkeys(source.address for source in self._sources.values()))
 
     def _let_go(self, key: "int | _Address", rival: _Address, believed: _Address) -> None:
@@ -158,17 +160,18 @@ class UdpLink(asyncio.DatagramProtocol):
             self._rival(said)
 
     def error_received(self, exc: Exception) -> None:
-        """Remember a complaint such as "connection refused" (asyncio calls this)."""
+        """Keep a UDP error such as "connection refused" (asyncio calls this)."""
         self._trouble = (exc.strerror if isinstance(exc, OSError) else "") or str(exc)
 
 
 def _system_of(data: bytes) -> int:
-    """Return the system that sent a datagram, by its first frame."""
+    """Return the system that sent a UDP datagram, by its first frame."""
     at = _SYSTEM_AT.get(data[0]) if data else None
     return data[at] if at is not None and len(data) > at else _NO_MAVLINK
 
 
 def _remedy(error: OSError, address: LinkAddress) -> str:
+    """Return what to do about a UDP error."""
     if isinstance(error, socket.gaierror):
         return f"host {address.host!r} is unknown; check its name, or give its IP address"
     if error.errno == errno.EADDRINUSE:

@@ -16,7 +16,7 @@ _START_V2 = b"\xfd"
 
 
 class _Layout(NamedTuple):
-    """How a message of numbers lies in its payload.
+    """The payload layout of a MAVLink message of numbers, for the codec.
 
     values: its fields in the order of the wire. lengths: of those that are arrays, with their place
     there, last first; empty when none is. order: where on the wire each field of the constructor
@@ -33,7 +33,7 @@ class _Layout(NamedTuple):
 
 
 class Codec:
-    """Packs as one system and component, and parses what anybody sent.
+    """The MAVLink codec: packs as one system and component, parses any sender's frames.
 
     Parsing never raises: what is no frame or cannot be decoded is counted. Signed frames are
     read without a look at their signature.
@@ -47,16 +47,16 @@ class Codec:
 
     @property
     def bytes_seen(self) -> int:
-        """Return how many bytes came in."""
+        """Return how many bytes the codec has taken."""
         return self._splitter.bytes_seen
 
     @property
     def garbage_bytes(self) -> int:
-        """Return how many bytes belonged to no frame."""
+        """Return how many bytes belonged to no MAVLink frame."""
         return self._splitter.garbage_bytes
 
     def split(self, data: bytes) -> list[Frame]:
-        """Return the whole frames, not decoded; for who looks at few of the messages."""
+        """Return the whole frames, not decoded; for users of few messages."""
         return self._splitter.feed(data)
 
     def decode(self, frame: Frame) -> Any | None:
@@ -75,12 +75,12 @@ class Codec:
         return message
 
     def parse(self, data: bytes) -> list[Any]:
-        """Return the messages that are whole now, in their order."""
+        """Return the MAVLink messages that are whole now, in their order."""
         messages = (self.decode(frame) for frame in self._splitter.feed(data))
         return [message for message in messages if message is not None]
 
     def pack(self, message: Any) -> bytes:
-        """Return the frame of a message, with the next sequence number."""
+        """Return the MAVLink frame of a message, with the next sequence number."""
         layout = _layout(message.__class__)
         if layout is None:
             raw = bytes(message.pack(self._mav))
@@ -106,7 +106,7 @@ class Codec:
 
 
 def _flat(values: tuple[Any, ...], lengths: tuple[tuple[int, int], ...]) -> list[float]:
-    """Return the values with those of arrays one by one."""
+    """Return a message's values with arrays flattened, to pack them."""
     flat = list(values)
     for place, length in lengths:
         flat[place : place + 1] = values[place][:length]
@@ -114,7 +114,7 @@ def _flat(values: tuple[Any, ...], lengths: tuple[tuple[int, int], ...]) -> list
 
 
 def _decode_plain(frame: Frame, layout: _Layout) -> Any:
-    """Return the message of a frame whose checksum was found right, as pymavlink would."""
+    """Return the message of a frame with a sound checksum, as pymavlink would decode it."""
     size = layout.payload.size
     values = layout.payload.unpack(frame.payload[:size].ljust(size, b"\0"))
     message = layout.make(*[values[place] for place in layout.order])
@@ -125,7 +125,7 @@ def _decode_plain(frame: Frame, layout: _Layout) -> Any:
 
 @cache
 def _layout(kind: Any) -> _Layout | None:
-    """Return the layout of a kind of message; None when it holds texts, or is unknown."""
+    """Return the payload layout of a message type; None when it holds texts, or is unknown."""
     if kind is None:
         return None
     names = kind.ordered_fieldnames

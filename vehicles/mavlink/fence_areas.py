@@ -25,11 +25,11 @@ DEGREES = 1e-7
 
 
 class FenceItemError(ValueError):
-    """Fence items that draw no fence."""
+    """Fence items that form no fence area."""
 
 
 class Place(NamedTuple):
-    """A place on WGS-84, in degrees."""
+    """A corner or centre of a fence area on WGS-84, in degrees."""
 
     latitude_deg: float
     longitude_deg: float
@@ -41,7 +41,7 @@ Point = TypeVar("Point", bound=tuple[float, float])
 
 @dataclass(frozen=True, slots=True)
 class FencePolygon(Generic[Point]):
-    """An area that must not be left, or (inside=False) not be entered."""
+    """A fence area that must not be left, or (inside=False) not be entered."""
 
     corners: tuple[Point, ...]
     inside: bool = True
@@ -53,7 +53,7 @@ class FencePolygon(Generic[Point]):
 
 @dataclass(frozen=True, slots=True)
 class FenceCircle(Generic[Point]):
-    """A round area; `inside` as of a polygon."""
+    """A round fence area; `inside` as of a polygon."""
 
     centre: Point
     radius_m: float
@@ -68,27 +68,27 @@ FenceArea = FencePolygon[Place] | FenceCircle[Place]
 
 
 class FenceItem(Protocol):
-    """One item, of whichever side; x and y in 1e-7 degrees."""
+    """A MAVLink fence item, of whichever side; x and y in 1e-7 degrees."""
 
     @property
     def command(self) -> int:
-        """A MAV_CMD."""
+        """The fence item's MAV_CMD."""
 
     @property
     def params(self) -> tuple[float, float, float, float]:
-        """The first is the count of corners, or the radius in metres."""
+        """The fence item's parameters; first: count of corners, or the radius in metres."""
 
     @property
     def x(self) -> int:
-        """Latitude."""
+        """The fence item's latitude."""
 
     @property
     def y(self) -> int:
-        """Longitude."""
+        """The fence item's longitude."""
 
 
 def fence_areas(items: Sequence[FenceItem]) -> tuple[FenceArea, ...]:
-    """Return the areas that items draw; return points are left out. Raises FenceItemError."""
+    """Return the fence areas of items; return points are left out. Raises FenceItemError."""
     areas: list[FenceArea] = []
     at = 0
     while at < len(items):
@@ -110,7 +110,7 @@ def fence_areas(items: Sequence[FenceItem]) -> tuple[FenceArea, ...]:
 
 
 def _corners(items: Sequence[FenceItem], at: int) -> Sequence[FenceItem]:
-    """Return the items of the polygon that begins at an index; all say how many they are."""
+    """Return the items of a fence polygon that begins at an index; all say their count."""
     stated = items[at].params[0]
     count = int(stated) if math.isfinite(stated) else 0
     corners = items[at : at + count]
@@ -120,4 +120,5 @@ def _corners(items: Sequence[FenceItem], at: int) -> Sequence[FenceItem]:
 
 
 def _place(item: FenceItem) -> Place:
+    """Return a fence item's place in degrees."""
     return Place(item.x * DEGREES, item.y * DEGREES)

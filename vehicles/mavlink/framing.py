@@ -13,14 +13,13 @@ _MAGIC_V1 = 0xFE
 _MAGIC_V2 = 0xFD
 _SIGNED = 0x01
 _SIGNATURE_BYTES = 13
-_LONGEST_FRAME = 12 + 255 + _SIGNATURE_BYTES
 
 # pymavlink has it from fastcrc where that is installed; its own wrapper costs thrice as much.
 _crc_in_c: Callable[[bytes, int], int] | None = getattr(mavlink, "mcrf4xx", None)
 
 
 class Frame(NamedTuple):
-    """One whole frame: its bytes, and what its header says."""
+    """A MAVLink frame: its bytes, and the fields of its header."""
 
     raw: bytes
     message_id: int
@@ -33,13 +32,13 @@ class Frame(NamedTuple):
 
     @property
     def payload(self) -> bytes:
-        """Return the payload as it was sent: trailing zeros may be missing."""
+        """Return the frame's payload as sent: trailing zeros may be missing."""
         start = 10 if self.version == 2 else 6
         return self.raw[start : start + self.raw[1]]
 
 
 def checksum(covered: bytes, extra: bytes) -> int:
-    """Return the checksum (CRC-16/MCRF4XX) of a frame's bytes and its message's extra byte."""
+    """Return a frame's checksum (CRC-16/MCRF4XX) with its message's extra byte."""
     if _crc_in_c is not None:
         return _crc_in_c(covered + extra, 0xFFFF)
     crc: int = mavlink.x25crc(covered + extra).crc
@@ -47,7 +46,7 @@ def checksum(covered: bytes, extra: bytes) -> int:
 
 
 def frame_header(raw: bytes) -> Frame | None:
-    """Return the frame that `raw` starts with, checksum not looked at; None when it is none."""
+    """Return the frame that `raw` starts with, checksum not verified; None when it is none."""
     if len(raw) < 3:
         return None
     length = _frame_length(raw, 0)
@@ -55,7 +54,7 @@ def frame_header(raw: bytes) -> Frame | None:
 
 
 def with_payload(frame: Frame, payload: bytes) -> bytes:
-    """Return a frame of a known message with another payload, from the same sender, unsigned.
+    """Return a frame of a known message with another payload, same sender, unsigned.
 
     payload: whole, with its trailing zeros. Raises KeyError for a message that is not known.
     """
@@ -69,7 +68,7 @@ def with_payload(frame: Frame, payload: bytes) -> bytes:
 
 
 class FrameSplitter:
-    """Cuts frames out of bytes as they come; garbage is skipped and counted.
+    """Splits a byte stream into MAVLink frames; garbage is skipped and counted.
 
     The checksum decides what a frame is, so that a start byte within garbage swallows nothing.
     Frames of messages that the dialect does not know cannot be checked: they are taken from a
@@ -94,7 +93,7 @@ class FrameSplitter:
         return self._search(self._rest + data)
 
     def _search(self, buffer: bytes) -> list[Frame]:
-        """Return the frames among what may be garbage; keep the last one's beginning."""
+        """Return the frames among possible garbage; keep the last one's beginning."""
         frames: list[Frame] = []
         at, end = 0, len(buffer)
         while end - at >= 3:
@@ -113,7 +112,7 @@ class FrameSplitter:
         return frames
 
     def _is_frame(self, frame: Frame, following: bytes) -> bool:
-        """Return whether this is a frame by its checksum or, of an unknown message, by its place.
+        """Return whether this is a frame by checksum or, if unknown, by its place.
 
         following: the byte after it; empty when it is the last one.
         """
@@ -133,7 +132,7 @@ class FrameSplitter:
 
 @lru_cache(maxsize=16)
 def _nothing_but_frames(data: bytes) -> tuple[tuple[Frame, ...], frozenset[tuple[int, int]]]:
-    """Return the frames that bytes consist of, and who sent them; none when there is more to it.
+    """Return the frames that bytes consist of, and their senders; none if garbage.
 
     What passes a guard in the same process is split there and, as a rule, once more at its goal.
     """
@@ -152,7 +151,7 @@ def _nothing_but_frames(data: bytes) -> tuple[tuple[Frame, ...], frozenset[tuple
 
 
 def _is_sound(frame: Frame) -> bool:
-    """Return whether the checksum is right; False where that cannot be known."""
+    """Return whether a frame's checksum is right; False where that is unknown."""
     extra = _CRC_EXTRAS.get(frame.message_id)
     if extra is None:
         return False
@@ -173,7 +172,7 @@ def _holds_frame(raw: bytes) -> bool:
 
 
 def _frame_length(buffer: bytes, at: int) -> int:
-    """Return how long a frame that starts here is by its header; 0 when none starts here."""
+    """Return a frame's length by its header; 0 when none starts here."""
     magic = buffer[at]
     if magic == _MAGIC_V2:
         flags = buffer[at + 2]
@@ -194,6 +193,7 @@ def _frame(buffer: bytes, at: int, length: int) -> Frame:
 
 
 def _next_magic(buffer: bytes, start: int) -> int:
+    """Return the index of the next byte that may start a frame."""
     found = (buffer.find(_MAGIC_V2, start), buffer.find(_MAGIC_V1, start))
     return min((at for at in found if at >= 0), default=len(buffer))
 

@@ -4,22 +4,22 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 
 def enum_name(enum: str, value: int) -> str:
-    """Return the name of an enum's entry ("MAV_RESULT_DENIED"), or "MAV_RESULT 77"."""
+    """Return the name of a MAVLink enum's entry ("MAV_RESULT_DENIED"), or "MAV_RESULT 77"."""
     entry = mavlink.enums[enum].get(value)
     return entry.name if entry is not None else f"{enum} {value}"
 
 
 def command_name(command: int) -> str:
-    """Return the name of a command ("MAV_CMD_NAV_TAKEOFF")."""
+    """Return the name of a MAVLink command ("MAV_CMD_NAV_TAKEOFF")."""
     return enum_name("MAV_CMD", command)
 
 
 def result_name(result: int) -> str:
-    """Return the name of a command's result ("MAV_RESULT_DENIED")."""
+    """Return the name of a MAVLink command's result ("MAV_RESULT_DENIED")."""
     return enum_name("MAV_RESULT", result)
 
 
 def message_name(message_id: int) -> str:
-    """Return the name of a message ("LOCAL_POSITION_NED")."""
+    """Return the name of a MAVLink message ("LOCAL_POSITION_NED")."""
     kind = mavlink.mavlink_map.get(message_id)
     return kind.msgname if kind is not None else f"message {message_id}"

@@ -28,13 +28,13 @@ _UNSIGNED_TAKEN = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
 
 
 def ticks_of_utc(utc_s: float) -> int:
-    """Return the timestamp of a moment, given in seconds since 1970 (UTC)."""
+    """Return the signing timestamp of a moment in seconds since 1970 (UTC)."""
     return min(max(0, round((utc_s - _UTC_OF_ZERO_S) * TICKS_PER_S)), _MOST_TICKS)
 
 
 @dataclass(frozen=True, slots=True)
 class SigningCounts:
-    """Frames by what became of them.
+    """The counts of signed frames by outcome.
 
     unsigned: not signed, or MAVLink 1, and refused. bad: signed with another key, or altered.
     replayed: not newer than the last of their stream, or more than a minute old. unsignable:
@@ -58,7 +58,7 @@ class SigningCounts:
 
 
 class Signer:
-    """Signs what goes out and checks what comes in, with one key on one link.
+    """Signs outgoing and verifies incoming frames, with one key on one link.
 
     Times are timestamps (`ticks_of_utc`). What comes with a later timestamp than ours moves ours
     on, as the guide asks, so that a vehicle whose clock is ahead hears us.
@@ -80,7 +80,7 @@ class Signer:
 
     @property
     def counts(self) -> SigningCounts:
-        """Return how many frames there were of each kind."""
+        """Return the signing counts of frames."""
         return SigningCounts(
             self._signed,
             self._accepted,
@@ -92,7 +92,7 @@ class Signer:
 
     @property
     def newest(self) -> int:
-        """Return the last timestamp used: a signer that follows this one starts from there."""
+        """Return the last signing timestamp used: a signer after this one starts from there."""
         return self._newest
 
     def sign(self, frame: Frame, now: int) -> bytes | None:
@@ -108,7 +108,7 @@ class Signer:
         return covered + self._key.signature(covered)
 
     def check(self, frame: Frame, now: int) -> bytes | None:
-        """Return a frame without its signature; None when it is not to be believed."""
+        """Return a frame without its signature; None when the signature is refused."""
         if not frame.signed:
             if frame.message_id in _UNSIGNED_TAKEN:
                 return frame.raw
@@ -136,11 +136,12 @@ class Signer:
 
 
 def _bare(frame: Frame) -> bytes:
+    """Return a signed frame's bytes without the signature."""
     return frame.raw[:-SIGNATURE_BYTES] if frame.signed else frame.raw
 
 
 def _set_flag(raw: bytes, *, signed: bool) -> bytes:
-    """Return a frame without a signature, its flag set or not, its checksum right."""
+    """Return a frame without a signature, its signing flag set or not, its checksum right."""
     if bool(raw[2] & _SIGNED) == signed:
         return raw
     crc = (raw[-2] | raw[-1] << 8) ^ _flag_in_checksum(len(raw))
@@ -149,7 +150,7 @@ def _set_flag(raw: bytes, *, signed: bool) -> bytes:
 
 @cache
 def _flag_in_checksum(length: int) -> int:
-    """Return by what the flag changes the checksum of a frame of `length` bytes.
+    """Return how the signing flag changes the checksum of a frame of `length` bytes.
 
     The register (CRC-16/MCRF4XX) starts at 0, for what it starts at cancels out; behind the flag
     come the rest of the frame without checksum, and the message's extra byte.

@@ -18,11 +18,11 @@ _PASSPHRASE = "passphrase:"  # noqa: S105 - the mark before one
 
 
 class SigningKeyError(VehicleError):
-    """A key that cannot be had; the message never holds any of it."""
+    """A signing key that is unavailable; the message never holds any of it."""
 
 
 class SigningKey:
-    """32 secret bytes; neither str() nor repr() shows them, and they cannot be pickled."""
+    """A signing key: 32 secret bytes, not in str() or repr(), never pickled."""
 
     __slots__ = ("_secret",)
 
@@ -38,7 +38,7 @@ class SigningKey:
         raise TypeError("a signing key is not to be pickled")
 
     def signature(self, covered: bytes) -> bytes:
-        """Return the six bytes that sign a frame up to its timestamp.
+        """Return the key's six bytes that sign a frame up to its timestamp.
 
         https://mavlink.io/en/guide/message_signing.html
         """
@@ -50,7 +50,7 @@ class SigningKey:
 
 
 def key_from_file(path: Path) -> SigningKey:
-    """Return the key in a file. Raises SigningKeyError."""
+    """Return the signing key in a file. Raises SigningKeyError."""
     try:
         raw = path.read_bytes()
     except OSError as error:
@@ -60,7 +60,7 @@ def key_from_file(path: Path) -> SigningKey:
 
 
 def key_from_environment(name: str) -> SigningKey:
-    """Return the key in an environment variable. Raises SigningKeyError."""
+    """Return the signing key in an environment variable. Raises SigningKeyError."""
     text = os.environ.get(name)
     if text is None:
         raise SigningKeyError(f"environment variable {name}, which holds the signing key, is unset")
@@ -78,6 +78,7 @@ def _key(raw: bytes, where: str) -> SigningKey:
 
 
 def _from_text(raw: bytes) -> bytes | None:
+    """Return the signing key in a text: hexadecimal, base64 or passphrase; None for others."""
     try:
         text = raw.decode().strip()
     except UnicodeDecodeError:

@@ -9,7 +9,7 @@ _FLUSH_S = 1.0
 
 
 class TlogWriter:
-    """Appends MAVLink frames with their time; a context manager.
+    """Writes a tlog: MAVLink frames with their time; a context manager.
 
     Format: for each frame the time as 8-byte big-endian microseconds since 1970, then the raw
     frame (pymavlink's mavlogfile). `epoch_s` is the UTC time at which the run clock was zero.
@@ -25,7 +25,7 @@ class TlogWriter:
         return self
 
     def write(self, t_s: float, frame: bytes) -> None:
-        """Append one frame that passed at the run clock's t_s. Raises OSError."""
+        """Append one frame at the run clock's t_s to the tlog. Raises OSError."""
         self._file.write(struct.pack(">Q", round((self._epoch_s + t_s) * 1e6)) + frame)
         if t_s - self._last_flush_s >= _FLUSH_S:
             self._last_flush_s = t_s

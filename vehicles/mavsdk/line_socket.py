@@ -13,7 +13,7 @@ _LONGEST_QUEUE_BYTES = 4 << 20
 
 
 class LineSocket(asyncio.Protocol):
-    """Writes messages and hands on those that come; what is none is counted in `garbage`."""
+    """A socket of message lines: writes and passes on; `garbage` counts unreadable ones."""
 
     def __init__(self, take: Callable[[FromProcess], None]) -> None:
         self._take = take
@@ -23,14 +23,14 @@ class LineSocket(asyncio.Protocol):
 
     @classmethod
     async def on(cls, end: socket.socket, take: Callable[[FromProcess], None]) -> Self:
-        """Return one on this socket, which it closes."""
+        """Return a line socket on this socket, which it closes."""
         loop = asyncio.get_running_loop()
         end.setblocking(False)
         _, lines = await loop.create_connection(lambda: cls(take), sock=end)
         return lines
 
     def write(self, message: ToProcess) -> None:
-        """Write a message; to an end that is gone, or reads nothing, it is lost."""
+        """Write a message to the line socket; lost when the other end is gone or full."""
         transport, frame = self._transport, framed(to_process.encode(message))
         if transport is None or transport.is_closing():
             return
@@ -38,20 +38,20 @@ class LineSocket(asyncio.Protocol):
             transport.write(frame)
 
     def close(self) -> None:
-        """Close the socket."""
+        """Close the line socket."""
         if self._transport is not None:
             self._transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the transport (asyncio calls this)."""
+        """Keep the line socket's transport (asyncio calls this)."""
         self._transport = cast("asyncio.Transport", transport)
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's
-        """Forget the transport (asyncio calls this); that the process died is told by its exit."""
+        """Drop the transport (asyncio calls this); the process's exit is reported elsewhere."""
         self._transport = None
 
     def data_received(self, data: bytes) -> None:
-        """Hand on whole messages (asyncio calls this)."""
+        """Pass the line socket's whole messages on (asyncio calls this)."""
         for packet in self._frames.feed(data):
             try:
                 message = from_process.decode(packet)

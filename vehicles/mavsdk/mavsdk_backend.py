@@ -24,7 +24,7 @@ _FIND_S = 5.0
 
 
 class MavsdkBackend:
-    """Everything that the vehicle is told is said by mavsdk, in a process of its own.
+    """The command backend of mavsdk, in a process of its own.
 
     name: of the vehicle, for messages. Wall clock only; one voice, process and instance of mavsdk
     for each vehicle. The driver's own ids must be mavsdk's: 245 and 190, which are its default.
@@ -38,7 +38,7 @@ class MavsdkBackend:
 
     @property
     def speak(self) -> Callable[[Any], None]:
-        """Return what has mavsdk say a message by MavlinkDirect."""
+        """Return the sender of messages by mavsdk's MavlinkDirect."""
         return self._send_message
 
     def join(self, link: Link) -> Link:
@@ -50,7 +50,7 @@ class MavsdkBackend:
         self.client.on_failure(listener)
 
     async def await_vehicle(self, target: Target, timeout_s: float) -> None:
-        """Have mavsdk speak to this system. Raises IdentifyError when it does not find it."""
+        """Select mavsdk's target system. Raises IdentifyError when it does not find it."""
         del timeout_s  # A heartbeat has come already: mavsdk has as long as two more take.
         make = partial(Choose, system_id=target.system, within_s=_FIND_S)
         try:
@@ -65,7 +65,7 @@ class MavsdkBackend:
     def orders(
         self, *, commander: Commander, autopilot: Autopilot, target: Target
     ) -> VehicleCommands:
-        """Return orders by mavsdk's Action where it is sound."""
+        """Return commands by mavsdk's Action where that is sound."""
         return MavsdkCommands(
             client=self.client, commander=commander, autopilot=autopilot, target=target
         )

@@ -43,7 +43,7 @@ _INSTALL = "the driver mavsdk needs the package of that name: pip install 'mavsd
 
 
 class RefusedError(VehicleError):
-    """mavsdk did not do what it was asked for; result: its word for why."""
+    """mavsdk refused an order; result: its word for why."""
 
     def __init__(self, message: str, result: str) -> None:
         super().__init__(message)
@@ -52,7 +52,7 @@ class RefusedError(VehicleError):
 
 @dataclass(slots=True)
 class _Waiting:
-    """An order without its answer. until_s: when to give up, on the wall's clock."""
+    """A mavsdk order without its reply. until_s: when to give up, on the wall clock."""
 
     future: asyncio.Future[Done]
     what: str
@@ -61,7 +61,7 @@ class _Waiting:
 
 
 class MavsdkClient:
-    """A process with mavsdk in it. name: of the vehicle, for messages.
+    """The client of a mavsdk process. name: of the vehicle, for messages.
 
     Limits are on the wall's clock, whatever the loop's: mavsdk knows no other. When the process
     dies or hangs, all that waits raises the VehicleError that `on_failure` is told.
@@ -85,20 +85,20 @@ class MavsdkClient:
 
     @property
     def pid(self) -> int | None:
-        """Return the process id; None before the start."""
+        """Return the mavsdk process's id; None before the start."""
         return None if self._child is None else self._child.pid
 
     @property
     def failed(self) -> bool:
-        """Return whether the process has died or hangs."""
+        """Return whether the mavsdk process has died or hangs."""
         return self._failure is not None
 
     def on_failure(self, listener: FailureListener) -> None:
-        """Call `listener` once when the process has died or hangs."""
+        """Call `listener` once when the mavsdk process has died or hangs."""
         self._listeners.append(listener)
 
     async def start(self, url: str) -> None:
-        """Start the process, with mavsdk on this connection. Raises LinkError."""
+        """Start the mavsdk process on this connection. Raises LinkError."""
         ours, theirs = socket.socketpair()
         self._ready = asyncio.get_running_loop().create_future()
         self._child = ChildProcess(
@@ -126,7 +126,7 @@ class MavsdkClient:
             raise
 
     async def end(self) -> None:
-        """End the process and all that waits for it."""
+        """End the mavsdk process and all that waits for it."""
         self._watch.stop()
         self._failure = self._failure or VehicleError(f"{self._name}: mavsdk was ended")
         self._give_up(self._failure)
@@ -136,7 +136,7 @@ class MavsdkClient:
             await self._child.end()
 
     def say(self, name: str, fields: str) -> None:
-        """Have a message said; to a process that is gone nothing is."""
+        """Send a message by mavsdk; nothing when the process is gone."""
         if self._lines is not None and self._failure is None:
             now_s = time.monotonic()
             if self._owed_s is None and name in _SETPOINTS:
@@ -150,7 +150,7 @@ class MavsdkClient:
         within_s: float,
         progress: Callable[[float], None] | None = None,
     ) -> Done:
-        """Have an order done. make: gives it the number it is answered by.
+        """Execute an order by mavsdk. make: gives it the number of its reply.
 
         Raises RefusedError with mavsdk's word, and VehicleError when there is no answer.
         """
@@ -183,6 +183,7 @@ class MavsdkClient:
                 self._on_answer(message)
 
     def _on_answer(self, message: Done | Refused | Progress) -> None:
+        """Handle a reply of the mavsdk process to an order."""
         waiting = self._waiting.get(message.number)
         if waiting is None or waiting.future.done():
             return
@@ -243,7 +244,7 @@ class MavsdkClient:
 
 
 def _last_line(text: str) -> str:
-    """Return its last line that is not of mavsdk's log of what goes well."""
+    """Return the last line of mavsdk's output that is no routine log."""
     plain = _COLOUR.sub("", text)
     lines = [line for line in plain.splitlines() if line.strip() and not _LOG_LINE.search(line)]
     if not lines:

@@ -20,7 +20,7 @@ _MODES: dict[Mode, Action] = {
 
 
 class MavsdkCommands(VehicleCommands):
-    """Holds, lands, returns, disarms and terminates by `Action`.
+    """The commands by mavsdk's `Action`: hold, land, return, disarm, terminate.
 
     Not so arming (`Action.arm` can abort the process), takeoff (`Action.takeoff` goes to a height
     that is a parameter of PX4, and blocks the next vehicle's), and the guided mode (`Offboard`
@@ -34,22 +34,22 @@ class MavsdkCommands(VehicleCommands):
         self._client = client
 
     async def set_mode(self, mode: Mode, done: Done) -> None:
-        """Ask for HOLD, GUIDED, LAND or RTL."""
+        """Command HOLD, GUIDED, LAND or RTL by mavsdk."""
         if mode in _MODES:
             await self._act(_MODES[mode], done)
         else:
             await super().set_mode(mode, done)
 
     async def disarm(self, done: Done) -> None:
-        """Disarm on the ground."""
+        """Command disarming on the ground by mavsdk."""
         await self._act("disarm", done)
 
     async def terminate(self) -> None:
-        """Stop the motors at once, in the air too."""
+        """Command the motors to stop at once by mavsdk, in the air too."""
         await self._act("terminate", lambda: False)
 
     async def _act(self, action: Action, done: Done) -> None:
-        """Have `Action` do it; what timed out and is not seen done, once more."""
+        """Call `Action`; repeat it once after a time-out without visible effect."""
         for last in (*[False] * (_TRIES - 1), True):
             try:
                 await self._client.order(partial(Act, action=action), f"Action.{action}", _WITHIN_S)

@@ -29,19 +29,19 @@ Progress = Callable[[float], None]
 
 
 class LibraryError(Exception):
-    """mavsdk did not do it; its word for why."""
+    """The mavsdk library did not do it; its word for why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What an order brought."""
+    """The outcome of an order to the mavsdk library."""
 
     items: tuple[MissionItem, ...] = ()
     logs: tuple[LogEntry, ...] = ()
 
 
 class MavsdkLibrary:
-    """mavsdk on one connection. Raises LibraryError, also in its methods."""
+    """The mavsdk library on one connection. Raises LibraryError, also in its methods."""
 
     def __init__(self, url: str) -> None:
         kind = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
@@ -57,7 +57,7 @@ class MavsdkLibrary:
         self._transfers = {"missions": threading.Lock(), "logs": threading.Lock()}
 
     def say(self, name: str, fields: str) -> None:
-        """Send a message; fields as JSON. Before a system is chosen nothing is sent."""
+        """Send a message by mavsdk; fields as JSON. Nothing before a system is chosen."""
         if self._system is None:
             return
         message = MavlinkMessage(name, OWN_SYSTEM, OWN_COMPONENT, self._target, 1, fields)
@@ -67,7 +67,7 @@ class MavsdkLibrary:
             raise LibraryError(error.result.name) from error
 
     def obey(self, order: Order, progress: Progress) -> Outcome:
-        """Do what was ordered."""
+        """Execute an order by the mavsdk library."""
         if isinstance(order, Choose):
             self._choose(order)
             return Outcome()
@@ -180,6 +180,7 @@ class MavsdkLibrary:
 
 
 def _raw(number: int, item: MissionItem, which: ItemList) -> RawItem:
+    """Return a mission item as mavsdk's RawItem."""
     first, second, third, fourth = item.params
     return RawItem(
         seq=number,
@@ -200,6 +201,7 @@ def _raw(number: int, item: MissionItem, which: ItemList) -> RawItem:
 
 
 def _item(raw: Any) -> MissionItem:
+    """Return mavsdk's RawItem as a mission item."""
     return MissionItem(
         command=raw.command,
         frame=raw.frame,
@@ -212,7 +214,7 @@ def _item(raw: Any) -> MissionItem:
 
 
 def _utc_s(date: str) -> int | None:
-    """Return when a log was begun; None where the vehicle did not know the time (the epoch)."""
+    """Return a mavsdk log's begin; None where the vehicle did not know the time (the epoch)."""
     try:
         return int(datetime.fromisoformat(date).timestamp()) or None
     except ValueError:
@@ -220,4 +222,5 @@ def _utc_s(date: str) -> int | None:
 
 
 def _name(result: object) -> str:
+    """Return the name of a mavsdk result."""
     return result.name if isinstance(result, IntEnum) else str(result)

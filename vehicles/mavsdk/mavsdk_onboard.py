@@ -22,7 +22,7 @@ _LOGS_S, _LOG_S = 30.0, 1800.0
 
 
 class MavsdkMissions(MissionProtocol):
-    """Uploads and reads lists by `MissionRaw`, and compares what came back as ever.
+    """Uploads and downloads mission lists by mavsdk's `MissionRaw`, compared as ever.
 
     When mavsdk is gone, by the session: what was put aboard has to be taken back.
 
@@ -61,7 +61,7 @@ class MavsdkMissions(MissionProtocol):
 
 
 class MavsdkLogs(VehicleLogs):
-    """Lists and fetches logs by `LogFiles`; when mavsdk is gone, by the session."""
+    """Lists and fetches logs by mavsdk's `LogFiles`; by the session when mavsdk is gone."""
 
     def __init__(self, *, client: MavsdkClient, session: Session) -> None:
         super().__init__(session=session)

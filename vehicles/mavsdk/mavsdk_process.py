@@ -42,14 +42,14 @@ _READ_BYTES = 1 << 16
 
 
 class AnswerSender:
-    """Writes to the driver, from any thread; to one that is gone nothing."""
+    """Sends the mavsdk process's replies to the driver, from any thread."""
 
     def __init__(self, end: socket.socket) -> None:
         self._end = end
         self._turn = threading.Lock()
 
     def send(self, message: FromProcess) -> None:
-        """Send a message."""
+        """Send a reply of the mavsdk process; nothing when the driver is gone."""
         try:
             with self._turn:
                 self._end.sendall(framed(from_process.encode(message)))
@@ -58,7 +58,7 @@ class AnswerSender:
 
 
 class Speaker:
-    """Says messages in a thread of its own, and shows that it lives."""
+    """The mavsdk process's thread that sends messages, and its signs of life."""
 
     def __init__(self, library: MavsdkLibrary, answers: AnswerSender) -> None:
         self._library = library
@@ -67,11 +67,11 @@ class Speaker:
         self._late = 0
 
     def say(self, message: SendMessage) -> None:
-        """Have a message said."""
+        """Queue a message for the mavsdk process's sending thread."""
         self._queue.put(message)
 
     def run(self) -> None:
-        """Say what comes, for good."""
+        """Send queued messages for good, in the mavsdk process's thread."""
         shown_s = 0.0
         while True:
             with contextlib.suppress(queue.Empty):
@@ -82,6 +82,7 @@ class Speaker:
                 self._answers.send(Alive(self._late))
 
     def _send(self, message: SendMessage) -> None:
+        """Send a message by mavsdk, unless it is stale."""
         if time.monotonic() - message.at_s > STALE_S:
             self._late += 1
             return
@@ -92,7 +93,7 @@ class Speaker:
 
 
 def obey(library: MavsdkLibrary, answers: AnswerSender, order: Order) -> None:
-    """Do what was ordered and answer, whatever comes of it."""
+    """Execute an order in the mavsdk process and reply, whatever the outcome."""
     try:
         done = library.obey(order, lambda part: answers.send(Progress(order.number, part)))
     except LibraryError as error:
@@ -104,7 +105,7 @@ def obey(library: MavsdkLibrary, answers: AnswerSender, order: Order) -> None:
 
 
 def serve(end: socket.socket, url: str) -> int:
-    """Do what the driver says until it is gone. Returns an exit code when mavsdk does not start."""
+    """Serve the driver until it is gone. Returns an exit code when mavsdk does not start."""
     answers = AnswerSender(end)
     try:
         library = MavsdkLibrary(url)
@@ -132,7 +133,7 @@ def serve(end: socket.socket, url: str) -> int:
 
 
 def main(arguments: list[str]) -> int:
-    """Serve the driver at the other end of stdin; the one argument is mavsdk's connection URL."""
+    """Run the mavsdk process: serve the driver on stdin; the argument is mavsdk's URL."""
     if len(arguments) != 1:
         sys.stderr.write("usage: python -m vehicles.mavsdk URL, with a socket as stdin\n")
         return BAD_USE

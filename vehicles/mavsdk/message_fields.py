@@ -6,7 +6,7 @@ from typing import Any
 
 
 def fields_json(message: Any) -> str:
-    """Return the fields of a pymavlink message as JSON.
+    """Return the fields of a pymavlink message as JSON for mavsdk.
 
     NaN, which JSON has not, is null there: mavsdk 4.1 takes null for NaN, and refuses NaN. Raises
     ValueError for what is infinite.
@@ -16,6 +16,7 @@ def fields_json(message: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
+    """Return a message field's value as JSON can hold it."""
     if isinstance(value, float):
         return None if math.isnan(value) else value
     if isinstance(value, bytes):

@@ -11,7 +11,7 @@ Action = Literal["hold", "land", "return_to_launch", "disarm", "terminate"]
 
 
 class Choose(Message, frozen=True):
-    """Speak to this system from now on."""
+    """Message to the mavsdk process: select the target system."""
 
     number: int
     system_id: int
@@ -19,7 +19,7 @@ class Choose(Message, frozen=True):
 
 
 class SendMessage(Message, frozen=True):
-    """Send a message. fields: as JSON for MavlinkDirect. at_s: when, CLOCK_MONOTONIC."""
+    """Message to the mavsdk process: send a message. fields: JSON. at_s: CLOCK_MONOTONIC."""
 
     name: str
     fields: str
@@ -27,14 +27,14 @@ class SendMessage(Message, frozen=True):
 
 
 class Act(Message, frozen=True):
-    """Have `Action` do a thing."""
+    """Message to the mavsdk process: call a method of `Action`."""
 
     number: int
     action: Action
 
 
 class Upload(Message, frozen=True):
-    """Send a list of items by `MissionRaw`."""
+    """Message to the mavsdk process: upload a list of items by `MissionRaw`."""
 
     number: int
     which: ItemList
@@ -42,20 +42,20 @@ class Upload(Message, frozen=True):
 
 
 class Download(Message, frozen=True):
-    """Read a list of items by `MissionRaw`."""
+    """Message to the mavsdk process: download a list of items by `MissionRaw`."""
 
     number: int
     which: ItemList
 
 
 class ListLogs(Message, frozen=True):
-    """List the logs by `LogFiles`."""
+    """Message to the mavsdk process: list the logs by `LogFiles`."""
 
     number: int
 
 
 class FetchLog(Message, frozen=True):
-    """Fetch a log by `LogFiles` into a file that is not there yet."""
+    """Message to the mavsdk process: fetch a log by `LogFiles` into a new file."""
 
     number: int
     entry: LogEntry
@@ -64,24 +64,24 @@ class FetchLog(Message, frozen=True):
 
 
 class Ready(Message, frozen=True):
-    """mavsdk runs and listens."""
+    """Message of the mavsdk process: mavsdk runs and listens."""
 
 
 class Alive(Message, frozen=True):
-    """The thread that speaks goes on. late: how many messages were too old to be sent."""
+    """Message of the mavsdk process: its thread lives. late: how many messages were too old."""
 
     late: int
 
 
 class NotSent(Message, frozen=True):
-    """A message that mavsdk cannot send. result: of MavlinkDirect."""
+    """Message of the mavsdk process: a message cannot be sent. result: of MavlinkDirect."""
 
     name: str
     result: str
 
 
 class Done(Message, frozen=True):
-    """An order was done; with what was asked for."""
+    """Message of the mavsdk process: an order was done; with what was requested."""
 
     number: int
     items: tuple[MissionItem, ...] = ()
@@ -89,14 +89,14 @@ class Done(Message, frozen=True):
 
 
 class Refused(Message, frozen=True):
-    """An order was not done. result: mavsdk's word for why."""
+    """Message of the mavsdk process: an order was refused. result: mavsdk's word for why."""
 
     number: int
     result: str
 
 
 class Progress(Message, frozen=True):
-    """How far a log has come, 0 to 1."""
+    """Message of the mavsdk process: how far a log has come, 0 to 1."""
 
     number: int
     part: float

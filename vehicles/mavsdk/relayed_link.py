@@ -15,7 +15,7 @@ _HOST = "127.0.0.1"
 
 
 class RelayedLink(asyncio.DatagramProtocol):
-    """Hands on what comes by `link` to its receiver and to mavsdk; wall clock only.
+    """A link relayed to its receiver and to mavsdk; wall clock only.
 
     Opening it opens the link and starts mavsdk; closing ends both. Only mavsdk's own socket is
     heard, the first that speaks.
@@ -31,24 +31,24 @@ class RelayedLink(asyncio.DatagramProtocol):
 
     @property
     def name(self) -> str:
-        """Return the name of the link."""
+        """Return the name of the relayed link."""
         return self._link.name
 
     @property
     def trouble(self) -> str:
-        """Return what the link complains about; empty when about nothing."""
+        """Return the relayed link's last error; empty without."""
         return str(getattr(self._link, "trouble", ""))
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives."""
+        """Set the receiver of the relayed link's bytes."""
         self._receiver = receiver
 
     def write(self, data: bytes) -> None:
-        """Send bytes beside mavsdk's."""
+        """Send bytes on the relayed link beside mavsdk's."""
         self._link.write(data)
 
     async def __aenter__(self) -> Self:
-        """Open the link, and mavsdk on it. Raises LinkError."""
+        """Open the link, and mavsdk's relay on it. Raises LinkError."""
         await self._link.__aenter__()
         try:
             await self._open()
@@ -64,7 +64,7 @@ class RelayedLink(asyncio.DatagramProtocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End mavsdk and close the link."""
+        """End mavsdk and close the relayed link."""
         try:
             await self._close()
         finally:
@@ -90,19 +90,19 @@ class RelayedLink(asyncio.DatagramProtocol):
             await asyncio.sleep(0)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the transport (asyncio calls this)."""
+        """Keep the relay's transport (asyncio calls this)."""
         # Python 3.11's own datagram transport is no subclass of DatagramTransport.
         self._transport = cast("asyncio.DatagramTransport", transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Send on what mavsdk says (asyncio calls this)."""
+        """Relay what mavsdk sends (asyncio calls this)."""
         if self._peer is None:
             self._peer = addr
         if addr == self._peer:
             self._link.write(data)
 
     def error_received(self, exc: Exception) -> None:
-        """Go on: that mavsdk has ended is told by its process."""
+        """Continue: mavsdk's end is reported by its process."""
 
     def _on_datagram(self, data: bytes, t_s: float) -> None:
         if self._receiver is not None:

@@ -13,7 +13,7 @@ from vehicles.readings import BgrImage
 
 @dataclass(frozen=True, slots=True)
 class Borders:
-    """Which edges of the picture something touches."""
+    """Which edges of the image a blob touches."""
 
     left: bool
     top: bool
@@ -22,13 +22,13 @@ class Borders:
 
     @property
     def any(self) -> bool:
-        """Return whether it may go on outside of the picture."""
+        """Return whether the blob may go on outside the image."""
         return self.left or self.top or self.right or self.bottom
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A box in pixels; the far edges are those of the last pixels, included."""
+    """A blob's box in pixels; the far edges are those of the last pixels, included."""
 
     left_px: float
     top_px: float
@@ -37,23 +37,23 @@ class Box:
 
     @property
     def width_px(self) -> float:
-        """Return the width in pixels."""
+        """Return the box's width in pixels."""
         return self.right_px - self.left_px + 1.0
 
     @property
     def height_px(self) -> float:
-        """Return the height in pixels."""
+        """Return the box's height in pixels."""
         return self.bottom_px - self.top_px + 1.0
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """Return the middle (u, v)."""
+        """Return the box's middle (u, v)."""
         return (self.left_px + self.right_px) / 2.0, (self.top_px + self.bottom_px) / 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """The largest hole in a patch: what a gate's frame encloses.
+    """The largest hole in a blob: what a gate's frame encloses.
 
     Where the patch is cut off by an edge of the picture, that edge closes the hole. centre_px:
     (u, v), its centre of mass. across_px: left and right end of the row through the centre, halfway
@@ -68,7 +68,7 @@ class Opening:
 
 @dataclass(frozen=True, slots=True)
 class Blob:
-    """All that a picture shows of a colour; pixels are those of the whole picture.
+    """A blob of one colour in an image; pixels are those of the whole image.
 
     centroid_px: (u, v), the centre of mass of what is seen. opening: None when the patch encloses
     nothing.
@@ -82,7 +82,7 @@ class Blob:
 
 
 class BlobFinder:
-    """Finds the patch of a colour in pictures.
+    """Finds the blob of a colour in images.
 
     decimate: every n-th pixel of a row and column is looked at, which costs n * n times less.
     min_area_fraction: of the picture; less is not seen. min_opening_fraction: of the patch's box;
@@ -103,7 +103,7 @@ class BlobFinder:
         self._min_opening_fraction = min_opening_fraction
 
     def find(self, image_bgr: BgrImage) -> Blob | None:
-        """Return the patch in a (height, width, 3) uint8 picture; None when none is large enough.
+        """Return the blob in a (height, width, 3) uint8 image; None when none is large enough.
 
         Parts whose box is below a quarter of the least area are specks, and left out; all others
         count together, for a gate whose top is out of view is two bars.
@@ -129,6 +129,7 @@ class BlobFinder:
 
 
 def _decimate(image_bgr: BgrImage, factor: int) -> BgrImage:
+    """Return every n-th pixel of an image, to find blobs faster."""
     if factor == 1:
         return image_bgr
     size = (image_bgr.shape[1] // factor, image_bgr.shape[0] // factor)
@@ -137,7 +138,7 @@ def _decimate(image_bgr: BgrImage, factor: int) -> BgrImage:
 
 
 def _without_specks(mask: Mask, least_px: float) -> Box | None:
-    """Erase small parts from the mask; return the box around the others, None without any."""
+    """Erase small blobs from the mask; return the box around the others, None without any."""
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     kept: list[tuple[int, int, int, int]] = []
     for contour in contours:
@@ -153,6 +154,7 @@ def _without_specks(mask: Mask, least_px: float) -> Box | None:
 
 
 def _borders(box: Box, mask: Mask) -> Borders:
+    """Return which edges of the image a blob's box touches."""
     height_px, width_px = mask.shape
     return Borders(
         left=box.left_px <= 0,
@@ -163,7 +165,7 @@ def _borders(box: Box, mask: Mask) -> Borders:
 
 
 def _find_opening(mask: Mask, borders: Borders, smallest_px: float) -> Opening | None:
-    """Return the largest hole of at least this size; edges that the patch touches close it."""
+    """Return a blob's largest hole of at least this size; touched edges close it."""
     framed = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
     for touched, edge in (
         (borders.left, framed[:, 0]),
@@ -182,7 +184,7 @@ def _find_opening(mask: Mask, borders: Borders, smallest_px: float) -> Opening |
 
 
 def _opening_of(contour: NDArray[np.int32], mask: Mask) -> Opening:
-    """Return the hole within a contour of frame pixels, which is 1 px beyond it and offset by 1."""
+    """Return a blob's hole within a contour of frame pixels."""
     moments = cv2.moments(contour)
     u, v = moments["m10"] / moments["m00"] - 1.0, moments["m01"] / moments["m00"] - 1.0
     height_px, width_px = mask.shape
@@ -191,7 +193,7 @@ def _opening_of(contour: NDArray[np.int32], mask: Mask) -> Opening:
 
 
 def _gap(line: Mask, start: int) -> tuple[float, float] | None:
-    """Return both ends of the gap around a place; None when an end of the line ends it."""
+    """Return both ends of the gap in a blob around a place; None when the line ends it."""
     before, after = np.flatnonzero(line[:start]), np.flatnonzero(line[start:])
     if line[start] or not before.size or not after.size:
         return None
@@ -199,7 +201,7 @@ def _gap(line: Mask, start: int) -> tuple[float, float] | None:
 
 
 def _scale_to_image(blob: Blob, factor: int) -> Blob:
-    """Return the blob in pixels of the picture of which every `factor`-th pixel was looked at."""
+    """Return the blob in pixels of the full image that was decimated by `factor`."""
     if factor == 1:
         return blob
     opening = blob.opening
@@ -219,10 +221,12 @@ def _scale_to_image(blob: Blob, factor: int) -> Blob:
 
 
 def _times(point_px: tuple[float, float], factor: int) -> tuple[float, float]:
+    """Return a blob's point in pixels of the full image."""
     return (point_px[0] * factor, point_px[1] * factor)
 
 
 def _scale(box: Box, factor: int) -> Box:
+    """Return a blob's box in pixels of the full image."""
     return Box(
         box.left_px * factor, box.top_px * factor, box.right_px * factor, box.bottom_px * factor
     )

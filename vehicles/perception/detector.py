@@ -29,7 +29,7 @@ class DetectorError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """An object in a picture. left_px to bottom_px: edges of its box; score: 0 to 1."""
+    """A detection in an image. left_px to bottom_px: edges of its box; score: 0 to 1."""
 
     name: str
     score: float
@@ -41,7 +41,7 @@ class Detection:
 
 @dataclass(frozen=True, slots=True)
 class Letterbox:
-    """How a picture was laid into the network's input: scaled alike, then moved."""
+    """How an image was letterboxed into the detector's input: scaled alike, then moved."""
 
     scale: float
     left_px: float
@@ -49,7 +49,7 @@ class Letterbox:
 
 
 class OnnxDetector:
-    """Finds objects in pictures. Not for several threads at once: the network has buffers.
+    """Detects objects in images. Not for several threads at once: the network has buffers.
 
     names: of the classes, in the order of the network's output. input_px: (width, height) of the
     network's input. threshold: least score. overlap: of two boxes of one class whose intersection
@@ -76,7 +76,7 @@ class OnnxDetector:
         self._layout = layout
 
     def detect(self, image_bgr: BgrImage) -> tuple[Detection, ...]:
-        """Return the objects in a (height, width, 3) uint8 picture, the surest first.
+        """Return the detections in a (height, width, 3) uint8 image, the surest first.
 
         Raises DetectorError when the network cannot run on the input, or says what no layout fits.
         """
@@ -101,6 +101,7 @@ class OnnxDetector:
 
 
 def _network(path: Path) -> Any:
+    """Return the detector's network of an ONNX file. Raises DetectorError."""
     if not path.is_file():
         raise DetectorError(f"there is no file '{path.name}'")
     try:
@@ -113,12 +114,13 @@ def _network(path: Path) -> Any:
 
 
 def _short(error: cv2.error) -> str:
+    """Return OpenCV's error about a detector, short."""
     said = str(error).strip().splitlines()
     return said[0][-160:] if said else "OpenCV gives no reason"
 
 
 def letterboxed(image_bgr: BgrImage, input_px: tuple[int, int]) -> tuple[BgrImage, Letterbox]:
-    """Return the picture laid into the network's input, its shape kept, and how."""
+    """Return the image letterboxed into the detector's input, and how."""
     height_px, width_px = image_bgr.shape[:2]
     scale = min(input_px[0] / width_px, input_px[1] / height_px)
     across, down = max(1, round(width_px * scale)), max(1, round(height_px * scale))
@@ -133,7 +135,7 @@ def letterboxed(image_bgr: BgrImage, input_px: tuple[int, int]) -> tuple[BgrImag
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """What a network says: boxes (n, 4) left, top, right, bottom; scores (n,); kinds (n,)."""
+    """A detector's candidates: boxes (n, 4) left, top, right, bottom; scores (n,); kinds (n,)."""
 
     boxes: NDArray[np.float32]
     scores: NDArray[np.float32]
@@ -141,7 +143,7 @@ class Candidates:
 
 
 def decoded(output: NDArray[Any], classes: int, layout: Layout) -> Candidates:
-    """Return the candidates in a network's output. Raises DetectorError when nothing fits.
+    """Return the candidates in a detector's output. Raises DetectorError when nothing fits.
 
     `auto` goes by the shape: (1, n, 5 + classes) is v5, (1, 4 + classes, n) v8, (1, n, 6) else
     end2end.
@@ -167,6 +169,7 @@ def decoded(output: NDArray[Any], classes: int, layout: Layout) -> Candidates:
 
 
 def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end2end"]:
+    """Return the output layout of a YOLO detector by its shape. Raises DetectorError."""
     candidates: list[Literal["v5", "v8", "end2end"]] = []
     if shape[1] == 5 + classes:
         candidates.append("v5")
@@ -184,7 +187,7 @@ def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end
 def best(
     found: Candidates, threshold: float, overlap: float
 ) -> tuple[tuple[int, float, NDArray[np.float32]], ...]:
-    """Return (class, score, box) of those above the threshold that no better one covers."""
+    """Return a detector's (class, score, box) above the threshold, overlaps suppressed."""
     sure = np.flatnonzero(found.scores >= threshold)
     order = sure[np.argsort(-found.scores[sure], kind="stable")]
     kept: list[int] = []
@@ -198,7 +201,7 @@ def best(
 
 
 def _overlap(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
-    """Return the intersection over the union of two boxes."""
+    """Return the intersection over the union of two detection boxes."""
     left, top = max(a[0], b[0]), max(a[1], b[1])
     right, bottom = min(a[2], b[2]), min(a[3], b[3])
     common = max(0.0, float(right - left)) * max(0.0, float(bottom - top))
@@ -209,7 +212,7 @@ def _overlap(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
 def _to_image(
     box: NDArray[np.float32], how: Letterbox, width_px: int, height_px: int
 ) -> tuple[float, float, float, float]:
-    """Return a box of the network's input in the picture, cut at its edges."""
+    """Return a detection's box in the image, cut at its edges."""
     left, top, right, bottom = (float(edge) for edge in box)
     return (
         min(max((left - how.left_px) / how.scale, 0.0), width_px),

@@ -20,7 +20,7 @@ FULL_CIRCLE_DEG = (0.0, 360.0)
 
 @dataclass(frozen=True, slots=True)
 class HsvRange:
-    """A range of colours, both ends included.
+    """A range of colours in HSV, both ends included.
 
     hue_deg: from the first clockwise to the second, in [0, 360]: (350, 10) goes through red.
     Grey has no hue: it is in only when hue_deg is the full circle. saturation and value: 0 to 1.
@@ -40,6 +40,7 @@ class HsvRange:
 
 
 def _hue(low: float, high: float, saturation: float = 0.35, value: float = 0.15) -> HsvRange:
+    """Return the HSV range of a hue interval."""
     return HsvRange((low, high), (saturation, 1.0), (value, 1.0))
 
 
@@ -67,7 +68,7 @@ and shadow keep its hue, so value reaches far down."""
 
 @dataclass(slots=True)
 class HsvMask:
-    """Finds the pixels of a picture that lie in any of some ranges.
+    """Masks the pixels of an image that lie in any of some HSV ranges.
 
     The mask that `of` returns is this object's buffer: it holds until the next call. Not for
     several threads at once.
@@ -79,7 +80,7 @@ class HsvMask:
     _more: Mask = field(default_factory=lambda: np.empty((0, 0), np.uint8), init=False)
 
     def of(self, image_bgr: BgrImage) -> Mask:
-        """Return the mask of a (height, width, 3) uint8 picture."""
+        """Return the HSV mask of a (height, width, 3) uint8 image."""
         shape = image_bgr.shape[:2]
         if self._mask.shape != shape:
             self._planes = [np.empty(shape, np.uint8) for _ in range(3)]
@@ -97,13 +98,14 @@ class HsvMask:
 
 @cache
 def _kernel() -> Any:
-    """Return the compiled test, imported late: a listing of steps need not wait 0.3 s for numba."""
+    """Return the compiled HSV kernel, imported late: numba takes 0.3 s."""
     from vehicles.perception.hsv_kernel import mark  # noqa: PLC0415 - see above
 
     return mark
 
 
 def _compile_kernel(colors: HsvRange) -> tuple[tuple[np.float32, ...], bool, bool]:
+    """Return an HSV range as arguments of the compiled kernel."""
     (hue_low, hue_high) = colors.hue_deg
     limits = (
         np.float32(round(hue_low * 10)),

@@ -23,7 +23,7 @@ _SIXTH, _FULL = np.float32(600), np.float32(255)
 def _mark(
     planes: tuple[Plane, Plane, Plane], limits: Limits, wraps: bool, any_hue: bool, out: Plane
 ) -> None:
-    """Write 255 where a pixel lies within the limits, else 0; planes: blue, green, red; all flat.
+    """Write 255 where a pixel lies within the HSV limits, else 0; planes: blue, green, red; flat.
 
     Hue after Smith, "Color Gamut Transform Pairs" (1978): with M = max, C = max - min, it is
     60 degrees times `sixth` / C, so `sixth * 600 >= low * C` compares tenths of a degree.

@@ -17,7 +17,7 @@ from worlds.frames import Pose, Quat, Vec3, quat_multiply, wrap_pi
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """The shift and turn from the autopilot's local frame to the world's.
+    """The anchor of the autopilot's local frame in the world's: shift and turn.
 
     origin_ned_m: where in the world the estimator's origin is. turn_rad: heading in the world
     minus heading by the autopilot.
@@ -30,7 +30,7 @@ class Anchor:
     _turn_wxyz: Quat = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Keep what each of a hundred samples a second needs."""
+        """Precompute the anchor's sine and cosine."""
         object.__setattr__(self, "_cosine", math.cos(self.turn_rad))
         object.__setattr__(self, "_sine", math.sin(self.turn_rad))
         half_rad = self.turn_rad / 2.0
@@ -39,7 +39,7 @@ class Anchor:
 
     @classmethod
     def of_poses(cls, *, local: Pose, world: Pose) -> "Anchor":
-        """Return the anchor that maps a pose by the autopilot onto the same pose in the world.
+        """Return the anchor that maps an autopilot's pose onto the same pose in the world.
 
         Roll and pitch are not compared: both frames are level.
         """
@@ -49,11 +49,11 @@ class Anchor:
         return cls((north - turned[0], east - turned[1], down - turned[2]), turn_rad)
 
     def pose(self, local: Pose) -> Pose:
-        """Return in the world frame a pose that is given in the autopilot's."""
+        """Return an autopilot's pose in the world frame, by the anchor."""
         return Pose(self.position(local.position_ned_m), self.attitude(local.q_wxyz))
 
     def position(self, local_ned_m: Vec3) -> Vec3:
-        """Return in the world frame a position that is given in the autopilot's."""
+        """Return an autopilot's position in the world frame, by the anchor."""
         north, east, down = local_ned_m
         cosine, sine, origin = self._cosine, self._sine, self.origin_ned_m
         return (
@@ -63,19 +63,19 @@ class Anchor:
         )
 
     def velocity(self, local_ned_m_s: Vec3) -> Vec3:
-        """Return in the world frame a velocity that is given in the autopilot's."""
+        """Return an autopilot's velocity in the world frame, by the anchor."""
         north, east, down = local_ned_m_s
         cosine, sine = self._cosine, self._sine
         return (cosine * north - sine * east, sine * north + cosine * east, down)
 
     def attitude(self, local_q_wxyz: Quat) -> Quat:
-        """Return in the world frame an attitude that is given in the autopilot's."""
+        """Return an autopilot's attitude in the world frame, by the anchor."""
         if not self.turn_rad:
             return local_q_wxyz
         return quat_multiply(self._turn_wxyz, local_q_wxyz)
 
     def to_local(self, setpoint: Setpoint) -> Setpoint:
-        """Return in the autopilot's frame a setpoint that is given in the world's."""
+        """Return a world setpoint in the anchored autopilot's frame."""
         yaw_rad = None if setpoint.yaw_rad is None else wrap_pi(setpoint.yaw_rad - self.turn_rad)
         if isinstance(setpoint, PositionSetpoint):
             return PositionSetpoint(self.position_to_local(setpoint.position_ned_m), yaw_rad)
@@ -83,7 +83,7 @@ class Anchor:
         return VelocitySetpoint(velocity, yaw_rad, setpoint.yaw_rate_rad_s)
 
     def position_to_local(self, world_ned_m: Vec3) -> Vec3:
-        """Return in the autopilot's frame a position that is given in the world's."""
+        """Return a world position in the anchored autopilot's frame."""
         origin = self.origin_ned_m
         shifted = (
             world_ned_m[0] - origin[0],
@@ -93,17 +93,8 @@ class Anchor:
         return _turn(shifted, -self.turn_rad)
 
 
-def geodetic_anchor(estimator_origin_ned_m: Vec3) -> Anchor:
-    """Return the anchor of a vehicle whose estimator's origin is known in the world.
-
-    estimator_origin_ned_m: GPS_GLOBAL_ORIGIN by the world's geodesy. Both frames then point to
-    true north.
-    """
-    return Anchor(estimator_origin_ned_m)
-
-
 class PoseAverage:
-    """Averages a standing vehicle's local pose over the last `span_s`."""
+    """The average local pose of a standing vehicle over the last `span_s`, to anchor it."""
 
     def __init__(
         self, *, span_s: float = 1.0, least_samples: int = 5, still_within_m: float = 0.5
@@ -114,7 +105,7 @@ class PoseAverage:
         self._samples: deque[tuple[float, Pose]] = deque()
 
     def add(self, t_s: float, local: Pose) -> None:
-        """Take the pose at a time; times must not go back (those that do start anew)."""
+        """Add a pose to the average; times that go back start anew."""
         if self._samples and t_s < self._samples[-1][0]:
             self._samples.clear()
         self._samples.append((t_s, local))
@@ -123,14 +114,14 @@ class PoseAverage:
 
     @property
     def rate_hz(self) -> float:
-        """Return how often poses came; 0 while there are too few to tell a mean."""
+        """Return the rate of averaged poses; 0 with too few of them."""
         if len(self._samples) < self._least_samples:
             return 0.0
         span_s = self._samples[-1][0] - self._samples[0][0]
         return (len(self._samples) - 1) / span_s if span_s > 0 else 0.0
 
     def mean(self) -> Pose:
-        """Return the mean position and heading, level.
+        """Return the mean position and heading for an anchor, level.
 
         Raises AnchorError when there are too few samples, they are not numbers, or the vehicle
         moves.
@@ -154,6 +145,7 @@ class PoseAverage:
         return Pose.of(mean[0], mean[1], -mean[2], yaw_rad=yaw_rad)
 
     def _check_still(self, positions: Sequence[Vec3]) -> None:
+        """Raise AnchorError when the averaged poses move."""
         spread_m = max(
             max(position[axis] for position in positions)
             - min(position[axis] for position in positions)
@@ -167,5 +159,6 @@ class PoseAverage:
 
 
 def _turn(v: Vec3, angle_rad: float) -> Vec3:
+    """Return a vector turned by the anchor's heading."""
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
     return (cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2])

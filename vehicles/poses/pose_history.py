@@ -12,7 +12,7 @@ PoseKind = Literal["interpolated", "predicted", "latest", "none"]
 
 @dataclass(frozen=True, slots=True)
 class PoseAt:
-    """A pose at a moment, and how it came about.
+    """A pose of the history at a moment: interpolated, predicted or the latest.
 
     kind: "interpolated" between two samples, or a sample itself; "predicted" from the last
     sample by its velocity; "latest" is the last sample, too old to predict from; "none" when the
@@ -31,7 +31,7 @@ _COMPACT_AFTER = 256
 
 
 class PoseHistory:
-    """The poses of the last `horizon_s`.
+    """The history of poses of the last `horizon_s`.
 
     max_gap_s: samples further apart are not interpolated between. max_prediction_s: how far
     beyond the last sample its velocity is believed.
@@ -51,11 +51,11 @@ class PoseHistory:
         self.rejected = 0
 
     def __len__(self) -> int:
-        """Return how many samples are within the horizon."""
+        """Return how many poses the history has within the horizon."""
         return len(self._times) - self._first
 
     def add(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3 | None = None) -> bool:
-        """Take a sample; return whether it was taken.
+        """Add a pose to the history; return whether it was taken.
 
         A sample that is not newer than the last is rejected and counted in `rejected`.
         """
@@ -71,7 +71,7 @@ class PoseHistory:
         return True
 
     def at(self, t_s: float) -> PoseAt:
-        """Return the pose at a moment, interpolated (linear, slerp) or a little predicted."""
+        """Return the history's pose at a moment, interpolated (linear, slerp) or predicted."""
         times = self._times
         after = bisect_right(times, t_s, self._first)
         if not times:
@@ -91,18 +91,18 @@ class PoseHistory:
         return PoseAt(pose, "interpolated", gap_s)
 
     def latest(self) -> PoseAt:
-        """Return the last sample as it is, for those who align by "latest"."""
+        """Return the history's last pose as it is, to align by "latest"."""
         return PoseAt(self._poses[-1], "latest", 0.0) if self._poses else _NOTHING
 
     def rate_hz(self, over_s: float) -> float | None:
-        """Return how many samples came in a second, lately; None with fewer than two of them."""
+        """Return the recent rate of poses; None with fewer than two."""
         times = self._times
         first = max(self._first, bisect_left(times, self._last_s - over_s))
         spanned_s = times[-1] - times[first] if len(times) - first > 1 else 0.0
         return (len(times) - 1 - first) / spanned_s if spanned_s > 0.0 else None
 
     def sample_before(self, t_s: float) -> tuple[float, Pose] | None:
-        """Return time and pose of the last sample at or before a moment; None when none is."""
+        """Return time and pose of the last one at or before a moment; None without."""
         index = bisect_right(self._times, t_s, self._first) - 1
         return (self._times[index], self._poses[index]) if index >= self._first else None
 

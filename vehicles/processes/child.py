@@ -21,7 +21,7 @@ _READ_BYTES = 1 << 16
 
 
 class ChildProcess:
-    """A program in a session and process group of its own, so that Ctrl-C does not reach it.
+    """A child process in its own session and group, so that Ctrl-C does not reach it.
 
     environment: all of it; None for this process's own. folder: where it works. stdin: a file
     descriptor; None for an empty one. output: the file descriptor that takes stdout and stderr;
@@ -59,32 +59,32 @@ class ChildProcess:
 
     @property
     def pid(self) -> int | None:
-        """Return the process id; None before the start."""
+        """Return the child process's id; None before the start."""
         return None if self._process is None else self._process.pid
 
     @property
     def identity(self) -> ProcessId | None:
-        """Return id and start time; None before the start, or when it ended at once."""
+        """Return the child's id and start time; None before the start, or if it ended."""
         return self._id
 
     @property
     def running(self) -> bool:
-        """Return whether the program itself runs."""
+        """Return whether the child process runs."""
         return self._process is not None and not self._ended.is_set()
 
     @property
     def exit_code(self) -> int | None:
-        """Return how it ended, negative by a signal; None while it lives."""
+        """Return the child's exit code, negative by a signal; None while it lives."""
         return None if self._process is None else self._process.returncode
 
     @property
     def stderr_tail(self) -> str:
-        """Return the end of what it wrote to stderr."""
+        """Return the end of the child's stderr."""
         lines = self._stderr.decode(errors="replace").splitlines()[-_TAIL_LINES:]
         return "\n".join(line.rstrip() for line in lines)[-_TAIL_BYTES:]
 
     def start(self, on_end: Callable[["ChildProcess"], None] | None = None) -> None:
-        """Start it; `on_end` is called once when it has ended. Raises OSError.
+        """Start the child; `on_end` is called once at its end. Raises OSError.
 
         Called in the main thread: a signal at a parent's death comes at the end of the thread
         that started the child.
@@ -117,14 +117,14 @@ class ChildProcess:
         loop.add_reader(self._exit_end, self._take_end)
 
     async def wait(self, timeout_s: float | None = None) -> int | None:
-        """Wait until it ends; returns its exit code, None when it still runs after `timeout_s`."""
+        """Wait for the child's end; return its exit code, None after `timeout_s`."""
         with contextlib.suppress(TimeoutError):
             async with wall_timeout(timeout_s):
                 await self._ended.wait()
         return self.exit_code
 
     async def end(self) -> None:
-        """End it and all that it started: SIGTERM, and after the grace period SIGKILL."""
+        """End the child and its descendants: SIGTERM, and after the grace period SIGKILL."""
         if self._process is None or self._group_ended:
             return
         try:
@@ -141,11 +141,11 @@ class ChildProcess:
         self.release()
 
     def kill(self) -> None:
-        """Kill it and all that it started, now; it is still to be ended."""
+        """Kill the child and its descendants now; it is still to be ended."""
         self._signal(signal.SIGKILL)
 
     def release(self) -> None:
-        """Watch it no longer; one that runs is left to itself."""
+        """Stop watching the child; one that runs is left to itself."""
         loop = asyncio.get_running_loop()
         if self._exit_end is not None:
             loop.remove_reader(self._exit_end)
@@ -163,7 +163,7 @@ class ChildProcess:
                 os.killpg(self._process.pid, number)
 
     async def _all_gone(self, within_s: float) -> bool:
-        """Return whether every process of the group ends within a time."""
+        """Return whether every process of the child's group ends within a time."""
         with contextlib.suppress(TimeoutError):
             async with wall_timeout(within_s):
                 await self._ended.wait()
@@ -173,7 +173,7 @@ class ChildProcess:
         return False
 
     def _take_end(self) -> None:
-        """Reap the program (called by the loop when it has ended)."""
+        """Reap the child (called by the loop when it has ended)."""
         if self._process is None or self._process.poll() is None or self._exit_end is None:
             return
         asyncio.get_running_loop().remove_reader(self._exit_end)
@@ -185,7 +185,7 @@ class ChildProcess:
             self._on_end(self)
 
     def _read_stderr(self) -> None:
-        """Keep the end of stderr, and the pipe empty."""
+        """Read the child's stderr, so that its pipe stays empty; keep the end."""
         stderr = None if self._process is None else self._process.stderr
         while self._process is not None and stderr is not None:
             try:
@@ -201,7 +201,7 @@ class ChildProcess:
 
 
 async def run_briefly(argv: Sequence[str], *, timeout_s: float = 10.0) -> None:
-    """Run a command for its effect, for a limited time. Raises OSError."""
+    """Run a child command for its effect, for a limited time. Raises OSError."""
     child = ChildProcess(argv=argv)
     child.start()
     await child.wait(timeout_s)
@@ -209,7 +209,7 @@ async def run_briefly(argv: Sequence[str], *, timeout_s: float = 10.0) -> None:
 
 
 def how_it_ended(code: int | None) -> str:
-    """Return in words how a process ended; code: negative by a signal."""
+    """Return in words how a child process ended; code: negative by a signal."""
     if code is None:
         return "ended"
     if code >= 0:

@@ -13,7 +13,7 @@ _LENGTH_BYTES = 4
 
 
 class Message(msgspec.Struct, frozen=True, array_like=True, tag=True):
-    """What one process of ours sends to another; a kind of message is a subclass."""
+    """The base of messages between our own processes; each kind is a subclass."""
 
 
 Value = TypeVar("Value")
@@ -22,11 +22,11 @@ Plain = Mapping[type, tuple[Callable[[Any], object], Callable[[Any], object]]]
 
 
 class MessageError(ValueError):
-    """Bytes that are none of the values that are expected; says why."""
+    """Bytes between processes that decode to no expected message; says why."""
 
 
 class Codec(Generic[Value]):
-    """Packs values, and unpacks those of one type: a union of messages, or a data class."""
+    """The codec of messages between processes: one type, a union of messages or a data class."""
 
     def __init__(self, kind: Any, *, plain: Plain | None = None) -> None:
         self._plain = dict(plain or {})
@@ -36,11 +36,11 @@ class Codec(Generic[Value]):
         )
 
     def encode(self, value: Any) -> bytes:
-        """Return a value's bytes."""
+        """Return a message's bytes."""
         return self._encoder.encode(value)
 
     def decode(self, packet: bytes) -> Value:
-        """Return the value of bytes. Raises MessageError."""
+        """Return the message in bytes. Raises MessageError."""
         try:
             return self._decoder.decode(packet)
         except (msgspec.MsgspecError, ValueError, TypeError, KeyError, RecursionError) as error:
@@ -59,18 +59,18 @@ class Codec(Generic[Value]):
 
 
 def framed(packet: bytes) -> bytes:
-    """Return a packet with its length before it, for a stream of bytes."""
+    """Return an encoded packet with its length before it, for a stream of bytes."""
     return len(packet).to_bytes(_LENGTH_BYTES, "little") + packet
 
 
 class FrameReader:
-    """Cuts the packets out of a stream of bytes."""
+    """Splits a stream of bytes into encoded packets."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     def feed(self, data: bytes) -> Iterator[bytes]:
-        """Yield the packets that are whole now. Raises MessageError for a length beyond all."""
+        """Yield the packets that are whole now. Raises MessageError for an excessive length."""
         self._rest += data
         while len(self._rest) >= _LENGTH_BYTES:
             length = int.from_bytes(self._rest[:_LENGTH_BYTES], "little")

@@ -17,14 +17,14 @@ _ENDED = frozenset({psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD})
 
 @dataclass(frozen=True, slots=True)
 class ProcessId:
-    """A process; started: when it started, in hundredths of a second since boot."""
+    """The identity of a process; started: hundredths of a second since boot."""
 
     pid: int
     started: int
 
     @classmethod
     def of(cls, pid: int) -> "ProcessId | None":
-        """Return the process that has this id now; None when none runs by it."""
+        """Return the identity of the process with this id now; None when there is none."""
         try:
             process = psutil.Process(pid)
             if process.status() in _ENDED:
@@ -35,16 +35,16 @@ class ProcessId:
 
     @classmethod
     def own(cls) -> "ProcessId":
-        """Return this process."""
+        """Return this process's identity."""
         return cls(os.getpid(), _start_ticks(psutil.Process()))
 
     @property
     def lives(self) -> bool:
-        """Return whether it runs; one that only waits to be reaped does not."""
+        """Return whether the identified process runs; a zombie does not."""
         return ProcessId.of(self.pid) == self
 
     def end(self, *, grace_s: float = _END_S) -> str:
-        """End it, also where another is its parent: SIGTERM, then SIGKILL; returns what it took.
+        """End the identified process, a child or not: SIGTERM, SIGKILL; return what it took.
 
         Blocks for up to `grace_s` after each signal.
         """
@@ -61,7 +61,7 @@ class ProcessId:
 
 
 def boot_id() -> str:
-    """Return what tells this boot of the machine from others; empty where unknown."""
+    """Return the identity of this boot of the machine; empty where unknown."""
     try:
         return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
     except OSError:
@@ -77,7 +77,7 @@ def working_in(folder: Path) -> Iterator[ProcessId]:
 
 
 def group_lives(group: int) -> bool:
-    """Return whether a process of a group runs; one that waits to be reaped does not."""
+    """Return whether a process of a group runs; a zombie does not."""
     try:
         os.killpg(group, 0)
     except ProcessLookupError:
@@ -88,6 +88,7 @@ def group_lives(group: int) -> bool:
 
 
 def _runs_in(group: int, pid: int) -> bool:
+    """Return whether the process of this id runs in a group."""
     try:
         return os.getpgid(pid) == group and psutil.Process(pid).status() not in _ENDED
     except (OSError, psutil.Error):
@@ -95,6 +96,7 @@ def _runs_in(group: int, pid: int) -> bool:
 
 
 def _start_ticks(process: psutil.Process) -> int:
+    """Return when a process started, in hundredths of a second since boot."""
     # psutil adds the time of boot, which moves whenever the system clock is set.
     while True:
         boot_s = psutil.boot_time()

@@ -14,11 +14,11 @@ _credentials = struct.Struct("3i")
 
 
 class UnsupportedSystemError(OSError):
-    """The operating system lacks what a run in processes of its own needs; says what to do."""
+    """The system lacks a Linux feature that processes of a run need; what to do."""
 
 
 def die_with_parent(number: signal.Signals) -> None:
-    """Have the kernel send us a signal when the process that started us ends.
+    """Have the Linux kernel signal us when our parent process ends.
 
     Raises UnsupportedSystemError.
     """
@@ -30,12 +30,12 @@ def die_with_parent(number: signal.Signals) -> None:
 
 
 def adopt_orphans() -> None:
-    """Become the parent of descendants whose own parents end. Raises UnsupportedSystemError."""
+    """Become the parent of orphaned descendants (Linux). Raises UnsupportedSystemError."""
     _prctl(_PR_SET_CHILD_SUBREAPER, 1, "the adoption of orphaned processes")
 
 
 def exit_descriptor(pid: int) -> int:
-    """Return a file descriptor that is readable when a process has ended.
+    """Return a Linux file descriptor that is readable when a process has ended.
 
     Raises UnsupportedSystemError, and OSError where the kernel is older than 5.3.
     """
@@ -45,7 +45,7 @@ def exit_descriptor(pid: int) -> int:
 
 
 def peer_uid(end: socket.socket) -> int:
-    """Return the user at the other end of a Unix socket. Raises UnsupportedSystemError."""
+    """Return the user at a Unix socket's other end (Linux). Raises UnsupportedSystemError."""
     if not sys.platform.startswith("linux"):
         raise _refusal("the credentials of a socket's peer")
     raw = end.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _credentials.size)
@@ -54,6 +54,7 @@ def peer_uid(end: socket.socket) -> int:
 
 
 def _prctl(option: int, value: int, what: str) -> None:
+    """Call Linux's prctl. Raises UnsupportedSystemError, OSError."""
     if not sys.platform.startswith("linux"):
         raise _refusal(what)
     if ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0) != 0:
@@ -62,6 +63,7 @@ def _prctl(option: int, value: int, what: str) -> None:
 
 
 def _refusal(what: str) -> UnsupportedSystemError:
+    """Return the error of a system that lacks a Linux feature."""
     return UnsupportedSystemError(
         f"{sys.platform} lacks {what}: only Linux runs vehicles in processes of their own; "
         "use --clock virtual here"

@@ -36,7 +36,7 @@ def supervised(
 
 
 class Supervisor:
-    """The program, its end, and the signals that come meanwhile."""
+    """The supervisor of a program: its end, and the signals that come meanwhile."""
 
     def __init__(self, *, argv: list[str], grace_s: float, lifeline: int | None) -> None:
         self._grace_s = grace_s
@@ -51,7 +51,7 @@ class Supervisor:
         self._main = _start(argv)
 
     def run(self) -> int:
-        """Wait for the program's end or ours; return its exit code as shells do."""
+        """Supervise until the program's end or ours; return its exit code as shells do."""
         ending = False
         while self._status is None and not ending:
             ending = self._wait(1.0)
@@ -61,7 +61,7 @@ class Supervisor:
         return 128 - code if code < 0 else code
 
     def _wait(self, seconds: float) -> bool:
-        """Wait for any signal; return whether one came, or our stdin's end, that ends us."""
+        """Wait for any signal; return whether one, or our stdin's end, ends the supervisor."""
         watched = [self._wakeups] if self._lifeline is None else [self._wakeups, self._lifeline]
         ready, _, _ = select.select(watched, [], [], seconds)
         if self._lifeline in ready and not os.read(self._lifeline, 4096):
@@ -74,7 +74,7 @@ class Supervisor:
         return any(number in came for number in _ENDING)
 
     def _reap(self) -> bool:
-        """Take the ends of children; return whether any lives."""
+        """Reap the supervised children; return whether any lives."""
         while True:
             try:
                 pid, status = os.waitpid(-1, os.WNOHANG)
@@ -86,7 +86,7 @@ class Supervisor:
                 self._status = status
 
     def _end(self) -> None:
-        """End all: SIGTERM, then SIGKILL until no child is left."""
+        """End all supervised processes: SIGTERM, then SIGKILL until no child is left."""
         self._signal(signal.SIGTERM)
         begin_s = time.monotonic()
         while alive := self._reap():
@@ -99,7 +99,7 @@ class Supervisor:
             alive = self._reap()
 
     def _signal(self, number: signal.Signals) -> None:
-        """Signal the program's process group, and who fled from it."""
+        """Signal the supervised program's process group, and processes that left it."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._main, number)
         for pid in _children():
@@ -108,11 +108,11 @@ class Supervisor:
 
 
 def _ignore_signal(*_: object) -> None:
-    """Do nothing: the number of the signal is in the pipe."""
+    """Do nothing: the supervisor reads the signal's number from its pipe."""
 
 
 def _start(argv: list[str]) -> int:
-    """Start the program in a process group of its own; return its process id."""
+    """Start the supervised program in its own process group; return its process id."""
     supervisor = os.getpid()
     pid = os.fork()
     if pid:
@@ -130,7 +130,7 @@ def _start(argv: list[str]) -> int:
 
 
 def _children() -> list[int]:
-    """Return the processes whose parent we are."""
+    """Return the supervisor's child processes."""
     return [child.pid for child in psutil.Process().children()]
 
 
@@ -151,7 +151,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _write_to(folder: str) -> None:
-    """Work in a folder, and write what is printed to a file there."""
+    """Change the supervisor's working folder, and redirect its output to a file there."""
     os.chdir(folder)
     output = os.open("output.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
     for stream in (1, 2):

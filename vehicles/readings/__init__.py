@@ -14,7 +14,7 @@ from vehicles.readings.images import (
     IdImage,
     Source,
 )
-from vehicles.readings.kinds import SENSOR_TYPES, Reading, sensor_type_of
+from vehicles.readings.kinds import SENSOR_TYPES, Reading, SensorType, sensor_type_of
 from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
 from vehicles.readings.ranging import (
     LidarPointsReading,
@@ -44,6 +44,7 @@ __all__ = [
     "RangefinderReading",
     "Ranges",
     "Reading",
+    "SensorType",
     "Source",
     "samples_from_pressure",
     "sensor_type_of",

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vehicles.readings.images import CameraReading, DepthReading
 from vehicles.readings.kinds import Reading
 from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
+from vehicles.readings.numbers import number_fields
 from vehicles.readings.ranging import LidarPointsReading, LidarScanReading, RangefinderReading
 from vehicles.readings.sound import MicrophoneReading
 from worlds.camera import Intrinsics
@@ -38,19 +39,19 @@ before. changed: size, intrinsics or kind differ from the one before."""
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What is wrong with a reading: a word to count by, and a sentence for people."""
+    """A fault of a reading: a word to count by, and a sentence for people."""
 
     kind: FaultKind
     detail: str
 
 
 def fault_of(reading: Reading) -> Fault | None:
-    """Return the first thing that is wrong with a reading in itself; None when nothing is."""
-    return _time_fault(reading) or _CHECKS[type(reading)](reading)
+    """Return the first fault of a reading in itself; None when it has none."""
+    return _time_fault(reading) or _CHECKS.get(type(reading), _numbers)(reading)
 
 
 def fault_after(reading: Reading, previous: Reading | None) -> Fault | None:
-    """Return what is wrong with a reading that follows another of the same sensor."""
+    """Return the fault of a reading that follows another of the same sensor; or None."""
     if previous is None:
         return None
     if type(reading) is not type(previous):
@@ -65,6 +66,7 @@ def fault_after(reading: Reading, previous: Reading | None) -> Fault | None:
 
 
 def _camera_change_fault(now: Intrinsics, previous: Reading) -> Fault | None:
+    """Return the fault of a reading whose camera changed; None when it did not."""
     before = getattr(previous, "intrinsics", now)
     if now == before:
         return None
@@ -75,6 +77,7 @@ def _camera_change_fault(now: Intrinsics, previous: Reading) -> Fault | None:
 
 
 def _time_fault(reading: Reading) -> Fault | None:
+    """Return the fault of a reading's times; None when they are sound."""
     t_s, arrived_s = reading.t_s, reading.arrived_s
     if not (math.isfinite(t_s) and math.isfinite(arrived_s)):
         return Fault("time", f"sampled at {t_s} s, delivered at {arrived_s} s")
@@ -88,6 +91,7 @@ _CLOCK_SLACK_S = 0.05
 
 
 def _camera(reading: CameraReading) -> Fault | None:
+    """Check a camera reading; return its fault or None."""
     size = (reading.intrinsics.height_px, reading.intrinsics.width_px)
     fault = _array(reading.image_bgr, (*size, 3), np.uint8, "picture")
     fault = fault or intrinsics_fault(reading.intrinsics)
@@ -99,6 +103,7 @@ def _camera(reading: CameraReading) -> Fault | None:
 
 
 def _depth(reading: DepthReading) -> Fault | None:
+    """Check a depth reading; return its fault or None."""
     size = (reading.intrinsics.height_px, reading.intrinsics.width_px)
     fault = intrinsics_fault(reading.intrinsics) or _depth_image(reading.depth_m, size)
     if fault is None and reading.object_ids is not None:
@@ -107,12 +112,13 @@ def _depth(reading: DepthReading) -> Fault | None:
 
 
 def _depth_image(depth_m: NDArray[Any], size: tuple[int, int]) -> Fault | None:
+    """Check a reading's depth image; return its fault or None."""
     fault = _array(depth_m, size, np.float32, "depth")
     return fault or _distances(depth_m, "depth")
 
 
 def intrinsics_fault(intrinsics: Intrinsics) -> Fault | None:
-    """Return what makes a camera model useless; None when nothing does."""
+    """Return the fault of a reading's camera model; None when it has none."""
     i = intrinsics
     if i.width_px < 1 or i.height_px < 1:
         return Fault("intrinsics", f"a picture of {i.width_px}x{i.height_px}")
@@ -131,6 +137,7 @@ _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 
 
 def _scan(reading: LidarScanReading) -> Fault | None:
+    """Check a lidar scan; return its fault or None."""
     ranges = reading.ranges_m
     fault = _array(ranges, (None,), np.float32, "scan") or _ids(reading, len(ranges))
     if fault is not None:
@@ -143,6 +150,7 @@ def _scan(reading: LidarScanReading) -> Fault | None:
 
 
 def _points(reading: LidarPointsReading) -> Fault | None:
+    """Check a point cloud; return its fault or None."""
     points = reading.points_frd_m
     fault = _array(points, (None, 3), np.float32, "points") or _ids(reading, len(points))
     if fault is not None:
@@ -156,6 +164,7 @@ def _points(reading: LidarPointsReading) -> Fault | None:
 
 
 def _rangefinder(reading: RangefinderReading) -> Fault | None:
+    """Check a rangefinder reading; return its fault or None."""
     if math.isnan(reading.range_m):
         return Fault("not_finite", "the range is not a number")
     if reading.range_m < 0.0:
@@ -164,6 +173,7 @@ def _rangefinder(reading: RangefinderReading) -> Fault | None:
 
 
 def _gps(reading: GpsReading) -> Fault | None:
+    """Check a GPS reading; return its fault or None."""
     r = reading
     numbers = (r.latitude_deg, r.longitude_deg, r.altitude_m, *r.velocity_ned_m_s)
     accuracies = (r.horizontal_accuracy_m, r.vertical_accuracy_m)
@@ -177,6 +187,7 @@ def _gps(reading: GpsReading) -> Fault | None:
 
 
 def _pose(reading: PoseReading) -> Fault | None:
+    """Check a pose reading; return its fault or None."""
     fault = pose_fault(reading.pose)
     velocity = reading.velocity_ned_m_s
     if fault is None and velocity is not None and not all(math.isfinite(v) for v in velocity):
@@ -185,7 +196,7 @@ def _pose(reading: PoseReading) -> Fault | None:
 
 
 def pose_fault(pose: Pose) -> Fault | None:
-    """Return what makes a pose useless; None when nothing does."""
+    """Return the fault of a reading's pose; None when it has none."""
     if not all(math.isfinite(number) for number in (*pose.position_ned_m, *pose.q_wxyz)):
         return Fault("not_finite", f"pose {pose.position_ned_m}, {pose.q_wxyz}")
     if abs(sum(part * part for part in pose.q_wxyz) - 1.0) > _UNIT_SLACK:
@@ -198,6 +209,7 @@ _UNIT_SLACK = 1e-3
 
 
 def _imu(reading: ImuReading) -> Fault | None:
+    """Check an IMU reading; return its fault or None."""
     numbers = (*reading.specific_force_frd_m_s2, *reading.rates_frd_rad_s)
     if not all(math.isfinite(number) for number in numbers):
         return Fault("not_finite", f"specific force and rates {numbers}")
@@ -205,6 +217,7 @@ def _imu(reading: ImuReading) -> Fault | None:
 
 
 def _microphone(reading: MicrophoneReading) -> Fault | None:
+    """Check a microphone reading; return its fault or None."""
     fault = _array(reading.samples, (None,), np.int16, "sound")
     if fault is not None:
         return fault
@@ -217,19 +230,28 @@ def _microphone(reading: MicrophoneReading) -> Fault | None:
 
 
 def _ids(reading: LidarScanReading | LidarPointsReading, count: int) -> Fault | None:
+    """Check a reading's object ids; return their fault or None."""
     if reading.object_ids is None:
         return None
     return _array(reading.object_ids, (count,), np.uint8, "object ids")
 
 
+def _numbers(reading: Any) -> Fault | None:
+    for name in number_fields(type(reading)):
+        if not math.isfinite(value := getattr(reading, name)):
+            return Fault("not_finite", f"{name} is {value}")
+    return None
+
+
 def _limits(min_m: float, max_m: float) -> Fault | None:
+    """Check a ranging reading's limits; return their fault or None."""
     if not (0.0 <= min_m < max_m < math.inf):
         return Fault("out_of_range", f"the sensor measures from {min_m} to {max_m} m")
     return None
 
 
 def _distances(values_m: NDArray[np.float32], name: str) -> Fault | None:
-    """Check numbers of zero or more; infinity says that nothing was met."""
+    """Check a reading's distances: zero or more; infinity says that nothing was met."""
     smallest = float(values_m.min())  # NaN wins over every number
     if math.isnan(smallest):
         bad = int(np.isnan(values_m).sum())
@@ -242,6 +264,7 @@ def _distances(values_m: NDArray[np.float32], name: str) -> Fault | None:
 def _array(
     array: NDArray[Any], shape: tuple[int | None, ...], dtype: type, name: str
 ) -> Fault | None:
+    """Check type and shape of a reading's array; return its fault or None."""
     if array.dtype != dtype:
         return Fault("type", f"{name} is {array.dtype}, not {np.dtype(dtype)}")
     fits = len(array.shape) == len(shape) and all(

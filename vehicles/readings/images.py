@@ -17,7 +17,7 @@ IdImage = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class CameraReading:
-    """A picture.
+    """The reading of a camera: an image.
 
     t_s: middle of the exposure on the run clock. arrived_s: when it was delivered to us.
     seq: counts up by one per exposure of this camera, so that a drop shows.
@@ -42,7 +42,7 @@ class CameraReading:
 
 @dataclass(frozen=True, slots=True)
 class DepthReading:
-    """A depth picture, of a stereo or time-of-flight camera.
+    """The reading of a stereo or time-of-flight camera: a depth image.
 
     t_s, arrived_s, seq, intrinsics, camera_pose, rendered: as of a CameraReading.
     depth_m: (height, width) float32, metres along the optical axis; inf where the sensor saw

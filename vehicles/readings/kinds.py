@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Literal
 
 from vehicles.readings.images import CameraReading, DepthReading
 from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
@@ -19,6 +20,19 @@ Reading = (
     | ImuReading
     | MicrophoneReading
 )
+
+SensorType = Literal[
+    "camera",
+    "depth",
+    "lidar",
+    "lidar_points",
+    "rangefinder",
+    "gps",
+    "pose",
+    "imu",
+    "microphone",
+]
+"""Sensor type as files name it."""
 
 SENSOR_TYPES: Mapping[str, type[Reading]] = MappingProxyType(
     {
@@ -41,5 +55,5 @@ _NAMES: Mapping[type[Reading], str] = MappingProxyType(
 
 
 def sensor_type_of(reading: Reading) -> str:
-    """Return the sensor type that gives such a reading."""
+    """Return the sensor type that gives this kind of reading."""
     return _NAMES[type(reading)]

@@ -8,7 +8,7 @@ from worlds.frames import Pose, Vec3
 
 @dataclass(frozen=True, slots=True)
 class PoseReading:
-    """A vehicle's pose in the world's local frame (NED metres), from motion capture or MAVLink."""
+    """A navigation reading: a vehicle's pose in the world's local frame (NED metres)."""
 
     t_s: float
     arrived_s: float
@@ -21,7 +21,7 @@ class PoseReading:
 
 @dataclass(frozen=True, slots=True)
 class GpsReading:
-    """A fix of a satellite receiver, on WGS-84.
+    """A navigation reading: the fix of a GPS receiver, on WGS-84.
 
     latitude_deg, longitude_deg: degrees. altitude_m: above the ellipsoid (not above mean sea
     level). velocity_ned_m_s: over ground. horizontal_accuracy_m, vertical_accuracy_m: the
@@ -46,7 +46,7 @@ class GpsReading:
 
 @dataclass(frozen=True, slots=True)
 class ImuReading:
-    """Accelerometer and gyroscope, in the body's FRD axes.
+    """A navigation reading: accelerometer and gyroscope, in the body's FRD axes.
 
     specific_force_frd_m_s2: what an accelerometer feels: (0, 0, -9.81) at rest and level.
     rates_frd_rad_s: angular velocity of the body.

@@ -18,7 +18,7 @@ ObjectIds = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class LidarScanReading:
-    """One turn of a 2-D lidar, in the plane of the sensor's forward and right axes.
+    """A ranging reading: one turn of a 2-D lidar, in the sensor's forward-right plane.
 
     t_s: middle of the turn on the run clock. ranges_m: (beams,) float32, metres from the
     sensor; inf where nothing came back. Beam i looks at start_angle_rad + i * step_rad,
@@ -42,14 +42,14 @@ class LidarScanReading:
 
     @property
     def angles_rad(self) -> NDArray[np.float64]:
-        """Return the direction of each beam, (beams,)."""
+        """Return the direction of each beam of the scan, (beams,)."""
         beams = np.arange(len(self.ranges_m), dtype=np.float64)
         return beams * self.step_rad + self.start_angle_rad
 
 
 @dataclass(frozen=True, slots=True)
 class LidarPointsReading:
-    """The points of one frame of a 3-D lidar; beams that met nothing have no point.
+    """A ranging reading: the points of one frame of a 3-D lidar, without missing beams.
 
     t_s: middle of the frame on the run clock. points_frd_m: (points, 3) float32, metres
     forward, right, down in the sensor's frame. object_ids: (points,) uint8, 0 for no object;
@@ -68,7 +68,7 @@ class LidarPointsReading:
 
 @dataclass(frozen=True, slots=True)
 class RangefinderReading:
-    """The distance along one beam.
+    """A ranging reading: the distance along one beam.
 
     range_m: metres along the sensor's forward axis; inf when nothing came back. mount: the
     sensor's pose in the body's FRD frame, its forward axis along the beam.

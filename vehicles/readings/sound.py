@@ -31,7 +31,7 @@ class MicrophoneReading:
 
     @property
     def duration_s(self) -> float:
-        """Return how long the block lasts."""
+        """Return how long the block of sound lasts."""
         return len(self.samples) / self.sample_rate_hz
 
     @property

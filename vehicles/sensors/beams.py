@@ -15,17 +15,17 @@ Directions = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class RayHits:
-    """What beams met. ranges_m: (beams,) float32, inf for nothing; object_ids: (beams,) uint8."""
+    """What beams hit. ranges_m: (beams,) float32, inf for nothing; object_ids: (beams,) uint8."""
 
     ranges_m: Ranges
     object_ids: ObjectIds
 
 
 class RayCaster(Protocol):
-    """Casts beams into a scene: a scene with its events, bound by the caller."""
+    """Casts a sensor's beams into a scene with its events (protocol)."""
 
     def __call__(self, sensor: Pose, directions_frd: Directions, t_s: float) -> RayHits:
-        """Return what the beams meet at t_s.
+        """Return what the beams hit at t_s.
 
         sensor: its pose in the world's local frame (NED metres). directions_frd: (beams, 3) unit
         vectors in the sensor's frame.
@@ -34,7 +34,7 @@ class RayCaster(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RangeNoise:
-    """What a ranging sensor adds to true distances, and how far it sees.
+    """The noise that a ranging sensor's beams add, and their range limits.
 
     Standard deviation of a range: sigma_m + sigma_per_m * range. dropout: part of the beams that
     come back empty. outlier: part that reports something between the sensor and what is there
@@ -50,7 +50,7 @@ class RangeNoise:
 
 
 def disturb(hits: RayHits, noise: RangeNoise, rng: np.random.Generator) -> RayHits:
-    """Return the hits as the sensor reports them; what it cannot see is inf, with object id 0."""
+    """Return the beams' hits with noise; out of range is inf, with object id 0."""
     ranges = hits.ranges_m.astype(np.float32)
     if noise.sigma_m > 0.0 or noise.sigma_per_m > 0.0:
         met = np.isfinite(ranges)
@@ -70,7 +70,7 @@ def disturb(hits: RayHits, noise: RangeNoise, rng: np.random.Generator) -> RayHi
 
 
 def plane_directions(start_angle_rad: float, step_rad: float, beams: int) -> Directions:
-    """Return (beams, 3) unit vectors in the forward-right plane, angles towards the right."""
+    """Return (beams, 3) unit vectors of beams in the forward-right plane, rightwards."""
     angles = start_angle_rad + step_rad * np.arange(beams)
     return np.stack((np.cos(angles), np.sin(angles), np.zeros(beams)), axis=1)
 
@@ -78,7 +78,7 @@ def plane_directions(start_angle_rad: float, step_rad: float, beams: int) -> Dir
 def grid_directions(
     azimuths_rad: NDArray[np.float64], elevations_rad: NDArray[np.float64]
 ) -> Directions:
-    """Return (azimuths * elevations, 3) unit vectors, all elevations of an azimuth together.
+    """Return (azimuths * elevations, 3) unit vectors of beams, grouped by azimuth.
 
     Azimuth from forward to the right, elevation upwards.
     """
@@ -89,7 +89,7 @@ def grid_directions(
 
 
 def cone_directions(half_angle_rad: float, ring_beams: int) -> Directions:
-    """Return (1 + ring_beams, 3) unit vectors: forward, and a ring round it."""
+    """Return (1 + ring_beams, 3) unit vectors of beams: forward, and a ring round it."""
     around = 2.0 * math.pi * np.arange(ring_beams) / max(1, ring_beams)
     radius = math.sin(half_angle_rad)
     ring = np.stack(

@@ -13,7 +13,7 @@ _SPARE_PX = 64
 
 @dataclass(frozen=True, slots=True)
 class DepthNoise:
-    """How a stereo camera errs: sigma = z^2 * subpixel / (focal length * baseline).
+    """The noise of a stereo depth camera: sigma = z^2 * subpixel / (focal length * baseline).
 
     Formula: Intel, "Tuning depth cameras for best performance", which wants the subpixel error
     below 0.1 px; 0.08 is a well textured scene. Baseline and reach: RealSense D400 data sheet,
@@ -31,14 +31,14 @@ NO_DEPTH_NOISE = DepthNoise(subpixel_px=0.0, range_min_m=0.0, range_max_m=np.inf
 
 
 class DepthSensor:
-    """Turns pictures with known distances into depth readings; keeps its noise tile."""
+    """A depth sensor: from images with true depth to depth readings; keeps its noise."""
 
     def __init__(self, *, noise: DepthNoise = NO_DEPTH_NOISE) -> None:
         self._noise = noise
         self._tile: NDArray[np.float32] | None = None
 
     def sample(self, picture: CameraReading, rng: np.random.Generator) -> DepthReading:
-        """Return the depth seen in a picture, at its time. Raises ValueError without distances."""
+        """Return the depth reading of an image, at its time. Raises ValueError without depth."""
         if picture.depth_m is None:
             raise ValueError(f"picture {picture.seq} of {picture.source} has no depth_m")
         return DepthReading(

@@ -6,7 +6,7 @@ import numpy as np
 
 
 class GaussMarkovWalk:
-    """Independent errors of zero mean, one per axis, at moments that never go back.
+    """Gauss-Markov errors of zero mean, one per axis, at moments that never go back.
 
     sigma: stationary standard deviation per axis. x' = a x + sigma sqrt(1 - a^2) n with
     a = exp(-dt / time constant): exact for any step (Gelb, "Applied Optimal Estimation", 1974,
@@ -21,7 +21,7 @@ class GaussMarkovWalk:
         self._t_s: float | None = None
 
     def at(self, t_s: float, rng: np.random.Generator) -> tuple[float, ...]:
-        """Return the errors at t_s."""
+        """Return the Gauss-Markov errors at t_s."""
         if self._silent:
             return self._value
         keep = 0.0

@@ -17,7 +17,7 @@ _CEP_PER_SIGMA = math.sqrt(2.0 * math.log(2.0))
 
 @dataclass(frozen=True, slots=True)
 class GpsNoise:
-    """Errors of a fix: standard deviations, each axis.
+    """The noise of a GPS fix: standard deviations, each axis.
 
     Position: u-blox NEO-M8 data sheet (UBX-15031086), 2.5 m CEP; the error wanders with a time
     constant of 60 s, and is twice as large vertically (PX4's Gazebo GPS plugin: random walk 2 and
@@ -41,7 +41,7 @@ GPS_TIMING = Timing(rate_hz=5.0, latency_s=0.11)
 
 
 class GpsSensor:
-    """A receiver in the body's origin; keeps its count and where its error stands.
+    """A GPS receiver in the body's origin; keeps its count and its present error.
 
     frame: where the world's local frame lies on WGS-84.
     """
@@ -65,7 +65,7 @@ class GpsSensor:
         self._seq = 0
 
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> GpsReading:
-        """Return the fix at t_s."""
+        """Return the GPS fix at t_s."""
         noise, (north, east, down) = self._noise, truth.pose.position_ned_m
         walk, n = self._walk.at(t_s, rng), rng.standard_normal(6).tolist()
         white, (vn, ve, vd) = noise.white_sigma_m, truth.velocity_ned_m_s

@@ -14,7 +14,7 @@ from worlds.frames import Vec3
 
 @dataclass(frozen=True, slots=True)
 class ImuNoise:
-    """Noise of gyroscope and accelerometer, each axis.
+    """The noise of an IMU's gyroscope and accelerometer, each axis.
 
     The defaults are those of the ADIS16448 as RotorS and PX4's Gazebo models use them (Furrer,
     Burri, Achtelik and Siegwart, "RotorS", 2016, IMU plugin). Densities in (rad/s)/sqrt(Hz) and
@@ -69,7 +69,7 @@ class ImuSensor:
         self._seq = 0
 
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> ImuReading:
-        """Return the reading at t_s."""
+        """Return the IMU reading at t_s."""
         force, rates = truth.specific_force_frd_m_s2, truth.rates_frd_rad_s
         if not self._silent:
             force, rates = self._add_noise(force, rates, t_s, rng)

@@ -25,7 +25,7 @@ Pixel = TypeVar("Pixel", np.uint8, np.float32)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LensMap:
-    """How a distorted picture comes from a plain one.
+    """The map by which a lens's distorted image comes from a plain one.
 
     wide: the pinhole that sees all that the lens sees. u_px, v_px: (height, width) float32 each,
     where in its picture each pixel lies.
@@ -38,7 +38,7 @@ class LensMap:
 
 @dataclass(frozen=True, slots=True)
 class LensImage:
-    """A picture as the lens gives it."""
+    """An image as the lens gives it."""
 
     image_bgr: BgrImage
     depth_m: DepthImage | None
@@ -46,7 +46,7 @@ class LensImage:
 
 
 class ThroughLens:
-    """A PictureSource that gives distorted pictures where the intrinsics ask for them.
+    """An ImageSource through a lens: distorts images where the intrinsics ask for it.
 
     Colours are interpolated linearly; depth, which a lens does not change along the optical axis,
     and ids take the nearest pixel. Raises ValueError for a lens that `lens_fault` refuses.
@@ -64,7 +64,7 @@ class ThroughLens:
         want_depth: bool = False,
         want_ids: bool = False,
     ) -> RenderedImage:
-        """Return the picture from a camera's pose (FRD axes, world frame) at a time."""
+        """Return the lens's image from a camera's pose (FRD axes, world frame) at a time."""
         if not any(intrinsics.distortion):
             plain = replace(intrinsics, distortion=()) if intrinsics.distortion else intrinsics
             return self._source.picture(
@@ -82,6 +82,7 @@ class ThroughLens:
 
 
 def _nearest(plane: NDArray[Pixel] | None, lens: LensMap) -> NDArray[Pixel] | None:
+    """Return an image plane through the lens by nearest pixels; None for None."""
     if plane is None:
         return None
     seen: NDArray[Pixel] = cv2.remap(plane, lens.u_px, lens.v_px, cv2.INTER_NEAREST)
@@ -90,7 +91,7 @@ def _nearest(plane: NDArray[Pixel] | None, lens: LensMap) -> NDArray[Pixel] | No
 
 @lru_cache(maxsize=8)
 def lens_map(intrinsics: Intrinsics) -> LensMap:
-    """Return how pictures of a distorted camera come from those of a pinhole of equal focal length.
+    """Return the lens map from a pinhole of equal focal length to a distorted camera.
 
     Each pixel's ray by OpenCV's `undistortPoints` (Brown's model, OpenCV manual, camera
     calibration). Raises ValueError for a lens that `lens_fault` refuses.
@@ -116,7 +117,7 @@ def lens_map(intrinsics: Intrinsics) -> LensMap:
 
 
 def lens_fault(intrinsics: Intrinsics) -> str:
-    """Return why a distortion is none that a picture can have; "" when it is one."""
+    """Return why no lens can have a distortion; "" when one can."""
     step = max(1, min(intrinsics.width_px, intrinsics.height_px) // 16)
     pixels = _grid(intrinsics, step)
     with np.errstate(all="ignore"):
@@ -142,7 +143,7 @@ def lens_fault(intrinsics: Intrinsics) -> str:
 
 
 def _grid(intrinsics: Intrinsics, step: int) -> NDArray[np.float64]:
-    """Return pixels (n, 2), every `step`-th and the last of each row and column."""
+    """Return pixels (n, 2) to check a lens: every `step`-th, and the last of rows and columns."""
     across = np.union1d(np.arange(0, intrinsics.width_px, step), intrinsics.width_px - 1)
     down = np.union1d(np.arange(0, intrinsics.height_px, step), intrinsics.height_px - 1)
     u, v = np.meshgrid(across.astype(np.float64), down.astype(np.float64))
@@ -150,7 +151,7 @@ def _grid(intrinsics: Intrinsics, step: int) -> NDArray[np.float64]:
 
 
 def _rays(pixels: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64]:
-    """Return (x/z, y/z) of the rays of pixels, (n, 2)."""
+    """Return (x/z, y/z) of the rays of pixels through the lens, (n, 2)."""
     found = cv2.undistortPoints(
         pixels[:, None, :], _matrix(camera), np.array(camera.distortion), criteria=_TERMS
     )
@@ -158,5 +159,6 @@ def _rays(pixels: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64
 
 
 def _matrix(intrinsics: Intrinsics) -> NDArray[np.float64]:
+    """Return the 3x3 camera matrix of a lens's intrinsics."""
     i = intrinsics
     return np.array([[i.fx_px, 0, i.cx_px], [0, i.fy_px, i.cy_px], [0, 0, 1.0]])

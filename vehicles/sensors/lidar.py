@@ -29,7 +29,7 @@ LOOKING_DOWN = Pose.of(0.0, 0.0, 0.0, pitch_rad=-math.pi / 2.0)
 
 @dataclass(frozen=True, slots=True)
 class ScanPattern:
-    """The beams of a 2-D lidar: beam i looks at start_angle_rad + i * step_rad, to the right.
+    """The beams of a 2-D lidar: beam i looks at start_angle_rad + i * step_rad, rightwards.
 
     The default is a full turn of 400 beams (Slamtec RPLIDAR A2M8 data sheet rev. 2.5: 4000 to
     8000 samples per second at 10 Hz).
@@ -68,12 +68,12 @@ RANGEFINDER_TIMING = Timing(rate_hz=50.0, latency_s=0.01)
 
 
 def silent(noise: RangeNoise) -> RangeNoise:
-    """Return the same reach without noise."""
+    """Return a lidar's noise settings without noise, with the same range limits."""
     return RangeNoise(noise.range_min_m, noise.range_max_m)
 
 
 class LidarScanSensor:
-    """A 2-D lidar; keeps its count."""
+    """A 2-D lidar sensor; keeps its count."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class LidarScanSensor:
         self._seq = 0
 
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> LidarScanReading:
-        """Return the scan whose middle is at t_s."""
+        """Return the lidar scan whose middle is at t_s."""
         hits = self._cast(truth.pose.compose(self._mount), self._directions, t_s)
         seen = disturb(hits, self._noise, rng)
         self._seq += 1
@@ -115,7 +115,7 @@ class LidarScanSensor:
 
 
 class LidarPointsSensor:
-    """A 3-D lidar; keeps its count."""
+    """A 3-D lidar sensor; keeps its count."""
 
     def __init__(
         self,
@@ -141,7 +141,7 @@ class LidarPointsSensor:
         self._seq = 0
 
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> LidarPointsReading:
-        """Return the frame whose middle is at t_s."""
+        """Return the lidar's point cloud whose middle is at t_s."""
         hits = self._cast(truth.pose.compose(self._mount), self._directions, t_s)
         seen = disturb(hits, self._noise, rng)
         met = np.isfinite(seen.ranges_m)
@@ -158,7 +158,7 @@ class LidarPointsSensor:
 
 
 class RangefinderSensor:
-    """One beam with a width: the nearest thing in its cone is what it reports; keeps its count.
+    """A rangefinder (a lidar of one cone): reports the nearest hit; keeps its count.
 
     half_angle_rad: of the cone; TFmini Plus data sheet: 3.6 degrees from edge to edge.
     """
@@ -182,7 +182,7 @@ class RangefinderSensor:
         self._seq = 0
 
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> RangefinderReading:
-        """Return the distance at t_s."""
+        """Return the rangefinder's distance at t_s."""
         hits = self._cast(truth.pose.compose(self._mount), self._directions, t_s)
         nearest = float(hits.ranges_m.min())
         self._seq += 1
@@ -198,6 +198,7 @@ class RangefinderSensor:
         )
 
     def _reported_range(self, range_m: float, rng: np.random.Generator) -> float:
+        """Return a rangefinder's range with noise; inf beyond its limits."""
         noise = self._noise
         if math.isfinite(range_m):
             range_m += (noise.sigma_m + noise.sigma_per_m * range_m) * float(rng.standard_normal())

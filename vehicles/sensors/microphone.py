@@ -21,13 +21,13 @@ Sound = NDArray[np.float32]
 
 
 def pressure_of(level_db: float) -> float:
-    """Return the root-mean-square pressure in pascals of a sound pressure level."""
+    """Return the RMS pressure in pascals of a sound pressure level at the microphone."""
     return float(REFERENCE_PA * 10.0 ** (level_db / 20.0))
 
 
 @dataclass(frozen=True, slots=True)
 class RotorSound:
-    """What the rotors sound like at the microphone.
+    """The sound of the rotors at the microphone.
 
     hover_level_db: of all four rotors at hover_speed_rad_s: 71.5 dB(A) at 1 m (Parrot ANAFI Ai,
     technical documentation) brought to the 0.175 m between rotor and hub, 20 log10(1 / 0.175) more.
@@ -47,7 +47,7 @@ class RotorSound:
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneNoise:
-    """What is heard beside the rotors, as white noise, and the loudest that can be told.
+    """The microphone's white noise beside the rotors, and its full scale.
 
     Self noise and full scale: TDK InvenSense ICS-43434 data sheet (DS-000069): 65 dB(A) below
     94 dB; 0 dBFS at 120 dB, the peak of a sine. ambient_level_db: a quiet hall, an assumption.
@@ -62,7 +62,7 @@ QUIET = MicrophoneNoise(ambient_level_db=-math.inf, self_noise_db=-math.inf)
 
 
 class MicrophoneSensor:
-    """A microphone that gives blocks of sound; keeps its count and the angles of the rotors."""
+    """A microphone sensor of blocks of sound; keeps its count and the rotors' angles."""
 
     def __init__(
         self,
@@ -88,11 +88,11 @@ class MicrophoneSensor:
 
     @property
     def block_s(self) -> float:
-        """Return the length of a block: sample() is called once in this time."""
+        """Return the length of a microphone's block: the period of sample()."""
         return self._block / self._rate_hz
 
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> MicrophoneReading:
-        """Return the block that ends at t_s; rotor speeds run from the last block's to now's."""
+        """Return the microphone's block that ends at t_s; rotor speeds change within."""
         pressure = self._rotor_pressure(np.array(truth.motor_speeds_rad_s), rng)
         around = math.hypot(
             pressure_of(self._noise.ambient_level_db), pressure_of(self._noise.self_noise_db)
@@ -111,7 +111,7 @@ class MicrophoneSensor:
         )
 
     def _rotor_pressure(self, speeds: NDArray[np.float64], rng: np.random.Generator) -> Sound:
-        """Return (block,) pascals of all rotors together."""
+        """Return (block,) pascals of all rotors at the microphone."""
         if len(speeds) == 0:
             return np.zeros(self._block, np.float32)
         if len(self._speeds) != len(speeds):
@@ -132,7 +132,7 @@ class MicrophoneSensor:
         return heard
 
     def _tones(self, angles: NDArray[np.float64], speeds: NDArray[np.float64]) -> Sound:
-        """Return (rotors, block) pascals at hover loudness; what would fold back is left out."""
+        """Return (rotors, block) pascals at hover loudness; aliases are left out."""
         base = np.exp(1j * self._rotors.blades * angles).astype(np.complex64)
         fundamental_hz = self._rotors.blades * speeds / (2.0 * math.pi)
         tones, turning = np.zeros(angles.shape, np.float32), base.copy()
@@ -144,7 +144,7 @@ class MicrophoneSensor:
 
 
 def _tone_weights(sound: RotorSound) -> tuple[float, ...]:
-    """Return the amplitude in pascals of each harmonic of one rotor, loudest first."""
+    """Return the amplitude (Pa) of each harmonic of a rotor at the microphone, loudest first."""
     relative = [10.0 ** (-sound.fall_db * h / 20.0) for h in range(sound.harmonics)]
     power = sum(weight * weight for weight in relative) * sound.rotors / 2.0
     scale = pressure_of(sound.hover_level_db) / math.sqrt(power)

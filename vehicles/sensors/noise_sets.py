@@ -14,7 +14,7 @@ from vehicles.sensors.microphone import QUIET, MicrophoneNoise
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """The noise of each sensor."""
+    """A set of noise settings, one for each sensor."""
 
     imu: ImuNoise
     gps: GpsNoise

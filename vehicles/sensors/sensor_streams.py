@@ -23,30 +23,30 @@ TRUTH_DELAY_S = 0.01
 
 
 class Sensor(Protocol):
-    """What makes readings of the truth; see the models beside this."""
+    """A sensor model that makes readings of the truth (protocol)."""
 
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> Reading:
-        """Return the reading of t_s."""
+        """Return the sensor's reading of t_s."""
 
 
 class Stream(Protocol):
-    """A sensor of a vehicle that delivers by itself."""
+    """A vehicle's sensor that streams readings by itself (protocol)."""
 
     async def run(self, deliver: Deliver) -> None:
-        """Deliver readings until cancelled; what `deliver` raises ends it."""
+        """Stream readings until cancelled; what `deliver` raises ends it."""
 
 
 class OnDemand(Protocol):
-    """A sensor of the twin that answers for a pose."""
+    """A sensor of the twin that senses at a requested pose (protocol)."""
 
     async def ask(
         self, body: Pose, t_s: float, *, want_depth: bool = False, want_ids: bool = False
     ) -> Reading:
-        """Return the reading from a body's pose (world frame) of the world as it is at t_s."""
+        """Return the sensor's reading from a body's pose (world frame) at t_s."""
 
 
 class SensorStream:
-    """A sensor that feels the truth of its vehicle at start + k / rate_hz.
+    """A stream of a sensor that samples the vehicle's truth at start + k / rate_hz.
 
     A reading is delivered when its sensor says, in order, and never before it was made; one whose
     truth is not known is left out, and its number with it.
@@ -69,7 +69,7 @@ class SensorStream:
         self.left_out = 0
 
     async def run(self, deliver: Deliver) -> None:
-        """Sample and deliver until cancelled; what `deliver` raises ends it."""
+        """Sample and stream readings until cancelled; what `deliver` raises ends it."""
         ready: asyncio.Queue[Reading] = asyncio.Queue()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._sense(ready), name="sensor samples")
@@ -96,7 +96,7 @@ class SensorStream:
 
 
 async def _hand_over(ready: asyncio.Queue[Reading], deliver: Deliver) -> None:
-    """Deliver each reading when it is due, stamped with the time at which it truly was."""
+    """Deliver each reading of the stream when it is due, stamped with its sampling time."""
     loop = asyncio.get_running_loop()
     while True:
         reading = await ready.get()
@@ -105,7 +105,7 @@ async def _hand_over(ready: asyncio.Queue[Reading], deliver: Deliver) -> None:
 
 
 class PoseStream:
-    """Motion capture as a sensor: takes what is captured, at most at its rate, and numbers it."""
+    """A stream of motion capture as a sensor: at most at its rate, numbered."""
 
     def __init__(
         self, *, listen: Callable[[Callable[[PoseReading], None]], None], rate_hz: float | None
@@ -116,7 +116,7 @@ class PoseStream:
         self._seq = 0
 
     async def run(self, deliver: Deliver) -> None:
-        """Deliver until cancelled; what `deliver` raises ends it."""
+        """Stream poses until cancelled; what `deliver` raises ends it."""
         captured: asyncio.Queue[PoseReading] = asyncio.Queue()
         self._listen(captured.put_nowait)
         while True:
@@ -129,7 +129,7 @@ class PoseStream:
 
 
 class RenderedDepth:
-    """A depth camera whose distances are rendered. timing: when its pictures are delivered."""
+    """A depth camera sensor with rendered depth. timing: when its images are delivered."""
 
     def __init__(
         self,
@@ -149,7 +149,7 @@ class RenderedDepth:
         self._timing = timing
 
     def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> DepthReading:
-        """Return the depth picture of t_s."""
+        """Return the depth image of t_s."""
         camera_pose = self._mount.camera_pose(truth.pose)
         picture = self._source.picture(
             camera_pose, self._intrinsics, t_s, want_depth=True, want_ids=True
@@ -169,7 +169,7 @@ class RenderedDepth:
 
 
 class OnDemandSensor:
-    """A sensor of the twin that answers at once, from any pose; still, so it feels no motion."""
+    """A sensor of the twin that senses at once, from any pose, without motion."""
 
     def __init__(
         self, *, sensor: Sensor, rng: np.random.Generator, compute: Compute = inline
@@ -187,7 +187,7 @@ class OnDemandSensor:
         want_depth: bool = False,  # noqa: ARG002 - a camera's; what others know they always tell
         want_ids: bool = False,  # noqa: ARG002 - the same
     ) -> Reading:
-        """Return the reading from a body's pose (world frame) of the world as it is at t_s."""
+        """Return the sensor's reading from a body's pose (world frame) at t_s."""
         seq, self._seq = self._seq, self._seq + 1
         reading = await self._compute(lambda: self._sensor.sample(Truth(body), t_s, self._rng))
         return replace(reading, arrived_s=asyncio.get_running_loop().time(), seq=seq)

@@ -8,7 +8,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Samples at start_s + k / rate_hz; each is delivered after latency_s plus or minus jitter_s.
+    """A sensor's timing: samples at start_s + k / rate_hz, late by latency_s +- jitter_s.
 
     jitter_s is a standard deviation; nothing is delivered before it was sampled. Raises
     ValueError for a rate that is not positive or a negative latency or jitter.
@@ -26,11 +26,11 @@ class Timing:
             raise ValueError(f"latency {self.latency_s} s, jitter {self.jitter_s} s")
 
     def time_of(self, index: int) -> float:
-        """Return the run clock's time of sample `index`."""
+        """Return the run-clock time of sample `index`."""
         return self.start_s + index / self.rate_hz
 
     def index_after(self, t_s: float) -> int:
-        """Return the first sample later than t_s; 0 or more."""
+        """Return the index of the first sample later than t_s; 0 or more."""
         index = max(0, math.floor((t_s - self.start_s) * self.rate_hz))
         while self.time_of(index) <= t_s:
             index += 1
@@ -39,7 +39,7 @@ class Timing:
         return index
 
     def between(self, after_s: float, until_s: float) -> range:
-        """Return the samples later than after_s, up to and including until_s."""
+        """Return the sample indices later than after_s, up to and including until_s."""
         return range(self.index_after(after_s), self.index_after(until_s))
 
     def arrival_s(self, t_s: float, rng: np.random.Generator) -> float:

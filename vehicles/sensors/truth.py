@@ -12,7 +12,7 @@ Lindsey and Kumar, "The GRASP Multiple Micro-UAV Testbed", 2010), the source of 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The true motion of a vehicle.
+    """The true motion of a vehicle, as sensors sample it.
 
     pose: body (FRD) in the world's local frame (NED metres). velocity_ned_m_s: over ground.
     rates_frd_rad_s: angular velocity in body axes. specific_force_frd_m_s2: what an
@@ -28,7 +28,7 @@ class Truth:
 
 
 def motor_speeds(thrusts_n: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the rotor speeds in rad/s that give these thrusts, each zero or more newtons."""
+    """Return the true rotor speeds in rad/s of these thrusts, zero or more newtons each."""
     return tuple(
         math.sqrt(max(0.0, thrust) / THRUST_PER_SPEED_SQUARED_N_S2) for thrust in thrusts_n
     )

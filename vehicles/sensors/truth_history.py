@@ -13,14 +13,14 @@ _COMPACT_AFTER = 512
 
 
 class TruthHistory:
-    """Takes samples of the truth; gives the truth in between, interpolated (linear, slerp)."""
+    """The history of a vehicle's truth, interpolated in between (linear, slerp)."""
 
     def __init__(self) -> None:
         self._times: list[float] = []
         self._samples: list[TruthSample] = []
 
     def add(self, sample: TruthSample) -> None:
-        """Take a sample; one that is not newer than the last is left out."""
+        """Add a sample to the truth history; one not newer than the last is left out."""
         if self._times and sample.t_s <= self._times[-1]:
             return
         self._times.append(sample.t_s)
@@ -30,7 +30,7 @@ class TruthHistory:
             del self._times[:old], self._samples[:old]
 
     def at(self, t_s: float) -> Truth | None:
-        """Return the truth at a moment; None before the first sample, and after a long silence.
+        """Return the truth at a moment; None before the history, and after a long silence.
 
         After the last sample, for as long as a gap may be, it is the last sample's.
         """
@@ -48,7 +48,7 @@ class TruthHistory:
 
 
 def truth_of(sample: TruthSample) -> Truth:
-    """Return what sensors feel of a sample."""
+    """Return the truth that sensors sample from a truth sample."""
     return Truth(
         pose=sample.pose,
         velocity_ned_m_s=sample.velocity_ned_m_s,
@@ -73,4 +73,5 @@ def _interpolate_truth(before: TruthSample, after: TruthSample, share: float) ->
 
 
 def _mean(a: Vec3, b: Vec3, share: float) -> Vec3:
+    """Return the weighted mean of two vectors of the truth history."""
     return add(scale(a, 1.0 - share), scale(b, share))

@@ -14,7 +14,7 @@ from worlds.scene.scene import Scene
 
 
 class WorldImages:
-    """Pictures of one scene, with what moves in it where it is at the time."""
+    """Views of one scene as images, moving objects where they are at the time."""
 
     def __init__(self, *, scene: Scene, events: Mapping[str, float]) -> None:
         self._renderer = Renderer(scene)
@@ -29,14 +29,14 @@ class WorldImages:
         want_depth: bool = False,
         want_ids: bool = False,
     ) -> RenderedImage:
-        """Return a picture from a camera's pose (FRD axes, world frame) at a time."""
+        """Return the view from a camera's pose (FRD axes, world frame) at a time."""
         return self._renderer.render(
             camera_pose, intrinsics, t_s, self._events, want_depth=want_depth, want_ids=want_ids
         )
 
 
 class WorldRays:
-    """What the beams of ranging sensors meet in one scene; its tree is built at the first."""
+    """Views of one scene by the beams of ranging sensors; its tree is built at the first."""
 
     def __init__(self, *, scene: Scene, events: Mapping[str, float]) -> None:
         self._scene = scene
@@ -44,7 +44,7 @@ class WorldRays:
         self._caster: RayCaster | None = None
 
     def __call__(self, sensor: Pose, directions_frd: Directions, t_s: float) -> RayHits:
-        """Return what beams meet at t_s. sensor: its pose (FRD axes, world frame)."""
+        """Return what beams hit in the world at t_s. sensor: its pose (FRD, world frame)."""
         if self._caster is None:
             self._caster = RayCaster(self._scene)
         directions_ned = directions_frd @ matrix_from_quat(sensor.q_wxyz).T

@@ -13,7 +13,7 @@ _JUMP_S = 1.0
 
 
 class ArrivalClock:
-    """Maps stamps of a sender to the run clock.
+    """Maps a sender's stamps to the run clock by their arrival.
 
     latency_s: from the sampling to the arrival of the quickest one. window_s: over how long the
     least delay is sought; a drift of 1e-4 makes an error of 1e-4 times this.
@@ -29,7 +29,7 @@ class ArrivalClock:
         self.resets = 0
 
     def run_time(self, sender_s: float | None, arrived_s: float) -> float:
-        """Return when a thing was sampled, on the run clock; never later than its arrival.
+        """Return a stamp's time on the run clock; never later than its arrival.
 
         sender_s: its stamp; None for a thing without one, which counts as not delayed. A stamp
         that goes back, or leaps ahead, means that the sender started anew.
@@ -55,6 +55,7 @@ class ArrivalClock:
             self._current_s = min(self._current_s, delay_s)
 
     def _forget(self) -> None:
+        """Forget all arrivals of the sender's clock."""
         self._since_s = -math.inf
         self._current_s = math.inf
         self._previous_s = math.inf

@@ -13,20 +13,20 @@ SourceKind = Literal["live", "file"]
 
 
 class SourceError(VehicleError):
-    """A source that cannot be had, or cannot be trusted any more: what, where, what to do."""
+    """A camera source that is unavailable or untrustworthy: what, where, what to do."""
 
 
 class SourceStalledError(SourceError):
-    """A source that was open and from which nothing comes any more."""
+    """A camera source that was open and delivers nothing any more."""
 
 
 class ImageChangedError(SourceError):
-    """Pictures of another size than the one that the intrinsics hold for."""
+    """Images of another size than the camera source's intrinsics hold for."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourceCounts:
-    """What became of a camera's exposures.
+    """The counts of a camera source's exposures by outcome.
 
     delivered: handed on. dropped: came, and made way for a newer one because nobody took them.
     missed: never came, by the gaps in the stamps (only told when the rate is known). damaged:
@@ -41,7 +41,7 @@ class SourceCounts:
 
 @runtime_checkable
 class CameraSource(Protocol):
-    """A camera that is not rendered by us: this is the one interface of all of them.
+    """A camera source that is not rendered by us: the one interface of all of them.
 
     An async context manager and an async iterator of CameraReadings with rendered=False, in
     order of exposure: `async with source: async for reading in source: ...`. `t_s` is the
@@ -49,27 +49,27 @@ class CameraSource(Protocol):
     was missed, damaged or dropped leaves a gap. Opening raises SourceError when the source
     cannot be had. Iterating raises SourceStalledError when nothing comes for too long,
     PictureChangedError when the size changes, SourceError when a live source ends; a file that
-    is over ends the loop. Whoever wants a callback uses `pump`.
+    is over ends the loop.
     """
 
     @property
     def name(self) -> str:
-        """Return what people know it by, without passwords ("rtsp://camera.local/main")."""
+        """Return the camera source's name without passwords ("rtsp://camera.local/main")."""
 
     @property
     def kind(self) -> SourceKind:
-        """Return whether a camera takes the pictures now, or took them some time."""
+        """Return whether the camera source is live or recorded."""
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Return the camera model that its pictures fit."""
+        """Return the camera model that the source's images fit."""
 
     @property
     def counts(self) -> SourceCounts:
-        """Return what became of the exposures so far."""
+        """Return the counts of the camera source's exposures so far."""
 
     async def __aenter__(self) -> Self:
-        """Open. Raises SourceError."""
+        """Open the camera source. Raises SourceError."""
 
     async def __aexit__(
         self,
@@ -77,10 +77,10 @@ class CameraSource(Protocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close; gives back the device, the port and the thread."""
+        """Close the camera source: device, port and thread."""
 
     def __aiter__(self) -> AsyncIterator[CameraReading]:
-        """Return itself."""
+        """Return the camera source itself."""
 
     async def __anext__(self) -> CameraReading:
-        """Wait for the next picture."""
+        """Wait for the camera source's next image."""

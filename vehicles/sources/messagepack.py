@@ -10,11 +10,11 @@ MAX_HEADER_BYTES = 65_536
 
 
 class BadMessageError(ValueError):
-    """A message that is not what its protocol says; names the key and what is wrong with it."""
+    """A message that breaks its protocol; names the key and what is wrong with it."""
 
 
 class Header:
-    """The map of a message, with a reader for each kind of value.
+    """A MessagePack message's header map, with a reader for each kind of value.
 
     Every reader raises BadMessageError when the key is missing or its value is of another kind.
     Keys that nobody reads are ignored: a later version of a protocol may add some.
@@ -50,35 +50,35 @@ class Header:
         return self._values.get(key) is not None
 
     def text(self, key: str) -> str:
-        """Return a string."""
+        """Return a string of the header."""
         value = self._get(key)
         if not isinstance(value, str):
             raise self._wrong(key, "text")
         return value
 
     def whole(self, key: str, *, low: int = 0, high: int = 2**63 - 1) -> int:
-        """Return a whole number within limits."""
+        """Return an integer of the header within limits."""
         value = self._get(key)
         if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
             raise self._wrong(key, f"a whole number from {low} to {high}")
         return value
 
     def flag(self, key: str, *, default: bool) -> bool:
-        """Return true or false; `default` when the key is missing."""
+        """Return a boolean of the header; `default` when the key is missing."""
         value = self._values.get(key, default)
         if not isinstance(value, bool):
             raise self._wrong(key, "true or false")
         return value
 
     def number(self, key: str) -> float:
-        """Return a finite number."""
+        """Return a finite number of the header."""
         value = _finite(self._get(key))
         if value is None:
             raise self._wrong(key, "a finite number")
         return value
 
     def numbers(self, key: str, count: int | None) -> tuple[float, ...]:
-        """Return finite numbers, `count` of them; None for any count up to 64."""
+        """Return `count` finite numbers of the header; None: any count up to 64."""
         value = self._get(key)
         wanted = f"{count if count is not None else 'some'} finite numbers"
         if not isinstance(value, list | tuple) or len(value) > 64:
@@ -89,18 +89,18 @@ class Header:
         return numbers
 
     def headers(self, key: str) -> tuple["Header", ...]:
-        """Return a list of maps."""
+        """Return a list of maps in the header."""
         value = self._get(key)
         if not isinstance(value, list | tuple):
             raise self._wrong(key, "a list of maps")
         return tuple(Header.of(each) for each in value)
 
     def header(self, key: str) -> "Header":
-        """Return a map in the map."""
+        """Return a map in the header."""
         return Header.of(self._get(key))
 
     def table(self, key: str) -> dict[str, float]:
-        """Return a map of names to finite numbers."""
+        """Return a map of names to finite numbers in the header."""
         value = self._get(key)
         if not isinstance(value, dict):
             raise self._wrong(key, "a map")
@@ -108,18 +108,20 @@ class Header:
         return {str(name): inside.number(name) for name in value}
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of strings."""
+        """Return a list of strings in the header."""
         value = self._get(key)
         if not isinstance(value, list | tuple) or not all(isinstance(x, str) for x in value):
             raise self._wrong(key, "a list of texts")
         return tuple(value)
 
     def _get(self, key: str) -> Any:
+        """Return the header's value of a key. Raises BadMessageError when it is missing."""
         if key not in self._values:
             raise BadMessageError(f"`{key}` is missing in the header")
         return self._values[key]
 
     def _wrong(self, key: str, wanted: str) -> BadMessageError:
+        """Return the error that a header's value is of the wrong kind."""
         return BadMessageError(f"`{key}` must be {wanted}, is {self._values.get(key)!r:.80}")
 
 
@@ -130,6 +132,7 @@ def pack(values: Mapping[str, Any]) -> bytes:
 
 
 def _finite(value: object) -> float | None:
+    """Return a header's value as a finite float; None when it is none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:

@@ -28,7 +28,7 @@ PROTOCOL = "wil/pictures/1"
 
 
 def welcome(scene: Scene, world: str) -> list[bytes]:
-    """Answer `hello`: who we are, which objects carry the ids that `hello` gave, what we show.
+    """Return the reference simulator's reply to `hello`: its name, known objects and what it shows.
 
     `hello` says which case of the world is flown. This simulator knows one world file as it is, and
     says so by the sizes of what it draws; yours may load the case that is asked for.
@@ -45,7 +45,7 @@ def welcome(scene: Scene, world: str) -> list[bytes]:
 
 
 def picture(renderer: Renderer, ask: dict[str, Any]) -> list[bytes]:
-    """Answer `ask`: draw what the camera sees, and say from where and when it was drawn."""
+    """Return the reference simulator's reply to `ask`: the image, its pose and time."""
     # Your engine has another frame: north-east-down metres, and a camera that looks along its x
     # axis with y to the right and z down, have to become yours. See the table in the docs.
     camera_pose = Pose(tuple(ask["position_ned_m"]), tuple(ask["q_wxyz"]))
@@ -80,13 +80,13 @@ def picture(renderer: Renderer, ask: dict[str, Any]) -> list[bytes]:
 
 
 def refusal(seq: int, message: str) -> list[bytes]:
-    """Answer that it cannot be done, and why: the run's log will say so."""
+    """Return the reference simulator's refusal with the reason, for the run's log."""
     answer = {"protocol": PROTOCOL, "type": "error", "seq": seq, "message": message}
     return [msgpack.packb(answer)]
 
 
 def answer(renderer: Renderer, scene: Scene, world: str, question: bytes) -> list[bytes]:
-    """Answer one message, whatever it is: a REP socket must answer before it hears the next."""
+    """Return the reference simulator's reply to any message, since REP sockets must reply."""
     seq = 0
     try:
         ask = msgpack.unpackb(question)
@@ -101,7 +101,7 @@ def answer(renderer: Renderer, scene: Scene, world: str, question: bytes) -> lis
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Serve until killed. Returns 2 for a world that cannot be used."""
+    """Run the reference simulator until killed. Returns 2 for an unusable world."""
     parser = argparse.ArgumentParser(description="Reference simulator of the picture protocol")
     parser.add_argument("--world", type=Path, required=True, help="world file (YAML)")
     parser.add_argument("--bind", default="tcp://127.0.0.1:5555", help="tcp://HOST:PORT")

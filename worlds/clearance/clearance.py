@@ -18,7 +18,7 @@ from worlds.scene.motion import Travel
 from worlds.scene.parts import BoxShape, SphereShape
 from worlds.scene.scene import NO_EVENTS, Scene, SceneObject
 
-__all__ = ["Body", "BoxShape", "Clearance", "ClearanceMinima", "ClearanceProbe", "SphereShape"]
+__all__ = ["Body", "BoxShape", "Clearance", "ClearanceProbe", "SphereShape"]
 
 TOLERANCE_M = 2e-4
 _SHORTEST = 2.0**-30
@@ -28,7 +28,7 @@ _Key = tuple[str, bool]
 
 @dataclass(frozen=True, slots=True)
 class Clearance:
-    """The least distance to a thing on a stretch of the way, and to which of its parts.
+    """The least clearance to an object on a stretch of the flight path, and to which part.
 
     clearance_m: 0 is contact. at_s: when it was least. is_floor: it is the floor of a room,
     which is reported beside the rest of the room, as touching it is no collision.
@@ -42,12 +42,12 @@ class Clearance:
 
     @property
     def key(self) -> _Key:
-        """Return what tells apart what is reported separately: the name, and whether floor."""
+        """Return the key of separately reported clearances: the object, and whether floor."""
         return (self.object_name, self.is_floor)
 
 
 class ClearanceProbe:
-    """Measures one body against one scene.
+    """Measures the clearance of one body to one scene.
 
     exclude: names of things to leave out. floors: whether floors of rooms are measured.
     within_m: things farther than this are not reported; what is reported is exact to 1 mm.
@@ -82,7 +82,7 @@ class ClearanceProbe:
         *,
         below_m: Mapping[_Key, float] | None = None,
     ) -> tuple[Clearance, ...]:
-        """Return the least clearance of each near thing between two samples of the body's pose.
+        """Return the least clearance to each near object between two samples of the pose.
 
         The body moves straight and turns evenly from pose_0 to pose_1; things move as they do.
         below_m: by `Clearance.key`, what is known already: only what is less is reported.
@@ -101,35 +101,8 @@ class ClearanceProbe:
         return tuple(found)
 
 
-class ClearanceMinima:
-    """Keeps the least clearance of a run by thing; each stretch costs what it must."""
-
-    def __init__(self, probe: ClearanceProbe) -> None:
-        self._probe = probe
-        self._least: dict[_Key, Clearance] = {}
-
-    @property
-    def least(self) -> tuple[Clearance, ...]:
-        """Return the least clearances so far, one per thing (and floor) that was ever near."""
-        return tuple(self._least.values())
-
-    def sweep(
-        self,
-        pose_0: Pose,
-        t_0_s: float,
-        pose_1: Pose,
-        t_1_s: float,
-        events: Mapping[str, float] = NO_EVENTS,
-    ) -> tuple[Clearance, ...]:
-        """Take a stretch of the way; return what came closer on it than ever before."""
-        known = {key: each.clearance_m for key, each in self._least.items()}
-        closer = self._probe.sweep(pose_0, t_0_s, pose_1, t_1_s, events, below_m=known)
-        self._least.update((each.key, each) for each in closer)
-        return closer
-
-
 class _Stretch:
-    """The body's way between two samples."""
+    """The body's path between two pose samples, for a clearance sweep."""
 
     __slots__ = ("events", "pose_0", "pose_1", "t_0_s", "t_1_s", "turn_rad", "way_m")
 
@@ -143,11 +116,12 @@ class _Stretch:
         self.turn_rad = angle_between(pose_0.q_wxyz, pose_1.q_wxyz)
 
     def time_s(self, fraction: float) -> float:
+        """Return the time at a fraction of the swept stretch."""
         return self.t_0_s + (self.t_1_s - self.t_0_s) * fraction
 
 
 class _Target:
-    """A thing (or the floor of one) with its parts ready to be measured."""
+    """An object (or its floor) with its parts ready for clearance measurement."""
 
     def __init__(self, thing: SceneObject, *, is_floor: bool) -> None:
         self.thing = thing
@@ -159,7 +133,7 @@ class _Target:
         self.at_rest = thing.pose.inverse() if thing.motion is None else None
 
     def is_near(self, stretch: _Stretch, body_radius_m: float, limit_m: float) -> bool:
-        """Return whether the thing may come nearer than a limit, by bounding spheres."""
+        """Return whether the object may come nearer than a limit, by bounding spheres."""
         reach_m = self.radius_m + body_radius_m + limit_m
         way_m, center = stretch.way_m, self.place_m
         if center is None:
@@ -171,7 +145,7 @@ class _Target:
 
 @dataclass(frozen=True, slots=True)
 class _Sample:
-    """The body at a fraction of the stretch, in the thing's frame, and its gap to a part."""
+    """The body at a fraction of the swept stretch, in the object's frame, and its gap to a part."""
 
     fraction: float
     pose: Pose
@@ -179,7 +153,7 @@ class _Sample:
 
 
 class _Sweep:
-    """One stretch against one thing."""
+    """The clearance sweep of one stretch against one object."""
 
     def __init__(self, body: BodySolid, target: _Target, stretch: _Stretch) -> None:
         self._body, self._target, self._stretch = body, target, stretch
@@ -189,15 +163,17 @@ class _Sweep:
 
     @cached_property
     def _last(self) -> Pose:
+        """Return the body's pose at the end of the sweep in the object's frame."""
         return self._seen_at_sample(self._stretch.pose_1, self._stretch.t_1_s)
 
     @cached_property
     def _straight(self) -> bool:
+        """Return whether the object rests or moves evenly during the sweep."""
         stretch = self._stretch
         return self._target.thing.is_even(stretch.t_0_s, stretch.t_1_s, stretch.events)
 
     def least(self, limit_m: float) -> Clearance | None:
-        """Return the least clearance over all parts, None when it is not below the limit."""
+        """Return the least clearance over all parts; None when it is not below the limit."""
         best: tuple[_Sample, str] | None = None
         for at_least_m, part in self._nearest_first(limit_m):
             if at_least_m >= limit_m:
@@ -215,7 +191,7 @@ class _Sweep:
         return Clearance(name, part_name, sample.gap.distance_m, at_s, is_floor)
 
     def _nearest_first(self, limit_m: float) -> list[tuple[float, PartSolid]]:
-        """Return the parts that may come nearer than a limit, least lower bound first."""
+        """Return the parts whose clearance may be below a limit, least lower bound first."""
         motion_m = self._motion_m(0.0, 1.0)
         reach_m = self._body.reach_m(self._first.q_wxyz)
         center = self._first.position_ned_m
@@ -230,7 +206,7 @@ class _Sweep:
     def _refine(
         self, part: PartSolid, first: _Sample, last: _Sample, limit_m: float
     ) -> _Sample | None:
-        """Return the sample of least distance to a part, None when not below the limit."""
+        """Return the sample of least clearance to a part; None when not below the limit."""
         best: _Sample | None = None
         waiting = [(first, last)]
         for sample in (first, last):
@@ -248,7 +224,7 @@ class _Sweep:
         return best
 
     def _is_above(self, part: PartSolid, a: _Sample, b: _Sample, enough_m: float) -> bool:
-        """Return whether the distance is proven to stay above a value between two samples."""
+        """Return whether the clearance is proven to stay above a value between two samples."""
         both_m = a.gap.distance_m + b.gap.distance_m
         if (both_m - self._motion_m(a.fraction, b.fraction)) / 2.0 >= enough_m:
             return True
@@ -262,7 +238,7 @@ class _Sweep:
         return self._plane_holds(a, b, enough_m) or self._plane_holds(b, a, enough_m)
 
     def _plane_holds(self, here: _Sample, there: _Sample, enough_m: float) -> bool:
-        """Return whether the plane that separates at one sample does so, by enough, at both."""
+        """Return whether the separating plane of one sample proves the clearance at both."""
         direction = here.gap.direction
         if direction is None or here.gap.distance_m < enough_m:
             return False
@@ -271,10 +247,12 @@ class _Sweep:
         return here.gap.distance_m + change_m >= enough_m
 
     def _sample(self, part: PartSolid, fraction: float) -> _Sample:
+        """Return the clearance sample of a part at a fraction of the sweep."""
         pose = self._seen_at(fraction)
         return _Sample(fraction, pose, self._body.gap(pose, part))
 
     def _seen_at(self, fraction: float) -> Pose:
+        """Return the body's pose in the object's frame at a fraction of the sweep."""
         if fraction in (0.0, 1.0):
             return self._last if fraction else self._first
         if self._straight:
@@ -284,14 +262,14 @@ class _Sweep:
         return self._seen_at_sample(body, stretch.time_s(fraction))
 
     def _seen_at_sample(self, body: Pose, t_s: float) -> Pose:
-        """Return a pose of the body in the thing's frame."""
+        """Return a pose of the swept body in the object's frame."""
         frame = self._target.at_rest
         if frame is None:
             frame = self._target.thing.pose_at(t_s, self._stretch.events).inverse()
         return frame.compose(body)
 
     def _motion_m(self, from_fraction: float, to_fraction: float) -> float:
-        """Return how far any point goes, of the body and of the thing together, at most."""
+        """Return the most that any point of body and object moves, bounding the clearance."""
         share, stretch = to_fraction - from_fraction, self._stretch
         body_m = share * (stretch.way_m + stretch.turn_rad * self._body.radius_m)
         if self._target.at_rest is not None:
@@ -300,10 +278,12 @@ class _Sweep:
         return body_m + travel.length_m + travel.turn_rad * self._target.radius_m
 
     def _travel(self, from_fraction: float, to_fraction: float) -> Travel:
+        """Return how far the object moves and turns between two fractions of the sweep."""
         stretch = self._stretch
         first_s, last_s = stretch.time_s(from_fraction), stretch.time_s(to_fraction)
         return self._target.thing.travel(first_s, last_s, stretch.events)
 
 
 def _bound(bounded: tuple[float, PartSolid]) -> float:
+    """Return the lower bound of a part's clearance, to sort by."""
     return bounded[0]

@@ -23,7 +23,7 @@ _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)],
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A distance, 0 at contact, and the unit direction from the part to the body.
+    """The distance of a body to a part, 0 at contact, and the unit direction to the body.
 
     direction: None at contact, and where the part is not convex: then no plane with that
     normal need separate them.
@@ -37,7 +37,7 @@ CONTACT = Gap(0.0, None)
 
 
 class PartSolid:
-    """A part ready to be measured, at its place in the thing's frame."""
+    """A part prepared for distance measurement, at its place in the object's frame."""
 
     def __init__(self, part: Part) -> None:
         self.name = part.name
@@ -52,7 +52,7 @@ class PartSolid:
         self._high_m = _vec3(corners.max(axis=0) + self.rounding_m)
 
     def at_least_m(self, center_m: Vec3, reach_m: Vec3) -> float:
-        """Return a lower bound of the distance from what reaches so far from a centre."""
+        """Return a lower bound of the part's distance from a sphere about a centre."""
         low, high = self._low_m, self._high_m
         x, y, z = center_m
         before, behind = low[0] - x, x - high[0]
@@ -70,7 +70,7 @@ class PartSolid:
 
 
 class BodySolid:
-    """The body ready to be measured."""
+    """The vehicle's body prepared for distance measurement."""
 
     def __init__(self, body: Body) -> None:
         self.radius_m = body.radius_m
@@ -78,7 +78,7 @@ class BodySolid:
         self._corners_m, self._rounding_m = _core(body)
 
     def gap(self, pose: Pose, part: PartSolid) -> Gap:
-        """Return the distance between the body at a pose in the thing's frame and a part."""
+        """Return the distance between the body at a pose in the object's frame and a part."""
         if part.tree is not None:
             corners, at = self._corners_m, pose.position_ned_m
             distance_m = surface_distance(corners, at, pose.q_wxyz, part.tree) - self._rounding_m
@@ -90,12 +90,12 @@ class BodySolid:
         return Gap(distance_m, direction) if distance_m > PRECISION_M else CONTACT
 
     def stays_beyond(self, tree: TriangleTree, first: Pose, last: Pose, enough_m: float) -> bool:
-        """Return whether the hull of the body at two poses is so far from triangles."""
+        """Return whether the body's hull over two poses keeps a distance from triangles."""
         ends = (first.position_ned_m, first.q_wxyz), (last.position_ned_m, last.q_wxyz)
         return swept_beyond(self._corners_m, *ends, tree, enough_m + self._rounding_m)
 
     def reach_m(self, q_wxyz: Quat) -> Vec3:
-        """Return how far the body reaches from its middle along the axes of the thing's frame."""
+        """Return the body's extent from its middle along the axes of the object's frame."""
         half = self._half_m
         if half is None:
             return (self.radius_m, self.radius_m, self.radius_m)
@@ -124,7 +124,7 @@ class BodySolid:
 
 
 def _core(shape: PartShape) -> tuple[FloatArray, float]:
-    """Return corners (n, 3), and how thick the shape is about their hull."""
+    """Return the corners (n, 3) of a shape's core for distances, and its thickness about them."""
     if isinstance(shape, SphereShape):
         return np.zeros((1, 3)), shape.radius_m
     if isinstance(shape, BoxShape):
@@ -133,4 +133,5 @@ def _core(shape: PartShape) -> tuple[FloatArray, float]:
 
 
 def _vec3(array: FloatArray) -> Vec3:
+    """Return an array of three numbers as a vector, for distances."""
     return (float(array[0]), float(array[1]), float(array[2]))

@@ -18,25 +18,25 @@ Vector = tuple[Float, Float, Float]
 
 @compiled
 def dot(a: Vector, b: Vector) -> Float:
-    """Return the inner product."""
+    """Return the inner product of two vectors (GJK kernel)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
 def minus(a: Vector, b: Vector) -> Vector:
-    """Return a - b."""
+    """Return a - b of two vectors (GJK kernel)."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @compiled
 def cross(a: Vector, b: Vector) -> Vector:
-    """Return the outer product."""
+    """Return the cross product of two vectors (GJK kernel)."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
 def furthest(corners: F64, direction: Vector) -> Int:
-    """Return which corner lies furthest along a direction; the first of equals."""
+    """Return the support corner along a direction (GJK kernel); the first of equals."""
     best, best_value = 0, -np.inf
     for i in range(corners.shape[0]):
         value = (
@@ -51,13 +51,13 @@ def furthest(corners: F64, direction: Vector) -> Int:
 
 @compiled
 def corner(simplex: F64, i: Int) -> Vector:
-    """Return one corner."""
+    """Return one corner of the GJK simplex."""
     return simplex[i, 0], simplex[i, 1], simplex[i, 2]
 
 
 @compiled
 def nearest_on_edge(simplex: F64, i: Int, j: Int) -> tuple[Vector, Int]:
-    """Return the point of an edge nearest to the origin, and the corners it needs, as bits."""
+    """Return the point of a simplex's edge nearest to the origin, and its corners as bits."""
     a, b = corner(simplex, i), corner(simplex, j)
     along = minus(b, a)
     length = dot(along, along)
@@ -71,7 +71,7 @@ def nearest_on_edge(simplex: F64, i: Int, j: Int) -> tuple[Vector, Int]:
 
 @compiled
 def is_above(a: Vector, b: Vector, c: Vector) -> bool:
-    """Return whether the origin projects into a triangle."""
+    """Return whether the origin projects into a triangle of the GJK simplex."""
     ab, ac = minus(b, a), minus(c, a)
     d1, d2 = -dot(ab, a), -dot(ac, a)
     d3, d4 = -dot(ab, b), -dot(ac, b)
@@ -81,7 +81,7 @@ def is_above(a: Vector, b: Vector, c: Vector) -> bool:
 
 @compiled
 def has_inside(simplex: F64) -> bool:
-    """Return whether the origin is strictly inside of a tetrahedron."""
+    """Return whether the origin is strictly inside the GJK simplex, a tetrahedron."""
     inside = True
     for skipped in range(4):
         a = corner(simplex, (skipped + 1) & 3)
@@ -96,7 +96,7 @@ def has_inside(simplex: F64) -> bool:
 
 @compiled
 def nearest(simplex: F64, count: Int) -> tuple[Vector, Int]:
-    """Return a simplex's point nearest to the origin, and the corners it needs, as bits.
+    """Return the GJK simplex's point nearest to the origin, and the corners it needs, as bits.
 
     Faces count where the origin projects into them, edges always: the best of all, so that
     slivers mislead nobody.
@@ -125,7 +125,7 @@ def nearest(simplex: F64, count: Int) -> tuple[Vector, Int]:
 
 @compiled
 def keep(simplex: F64, count: Int, bits: Int) -> Int:
-    """Move the corners named by bits to the front; return how many."""
+    """Move the simplex corners named by bits to the front; return how many."""
     kept = 0
     for i in range(count):
         if bits & (1 << i):
@@ -137,7 +137,7 @@ def keep(simplex: F64, count: Int, bits: Int) -> Int:
 
 @compiled
 def convex_distance(body: F64, other: F64) -> tuple[Float, Vector, Float]:
-    """Return an upper bound of the distance, the direction to the body, and a lower bound.
+    """Return upper bound, direction and lower bound of two hulls' distance by GJK.
 
     body, other: (n, 3) corners, in one frame. Both bounds agree to PRECISION_M; both are 0 when
     the bodies touch, and the direction then is 0 too.
@@ -167,7 +167,7 @@ def convex_distance(body: F64, other: F64) -> tuple[Float, Vector, Float]:
 
 @compiled
 def placed(corners: F64, position: Vector, q_wxyz: tuple[Float, Float, Float, Float]) -> F64:
-    """Return corners turned and moved to a pose."""
+    """Return the corners of a convex hull moved to a pose (GJK kernel)."""
     w, x, y, z = q_wxyz
     out = np.empty_like(corners)
     for i in range(corners.shape[0]):
@@ -183,5 +183,5 @@ def placed(corners: F64, position: Vector, q_wxyz: tuple[Float, Float, Float, Fl
 def posed_distance(
     body: F64, position: Vector, q_wxyz: tuple[Float, Float, Float, Float], other: F64
 ) -> tuple[Float, Vector, Float]:
-    """Return `convex_distance` of a body at a pose."""
+    """Return the GJK `convex_distance` of a body at a pose."""
     return convex_distance(placed(body, position, q_wxyz), other)

@@ -20,7 +20,7 @@ _Quat = tuple[Float, Float, Float, Float]
 
 
 class TriangleTree(NamedTuple):
-    """Triangles (n, 3, 3) in the order of the tree, and the boxes (nodes, 2, 3) of its nodes.
+    """A tree of surface triangles (n, 3, 3) with the boxes (nodes, 2, 3) of its nodes.
 
     The root is node 1. Where a leaf has too few triangles, its last are repeated.
     """
@@ -30,7 +30,7 @@ class TriangleTree(NamedTuple):
 
 
 def triangle_tree(vertices_m: FloatArray, faces: IntArray) -> TriangleTree:
-    """Return the tree of a mesh."""
+    """Return the bounding-box tree of a mesh's surface triangles."""
     triangles = vertices_m[faces]
     triangles = triangles[np.argsort(_morton_codes(triangles.mean(axis=1)), kind="stable")]
     leaves = 1 << max(0, (-(-len(triangles) // LEAF) - 1).bit_length())
@@ -50,7 +50,7 @@ def triangle_tree(vertices_m: FloatArray, faces: IntArray) -> TriangleTree:
 
 
 def _morton_codes(points: FloatArray) -> np.ndarray:
-    """Return the place of points on a curve that keeps neighbours together."""
+    """Return the Morton codes of points: near triangles get near places in the tree."""
     low, size = points.min(axis=0), np.ptp(points, axis=0).max() or 1.0
     cells = ((points - low) / size * _CELLS).astype(np.int64)
     codes = np.zeros(len(points), np.int64)
@@ -62,7 +62,7 @@ def _morton_codes(points: FloatArray) -> np.ndarray:
 
 @compiled
 def box_gap(low: F64, high: F64, box: F64) -> Float:
-    """Return the distance between two boxes along the axes."""
+    """Return the distance between two axis-aligned boxes of a triangle tree."""
     total = 0.0
     for axis in range(3):
         apart = max(low[axis] - box[1, axis], box[0, axis] - high[axis], 0.0)
@@ -72,7 +72,7 @@ def box_gap(low: F64, high: F64, box: F64) -> Float:
 
 @compiled
 def extent(corners: F64) -> tuple[F64, F64]:
-    """Return least and greatest coordinates."""
+    """Return the least and greatest coordinates of corners, for a triangle tree."""
     low, high = corners[0].copy(), corners[0].copy()
     for i in range(1, corners.shape[0]):
         for axis in range(3):
@@ -83,7 +83,7 @@ def extent(corners: F64) -> tuple[F64, F64]:
 
 @compiled
 def nearest_triangle(corners: F64, tree: TriangleTree, enough_m: Float, limit_m: Float) -> Float:
-    """Return a lower bound, to PRECISION_M, of the distance from a hull to all triangles.
+    """Return a lower bound, to PRECISION_M, of a hull's distance from a surface's triangles.
 
     What is farther than limit_m counts as that far. Ends as soon as something is found to be
     nearer than enough_m; what is returned then is the distance to that.
@@ -116,7 +116,7 @@ def nearest_triangle(corners: F64, tree: TriangleTree, enough_m: Float, limit_m:
 
 @compiled
 def surface_distance(body: F64, position: Vector, q_wxyz: _Quat, tree: TriangleTree) -> Float:
-    """Return the distance of a body at a pose, 0 when it touches."""
+    """Return the distance of a body at a pose to a triangle surface, 0 when it touches."""
     return nearest_triangle(placed(body, position, q_wxyz), tree, PRECISION_M, np.inf)
 
 
@@ -124,6 +124,6 @@ def surface_distance(body: F64, position: Vector, q_wxyz: _Quat, tree: TriangleT
 def swept_beyond(
     body: F64, first: tuple[Vector, _Quat], last: tuple[Vector, _Quat], tree: TriangleTree, m: Float
 ) -> bool:
-    """Return whether the hull of a body at two poses is at least m metres from all triangles."""
+    """Return whether a body's hull over two poses is at least m metres from a surface."""
     before, after = placed(body, first[0], first[1]), placed(body, last[0], last[1])
     return bool(nearest_triangle(np.concatenate((before, after)), tree, m, np.inf) >= m)

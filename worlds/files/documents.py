@@ -52,35 +52,35 @@ Model = TypeVar("Model", bound=BaseModel)
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """A file's data with its places. path: the file, for what it names relative to itself."""
+    """A YAML document's data with its places. path: the file, for what is relative to it."""
 
     path: FilePath
     root: Node
 
     @property
     def data(self) -> Data:
-        """Return the whole content as new plain values."""
+        """Return the document's whole content as new plain values."""
         return plain(self.root)
 
     @property
     def name(self) -> str:
-        """Return the file's name as the user gave it."""
+        """Return the document's file name as the user gave it."""
         return self.root.place.source.name
 
     def get(self, path: Path, default: Data = None) -> Data:
-        """Return the plain value at a path, or the default when nothing stands there."""
+        """Return the plain value at a path of the document; the default when there is none."""
         entry, rest = self._reach(path)
         return default if rest else plain(entry.node)
 
     def entry(self, path: Path) -> Entry:
-        """Return the key and value at a path. Raises KeyError when nothing stands there."""
+        """Return the document's key and value at a path. Raises KeyError when there is none."""
         entry, rest = self._reach(path)
         if rest:
             raise KeyError(path)
         return entry
 
     def place(self, path: Path, *, key: bool = False) -> tuple[int, int]:
-        """Return line and column (from 1) of a value, or of its key.
+        """Return line and column (from 1) of a value in the document, or of its key.
 
         A path that does not exist stands at the key of the last part that does.
         """
@@ -90,17 +90,17 @@ class Document:
     def problem(
         self, path: Path, message: str, suggestion: str = "", *, key: bool = False
     ) -> Problem:
-        """Return a problem with the value at a path, or with its key."""
+        """Return a problem with the document's value at a path, or with its key."""
         return self._spot(path, key=key).problem(message, suggestion)
 
     def problem_within(
         self, path: Path, offset: int, message: str, suggestion: str = ""
     ) -> Problem:
-        """Return a problem with a character of the text at a path, by its offset (from 0)."""
+        """Return a problem with one character of the document's text at a path."""
         return place_within(self.entry(path).node, offset).problem(message, suggestion)
 
     def override(self, dotted_key: str, entry: Entry) -> "Document":
-        """Return a document in which the entry replaces the whole value at a dotted key.
+        """Return the document with the value at a dotted key replaced by an entry.
 
         Places beneath are those of the entry, in the file (or option) where it stands. Raises
         BadInput when the way there leads through what is no mapping or list, or through a key
@@ -114,7 +114,7 @@ class Document:
         return entry.key if key or rest else entry.node.place
 
     def _reach(self, path: Path) -> tuple[Entry, Path]:
-        """Return the deepest entry on the path, and what of the path is left."""
+        """Return the document's deepest entry on a path, and the rest of the path."""
         entry = Entry(self.root.place, self.root)
         for index, step in enumerate(path):
             value = entry.node.value
@@ -128,6 +128,7 @@ class Document:
 
 
 def _replace_value(node: Node, steps: tuple[str, ...], entry: Entry, dotted_key: str) -> Node:
+    """Return a document's node in which the value at the remaining steps is replaced."""
     step, rest = steps[0], steps[1:]
     value = {} if node.value is None else node.value
     if isinstance(value, tuple):
@@ -150,11 +151,12 @@ def _replace_value(node: Node, steps: tuple[str, ...], entry: Entry, dotted_key:
 
 
 def _no_way(entry: Entry, dotted_key: str, message: str, suggestion: str = "") -> BadInput:
+    """Return the BadInput that a document cannot be overridden at a dotted key."""
     return BadInput([entry.key.problem(f"override '{dotted_key}': {message}", suggestion)])
 
 
 def load(path: FilePath, name: str | None = None, *, json: bool = False) -> Document:
-    """Return the document in a file. name: what to call it in messages; None: the path.
+    """Return the YAML document in a file. name: what to call it in messages; None: the path.
 
     json: the file is JSON, in which tabs may stand between the parts; YAML knows the rest of it.
 
@@ -178,7 +180,7 @@ def load(path: FilePath, name: str | None = None, *, json: bool = False) -> Docu
 
 
 def parse(content: bytes, *, name: str, path: FilePath | None = None) -> Document:
-    """Return the document in a file's bytes; its top level is a mapping.
+    """Return the YAML document in a file's bytes; its top level is a mapping.
 
     Raises BadInput for what is not UTF-8, not YAML, empty, several documents, duplicate keys,
     tags, and nesting or aliases beyond the limits of `worlds.files.yaml_nodes`.
@@ -205,6 +207,7 @@ def parse_value(text: str, *, name: str) -> Entry:
 
 
 def _decode(content: bytes, source: Source) -> str:
+    """Return a document's bytes as text. Raises BadInput when they are no UTF-8 text."""
     if b"\0" in content:
         raise BadInput([Place(source).problem("is not text (it has NUL bytes)")])
     try:
@@ -218,7 +221,7 @@ def _decode(content: bytes, source: Source) -> str:
 
 
 def check(document: Document, model: type[Model], at: Path = ()) -> Model:
-    """Return the value at a path as a model, converted by nothing but JSON's own rules.
+    """Return a document's value at a path as a pydantic model. Raises BadInput.
 
     Raises BadInput with every fault at once, in order of their places.
     """

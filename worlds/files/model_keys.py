@@ -20,7 +20,7 @@ def descend(here: object, step: str | int) -> tuple[bool, object]:
 
 
 def known_keys(model: type[BaseModel], path: Path, value: Data) -> list[str]:
-    """Return the keys that may stand in the mapping at `path` of a value of this model."""
+    """Return the keys that a model allows in the mapping at `path` of a value."""
     candidates: list[object] = [model]
     here: object = value
     for step in path:
@@ -34,13 +34,14 @@ def known_keys(model: type[BaseModel], path: Path, value: Data) -> list[str]:
 
 
 def _fields(candidate: object) -> dict[str, object]:
+    """Return a model's keys with their annotations; none for other types."""
     if not (isinstance(candidate, type) and issubclass(candidate, BaseModel)):
         return {}
     return {field.alias or name: field.annotation for name, field in candidate.model_fields.items()}
 
 
 def _may_be(candidate: object, here: object) -> bool:
-    """Return whether no literal field (`type: camera`) of the candidate contradicts the value."""
+    """Return whether no literal key (`type: camera`) of the model contradicts the value."""
     if not isinstance(here, dict):
         return True
     return all(
@@ -51,7 +52,7 @@ def _may_be(candidate: object, here: object) -> bool:
 
 
 def _inside(candidate: object, step: str | int, below: object) -> list[object]:
-    """Return the types that the value under one key or index of a candidate may have."""
+    """Return the model types that the value under one key or index may have."""
     fields = _fields(candidate)
     if fields:
         return _members(fields[str(step)]) if step in fields else []
@@ -64,7 +65,7 @@ def _inside(candidate: object, step: str | int, below: object) -> list[object]:
 
 
 def _members(annotation: object) -> list[object]:
-    """Return the types an annotation stands for: members of a union, contents of Annotated."""
+    """Return the types of an annotation for key look-up: union members, Annotated's content."""
     origin = typing.get_origin(annotation)
     if origin is typing.Annotated:
         return _members(typing.get_args(annotation)[0])

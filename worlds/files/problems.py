@@ -19,7 +19,7 @@ _UNITS = (
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One fault of an input file.
+    """A problem in an input file: place, message, suggestion.
 
     line and column count from 1; line 0 means the file as a whole (it is missing, or binary).
     suggestion is what the user probably meant, as it would be written; empty when unknown.
@@ -34,7 +34,7 @@ class Problem:
 
     @property
     def headline(self) -> str:
-        """Return the first line of the message: place, what is wrong, what was meant."""
+        """Return the first line of the problem's message: place, what is wrong, what was meant."""
         place = f"{self.file}:{self.line}:{self.column}" if self.line else self.file
         meant = f"; did you mean '{printable(self.suggestion)}'?" if self.suggestion else ""
         return f"{printable(place)}: {printable(self.message)}{meant}"
@@ -49,7 +49,7 @@ class Problem:
 
 
 class BadInput(Exception):  # noqa: N818 - it is what the user gave, not an error of ours
-    """Files that a user has to mend, with every problem found in them."""
+    """Input files that a user must correct, with every problem found in them."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
@@ -60,12 +60,12 @@ class BadInput(Exception):  # noqa: N818 - it is what the user gave, not an erro
 
 
 def printable(text: str) -> str:
-    """Return the text with what a terminal would act upon replaced by '?', on one line."""
+    """Return a problem's text on one line, terminal control characters replaced by '?'."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def unit_of(key: str) -> str:
-    """Return the unit that a key ends with, as keys write it ('m_s'); empty without one."""
+    """Return the unit suffix of a key ('m_s'), for problems about units; "" without one."""
     return next((unit for unit in _UNITS if key.endswith("_" + unit)), "")
 
 
@@ -75,7 +75,7 @@ def stem_of(key: str) -> str:
 
 
 def closest_file(name: str, known: Iterable[str]) -> str:
-    """Return the file that was probably meant, or "": names are like each other, not suffixes."""
+    """Return the file name most like a misspelt one, or "": suffixes do not count."""
     names = sorted(set(known))
     suffix = Path(name).suffix.lower()
     # Of the same name with several suffixes, that with the one that was written.
@@ -85,7 +85,7 @@ def closest_file(name: str, known: Iterable[str]) -> str:
 
 
 def closest(word: str, known: Iterable[str]) -> str:
-    """Return the known word that was probably meant, or "" when none is like it.
+    """Return the known word most like a misspelt one, or "" when none is like it.
 
     A key that differs in its unit only comes first, then the most similar one (difflib).
     """

@@ -14,7 +14,7 @@ _PREFIX = "wil_user_"
 
 
 class BadReferenceError(Exception):
-    """A reference that leads nowhere; says why, and what was probably meant ("" when unknown)."""
+    """A reference file.py:Name that leads nowhere; why, and what was probably meant."""
 
     def __init__(self, message: str, suggestion: str = "") -> None:
         super().__init__(message)
@@ -22,12 +22,12 @@ class BadReferenceError(Exception):
 
 
 def is_reference(text: str) -> bool:
-    """Return whether a text names something in a file, rather than something of ours."""
+    """Return whether a text is a reference to a name in a file, not a shipped name."""
     return ".py" in text or ":" in text or "/" in text
 
 
 def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> object:
-    """Return what `file.py:Name` names; the file is relative to a folder.
+    """Return what the reference `file.py:Name` names; the file is relative to a folder.
 
     beside: what the file that names it is called in messages.
 
@@ -50,23 +50,25 @@ def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> 
 
 
 def forget_loaded() -> None:
-    """Have the user's files run anew when they are next named: runs share no state by them."""
+    """Forget loaded user files, so that the next reference runs them anew."""
     for name in [name for name in sys.modules if name.startswith(_PREFIX)]:
         del sys.modules[name]
 
 
 def _sibling(path: Path) -> str:
+    """Return the Python file beside a misspelt reference that was probably meant."""
     if not path.parent.is_dir():
         return ""
     return closest_file(path.name, [other.name for other in path.parent.glob("*.py")])
 
 
 def _is_own(value: object, module: ModuleType) -> bool:
+    """Return whether a referenced value was defined in the user's own module."""
     return callable(value) and getattr(value, "__module__", None) == module.__name__
 
 
 def _module(path: Path) -> ModuleType:
-    """Return the module of a file, run at most once."""
+    """Return the module of a referenced file, run at most once."""
     name = f"{_PREFIX}{path.stem}_{hashlib.sha256(bytes(path)).hexdigest()[:12]}"
     if name in sys.modules:
         return sys.modules[name]
@@ -88,7 +90,7 @@ def _module(path: Path) -> ModuleType:
 
 
 def _why(error: BaseException, path: Path) -> str:
-    """Return the error with the deepest line of the user's own file that led to it."""
+    """Return an import error of a referenced file with the user's line that led to it."""
     said = f"{type(error).__name__}: {error}"
     if isinstance(error, SyntaxError):
         return said

@@ -17,13 +17,13 @@ from worlds.files.yaml_nodes import Data
 
 
 class Part(BaseModel):
-    """What every part of a file is built on: no unknown keys, no NaN, nothing converted."""
+    """The base model of every part of a file: no unknown keys, no NaN, strict types."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class KeyFaultError(ValueError):
-    """A fault that a model's validator finds in one of its keys; `check` puts it there."""
+    """A fault that a model's validator finds in one of its keys; `check` locates it."""
 
     def __init__(self, key: str | int | Path, message: str, suggestion: str = "") -> None:
         super().__init__(message)
@@ -33,7 +33,7 @@ class KeyFaultError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing wrong at a path; on_key: with the key itself, not with its value."""
+    """A validation fault at a path; on_key: concerns the key itself, not its value."""
 
     path: Path
     message: str
@@ -73,7 +73,7 @@ _COMPARED = {
 
 
 def faults_of(error: ValidationError, value: Data, model: type[BaseModel]) -> list[Fault]:
-    """Return what is wrong, one fault for one mistake; paths are relative to `value`."""
+    """Return the faults of a pydantic ValidationError; paths are relative to `value`."""
     said = error.errors(include_url=False)
     details = [_locate(detail, value) for detail in said if not _counts_good_ones(detail)]
     faults = [_fault(path, detail, model, value) for path, detail in _settle_unions(details)]
@@ -81,7 +81,7 @@ def faults_of(error: ValidationError, value: Data, model: type[BaseModel]) -> li
 
 
 def _counts_good_ones(detail: ErrorDetails) -> bool:
-    """Return whether entries are said to be too few only because some of them are wrong."""
+    """Return whether a too-short list fault only follows from wrong entries."""
     given = detail["input"]
     short = detail["type"] == "too_short" and isinstance(given, list)
     return short and len(given) >= detail["ctx"]["min_length"]
@@ -89,6 +89,8 @@ def _counts_good_ones(detail: ErrorDetails) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Located:
+    """A validation error located in the file: its path and the union members tried."""
+
     path: Path
     branches: tuple[tuple[Path, str], ...]
     """Where a union was tried on the way, and which member; from the outside in."""
@@ -96,7 +98,7 @@ class _Located:
 
 
 def _locate(detail: ErrorDetails, value: Data) -> _Located:
-    """Split a location of pydantic into the path in the file and the members of unions."""
+    """Return a pydantic error's location split into file path and union members."""
     path: list[str | int] = []
     branches: list[tuple[Path, str]] = []
     here: object = value
@@ -115,7 +117,7 @@ def _locate(detail: ErrorDetails, value: Data) -> _Located:
 
 
 def _settle_unions(located: list[_Located]) -> list[tuple[Path, ErrorDetails]]:
-    """Keep, where several members of a union complained, the one that fits the value best."""
+    """Return validation errors without those of union members that fit worse."""
     kept = located
     depth = max((len(item.branches) for item in located), default=0)
     for level in range(depth):
@@ -129,11 +131,12 @@ def _settle_unions(located: list[_Located]) -> list[tuple[Path, ErrorDetails]]:
 
 
 def _union(item: _Located, level: int) -> tuple[tuple[Path, str] | Path, ...]:
+    """Return the path and position of the union in which a validation error arose."""
     return (*item.branches[:level], item.branches[level][0])
 
 
 def _best_members(located: list[_Located], level: int) -> dict[tuple[object, ...], str]:
-    """Return for each union the member of fewest complaints, those of a wrong type last."""
+    """Return for each union the member of fewest validation errors, wrong types last."""
     costs: dict[tuple[object, ...], dict[str, float]] = {}
     for item in located:
         if len(item.branches) > level:
@@ -147,7 +150,7 @@ def _best_members(located: list[_Located], level: int) -> dict[tuple[object, ...
 
 
 def _all_wanted_keys(item: _Located, located: list[_Located]) -> ErrorDetails:
-    """Name every member of the union when the value has the type of none of them."""
+    """Return the fault naming every union member when the value fits none by type."""
     if not _wanted_by(item.detail) or not item.branches or item.path != item.branches[-1][0]:
         return item.detail
     wanted: dict[str, None] = {}
@@ -160,17 +163,20 @@ def _all_wanted_keys(item: _Located, located: list[_Located]) -> ErrorDetails:
 
 
 def _wanted_by(detail: ErrorDetails) -> list[str]:
+    """Return in words the values or types that a validation error demands."""
     if detail["type"] == "literal_error":
         return _quote(str(detail.get("ctx", {})["expected"]))
     return [_WANTED[detail["type"]]] if detail["type"] in _WANTED else []
 
 
 def _either(words: Iterable[str]) -> str:
+    """Return words joined by commas and "or" for a validation message."""
     *most, last = words
     return f"{', '.join(most)} or {last}" if most else last
 
 
 def _fault(path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data) -> Fault:
+    """Return the fault of a validation error in the file's words."""
     kind, context = detail["type"], detail.get("ctx", {})
     cause = context.get("error")
     if kind in {"missing", "union_tag_not_found"}:
@@ -187,6 +193,7 @@ def _fault(path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data
 
 
 def _missing_fault(path: Path, detail: ErrorDetails) -> Fault:
+    """Return the fault of a missing key or of too few entries."""
     if detail["type"] == "union_tag_not_found":
         return Fault(path, f"missing key {detail['ctx']['discriminator']}", on_key=True)
     if isinstance(path[-1], int):
@@ -195,6 +202,7 @@ def _missing_fault(path: Path, detail: ErrorDetails) -> Fault:
 
 
 def _choice_fault(path: Path, detail: ErrorDetails) -> Fault:
+    """Return the fault of a value outside its choices, with the probable one."""
     context, given = detail.get("ctx", {}), detail["input"]
     if detail["type"] == "union_tag_invalid":
         path = (*path, str(context["discriminator"]).strip("'"))
@@ -208,7 +216,7 @@ def _choice_fault(path: Path, detail: ErrorDetails) -> Fault:
 
 
 def _mismatch(detail: ErrorDetails) -> str:
-    """Return the message of a value of the wrong type or size."""
+    """Return the validation message of a value of the wrong type or size."""
     kind, given, said = detail["type"], detail["input"], detail["msg"]
     context = detail.get("ctx", {})
     if kind in _COMPARED:
@@ -226,6 +234,7 @@ def _mismatch(detail: ErrorDetails) -> str:
 
 
 def _hint(wanted: str, given: object) -> str:
+    """Return a validation hint about a text where a number is required; "" without one."""
     if "number" not in wanted or not isinstance(given, str):
         return ""
     if re.fullmatch(r"\s*[-+]?[0-9.]+([eE][-+]?[0-9]+)?\s*", given):
@@ -240,6 +249,7 @@ def _hint(wanted: str, given: object) -> str:
 
 
 def _number(text: str) -> float:
+    """Return the number in a text for a validation hint; 0 when there is none."""
     try:
         return float(text)
     except ValueError:
@@ -247,7 +257,7 @@ def _number(text: str) -> float:
 
 
 def describe(given: object) -> str:
-    """Return a value as a message shows it, short."""
+    """Return a value as a validation message shows it, short."""
     if given is None:
         return "empty"
     if isinstance(given, bool):
@@ -262,10 +272,12 @@ def describe(given: object) -> str:
 
 
 def _quote(expected: str) -> list[str]:
+    """Return the choices in pydantic's description of expected values."""
     return re.findall(r"'([^']*)'", expected) or re.split(r",\s*|\s+or\s+", expected)
 
 
 def _unknown_key(path: Path, known: list[str]) -> Fault:
+    """Return the fault of an unknown key, with the key probably meant."""
     meant = closest(str(path[-1]), known)
     message = f"unknown key '{path[-1]}'"
     if not meant and known:
@@ -274,7 +286,7 @@ def _unknown_key(path: Path, known: list[str]) -> Fault:
 
 
 def _without_echoes(faults: list[Fault]) -> list[Fault]:
-    """Drop "missing x" where "unknown y; did you mean x" is said, and what is said twice."""
+    """Return the faults without duplicates and "missing x" that repeat an "unknown y"."""
     meant = {(fault.path[:-1], fault.suggestion) for fault in faults if "unknown" in fault.message}
     kept: dict[Fault, None] = {}
     for fault in faults:

@@ -34,7 +34,7 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where text came from: the name people know it by, and its lines."""
+    """The source of YAML text: its name in messages, and its lines."""
 
     name: str
     lines: tuple[str, ...] = ()
@@ -42,14 +42,14 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A spot in a source; line and column count from 1, line 0 is the source as a whole."""
+    """A place in YAML text; line and column count from 1, line 0 is the source as a whole."""
 
     source: Source
     line: int = 0
     column: int = 0
 
     def problem(self, message: str, suggestion: str = "") -> Problem:
-        """Return a problem that stands here; a source without lines is an option, not a file."""
+        """Return a problem at this place; a source without lines is an option, not a file."""
         lines = self.source.lines
         if not lines:
             return Problem(self.source.name, 0, 0, message, suggestion=suggestion)
@@ -59,7 +59,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A value and where it stands; `size` counts nodes beneath with aliases written out."""
+    """A YAML value and its place; `size` counts nodes beneath with aliases expanded."""
 
     value: "Scalar | dict[str, Entry] | tuple[Node, ...]"
     place: Place
@@ -69,31 +69,32 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A key of a mapping: where the key stands, and its value."""
+    """A YAML mapping's entry: the place of the key, and the value's node."""
 
     key: Place
     node: Node
 
 
 def mapping_node(entries: dict[str, Entry], place: Place) -> Node:
-    """Return the node of a mapping."""
+    """Return the YAML node of a mapping."""
     return _check_size(entries, [entry.node for entry in entries.values()], place)
 
 
 def sequence_node(items: tuple[Node, ...], place: Place) -> Node:
-    """Return the node of a sequence."""
+    """Return the YAML node of a sequence."""
     return _check_size(items, list(items), place)
 
 
 def _check_size(
     value: dict[str, Entry] | tuple[Node, ...], children: list[Node], place: Place
 ) -> Node:
+    """Return a YAML node with its size and height counted from its children."""
     size = 1 + sum(child.size for child in children)
     return Node(value, place, size, 1 + max((child.height for child in children), default=0))
 
 
 def plain(node: Node) -> Data:
-    """Return what the node means, as new dicts, lists and scalars."""
+    """Return a YAML node's value as new dicts, lists and scalars."""
     if isinstance(node.value, dict):
         return {key: plain(entry.node) for key, entry in node.value.items()}
     if isinstance(node.value, tuple):
@@ -102,7 +103,7 @@ def plain(node: Node) -> Data:
 
 
 def parse_nodes(text: str, source: Source) -> Node | None:
-    """Return the root of the one document in the text; None when there is none.
+    """Return the root node of the YAML text's one document; None when there is none.
 
     Raises BadInput with every problem found: syntax, duplicate keys, tags, several documents,
     aliases of themselves or too many of them, nesting deeper than MAX_DEPTH.
@@ -125,6 +126,7 @@ def parse_nodes(text: str, source: Source) -> Node | None:
 
 
 def _syntax_problem(error: yaml.MarkedYAMLError, source: Source) -> Problem:
+    """Return the problem of a YAML syntax error."""
     mark = error.problem_mark or error.context_mark
     place = Place(source, mark.line + 1, mark.column + 1) if mark else Place(source)
     said = [part for part in (error.context, error.problem) if part]
@@ -132,7 +134,7 @@ def _syntax_problem(error: yaml.MarkedYAMLError, source: Source) -> Problem:
 
 
 class _Builder:
-    """Turns the parser's events into nodes, one document, noting problems as it goes."""
+    """Builds YAML nodes from the parser's events, one document, noting problems."""
 
     def __init__(self, text: str, source: Source) -> None:
         self.problems: list[Problem] = []
@@ -142,7 +144,7 @@ class _Builder:
         self._total = 0
 
     def document(self) -> Node | None:
-        """Return the root of the one document, None when there is none."""
+        """Return the root node of the one YAML document; None when there is none."""
         next(self._events)
         if isinstance(next(self._events), yaml.StreamEndEvent):
             return None
@@ -154,13 +156,16 @@ class _Builder:
         return root
 
     def _note(self, event: Any, message: str, suggestion: str = "") -> None:
+        """Note a problem at a YAML event."""
         self.problems.append(self._place(event).problem(message, suggestion))
 
     def _place(self, event: Any) -> Place:
+        """Return the place of a YAML event."""
         mark = event.start_mark
         return Place(self._source, mark.line + 1, mark.column + 1)
 
     def _fatal(self, event: Any, message: str) -> BadInput:
+        """Return the BadInput of a YAML event after which reading must stop."""
         return BadInput([*self.problems, self._place(event).problem(message)])
 
     def _node(self, event: Any, depth: int) -> Node:
@@ -177,6 +182,7 @@ class _Builder:
         return node
 
     def _check_anchor(self, event: Any, depth: int) -> Node:
+        """Note a YAML tag, and remember an anchor; refuse too deep nesting."""
         if event.tag not in (None, "!"):
             self._note(event, f"tag '{event.tag}': tags are not used in these files")
         if event.anchor:
@@ -192,6 +198,7 @@ class _Builder:
         return node
 
     def _alias(self, event: Any) -> Node:
+        """Return the node that a YAML alias refers to; a bad one is noted."""
         node = self._anchors.get(event.anchor)
         if node is not None:
             return node
@@ -202,12 +209,14 @@ class _Builder:
         return Node(None, self._place(event))
 
     def _sequence(self, start: Any, depth: int) -> Node:
+        """Return the node of a YAML sequence."""
         items: list[Node] = []
         while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
             items.append(self._node(event, depth + 1))
         return sequence_node(tuple(items), self._place(start))
 
     def _mapping(self, start: Any, depth: int) -> Node:
+        """Return the node of a YAML mapping; repeated keys are noted."""
         own: dict[str, Entry] = {}
         merged: dict[str, Entry] = {}
         while not isinstance(event := next(self._events), yaml.MappingEndEvent):
@@ -223,7 +232,7 @@ class _Builder:
         return mapping_node({**merged, **own}, self._place(start))
 
     def _merge_keys(self, event: Any, node: Node) -> dict[str, Entry]:
-        """Return what `<<` brings; of several mappings the first has the say."""
+        """Return the entries that YAML's `<<` brings; of several mappings the first wins."""
         merged: dict[str, Entry] = {}
         for part in node.value if isinstance(node.value, tuple) else (node,):
             if isinstance(part.value, dict):
@@ -233,6 +242,7 @@ class _Builder:
         return merged
 
     def _key(self, event: Any, depth: int) -> str | None:
+        """Return the key of a YAML mapping's entry; one that is no scalar is noted."""
         if isinstance(event, yaml.ScalarEvent):
             self._check_anchor(event, depth)
             return str(event.value)
@@ -241,6 +251,7 @@ class _Builder:
         return None
 
     def _scalar(self, event: Any) -> Node:
+        """Return the node of a YAML scalar."""
         place = self._place(event)
         text = str(event.value)
         if any("\ud800" <= letter <= "\udfff" for letter in text):
@@ -250,7 +261,7 @@ class _Builder:
 
 
 def _resolve(text: str) -> Scalar:
-    """Return what a plain scalar means in the core schema of YAML 1.2 (section 10.3.2)."""
+    """Return a plain YAML scalar's value by the core schema of YAML 1.2 (section 10.3.2)."""
     if text in _WORDS:
         return _WORDS[text]
     if _INT.fullmatch(text):
@@ -263,7 +274,7 @@ def _resolve(text: str) -> Scalar:
 
 
 def place_within(node: Node, offset: int) -> Place:
-    """Return where in the file a character of a text stands, by its offset in the text.
+    """Return the place of a character of a YAML text value, by its offset in the text.
 
     A text is followed through the source: quotes, doubled quotes, and line breaks that became
     spaces are taken into account. Where that fails (escapes), it is the beginning of the text.
@@ -289,7 +300,7 @@ def place_within(node: Node, offset: int) -> Place:
 
 
 def _after_letter(raw: str, at: int, letter: str, quote: str) -> int:
-    """Return the index after one letter of a text in its source; -1 when it is not there."""
+    """Return the index after one letter in the YAML source; -1 when it is not there."""
     if letter.isspace():
         while at < len(raw) and raw[at].isspace():
             at += 1

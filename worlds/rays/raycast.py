@@ -17,14 +17,14 @@ from worlds.scene.scene import NO_EVENTS, Scene, SceneObject
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits:
-    """What rays meet first. ranges_m: (n,) float64, inf for nothing. object_ids: (n,), 0 then."""
+    """The first hits of rays. ranges_m: (n,) float64, inf for none. object_ids: (n,), 0 then."""
 
     ranges_m: FloatArray
     object_ids: NDArray[np.uint8]
 
 
 class RayCaster:
-    """Casts rays at one scene; what moves is met where it is at the time.
+    """Casts rays at one scene; moving objects are hit where they are at the time.
 
     Embree builds its tree once: things at rest together, each that moves in its own frame.
     """
@@ -42,7 +42,7 @@ class RayCaster:
         t_s: float,
         events: Mapping[str, float] = NO_EVENTS,
     ) -> Hits:
-        """Return what rays from one place meet at a time. directions_ned: (n, 3), unit length."""
+        """Return the first hits of rays from one place at a time. directions_ned: (n, 3), unit."""
         count = len(directions_ned)
         ranges_m, object_ids = np.full(count, np.inf), np.zeros(count, np.uint8)
         groups = [(self._resting, AT_ORIGIN)] if self._resting else []
@@ -57,7 +57,7 @@ class RayCaster:
 
 
 class _Group:
-    """Things that keep their places towards each other, in one tree."""
+    """Objects with fixed relative places in one tree for ray casting."""
 
     def __init__(self, things: Sequence[SceneObject], poses: Sequence[Pose]) -> None:
         # Needed by few: lidars and tests.
@@ -75,7 +75,7 @@ class _Group:
             self._meshes.append(TriangleMesh(self._scene, corners.astype(np.float32)))
 
     def cast(self, origin_m: FloatArray, directions: FloatArray) -> Hits:
-        """Return what rays meet first; origin and directions in this group's frame."""
+        """Return the rays' first hits; origin and directions in this group's frame."""
         rays = np.ascontiguousarray(directions, np.float32)
         origins = np.ascontiguousarray(np.broadcast_to(origin_m, rays.shape), np.float32)
         found = self._scene.run(origins, rays, output=True)
@@ -91,7 +91,7 @@ class _Group:
 
 
 def _plane_ranges(corners: FloatArray, origin_m: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return the ranges from a place to the planes of triangles along directions."""
+    """Return the ranges of rays from a place to the planes of triangles."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     above = np.einsum("ij,ij->i", normals, corners[:, 0] - origin_m)
     slope = np.einsum("ij,ij->i", normals, directions)

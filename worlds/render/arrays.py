@@ -12,13 +12,12 @@ from worlds.jit import F64
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
 U32 = NDArray[np.uint32]
 U8 = NDArray[np.uint8]
 
 
 class Geometry(NamedTuple):
-    """All triangles of a scene, each object in its own frame.
+    """The arrays of all triangles of a scene to render, each object in its own frame.
 
     vertices, normals: (n, 3). uv: (n, 2), repeats of the texture, above 0. faces: (m, 3).
     face_object, face_id, face_material: (m,); the id is what pictures of ids carry.
@@ -39,7 +38,7 @@ class Geometry(NamedTuple):
 
 
 class Looks(NamedTuple):
-    """Colours. bgr: (materials,) packed 0x00rrggbb. texture: (materials,), -1 for none.
+    """The colour arrays of a render. bgr: (materials,) packed 0x00rrggbb. texture: -1 for none.
 
     texels: all textures with their mip levels, packed. mip_start: (textures, levels).
     mip_count, log2_width, log2_height: (textures,). background: (512,) packed, from straight
@@ -57,7 +56,7 @@ class Looks(NamedTuple):
 
 
 class View(NamedTuple):
-    """One camera. rotations: (objects, 3, 3), shifts: (objects, 3): object to camera.
+    """The arrays of one camera view. rotations: (objects, 3, 3), shifts: object to camera.
 
     lights: (objects, 2, 3), the lamp's and the upward direction in each object's frame.
     up: (3,) upwards in camera coordinates. shown: (objects,) 0 for what is left out.
@@ -79,7 +78,7 @@ class View(NamedTuple):
 
 
 class Triangles(NamedTuple):
-    """What may show, ready to be drawn.
+    """The arrays of triangles that may show, ready to be rendered.
 
     corners: (n, 6), x and y of three corners, 1/256 pixel. bounds: (n, 4), first and last column,
     first and last row with a pixel centre. planes: (n, 3), 1/z at pixel (0, 0), per column, per
@@ -94,7 +93,7 @@ class Triangles(NamedTuple):
 
 
 class Shades(NamedTuple):
-    """How faces look that were found to show; worked out when one is first needed.
+    """The arrays of visible faces' shading; computed when a face is first needed.
 
     state: (m,), 0 unknown, else how to paint. shade: (m,), 0 to 256. planes: (m, 9), of shade,
     u and v over z: at pixel (0, 0), per column, per row.
@@ -106,7 +105,7 @@ class Shades(NamedTuple):
 
 
 class Buffer(NamedTuple):
-    """The visibility buffer: 1/z and triangle (-1 for none) of each pixel, flat."""
+    """The arrays of the visibility buffer: 1/z and triangle (-1 for none) of each pixel."""
 
     inverse_depth: F32
     triangle: I32
@@ -114,7 +113,7 @@ class Buffer(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What one frame is worked out in. camera: (n, 3) vertices, screen: (n, 2) their pixels.
+    """The working arrays of one frame. camera: (n, 3) vertices, screen: (n, 2) their pixels.
 
     colors: (pixels,), packed.
     """

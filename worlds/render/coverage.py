@@ -36,7 +36,7 @@ GUARD_PX = 1_000_000.0
 
 @inlined
 def project(geometry: Geometry, view: View, k: Int, camera: F64, screen: F64) -> None:
-    """Write camera coordinates and pixels of object k's vertices."""
+    """Write camera coordinates and pixels of object k's vertices for rasterisation."""
     m, shift, vertices = view.rotations, view.shifts, geometry.vertices
     fx, fy, cx, cy = view.fx, view.fy, view.cx, view.cy
     for i in range(geometry.vertex_range[k, 0], geometry.vertex_range[k, 1]):
@@ -52,7 +52,7 @@ def project(geometry: Geometry, view: View, k: Int, camera: F64, screen: F64) ->
 
 @compiled
 def clip(polygon: F64, count: Int, plane: F64, out: F64) -> Int:
-    """Write the part of a polygon where plane . (x, y, z, 1) >= 0; return its corners."""
+    """Clip a polygon to plane . (x, y, z, 1) >= 0 before rasterisation; return its corners."""
     kept = 0
     for i in range(count):
         j = i + 1 if i + 1 < count else 0
@@ -73,7 +73,7 @@ def clip(polygon: F64, count: Int, plane: F64, out: F64) -> Int:
 
 @inlined
 def clipped(camera: F64, abc: Corners, lens: Lens, work: F64) -> Int:
-    """Write pixels of a triangle's part before the near plane and within the guard band.
+    """Write pixels of a triangle clipped to near plane and guard band.
 
     work: (3, 10, 3); the pixels come to work[2]. Returns the number of corners, 0 for none.
     """
@@ -144,7 +144,7 @@ def store(
 
 @inlined
 def finish(triangles: Triangles, n: Int, f: Int, camera: F64, abc: Corners, lens: Lens) -> Int:
-    """Store depth and face of the n-th triangle; return the next free place."""
+    """Store depth and face of the n-th triangle for coverage; return the next free index."""
     at_origin, per_column, per_row = depth_plane(camera, abc, lens)
     if at_origin == 0.0 and per_column == 0.0 and per_row == 0.0:
         return n
@@ -181,7 +181,7 @@ def gather_face(
     n: Int,
     work: F64,
 ) -> Int:
-    """Store what of a face may show, from place n on; return the next free place."""
+    """Store the triangles of a face that may cover pixels, from n on; return the next index."""
     camera, screen = vertices
     f, one_sided, abc = face
     lens, size = (view.fx, view.fy, view.cx, view.cy), (view.width, view.height)
@@ -207,7 +207,7 @@ def gather_face(
 
 @compiled
 def gather(geometry: Geometry, view: View, scratch: Scratch) -> Int:
-    """Store every triangle that may show; return how many, or -1 when there is no room."""
+    """Store every triangle that may cover pixels; return the count, or -1 when out of room."""
     n, work, faces = np.int64(0), np.empty((3, 10, 3)), geometry.faces
     vertices = (scratch.camera, scratch.screen)
     room = scratch.triangles.corners.shape[0] - 8
@@ -227,7 +227,7 @@ def gather(geometry: Geometry, view: View, scratch: Scratch) -> Int:
 
 @compiled
 def floor_divide(a: Int, b: Int, inverse: Float) -> Int:
-    """Return a / b rounded down, b > 0, from an approximate 1 / b; exact for quotients here."""
+    """Return a / b rounded down, b > 0, from an approximate 1 / b; exact for pixel spans."""
     quotient = np.int64(np.floor(a * inverse))
     rest = a - quotient * b
     if rest < 0:
@@ -239,7 +239,7 @@ def floor_divide(a: Int, b: Int, inverse: Float) -> Int:
 
 @compiled
 def narrow(left: Int, right: Int, value: Int, drop: Int, inverse: Float) -> tuple[Int, Int]:
-    """Return which columns of a span an edge leaves; value: E at column 0, E falls by drop."""
+    """Return the columns of a pixel span inside an edge; value: E at column 0, E falls by drop."""
     if drop > 0:
         return left, min(right, floor_divide(value, drop, inverse))
     if drop < 0:
@@ -249,7 +249,7 @@ def narrow(left: Int, right: Int, value: Int, drop: Int, inverse: Float) -> tupl
 
 @compiled
 def edge(corners: I32, t: Int, from_corner: Int, to_corner: Int) -> tuple[Int, Int, Int, Float]:
-    """Return an edge of triangle t: E at the origin, its rise per row, its drop per column.
+    """Return the edge function of triangle t: E at the origin, rise per row, drop per column.
 
     From (xa, ya) to (xb, yb), E = (xb - xa)(y - ya) - (yb - ya)(x - xa) is at least 0 inside;
     a pixel on an edge belongs to the triangle whose top or left edge it is.
@@ -267,7 +267,7 @@ def edge(corners: I32, t: Int, from_corner: Int, to_corner: Int) -> tuple[Int, I
 def cover(
     corners: I32, bounds: I32, planes: F64, depth_range: F32, count: Int, buffer: Buffer
 ) -> None:
-    """Let every triangle win the pixels of the visibility buffer where it is nearest."""
+    """Rasterise all triangles: each wins the pixels of the buffer where it is nearest."""
     inverse_depth, owner, width = buffer
     for t in range(count):
         low, high = np.int64(bounds[t, 0]), np.int64(bounds[t, 1])

@@ -15,7 +15,7 @@ _GROUND_FAR, _GROUND_NEAR = (168, 176, 172), (96, 108, 104)
 
 
 def pack_geometry(scene: Scene) -> Geometry:
-    """Return all triangles of a scene, object after object, each in its own frame."""
+    """Pack all triangles of a scene into render arrays, each object in its own frame."""
     shapes = [thing.shape.mesh for thing in scene.objects]
     vertex_range = _ranges([len(mesh.vertices_m) for mesh in shapes])
     face_range = _ranges([len(mesh.faces) for mesh in shapes])
@@ -46,7 +46,7 @@ def bounding_sphere(mesh: Mesh) -> F64:
 
 
 def pack_looks(scene: Scene) -> Looks:
-    """Return colours and textures of a scene; equal textures are held once."""
+    """Pack colours and textures of a scene into render arrays; equal textures once."""
     materials = [material for thing in scene.objects for material in thing.shape.mesh.materials]
     levels: list[list[U32]] = []
     places: dict[tuple[int, tuple[int, int, int]], int] = {}
@@ -63,6 +63,7 @@ def pack_looks(scene: Scene) -> Looks:
 
 
 def _looks(materials: Sequence[Material], texture: np.ndarray, levels: list[list[U32]]) -> Looks:
+    """Pack materials, their textures and mip levels into the render's colour arrays."""
     most = max((len(chain) for chain in levels), default=1)
     mip_start = np.zeros((max(1, len(levels)), most), np.int32)
     at = 0
@@ -84,12 +85,13 @@ def _looks(materials: Sequence[Material], texture: np.ndarray, levels: list[list
 
 
 def _per_texture(values: Iterable[int]) -> np.ndarray:
+    """Pack one number per texture into an array, never empty."""
     listed = list(values)
     return np.array(listed or [0], np.int32)
 
 
 def _mip_levels(texture: BgrTexture, material: Material) -> list[U32]:
-    """Return the texture multiplied by its tint, and halved until one texel is left."""
+    """Return the packed texture's mip levels: tinted, and halved until one texel is left."""
     height, width = texture.shape[:2]
     if height & (height - 1) or width & (width - 1):
         raise ValueError(f"texture of {width} x {height}: sides must be powers of two")
@@ -114,7 +116,7 @@ def _pack(bgr: Sequence[int]) -> int:
 
 
 def _background() -> U32:
-    """Return 512 colours: straight down, the horizon in the middle, straight up."""
+    """Return the packed background: 512 colours from straight down over the horizon to up."""
     ground = np.linspace(_GROUND_NEAR, _GROUND_FAR, 256)
     sky = np.linspace(_SKY_LOW, _SKY_HIGH, 256)
     colors = np.round(np.concatenate([ground, sky])).astype(np.uint8)
@@ -122,16 +124,18 @@ def _background() -> U32:
 
 
 def _above_zero(uv: F64) -> F64:
-    """Return texture coordinates moved by whole repeats, so that rounding down is truncation."""
+    """Return texture coordinates moved by whole repeats to be positive, for packing."""
     return np.asarray(uv - np.floor(uv.min(axis=0)) + 1.0)
 
 
 def _ranges(counts: Sequence[int]) -> np.ndarray:
+    """Return (begin, end) of consecutive packed ranges of these counts."""
     ends = np.cumsum([0, *counts])
     return np.stack([ends[:-1], ends[1:]], axis=1).astype(np.int32)
 
 
 def _stack(arrays: Sequence[np.ndarray], columns: int, dtype: type) -> np.ndarray:
+    """Pack arrays below each other into one of a type."""
     if not arrays:
         return np.zeros((0, columns) if columns else 0, dtype)
     return np.ascontiguousarray(np.concatenate(arrays), dtype)

@@ -35,7 +35,7 @@ _OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderOutput:
-    """A rendered picture; its arrays belong to the caller.
+    """A rendered image; its arrays belong to the caller.
 
     image_bgr: (height, width, 3) uint8. depth_m: (height, width) float32 metres along the
     optical axis, inf where nothing is. object_ids: (height, width) uint8, 0 where nothing is.
@@ -73,7 +73,7 @@ class Renderer:
         want_ids: bool = True,
         only: frozenset[str] | None = None,
     ) -> RenderOutput:
-        """Return the picture that a camera sees at a time.
+        """Return the rendered image of a camera at a time.
 
         camera_pose: in the world (NED), FRD axes, x looks out. intrinsics: distortion is
         ignored. events: when each happened, for things that move. only: names of the objects
@@ -95,7 +95,7 @@ class Renderer:
         return RenderOutput(image, depth, ids)
 
     def _draw(self, view: View, scratch: Scratch) -> Scratch | None:
-        """Return the scratch with a frame drawn in it; None when it has too little room."""
+        """Return the scratch with a frame rendered in it; None when it has too little room."""
         count = gather(self._geometry, view, scratch)
         if count < 0:
             return None
@@ -143,7 +143,7 @@ class Renderer:
         )
 
     def _places(self, t_s: float, events: Mapping[str, float]) -> tuple[F64, F64]:
-        """Return where every object is: rotations (n, 3, 3) to NED, positions (n, 3)."""
+        """Return every rendered object's rotation (n, 3, 3) to NED and position (n, 3)."""
         if not self._moving:
             return self._rotations, self._positions_m
         rotations, positions_m = self._rotations.copy(), self._positions_m.copy()
@@ -154,7 +154,7 @@ class Renderer:
         return rotations, positions_m
 
     def _show(self, rotations: F64, shifts: F64, camera: Intrinsics) -> tuple[Bools, Bools]:
-        """Return which objects may show, and which the camera is surely outside of."""
+        """Return which objects may be in view, and which surely do not contain the camera."""
         spheres = self._geometry.spheres
         centers = np.matmul(rotations, spheres[:, :3, None])[:, :, 0] + shifts
         x, y, z = centers[:, 0], centers[:, 1], centers[:, 2]
@@ -169,7 +169,7 @@ class Renderer:
         return shown, np.asarray(np.linalg.norm(centers, axis=1) > spheres[:, 3] + 2.0 * NEAR_M)
 
     def _scratch(self, width: int, height: int) -> Scratch:
-        """Return this thread's work space, made anew when another size is needed."""
+        """Return this thread's render work space, made anew for another image size."""
         local = self._local
         if not hasattr(local, "triangles"):
             local.triangles = len(self._geometry.faces) + 64

@@ -36,7 +36,7 @@ Run = tuple[Int, Int, Int]
 
 @compiled
 def vertex_shade(geometry: Geometry, view: View, k: Int, v: Int, side: Float) -> Float:
-    """Return the brightness of a vertex of object k, 0 to 256; side: -1 for a back."""
+    """Return the shaded brightness of a vertex of object k, 0 to 256; side: -1 for a back."""
     n, light = geometry.normals, view.lights
     lamp = n[v, 0] * light[k, 0, 0] + n[v, 1] * light[k, 0, 1] + n[v, 2] * light[k, 0, 2]
     up = n[v, 0] * light[k, 1, 0] + n[v, 1] * light[k, 1, 1] + n[v, 2] * light[k, 1, 2]
@@ -47,7 +47,7 @@ def vertex_shade(geometry: Geometry, view: View, k: Int, v: Int, side: Float) ->
 def prepare_face(
     geometry: Geometry, looks: Looks, view: View, camera: F64, shades: Shades, f: Int
 ) -> None:
-    """Work out how a face is painted: brightness, and planes of shade, u and v over z."""
+    """Compute a face's shading: brightness, and planes of shade, u and v over z."""
     a, b, c = geometry.faces[f, 0], geometry.faces[f, 1], geometry.faces[f, 2]
     px, py, pz = camera[a, 0], camera[a, 1], camera[a, 2]
     qx, qy, qz = camera[b, 0], camera[b, 1], camera[b, 2]
@@ -88,14 +88,14 @@ def dimmed(color: Int, shade: Int) -> Int:
 
 @inlined
 def paint_plain(color: Int, start: Int, count: Int, colors: U32) -> None:
-    """Paint a run in one colour."""
+    """Shade a run of pixels in one colour."""
     for i in range(count):
         colors[np.uint64(start) + np.uint64(i)] = color
 
 
 @inlined
 def paint_background(background: U32, view: View, run: Run, start: Int, colors: U32) -> None:
-    """Paint sky and ground by elevation."""
+    """Shade background pixels by elevation: sky and ground."""
     row, left, count = run
     up = view.up
     level = up[2] + up[1] * (row - view.cy) / view.fy + up[0] * (left - view.cx) / view.fx
@@ -107,7 +107,7 @@ def paint_background(background: U32, view: View, run: Run, start: Int, colors: 
 
 @compiled
 def along(planes: F64, f: Int, which: Int, run: Run) -> tuple[Float, Float]:
-    """Return one of a face's planes at the start of a run, and its change per column."""
+    """Return one of a face's shading planes at the start of a run, and its change per column."""
     at = planes[f, which] + planes[f, which + 1] * run[1] + planes[f, which + 2] * run[0]
     return np.float32(at), np.float32(planes[f, which + 1])
 
@@ -116,7 +116,7 @@ def along(planes: F64, f: Int, which: Int, run: Run) -> tuple[Float, Float]:
 def paint_smooth(
     color: Int, plane: tuple[Float, Float], start: Int, count: Int, inverse_depth: F32, colors: U32
 ) -> None:
-    """Paint a run in one colour whose brightness varies; plane: shade over z, per column."""
+    """Shade a run in one colour of varying brightness; plane: shade over z, per column."""
     first, step = plane
     for i in range(np.int32(count)):
         at = np.uint64(start) + np.uint64(i)
@@ -129,7 +129,7 @@ def paint_smooth(
 def dim_smoothly(
     plane: tuple[Float, Float], start: Int, count: Int, inverse_depth: F32, colors: U32
 ) -> None:
-    """Dim painted texels by a brightness that varies."""
+    """Dim shaded texels of a run by a varying brightness."""
     first, step = plane
     for i in range(np.int32(count)):
         at = np.uint64(start) + np.uint64(i)
@@ -142,7 +142,7 @@ def dim_smoothly(
 def mip_level(
     looks: Looks, texture: Int, planes: F64, depth: tuple[Float, Float], f: Int, run: Run, z: Float
 ) -> Int:
-    """Return the mip level whose texels are about as large as the pixel where a run starts.
+    """Return the mip level whose texels are about as large as the pixel at a run's start.
 
     depth: changes of 1/z per column and row. z: metres there.
     """
@@ -168,7 +168,7 @@ def paint_texels(
     inverse_depth: F32,
     colors: U32,
 ) -> None:
-    """Write texels, undimmed. size: log2 of columns and rows of the level.
+    """Write unshaded texels of a run. size: log2 of columns and rows of the level.
 
     planes: u over z and per column, v over z and per column. piece: first texel of the level,
     first pixel, number of pixels.
@@ -189,7 +189,7 @@ def paint_texels(
 def paint_textured(
     looks: Looks, texture: Int, shades: Shades, f: Int, scratch: Scratch, t: Int, run: Run
 ) -> None:
-    """Paint a textured run in pieces, each from the mip level that fits its middle."""
+    """Shade a textured run in pieces, each from the mip level that fits its middle."""
     row, left, total = run
     inverse_depth, colors = scratch.buffer.inverse_depth, scratch.colors
     depth = (scratch.triangles.planes[t, 1], scratch.triangles.planes[t, 2])
@@ -218,7 +218,7 @@ def paint_textured(
 
 @compiled
 def shade(geometry: Geometry, looks: Looks, view: View, scratch: Scratch) -> None:
-    """Paint every pixel, run by run; faces are prepared when they first show."""
+    """Shade every pixel, run by run; faces are prepared when they first show."""
     owner, inverse_depth, width = (
         scratch.buffer.triangle,
         scratch.buffer.inverse_depth,
@@ -256,7 +256,7 @@ def shade(geometry: Geometry, looks: Looks, view: View, scratch: Scratch) -> Non
 
 @compiled
 def write_image(colors: U32, image: U8) -> None:
-    """Write packed colours as blue, green, red; image: flat."""
+    """Write shaded packed colours as blue, green, red; image: flat."""
     for i in range(colors.shape[0]):
         color = colors[i]
         at = np.uint64(3 * i)
@@ -267,14 +267,14 @@ def write_image(colors: U32, image: U8) -> None:
 
 @compiled
 def write_depth(inverse_depth: F32, depth: F32) -> None:
-    """Write depth; flat. Where nothing is, 1/z is 0 and depth infinite."""
+    """Write the depth of shaded pixels, flat; infinite where 1/z is 0 (nothing)."""
     for i in range(depth.shape[0]):
         depth[i] = np.float32(1.0) / inverse_depth[i]
 
 
 @compiled
 def write_ids(owner: I32, face: I32, face_id: U8, ids: U8) -> None:
-    """Write ids of what shows; flat. face: of each triangle, face_id: of each face."""
+    """Write object ids of shaded pixels; flat. face: of each triangle, face_id: of each face."""
     for i in range(ids.shape[0]):
         t = owner[i]
         ids[i] = face_id[np.uint64(face[np.uint64(t)])] if t >= 0 else np.uint8(0)
@@ -282,7 +282,7 @@ def write_ids(owner: I32, face: I32, face_id: U8, ids: U8) -> None:
 
 @compiled
 def clear(inverse_depth: F32, owner: I32, state: U8) -> None:
-    """Forget the last frame."""
+    """Clear the last frame before shading."""
     for i in range(owner.shape[0]):
         inverse_depth[i] = np.float32(0.0)
         owner[i] = np.int32(-1)

@@ -42,6 +42,7 @@ def parse_color(value: str | list[int]) -> Rgb:
 
 
 def _from_list(value: list[int]) -> Rgb:
+    """Return the colour of a list of three numbers. Raises ValueError outside 0 to 255."""
     if len(value) != 3 or not all(0 <= part <= 255 for part in value):
         raise ValueError(f"colour {value} is not three numbers from 0 to 255")
     return (value[0], value[1], value[2])

@@ -11,7 +11,7 @@ _STL_HEAD_BYTES, _STL_FACET_BYTES = 84, 50
 
 
 def damage(path: Path) -> str:
-    """Return in words what of a file of a known suffix is not as its format has it; else empty.
+    """Return how a mesh file of a known suffix is damaged or malformed; "" when sound.
 
     GLB: glTF 2.0, chapter 4.4 "Binary glTF Layout". STL: 80 bytes, a count, 50 bytes a facet.
     """
@@ -31,6 +31,7 @@ def damage(path: Path) -> str:
 
 
 def _glb(data: bytes) -> str:
+    """Return how a GLB mesh file is damaged; "" when sound."""
     if data[:4] != b"glTF":
         return "it is not a GLB file: it does not begin with 'glTF'"
     if len(data) < _GLB_HEAD.size + _GLB_CHUNK.size:
@@ -48,6 +49,7 @@ def _glb(data: bytes) -> str:
 
 
 def _json(data: bytes, what: str) -> str:
+    """Return how a glTF mesh file's JSON is damaged; "" when sound."""
     try:
         said = json.loads(data)
     except json.JSONDecodeError as error:
@@ -60,6 +62,7 @@ def _json(data: bytes, what: str) -> str:
 
 
 def _xml(data: bytes) -> str:
+    """Return how a Collada mesh file's XML is damaged; "" when sound."""
     try:
         root = ET.fromstring(data)  # noqa: S314 - a file that the user names, on the user's machine
     except ET.ParseError as error:
@@ -69,6 +72,7 @@ def _xml(data: bytes) -> str:
 
 
 def _stl(data: bytes) -> str:
+    """Return how a binary STL mesh file is damaged; "" when sound."""
     if data[:5].lower() == b"solid":
         return "its text is not STL: facets need three vertices"
     if len(data) < _STL_HEAD_BYTES:

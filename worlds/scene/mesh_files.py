@@ -33,13 +33,13 @@ class MeshFileError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Axes:
-    """Which axes of the file point up and forward."""
+    """Which axes of a mesh file point up and forward."""
 
     up: Axis
     forward: Axis
 
     def frd_from_file(self) -> FloatArray:
-        """Return the matrix that turns the file's axes into forward, right, down."""
+        """Return the matrix from a mesh file's axes to forward, right, down."""
         forward, up = _unit(self.forward), _unit(self.up)
         return np.stack([forward, np.cross(forward, up), -up])
 
@@ -51,13 +51,14 @@ Z_UP = Axes("z", "x")
 
 
 def _unit(axis: Axis) -> FloatArray:
+    """Return the unit vector of a mesh file's axis name ("-y")."""
     vector = np.zeros(3)
     vector["xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
     return vector
 
 
 def default_axes(path: Path, asset: "Asset") -> Axes:
-    """Return the axes that the file states, else the custom of its format."""
+    """Return the axes that a mesh file states, else the custom of its format."""
     if asset.up_axis is not None:
         return asset.up_axis
     return Y_UP if path.suffix.lower() in (".glb", ".gltf", ".dae") else Z_UP
@@ -65,7 +66,7 @@ def default_axes(path: Path, asset: "Asset") -> Axes:
 
 @dataclass(frozen=True, slots=True)
 class Asset:
-    """What a file says of itself: metres per unit, and its axes. Only Collada does."""
+    """A mesh file's own statements: metres per unit, and its axes. Only Collada has them."""
 
     unit_m: float = 1.0
     up_axis: Axes | None = None
@@ -75,7 +76,7 @@ _COLLADA_AXES = {"X_UP": Axes("x", "z"), "Y_UP": Y_UP, "Z_UP": Z_UP}
 
 
 def read_asset(path: Path) -> Asset:
-    """Return the unit and axes that a Collada file states (1.4.1, chapter 5, "asset")."""
+    """Return the unit and axes that a Collada mesh file states (1.4.1, chapter 5, "asset")."""
     if path.suffix.lower() != ".dae":
         return Asset()
     text = path.read_bytes()[:100_000].decode("utf-8", "replace")
@@ -87,7 +88,7 @@ def read_asset(path: Path) -> Asset:
 def load_mesh_shape(
     path: Path, *, unit: Unit | None = None, scale: float = 1.0, axes: Axes | None = None
 ) -> Shape:
-    """Return the thing in a mesh file; its surface is what can be touched.
+    """Return the shape in a mesh file; its surface is what can be touched.
 
     unit, axes: None for what the file states, else for metres and for its format's custom.
     Raises MeshFileError with the reason when the file is missing, of no known kind, not a mesh,
@@ -113,7 +114,7 @@ def load_mesh_shape(
 
 
 def _load(path: Path) -> list[Any]:
-    """Return the triangle meshes of a file with their places in its scene applied."""
+    """Return the triangle meshes of a mesh file, their places in its scene applied."""
     # Half a second that only worlds with mesh files pay.
     import trimesh  # noqa: PLC0415
 
@@ -133,7 +134,7 @@ def _load(path: Path) -> list[Any]:
 
 
 def _check_companions(path: Path) -> None:
-    """Refuse an .obj whose materials or pictures are missing: trimesh would make it grey."""
+    """Refuse an .obj mesh file whose materials or textures are missing."""
     if path.suffix.lower() != ".obj":
         return
     for library in _material_name(path, "mtllib"):
@@ -165,7 +166,7 @@ def _convert(part: Any, turn: FloatArray) -> Mesh:
 
 
 def _materials(part: Any) -> tuple[IntArray, tuple[Material, ...]]:
-    """Return the material of each face, and the materials."""
+    """Return the material of each face in a mesh file, and the materials."""
     visual = part.visual
     if visual.kind in ("face", "vertex"):
         rgb = np.asarray(visual.face_colors, np.int32)[:, :3]
@@ -177,6 +178,7 @@ def _materials(part: Any) -> tuple[IntArray, tuple[Material, ...]]:
 
 
 def _material(visual: Any) -> Material:
+    """Return the material of a mesh file's visual: its texture or its colour."""
     material = getattr(visual, "material", None)
     picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if picture is not None:
@@ -189,4 +191,5 @@ def _material(visual: Any) -> Material:
 
 
 def _rgb(color: Any) -> Rgb:
+    """Return the colour of a mesh file's material as integers."""
     return (int(color[0]), int(color[1]), int(color[2]))

@@ -16,7 +16,7 @@ BgrTexture = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """How a surface looks: a colour, or a texture (height, width, 3) uint8 BGR.
+    """A mesh surface's material: a colour, or a texture (height, width, 3) uint8 BGR.
 
     A texture repeats; its first row is at v = 0, and its colours are multiplied by `rgb`/255.
     """
@@ -45,7 +45,7 @@ class Mesh:
 
     @property
     def radius_m(self) -> float:
-        """Return the radius of the sphere about the origin that holds every vertex."""
+        """Return the radius of the sphere about the origin that holds every vertex of the mesh."""
         return float(np.sqrt((self.vertices_m**2).sum(axis=1).max()))
 
     def moved(self, pose: Pose) -> "Mesh":
@@ -71,7 +71,7 @@ class Mesh:
 
 
 def merge(meshes: Sequence[Mesh]) -> Mesh:
-    """Return one mesh of several."""
+    """Return several meshes merged into one."""
     faces, face_material = [], []
     vertex_count = material_count = 0
     for mesh in meshes:
@@ -91,7 +91,7 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def from_triangles(vertices_m: FloatArray, faces: NDArray[np.integer], material: Material) -> Mesh:
-    """Return a flat-shaded mesh: every face gets corners of its own; uv is left at zero."""
+    """Return a flat-shaded mesh of triangles, corners not shared; uv is zero."""
     corners = np.asarray(vertices_m, np.float64)[np.asarray(faces)]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -114,7 +114,7 @@ def quad(
     material: Material,
     repeats: tuple[float, float] = (1.0, 1.0),
 ) -> Mesh:
-    """Return a rectangle: its centre, and the half edges that are right and up as seen from it.
+    """Return the mesh of a rectangle: centre, and half edges right and up as seen from it.
 
     A texture stands upright there, repeated so many times across and along.
     """
@@ -147,7 +147,7 @@ _SIDES: tuple[tuple[Vec3, Vec3], ...] = (
 
 
 def box(size_m: Vec3, material: Material) -> Mesh:
-    """Return a box centred on the origin with edges along the axes; each side one texture."""
+    """Return the mesh of a box centred on the origin; each side one texture."""
     half = np.array(size_m) / 2.0
     sides = []
     for normal, up in _SIDES:
@@ -160,13 +160,14 @@ def box(size_m: Vec3, material: Material) -> Mesh:
 
 
 def _vec3(array: FloatArray) -> Vec3:
+    """Return an array of three numbers as a vector of a mesh."""
     return (float(array[0]), float(array[1]), float(array[2]))
 
 
 def ellipsoid(
     radii_m: tuple[float, float, float], material: Material, *, slices: int = 16, stacks: int = 10
 ) -> Mesh:
-    """Return a smooth ellipsoid centred on the origin, its poles on the down axis."""
+    """Return the smooth mesh of an ellipsoid centred on the origin, its poles on the down axis."""
     polar, around = np.meshgrid(
         np.linspace(0.0, np.pi, stacks + 1),
         np.linspace(0.0, 2.0 * np.pi, slices + 1),
@@ -195,7 +196,7 @@ def frustum(
     slices: int = 14,
     flatten: float = 1.0,
 ) -> Mesh:
-    """Return an upright (down axis) closed cone frustum centred on the origin.
+    """Return the mesh of an upright (down axis) closed cone frustum centred on the origin.
 
     flatten: the radius along forward in parts of the radius along right.
     """
@@ -230,7 +231,7 @@ def _lathe_mesh(
     rings: tuple[int, int],
     material: Material,
 ) -> Mesh:
-    """Return the skin over a grid of rings from top to bottom; rings: slices and stacks."""
+    """Return the mesh over a grid of rings from top to bottom; rings: slices and stacks."""
     slices, stacks = rings
     first = (np.arange(stacks)[:, None] * (slices + 1) + np.arange(slices)[None, :]).ravel()
     below = first + slices + 1

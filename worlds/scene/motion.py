@@ -26,20 +26,20 @@ class StartAt:
     at_s: float = 0.0
 
     def started_s(self, events: Mapping[str, float]) -> float | None:
-        """Return when motion began; None while it has not."""
+        """Return when the motion began; None while it has not."""
         del events
         return self.at_s
 
 
 @dataclass(frozen=True, slots=True)
 class StartOn:
-    """Motion begins a delay after an event; until the event has a time, it does not."""
+    """Motion begins a delay after an event; not before the event has a time."""
 
     event: str
     delay_s: float = 0.0
 
     def started_s(self, events: Mapping[str, float]) -> float | None:
-        """Return when motion began; None while it has not."""
+        """Return when the motion began after its event; None while it has not."""
         at_s = events.get(self.event)
         return None if at_s is None else at_s + self.delay_s
 
@@ -49,7 +49,7 @@ Start = StartAt | StartOn
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
-    """Where to go, how fast, and the heading to turn to on the way (radians; None keeps it).
+    """A motion's waypoint: where, how fast, and the heading to turn to (radians; None keeps it).
 
     A way too short to turn on at TURN_RATE_RAD_S is gone more slowly.
     """
@@ -61,7 +61,7 @@ class Waypoint:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A straight way from one pose to another, at constant speed and turning rate."""
+    """A leg of a motion: a straight way between two poses at constant speed and turning rate."""
 
     begin_s: float
     duration_s: float
@@ -73,7 +73,7 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Travel:
-    """How far something went between two times: bounds for any of its points."""
+    """How far a moving object went between two times: bounds for any of its points."""
 
     length_m: float
     turn_rad: float
@@ -84,7 +84,7 @@ AT_REST = Travel(0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A way through waypoints, beginning at a thing's pose; `loop` goes round for ever.
+    """An object's motion through waypoints from its pose; `loop` repeats for ever.
 
     Times of events and `start` are on one clock, seconds. Where a loop closes, the last leg
     leads back to the beginning at the speed of the first waypoint.
@@ -104,11 +104,11 @@ class Motion:
 
     @property
     def duration_s(self) -> float:
-        """Return how long one round takes."""
+        """Return how long one round of the motion takes."""
         return self.legs[-1].begin_s + self.legs[-1].duration_s if self.legs else 0.0
 
     def pose_at(self, t_s: float, events: Mapping[str, float]) -> Pose:
-        """Return the pose at a time, given when each event happened."""
+        """Return the moving object's pose at a time, given when each event happened."""
         since_s = self._since_start_s(t_s, events)
         if since_s <= 0.0 or not self.legs:
             return self.begin
@@ -120,7 +120,7 @@ class Motion:
         return leg.begin.interpolate(leg.end, (since_s - leg.begin_s) / leg.duration_s)
 
     def travel(self, from_s: float, to_s: float, events: Mapping[str, float]) -> Travel:
-        """Return how far the thing went and turned between two times; exact, also at corners."""
+        """Return how far the motion goes and turns between two times; exact, also at corners."""
         first_s = max(0.0, self._since_start_s(from_s, events))
         last_s = max(0.0, self._since_start_s(to_s, events))
         if not self.legs or last_s <= first_s:
@@ -130,7 +130,7 @@ class Motion:
         return self._travel_once(first_s, last_s)
 
     def is_even(self, from_s: float, to_s: float, events: Mapping[str, float]) -> bool:
-        """Return whether the thing rests, or moves straight, evenly, unturned, in between."""
+        """Return whether the motion between two times is rest, or straight, even and unturned."""
         first_s, last_s = self._since_start_s(from_s, events), self._since_start_s(to_s, events)
         if not self.legs or last_s <= 0.0 or (first_s >= self.duration_s and not self.loop):
             return True
@@ -174,6 +174,7 @@ class Motion:
 
 
 def _legs(begin: Pose, waypoints: tuple[Waypoint, ...], *, loop: bool) -> tuple[Leg, ...]:
+    """Return the legs of a motion through waypoints, back to the begin for a loop."""
     route = [*waypoints]
     if loop and waypoints:
         route.append(Waypoint(begin.position_ned_m, waypoints[0].speed_m_s, begin.yaw_rad))
@@ -188,7 +189,7 @@ def _legs(begin: Pose, waypoints: tuple[Waypoint, ...], *, loop: bool) -> tuple[
 
 
 def _leg(begin_s: float, begin: Pose, waypoint: Waypoint) -> Leg:
-    """Return the way to a waypoint; it takes at least as long as turning does."""
+    """Return the motion's leg to a waypoint; it takes at least as long as turning does."""
     upright = waypoint.yaw_rad is not None
     q_wxyz = quat_from_euler(0.0, 0.0, waypoint.yaw_rad or 0.0) if upright else begin.q_wxyz
     turn_rad = angle_between(begin.q_wxyz, q_wxyz)

@@ -10,46 +10,46 @@ from worlds.scene.meshes import FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True)
 class BoxShape:
-    """A box about its own origin; half extents in metres along forward, right, down."""
+    """A box part about its own origin; half extents in metres along forward, right, down."""
 
     half_m: Vec3
 
     @property
     def radius_m(self) -> float:
-        """Return the radius of the bounding sphere about the origin."""
+        """Return the radius of the box part's bounding sphere about the origin."""
         return norm(self.half_m)
 
 
 @dataclass(frozen=True, slots=True)
 class SphereShape:
-    """A ball about its own origin."""
+    """A ball part about its own origin."""
 
     radius_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HullShape:
-    """A convex polyhedron: vertices (n, 3) metres about its own origin, triangles outwards."""
+    """A convex part: vertices (n, 3) metres about its own origin, triangles outwards."""
 
     vertices_m: FloatArray
     faces: IntArray
 
     @property
     def radius_m(self) -> float:
-        """Return the radius of the bounding sphere about the origin."""
+        """Return the radius of the convex part's bounding sphere about the origin."""
         return float(((self.vertices_m**2).sum(axis=1).max()) ** 0.5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceShape:
-    """Any triangles, convex or not: only their surface is solid, and nothing inside of it."""
+    """A part of any triangles, convex or not: only the surface is solid."""
 
     vertices_m: FloatArray
     faces: IntArray
 
     @property
     def radius_m(self) -> float:
-        """Return the radius of the bounding sphere about the origin."""
+        """Return the radius of the surface part's bounding sphere about the origin."""
         return float(((self.vertices_m**2).sum(axis=1).max()) ** 0.5)
 
 
@@ -58,7 +58,7 @@ PartShape = BoxShape | SphereShape | HullShape | SurfaceShape
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A piece of a thing: its shape, and its pose in the thing's frame.
+    """A part of an object: its shape, and its pose in the object's frame.
 
     is_floor: what a vehicle stands on; touching it is no collision unless a caller says so.
     """
@@ -71,7 +71,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """Where a path went through the plane of an opening.
+    """Where a path crosses the plane of an object's opening.
 
     fraction: of the way from the first to the second point. offset_m: distance from the
     opening's centre, to be held against the opening's limit. direction: +1 along the thing's
@@ -85,7 +85,7 @@ class Crossing:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """A hole in a thing, to be flown through along the forward axis of `pose`.
+    """An opening of an object, to be flown through along the forward axis of `pose`.
 
     limit_m: half of the inner size. form "square": the offset is the larger one of right and
     down (Chebyshev); "ring": it is radial.
@@ -97,14 +97,14 @@ class Opening:
     pose: Pose = AT_ORIGIN
 
     def offset_m(self, point_m: Vec3) -> float:
-        """Return how far from the centre a point is, beside the axis; in the opening's frame."""
+        """Return a point's distance from the opening's centre, beside the axis."""
         _, right, down = point_m
         if self.form == "square":
             return max(abs(right), abs(down))
         return math.hypot(right, down)
 
     def crossing(self, from_m: Vec3, to_m: Vec3) -> Crossing | None:
-        """Return where the straight way between two points of the thing's frame crosses.
+        """Return where the line between two points of the object's frame crosses the opening.
 
         None when both lie on one side. A point in the plane belongs to the side before it, so
         that of consecutive steps exactly one crosses.

@@ -14,7 +14,7 @@ NO_EVENTS: Mapping[str, float] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneObject:
-    """A named thing: its shape, and where it is.
+    """A named object of a scene: its shape, and where it is.
 
     object_id: 1 to 254, what pictures of ids carry; 0 is background. pose: in the world (NED),
     at rest and before motion begins. motion: None for what never moves.
@@ -28,25 +28,25 @@ class SceneObject:
 
     @property
     def is_room(self) -> bool:
-        """Return whether vehicles are inside of it."""
+        """Return whether the scene object is a room with vehicles inside."""
         return self.shape.kind == "room"
 
     def pose_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> Pose:
-        """Return the pose at a time; events: when each happened, on the same clock."""
+        """Return the scene object's pose at a time; events: when each happened."""
         return self.pose if self.motion is None else self.motion.pose_at(t_s, events)
 
     def travel(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> Travel:
-        """Return how far it went and turned between two times."""
+        """Return how far the scene object went and turned between two times."""
         return AT_REST if self.motion is None else self.motion.travel(from_s, to_s, events)
 
     def is_even(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> bool:
-        """Return whether it rests, or moves straight, evenly and without turning, in between."""
+        """Return whether the scene object rests, or moves straight, evenly and unturned."""
         return self.motion is None or self.motion.is_even(from_s, to_s, events)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Named things, each name and id once.
+    """A scene of named objects, each name and id once.
 
     Raises ValueError when a name or an id stands twice, or an id is not 1 to 254.
     """
@@ -65,12 +65,12 @@ class Scene:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names in the order of the file."""
+        """Return the names of the scene's objects in the order of the file."""
         return tuple(thing.name for thing in self.objects)
 
     def __contains__(self, name: str) -> bool:
         return name in self._by_name
 
     def __getitem__(self, name: str) -> SceneObject:
-        """Return the thing of a name. Raises KeyError when there is none."""
+        """Return the scene's object of a name. Raises KeyError when there is none."""
         return self._by_name[name]

@@ -20,13 +20,12 @@ from worlds.scene.parts import BoxShape, HullShape, Opening, Part
 
 RING_SEGMENTS = 48
 WALL_THICKNESS_M = 0.1
-PERSON_HEIGHT_M = 1.75
 SHIRT_RGB: Rgb = (70, 110, 160)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """A thing in its own frame: what is seen, what can be touched, what can be flown through."""
+    """An object's shape in its own frame: visible mesh, touchable parts, openings."""
 
     kind: str
     mesh: Mesh
@@ -35,26 +34,27 @@ class Shape:
 
     @property
     def radius_m(self) -> float:
-        """Return the radius of the sphere about the origin that holds every part."""
+        """Return the radius of the sphere about the origin that holds the shape's parts."""
         reach = (math.hypot(*part.pose.position_ned_m) + part.shape.radius_m for part in self.parts)
         return max(reach, default=0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """A convex piece of a thing that is drawn as it is touched."""
+    """A convex piece of a shape that is drawn as it is touched."""
 
     name: str
     mesh: Mesh
 
 
 def _assemble(kind: str, pieces: Sequence[_Piece]) -> Shape:
+    """Return the shape assembled from convex pieces."""
     parts = tuple(Part(piece.name, *_hull(piece.mesh)) for piece in pieces)
     return Shape(kind, meshes.merge([piece.mesh for piece in pieces]), parts)
 
 
 def _hull(mesh: Mesh) -> tuple[HullShape, Pose]:
-    """Return a convex mesh as a solid about its middle, corners welded, and where that is."""
+    """Return a convex mesh as a solid part about its middle, corners welded, and its pose."""
     middle = (mesh.vertices_m.min(axis=0) + mesh.vertices_m.max(axis=0)) / 2.0
     about_middle = np.round(mesh.vertices_m - middle, 9)
     corners, index = np.unique(about_middle, axis=0, return_inverse=True)
@@ -69,7 +69,7 @@ def _hull(mesh: Mesh) -> tuple[HullShape, Pose]:
 def gate(
     form: Literal["square", "ring"], inner_size_m: float, bar_m: float, color: Rgb = NAMED["orange"]
 ) -> Shape:
-    """Return a gate of bars with a square cross-section.
+    """Return the shape of a gate of bars with a square cross-section.
 
     inner_size_m: inner edge of the square, or inner diameter of the ring.
     """
@@ -94,11 +94,12 @@ def gate(
 
 
 def _half(size_m: Vec3) -> Vec3:
+    """Return the half extents of a box shape."""
     return (size_m[0] / 2.0, size_m[1] / 2.0, size_m[2] / 2.0)
 
 
 def _ring_pieces(inner_radius_m: float, bar_m: float, material: Material) -> Iterable[_Piece]:
-    """Yield the ring's segments; their inner edges touch the inner circle from outside."""
+    """Yield the segments of a ring gate's shape; inner edges touch the inner circle."""
     step = 2.0 * math.pi / RING_SEGMENTS
     stretch = 1.0 / math.cos(step / 2.0)
     half = bar_m / 2.0
@@ -123,13 +124,13 @@ def _ring_pieces(inner_radius_m: float, bar_m: float, material: Material) -> Ite
 
 
 def box(size_m: Vec3, color: Rgb = NAMED["grey"]) -> Shape:
-    """Return a box, centred; size along forward, right, down."""
+    """Return the shape of a centred box; size along forward, right, down."""
     part = Part("box", BoxShape(_half(size_m)), Pose((0.0, 0.0, 0.0)))
     return Shape("box", meshes.box(size_m, Material(color)), (part,))
 
 
 def quadrotor(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
-    """Return a quadrotor in X layout; size is its width over the rotors."""
+    """Return the shape of a quadrotor in X layout; size is its width over the rotors."""
     body, dark = Material(color), Material((45, 45, 50))
     red, green = Material(NAMED["red"]), Material(NAMED["green"])
     unit = size_m / 2.0 / (math.sqrt(0.5) + 0.52)
@@ -173,7 +174,7 @@ def quadrotor(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
 
 
 def person(color: Rgb = SHIRT_RGB) -> Shape:
-    """Return a standing person of 1.75 m, facing forward; the colour is that of the shirt."""
+    """Return the shape of a standing person of 1.75 m, facing forward; colour of the shirt."""
     skin, hair = Material((214, 168, 140)), Material((70, 48, 35))
     shirt, trousers, shoes = Material(color), Material((45, 52, 72)), Material((40, 36, 34))
 
@@ -221,7 +222,7 @@ def person(color: Rgb = SHIRT_RGB) -> Shape:
 def room(
     size_north_m: float, size_east_m: float, height_m: float, *, ceiling: bool = True, seed: int = 0
 ) -> Shape:
-    """Return a room: what is inside of its inner faces is free.
+    """Return the shape of a room: the space inside its inner faces is free.
 
     Every wall has a texture of its own, so that a picture tells where it looks. Solid are the
     walls outside of the inner faces; the part "floor" is marked as such.
@@ -245,7 +246,7 @@ def room(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Side:
-    """An inner face of a room: its centre, its half edges right and up as seen from inside."""
+    """An inner face of a room's shape: centre, half edges right and up as seen from inside."""
 
     name: str
     center_m: Vec3
@@ -255,6 +256,7 @@ class _Side:
     repeat_m: float
 
     def mesh(self) -> Mesh:
+        """Return the textured mesh of a room's side."""
         across = 2.0 * math.hypot(*self.right_m) / self.repeat_m
         along = 2.0 * math.hypot(*self.up_m) / self.repeat_m
         material = Material((255, 255, 255), self.texture)
@@ -262,6 +264,7 @@ class _Side:
 
 
 def _room_sides(north_m: float, east_m: float, height_m: float, seed: int) -> tuple[_Side, ...]:
+    """Return the inner faces of a room's shape, textured by a seed."""
     n, e, h = north_m / 2.0, east_m / 2.0, height_m / 2.0
     up = (0.0, 0.0, -h)
     seeds = [seed * 6 + index for index in range(6)]

@@ -19,7 +19,7 @@ _Indices = NDArray[np.intp]
 def smoothed(
     vertices_m: FloatArray, uv: FloatArray, faces: IntArray
 ) -> tuple[_Indices, FloatArray, IntArray]:
-    """Return vertices with normals: which old vertex each is, its normal, and the new faces.
+    """Return vertices with smooth normals: old vertex, normal, and the new faces.
 
     A vertex becomes several where an edge passes through it; those that are equal become one.
     Vertices at one place count as one, whether or not the file says so. Normals are weighted
@@ -42,7 +42,7 @@ def smoothed(
 
 
 def _number_corners(rows: NDArray[np.float64]) -> _Indices:
-    """Return a number for each row; equal rows share it (np.unique takes ten times as long)."""
+    """Return a number per row of corners for smoothing; equal rows share it."""
     order = np.lexsort(rows.T)
     ordered = rows[order]
     is_new = (ordered[1:] != ordered[:-1]).any(axis=1)
@@ -52,14 +52,14 @@ def _number_corners(rows: NDArray[np.float64]) -> _Indices:
 
 
 def _angles_rad(corners: FloatArray) -> FloatArray:
-    """Return the angle of a triangle at each corner, (3 m,)."""
+    """Return the angle of a triangle at each corner, (3 m,), to weigh smooth normals."""
     on = _unit((np.roll(corners, -1, axis=1) - corners).reshape(-1, 3))
     back = _unit((np.roll(corners, 1, axis=1) - corners).reshape(-1, 3))
     return np.asarray(np.arccos(np.clip(np.einsum("ij,ij->i", on, back), -1.0, 1.0)))
 
 
 def _corner_normals(place: _Indices, flat: FloatArray, angle_rad: FloatArray) -> FloatArray:
-    """Return for each corner the sum of the normals of the faces that meet it gently.
+    """Return each corner's smooth normal: the sum over faces that meet it gently.
 
     place, angle_rad: (3 m,) of each corner. flat: (m, 3), unit normals of faces.
     """
@@ -81,6 +81,7 @@ def _corner_normals(place: _Indices, flat: FloatArray, angle_rad: FloatArray) ->
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
+    """Return smoothed normals scaled to length 1; zeros stay."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     unit = np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)
     return np.asarray(unit)

@@ -17,7 +17,7 @@ _LARGEST_SIDE_PX = 2048
 
 
 def _clouds(rng: np.random.Generator, octaves: tuple[int, ...]) -> FloatArray:
-    """Return smooth noise about 0 that repeats at its edges; octaves: cells per side."""
+    """Return smooth periodic noise about 0 for textures; octaves: cells per side."""
     total = np.zeros((SIDE_PX, SIDE_PX))
     for cells in octaves:
         coarse = rng.standard_normal((cells, cells))
@@ -30,12 +30,12 @@ def _clouds(rng: np.random.Generator, octaves: tuple[int, ...]) -> FloatArray:
 
 
 def _paint(base_bgr: tuple[int, int, int], relief: FloatArray) -> BgrTexture:
-    """Return the colour made lighter and darker by a relief, in grey levels."""
+    """Return a texture: a base colour lightened and darkened by a relief in grey levels."""
     return np.clip(np.array(base_bgr) + relief[:, :, None], 0, 255).astype(np.uint8)
 
 
 def concrete(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
-    """Return a poured wall: stains, and the joints and holes of its formwork."""
+    """Return the texture of a poured wall: stains, and the joints and holes of its formwork."""
     rng = np.random.default_rng(seed)
     relief = 7.0 * _clouds(rng, (4, 8, 16)) + 3.0 * _clouds(rng, (64,))
     relief[:: SIDE_PX // 2] -= 26.0
@@ -49,7 +49,7 @@ def concrete(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
 
 
 def blocks(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
-    """Return a wall of painted blocks, each of its own shade, with mortar between."""
+    """Return the texture of a wall of painted blocks with mortar between."""
     rng = np.random.default_rng(seed)
     relief = 3.0 * _clouds(rng, (8, 32))
     rows, columns = 8, 4
@@ -66,7 +66,7 @@ def blocks(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
 
 
 def tiles(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
-    """Return a floor of square mats in two shades, speckled."""
+    """Return the texture of a floor of square mats in two shades, speckled."""
     rng = np.random.default_rng(seed)
     half = SIDE_PX // 2
     rows, columns = np.indices((SIDE_PX, SIDE_PX)) // half
@@ -79,7 +79,7 @@ def tiles(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
 
 
 def panels(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
-    """Return a ceiling of light panels with dark seams."""
+    """Return the texture of a ceiling of light panels with dark seams."""
     rng = np.random.default_rng(seed)
     relief = 2.0 * _clouds(rng, (16, 64))
     relief[:: SIDE_PX // 4] -= 30.0
@@ -88,7 +88,7 @@ def panels(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
 
 
 def load_texture(path: Path) -> BgrTexture:
-    """Return a picture file with its sides brought to powers of two, as rendering needs them.
+    """Return the texture in an image file, its sides brought to powers of two.
 
     Raises ValueError when there is no picture in the file, OSError when it cannot be read.
     """
@@ -100,7 +100,7 @@ def load_texture(path: Path) -> BgrTexture:
 
 
 def to_powers_of_two(picture: BgrTexture) -> BgrTexture:
-    """Return the picture with each side at the nearest power of two, at most 2048."""
+    """Return a texture with each side at the nearest power of two, at most 2048."""
     height, width = (_power_of_two(side) for side in picture.shape[:2])
     if (height, width) == picture.shape[:2]:
         return np.ascontiguousarray(picture)
@@ -109,4 +109,5 @@ def to_powers_of_two(picture: BgrTexture) -> BgrTexture:
 
 
 def _power_of_two(side_px: int) -> int:
+    """Return the power of two nearest to a texture's side, at most the largest."""
     return min(_LARGEST_SIDE_PX, 1 << round(math.log2(side_px)))

@@ -14,7 +14,7 @@ __all__ = ["Mode", "Placed", "Which", "World"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """Places and things of one world file; frame: the local frame on WGS-84."""
+    """The world of one world file: places and objects; frame: the local frame on WGS-84."""
 
     description: str
     frame: LocalFrame
@@ -37,15 +37,15 @@ class World:
 
     @property
     def objects(self) -> tuple[str, ...]:
-        """Return the names of all things, in the order of the file."""
+        """Return the names of all objects of the world, in the order of the file."""
         return tuple(each.thing.name for each in self.placed)
 
     @property
     def events(self) -> frozenset[str]:
-        """Return the names of the events that things wait for before they move."""
+        """Return the names of the events that motions of the world's objects wait for."""
         starts = (each.thing.motion.start for each in self.placed if each.thing.motion)
         return frozenset(start.event for start in starts if isinstance(start, StartOn))
 
     def scene(self, mode: Mode, which: Which) -> Scene:
-        """Return what stands in W or Wv in runs of a mode; ids are the same in all scenes."""
+        """Return the scene of W or Wv in runs of a mode; ids are the same in all scenes."""
         return Scene(tuple(each.thing for each in self.placed if each.stands_in(mode, which)))

@@ -32,19 +32,19 @@ _Path = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A thing of a world, and where it exists."""
+    """An object that the world reader has built, and in which worlds it exists."""
 
     thing: SceneObject
     exists_in: ExistsModel
 
     def stands_in(self, mode: Mode, which: Which) -> bool:
-        """Return whether it stands in a world in runs of a mode."""
+        """Return whether the object exists in a world (real or virtual) in runs of a mode."""
         existence = {"sim": self.exists_in.sim, "wil": self.exists_in.wil}
         return existence.get(mode, self.exists_in.real) in (which, "both")
 
 
 class WorldReader:
-    """Builds the things of one document and collects what is wrong with them."""
+    """Reads the objects of one world document and collects their problems."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
@@ -53,7 +53,7 @@ class WorldReader:
         self.problems: list[Problem] = []
 
     def read(self, models: dict[str, ObjectModel]) -> tuple[Placed, ...]:
-        """Return all things, in order; check `problems` before using them."""
+        """Return all objects of the world file, in order; check `problems` before using them."""
         if len(models) > MAX_OBJECTS:
             self._note(("objects",), f"{len(models)} objects; at most {MAX_OBJECTS} are supported")
             return ()
@@ -108,7 +108,7 @@ class WorldReader:
             return shapes.box((1.0, 1.0, 1.0))
 
     def _apply_colors(self, at: _Path, model: ObjectModel, shape: Shape) -> Shape:
-        """Return the shape with its texture, if one is named."""
+        """Return an object's shape with its texture, if the world file names one."""
         if model.texture is None:
             return shape
         path = self._folder / model.texture
@@ -127,7 +127,7 @@ class WorldReader:
         return str((path.parent / found).relative_to(self._folder)) if found else ""
 
     def _check_floor(self, thing: SceneObject, floor_m: float) -> None:
-        """Note what would stick in the floor, at rest and at each waypoint.
+        """Note objects of the world file that stick in the floor, at rest or at waypoints.
 
         Meshes from files may: terrain and roots do; they must only not be buried whole.
         """
@@ -152,13 +152,14 @@ class WorldReader:
 
 
 def _exists_in(model: ObjectModel) -> ExistsModel:
+    """Return where an object of the world file exists; a room is everywhere by default."""
     if model.exists_in is not None:
         return model.exists_in
     return _EVERYWHERE if model.shape.room is not None else ExistsModel()
 
 
 def _floor_down_m(placed: tuple[Placed, ...]) -> float:
-    """Return where the floor is: that of the lowest room, else the ground at 0."""
+    """Return the down coordinate of the world file's lowest room floor, else 0."""
     rooms = [each.thing.pose.position_ned_m[2] for each in placed if each.thing.is_room]
     return max(rooms, default=0.0)
 
@@ -170,7 +171,7 @@ def _down_extent(shape: Shape, pose: Pose) -> tuple[float, float]:
 
 
 def _built_in(model: ShapeModel, rgb: Rgb | None) -> Shape:
-    """Return a built-in shape; a colour of None is the shape's own."""
+    """Return the built-in shape that the world file names; colour None is the shape's own."""
     if model.gate is not None:
         gate = model.gate
         return shapes.gate(gate.form, gate.inner_size_m, gate.bar_m, rgb or NAMED["orange"])
@@ -185,6 +186,7 @@ def _built_in(model: ShapeModel, rgb: Rgb | None) -> Shape:
 
 
 def _motion(pose: Pose, model: MotionModel) -> Motion:
+    """Return an object's motion from its part of the world file."""
     start = model.start
     begin = StartOn(start.on, start.delay_s) if start.on else StartOn("goal", start.at_s or 0.0)
     waypoints = tuple(

@@ -24,7 +24,7 @@ Color = str | list[int]
 
 
 class OriginModel(FilePart):
-    """Where on Earth the local frame has its origin (WGS-84)."""
+    """The world file's `origin` of the local frame on Earth (WGS-84)."""
 
     latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
@@ -32,7 +32,7 @@ class OriginModel(FilePart):
 
 
 class PoseModel(FilePart):
-    """Where a thing stands and how it is turned."""
+    """An object's pose in the world file."""
 
     north_m: Coordinate = 0.0
     east_m: Coordinate = 0.0
@@ -42,7 +42,7 @@ class PoseModel(FilePart):
     roll_deg: Degrees = 0.0
 
     def pose(self) -> Pose:
-        """Return it in NED and radians."""
+        """Return the world file's pose in NED and radians."""
         return Pose.of(
             self.north_m,
             self.east_m,
@@ -54,7 +54,7 @@ class PoseModel(FilePart):
 
 
 class GateModel(FilePart):
-    """A gate; inner_size_m is the free edge of a square, or the free diameter of a ring."""
+    """A gate in a world file; inner_size_m: free edge of a square, free diameter of a ring."""
 
     form: Literal["square", "ring"] = "square"
     inner_size_m: Length
@@ -62,7 +62,7 @@ class GateModel(FilePart):
 
 
 class RoomModel(FilePart):
-    """A room around its pose, which is the middle of its floor."""
+    """A room in a world file; its pose is the middle of its floor."""
 
     size_north_m: Length
     size_east_m: Length
@@ -72,23 +72,23 @@ class RoomModel(FilePart):
 
 
 class BoxModel(FilePart):
-    """A box about its pose: size along forward, right and up."""
+    """A box in a world file about its pose: size along forward, right and up."""
 
     size_m: tuple[Length, Length, Length]
 
 
 class PersonModel(FilePart):
-    """A standing person of 1.75 m; the pose is on the ground, facing forward."""
+    """A standing person of 1.75 m in a world file; the pose is on the ground."""
 
 
 class QuadrotorModel(FilePart):
-    """A quadrotor about its pose; size is the width over the rotors."""
+    """A quadrotor in a world file; size is the width over the rotors."""
 
     size_m: Length = 0.3
 
 
 class MeshModel(FilePart):
-    """A mesh from a file beside the world file.
+    """A mesh of a world file, from a file beside it.
 
     unit: None takes what the file states (.dae), else metres. up, forward: which axes of the
     file point up and forward; None takes what the file states, else its format's custom
@@ -103,6 +103,7 @@ class MeshModel(FilePart):
 
     @model_validator(mode="after")
     def _axes_differ(self) -> "MeshModel":
+        """Require up and forward of a world file's mesh together, along different axes."""
         if (self.up is None) != (self.forward is None):
             raise KeyFaultError(
                 "up" if self.up else "forward", "'up' and 'forward' are given together or not"
@@ -113,7 +114,7 @@ class MeshModel(FilePart):
 
 
 class ShapeModel(FilePart):
-    """Exactly one of the shapes."""
+    """The shape of a world file's object: exactly one of the known ones."""
 
     gate: GateModel | None = None
     room: RoomModel | None = None
@@ -124,6 +125,7 @@ class ShapeModel(FilePart):
 
     @model_validator(mode="after")
     def _exactly_one(self) -> "ShapeModel":
+        """Require exactly one shape of a world file's object."""
         given = sorted(self.model_fields_set)
         if len(given) != 1 or getattr(self, given[0]) is None:
             names = ", ".join(type(self).model_fields)
@@ -132,12 +134,12 @@ class ShapeModel(FilePart):
 
     @property
     def kind(self) -> str:
-        """Return which shape it is."""
+        """Return which shape the world file's object has."""
         return next(iter(self.model_fields_set))
 
 
 class ExistsModel(FilePart):
-    """In which world a thing stands, by mode of the run."""
+    """In which world (real or virtual) an object of the world file exists, by mode."""
 
     sim: Existence = "Wv"
     wil: Existence = "Wv"
@@ -145,7 +147,7 @@ class ExistsModel(FilePart):
 
 
 class WaypointModel(FilePart):
-    """A place to go to; speed is that of the way there, yaw what it turns to (else it keeps)."""
+    """A waypoint of a motion in a world file; speed and yaw of the way there."""
 
     north_m: Coordinate
     east_m: Coordinate
@@ -155,7 +157,7 @@ class WaypointModel(FilePart):
 
 
 class StartModel(FilePart):
-    """When motion begins: at a time after t0, or when something else happens (and a delay)."""
+    """A motion's `start` in a world file: a time after t0, or an event (and a delay)."""
 
     at_s: Seconds | None = None
     on: Moment | None = None
@@ -163,13 +165,14 @@ class StartModel(FilePart):
 
     @model_validator(mode="after")
     def _one_of_both(self) -> "StartModel":
+        """Require either a time or an event for a world file's motion start."""
         if (self.at_s is None) == (self.on is None):
             raise ValueError("motion starts either 'at_s' or 'on' an event")
         return self
 
 
 class MotionModel(FilePart):
-    """A way through waypoints, from the thing's pose."""
+    """An object's `motion` in a world file: waypoints from its pose."""
 
     waypoints: Annotated[tuple[WaypointModel, ...], Field(min_length=1, max_length=1000)]
     start: StartModel = StartModel(at_s=0.0)
@@ -177,7 +180,7 @@ class MotionModel(FilePart):
 
 
 class ObjectModel(FilePart):
-    """A named thing of a world; shapes that need no sizes may be given by their name alone."""
+    """An object of a world file; shapes that need no sizes may be given by name alone."""
 
     written_shape: Annotated[ShapeModel | Literal["person", "quadrotor"], Field(alias="shape")]
     pose: PoseModel = PoseModel()
@@ -188,7 +191,7 @@ class ObjectModel(FilePart):
 
     @property
     def shape(self) -> ShapeModel:
-        """Return the shape, however it was written."""
+        """Return the shape of the world file's object, however it was written."""
         if self.written_shape == "person":
             return ShapeModel(person=PersonModel())
         if self.written_shape == "quadrotor":

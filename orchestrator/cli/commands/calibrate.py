@@ -40,7 +40,7 @@ _COEFFICIENTS = {"4": 4, "5": 5, "8": 8}
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseOptions:
-    """Where the camera's body was, and which camera it is.
+    """The options of `calibrate` about poses: where the camera's body was, which camera.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class PoseOptions:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Live:
-    """How a live camera is looked through.
+    """The options of `calibrate` for a live camera.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def calibrate(
 def _search_images(
     pictures: str, board: Board, where: PoseOptions, live: Live
 ) -> tuple[BoardViews, BodyPath | None, float]:
-    """Return what shows, with where the body was, and the latency as it was flown."""
+    """Return the board's views, the body's path, and the latency as flown, to calibrate."""
     if not pictures.startswith(_LIVE) and not pictures.endswith(".sdp"):
         return _search_recording(Path(pictures), board, where.poses, where.vehicle, where.sensor)
     poses = where.poses
@@ -156,6 +156,7 @@ def _search_images(
 
 
 def _name_file(pictures: str, file: Path | None) -> Path:
+    """Return the output file of `calibrate`. Raises OfflineError without one."""
     if file is None or not pictures:
         raise OfflineError("give pictures and --out FILE; or --draw FILE for a board to print")
     return file
@@ -164,7 +165,7 @@ def _name_file(pictures: str, file: Path | None) -> Path:
 def _search_recording(
     file: Path, board: Board, poses: str | None, vehicle: str, sensor: str
 ) -> tuple[BoardViews, BodyPath | None, float]:
-    """Return what a recording shows, with where its body was, and its latency as it was flown."""
+    """Return a recording's board views, its body's path, and its latency as flown."""
     path, flown_s = None, 0.0
     if poses is not None:
         path = path_in_csv(Path(poses))
@@ -175,6 +176,7 @@ def _search_recording(
 
 
 def _live(address: str, size: str | None, seconds: float, mocap: MocapSetup | None) -> LiveOrder:
+    """Return the live search that `calibrate` is to make. Raises OfflineError."""
     match = re.fullmatch(r"(\d{2,5})x(\d{2,5})", size or "")
     if match is None:
         raise OfflineError("a live camera needs --size WIDTHxHEIGHT, as 1280x720")
@@ -188,6 +190,7 @@ def _live(address: str, size: str | None, seconds: float, mocap: MocapSetup | No
 
 
 def _mocap(address: str, body: str, latency_ms: float) -> MocapSetup:
+    """Return the motion capture setup of a live `calibrate`. Raises OfflineError."""
     try:
         return MocapPart(address=address, body=body, latency_ms=latency_ms).setup("real")
     except ValueError as error:
@@ -195,12 +198,13 @@ def _mocap(address: str, body: str, latency_ms: float) -> MocapSetup:
 
 
 def _reason(error: ValueError) -> str:
-    """Return what is wrong, without pydantic's words round it."""
+    """Return the reason of a calibrate option's error, without pydantic's words."""
     reasons = [line.strip() for line in str(error).splitlines() if "must be" in line]
     return reasons[0].removeprefix("Value error, ").partition(" [type=")[0] if reasons else ""
 
 
 def _draw(board: Board, path: Path) -> int:
+    """Draw the calibration board to print it. Raises OfflineError."""
     if not isinstance(board, CharucoBoard):
         raise OfflineError("--draw: a ChArUco board alone; chessboards are easily found")
     if not cv2.imwrite(str(path), board.picture(_CELL_PX)):
@@ -211,6 +215,7 @@ def _draw(board: Board, path: Path) -> int:
 
 
 def _as_text(found: CalibrationPart, seen: BoardViews, path: Path) -> str:
+    """Return a calibration's result in words."""
     camera, quality = found.camera, found.quality
     lines = [f"the board was seen in {len(seen.sightings)} of {seen.looked} pictures"]
     if quality is not None:

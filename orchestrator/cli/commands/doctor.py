@@ -47,6 +47,7 @@ def doctor(
 
 
 def _findings(results: Path) -> Iterable[Finding]:
+    """Yield all findings of `doctor`."""
     yield from installed.python()
     yield from installed.packages()
     yield from installed.drivers()
@@ -63,6 +64,7 @@ def _findings(results: Path) -> Iterable[Finding]:
 
 
 def _left_over(results: Path) -> Iterable[Finding]:
+    """Yield doctor's findings about orphaned processes and parameter backups."""
     launches = find_orphans(results) if results.is_dir() else ()
     for text in unsafe_folders():
         yield Finding(machine.LEFT, "trouble", f"{text}; remove it")

@@ -57,7 +57,7 @@ def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> 
 
 
 def _change_fences(campaign: Place, document: str, who: str) -> bool:
-    """Ask a campaign, tell the person what its runs answer; return whether all obeyed."""
+    """Ask a campaign to change fences, print its runs' replies; return whether all did."""
     command_id = secrets.token_hex(8)
     try:
         answer = ask(campaign.socket, "geofence", who=who, geofence=document, id=command_id)

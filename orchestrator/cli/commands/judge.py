@@ -76,12 +76,13 @@ def judge(
 
 
 def _row(each: Reevaluation) -> tuple[str, str, str, str]:
+    """Return the table row of a run judged again."""
     run = each.now
     return (f"{run.case}/{run.mode}/{run.rep}", each.before.verdict, run.verdict, run.reason)
 
 
 def _changes(rejudged: tuple[Reevaluation, ...]) -> list[str]:
-    """Return a line for each oracle that says something else now."""
+    """Return a line for each oracle that judges differently now."""
     lines = []
     for each in rejudged:
         before = {(one.name, one.vehicle): one for one in each.before.oracles}

@@ -54,13 +54,14 @@ def list_available(
 
 
 def _campaigns() -> list[Row]:
+    """Return the listing of campaigns in the folder and of shipped ones."""
     folders = (Path("campaigns"), Path(campaigns.__file__).parent)
     files = {path.resolve(): path for folder in reversed(folders) for path in folder.glob("*.yaml")}
     return [_campaign(path) for path in sorted(files.values())]
 
 
 def _campaign(path: Path) -> Row:
-    """Return the name and description that a file gives, checked no further."""
+    """Return the name and description of a campaign file for the listing, unchecked."""
     try:
         document = load(path)
     except BadInput as error:
@@ -70,18 +71,22 @@ def _campaign(path: Path) -> Row:
 
 
 def _operators() -> list[Row]:
+    """Return the listing of recipe steps."""
     return [asdict(described_step(kind)) for kind in steps()]
 
 
 def _autonomies() -> list[Row]:
+    """Return the listing of shipped autonomies."""
     return [{"name": each.name, "summary": each.summary} for each in shipped_autonomies()]
 
 
 def _oracle_rows() -> list[Row]:
+    """Return the listing of oracles."""
     return [asdict(describe_oracles(spec)) for _, spec in sorted(registry.items())]
 
 
 def _signals() -> list[Row]:
+    """Return the listing of STL signals."""
     return [
         {"name": name, "unit": kind.unit or "true or false", "meaning": kind.meaning}
         for name, kind in signal_docs().items()
@@ -89,7 +94,7 @@ def _signals() -> list[Row]:
 
 
 def _oracle_text() -> str:
-    """Return each oracle with its parameters beneath, and at the end what all of them take."""
+    """Return the listing of oracles as text, with their and the common parameters."""
     lines: list[str] = []
     for _, spec in sorted(registry.items()):
         doc = describe_oracles(spec)
@@ -102,7 +107,7 @@ def _oracle_text() -> str:
 
 
 def _step_lines(doc: StepDoc) -> list[str]:
-    """Return a step with its shapes and units, and its parameters with what they mean."""
+    """Return the listing of a recipe step with shapes, units and parameters."""
     works = ", ".join(doc.sensors) + (f" -> {doc.gives}" if doc.gives else "")
     texts = [each for each in (doc.details, doc.notes) if each]
     rows = [
@@ -117,10 +122,12 @@ def _step_lines(doc: StepDoc) -> list[str]:
 
 
 def _wrap_lines(text: str) -> list[str]:
+    """Return a text of the listing wrapped and indented."""
     return wrap(text, _WIDTH, initial_indent="    ", subsequent_indent="    ")
 
 
 def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
+    """Return the listing of a step's parameters, one line each."""
     return _align_columns(
         [
             (
@@ -135,7 +142,7 @@ def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
 
 
 def _align_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return rows with their columns one under the other, but for the last."""
+    """Return the listing's rows with aligned columns, except the last."""
     if not rows:
         return []
     last = len(rows[0]) - 1

@@ -20,7 +20,7 @@ from worlds.frames import AT_ORIGIN, Pose
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UntoldLatency:
-    """What files do not tell of their pictures.
+    """What the files of `mix` do not tell of their images.
 
     Parameters
     ----------
@@ -103,6 +103,7 @@ def mix(
 
 
 def _parse_option(reports: Sequence[CombinationReport], *, json: bool) -> int:
+    """Print the reports of `mix`; return its exit code."""
     if json:
         out(_as_json(reports))
     for report in reports:
@@ -113,12 +114,14 @@ def _parse_option(reports: Sequence[CombinationReport], *, json: bool) -> int:
 
 
 def _side(option: str, file: Path, fov_deg: float, depth: Path | None) -> SideFiles:
+    """Return one side's input files of `mix`. Raises OfflineError."""
     if not 0.0 < fov_deg < 180.0:
         raise OfflineError(f"{option} {fov_deg:g}: an angle between 0 and 180 degrees")
     return SideFiles(file=file, fov_deg=fov_deg, depth=depth)
 
 
 def _place(text: str | None) -> Pose:
+    """Return the camera pose of a world input of `mix`. Raises OfflineError."""
     if text is None:
         return AT_ORIGIN
     try:
@@ -138,6 +141,7 @@ def _place(text: str | None) -> Pose:
 
 
 def _as_text(report: CombinationReport) -> str:
+    """Return a combination's report of `mix` as text."""
     said = f"{report.name}: {report.mixed} of {report.frames} mixed"
     left_out = {**report.dropped, **report.faults}
     if left_out:
@@ -146,6 +150,7 @@ def _as_text(report: CombinationReport) -> str:
 
 
 def _as_json(reports: Sequence[CombinationReport]) -> str:
+    """Return the reports of `mix` as JSON."""
     document = [
         {
             "name": report.name,

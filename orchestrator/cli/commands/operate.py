@@ -63,7 +63,7 @@ def resume(folder: Path | None = None, *, who: str | None = None) -> int:
 
 
 def find_campaigns(folder: Path | None) -> Places | None:
-    """Return what flies; None, after a word to the person, when nothing does."""
+    """Return what flies, for an operator's command; None, after a message, when nothing does."""
     try:
         flying = places().beneath(folder)
     except OSError as error:
@@ -82,6 +82,7 @@ def find_campaigns(folder: Path | None) -> Places | None:
 
 
 def _command(kind: OperatorKind, folder: Path | None, who: str | None) -> int:
+    """Send an operator's command to what flies; return the exit code."""
     flying = find_campaigns(folder)
     if flying is None:
         return NOBODY
@@ -115,7 +116,7 @@ def _signal(place: Place) -> None:
 
 
 def _by_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterable[bool]:
-    """Ask the campaigns, which pass it on to their runs; guards only where none is left to."""
+    """Send an operator's command to campaigns; to guards only where no campaign is left."""
     orphans = list(flying.guards)
     for campaign in flying.campaigns:
         own = flying.guards_of(campaign)
@@ -130,6 +131,7 @@ def _by_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterable[bool
 
 
 def _ask_sockets(place: Place, kind: OperatorKind, who: str) -> bool:
+    """Send an operator's command to a socket; return whether it was executed."""
     try:
         return _describe_answers(place, ask(place.socket, kind, who=who))
     except NoAnswerError as error:
@@ -138,13 +140,14 @@ def _ask_sockets(place: Place, kind: OperatorKind, who: str) -> bool:
 
 
 def _describe_answers(place: Place, answer: dict[str, Any]) -> bool:
+    """Print the reply to an operator's command; return whether it was executed."""
     obeyed = answer.get("ok") is True
     (out if obeyed else err)(f"{place.name}: {answer.get('text', '')}")
     return obeyed
 
 
 def account() -> str:
-    """Return the name of whoever is logged in."""
+    """Return the login name of the operator."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):

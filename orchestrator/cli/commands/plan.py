@@ -33,6 +33,7 @@ def plan(
 
 
 def _as_table(campaign: Campaign) -> str:
+    """Return the planned runs as a table."""
     rows = [
         (run.case, run.mode, run.repetition, run.seed, "required" if run.required else "reported")
         for run in campaign.runs
@@ -48,12 +49,14 @@ def _as_table(campaign: Campaign) -> str:
 
 
 def _count_text(campaign: Campaign) -> str:
+    """Return the number of planned runs and controls in words."""
     count = len(campaign.controls)
     controls = f" and {count} control{'' if count == 1 else 's'}" if count else ""
     return f"{len(campaign.runs)} runs{controls}"
 
 
 def _as_json(campaign: Campaign) -> str:
+    """Return the plan as JSON."""
     document = {
         "campaign": campaign.name,
         "seed": campaign.seed,

@@ -68,14 +68,14 @@ def replay_run(
 
 
 class _Film(VideoOut):
-    """The video of the first combination that has pictures."""
+    """The video that `replay` writes: of the first combination with images."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, rate_hz=_VIDEO_HZ)
         self._name: str | None = None
 
     def take(self, name: str, pair: MixedPair) -> None:
-        """Append a picture, unless it is of another combination."""
+        """Append a replayed image to the video, unless it is of another combination."""
         if isinstance(pair.mixed.reading, CameraReading):
             self._name = self._name or name
             if name == self._name:
@@ -83,6 +83,7 @@ class _Film(VideoOut):
 
 
 def _write_worst(report: ReplayReport, folder: Path) -> None:
+    """Write the images of replay's worst divergences."""
     for one in report.combinations:
         if one.worst is None:
             continue
@@ -92,6 +93,7 @@ def _write_worst(report: ReplayReport, folder: Path) -> None:
 
 
 def _side_by_side(recorded: CameraReading, again: CameraReading) -> BgrImage:
+    """Return a recorded and a replayed image side by side, with their difference."""
     if recorded.image_bgr.shape != again.image_bgr.shape:
         return again.image_bgr
     apart = cv2.absdiff(recorded.image_bgr, again.image_bgr)
@@ -99,12 +101,14 @@ def _side_by_side(recorded: CameraReading, again: CameraReading) -> BgrImage:
 
 
 def _as_text(report: ReplayReport) -> str:
+    """Return the replay's report as text."""
     lines = [line for one in report.combinations for line in _lines(one)]
     lines += [f"{name}: recorded, but the recipe makes none" for name in report.without]
     return "\n".join(lines)
 
 
 def _lines(one: Replayed) -> list[str]:
+    """Return the report lines of one replayed combination."""
     how = "to the bit" if one.exact else "within the loss of JPEG"
     left_out = ", ".join(f"{what} {count}" for what, count in one.dropped.items())
     mixed = f"{one.name}: {one.mixed} of {one.frames} mixed"
@@ -121,6 +125,7 @@ def _lines(one: Replayed) -> list[str]:
 
 
 def _as_json(report: ReplayReport) -> str:
+    """Return the replay's report as JSON."""
     document = {
         "diverges": report.diverges,
         "without": list(report.without),

@@ -30,7 +30,7 @@ from orchestrator.operator.errors import OperatingError
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flights:
-    """How they are flown.
+    """How `run` flies.
 
     Parameters
     ----------
@@ -121,6 +121,7 @@ def run(
 
 
 def _clear_arming(campaign: Campaign, flights: Flights) -> Cleared:
+    """Return the campaign cleared to run, by the options."""
     return clear(
         campaign,
         clock=flights.clock,
@@ -131,11 +132,13 @@ def _clear_arming(campaign: Campaign, flights: Flights) -> Cleared:
 
 
 def _sets(flights: Flights) -> list[str]:
+    """Return the options of `run` for operators as overrides."""
     broker = [] if flights.broker is None else [f"operator.mqtt.broker={flights.broker}"]
     return _gcs_sets(flights.gcs) + broker
 
 
 def _fly_selected(campaign: Campaign, settings: FlyingSettings, *, json: bool) -> int:
+    """Fly the selected runs with a progress display; return the outcome."""
     display = _display(json=json, total=len(planned(campaign, settings)))
     try:
         with display:
@@ -155,7 +158,7 @@ def _fly_selected(campaign: Campaign, settings: FlyingSettings, *, json: bool) -
 
 
 def _gcs_sets(links: tuple[str, ...]) -> list[str]:
-    """Return --gcs as overrides; a link without a vehicle's name is both vehicles'."""
+    """Return --gcs as overrides of the run; a link without a vehicle's name is both's."""
     sets: list[str] = []
     for text in links:
         name, is_named, link = text.partition("=")
@@ -167,12 +170,14 @@ def _gcs_sets(links: tuple[str, ...]) -> list[str]:
 
 
 def _announcement(campaign: Campaign, settings: FlyingSettings) -> str:
+    """Return the line that announces what `run` flies."""
     runs = len(planned(campaign, settings))
     at_once = min(settings.jobs, runs)
     return f"{campaign.name}: {runs} to fly, {at_once} at a time, {settings.clock} clock"
 
 
 def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign) -> None:
+    """Print the verdict table of `run`."""
     console = Console(file=ignore_broken_pipe())
     table = verdict_table(outcome.summary, campaign.requirements)
     # Where the terminal is narrower it wraps the lines: cells that were cut off would tell nothing.
@@ -185,6 +190,7 @@ def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign) -> None:
 
 
 def _display(*, json: bool, total: int) -> Display:
+    """Return the progress display that `run` uses for its output."""
     if json:
         return SilentDisplay()
     stream = ignore_broken_pipe()

@@ -51,7 +51,7 @@ def validate(
 
 
 def _check_case(file: Path, clock: Clock | None, sets: tuple[str, ...]) -> str:
-    """Return a line about a good file, whatever kind it says it is. Raises BadInput."""
+    """Return a line about a valid file, whatever kind it is of. Raises BadInput."""
     document = load_recipe_document(file)
     schema = document.get(("schema",))
     if schema == "wil/world/1":
@@ -70,6 +70,7 @@ def _check_case(file: Path, clock: Clock | None, sets: tuple[str, ...]) -> str:
 
 
 def _summary(campaign: Campaign) -> str:
+    """Return the summary line of a valid campaign."""
     required = sum(run.required for run in campaign.runs)
     sizes = (
         _count(len(campaign.cases), "case"),
@@ -82,4 +83,5 @@ def _summary(campaign: Campaign) -> str:
 
 
 def _count(number: int, what: str) -> str:
+    """Return a number with its noun for validate's summary."""
     return f"{number} {what}{'' if number == 1 else 's'}"

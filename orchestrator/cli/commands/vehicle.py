@@ -81,6 +81,7 @@ def vehicle(
 
 
 def _parameter(autopilot: Literal["px4", "ardupilot"], text: str) -> tuple[str, float]:
+    """Return name and value of an embedded vehicle's parameter option."""
     name, equals, value = text.partition("=")
     known = known_parameters(autopilot)
     if name not in known:
@@ -94,7 +95,7 @@ def _parameter(autopilot: Literal["px4", "ardupilot"], text: str) -> tuple[str, 
 
 
 def _in_world(settings: ProcessSettings, file: Path) -> ProcessSettings:
-    """Return the settings with a world's origin, and what can be hit there. Raises BadInput."""
+    """Return a vehicle's settings with a world's origin and obstacles. Raises BadInput."""
     document = load(file)
     frame = World.parse(document).frame
     return settings.model_copy(

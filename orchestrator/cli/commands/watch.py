@@ -46,6 +46,7 @@ def watch(
 
 
 def _statuses(flying: Places) -> Iterator[tuple[Place, dict[str, Any]]]:
+    """Return the status of everything in flight, for `watch`."""
     for place in (*flying.campaigns, *flying.guards):
         try:
             status = ask(place.socket, "status", who="watch")
@@ -55,6 +56,7 @@ def _statuses(flying: Places) -> Iterator[tuple[Place, dict[str, Any]]]:
 
 
 def _line(place: Place, status: dict[str, Any]) -> str:
+    """Return the line that `watch` prints about a campaign or guard."""
     if "vehicles" in status:
         phases = ", ".join(f"{name} {phase}" for name, phase in status["vehicles"].items())
         held = " held" if status["held"] else ""

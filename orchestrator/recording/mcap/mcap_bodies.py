@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.recording.mcap.mcap_json import Json, numbers, plain, pose_out, text_of
-from orchestrator.recording.mcap.mcap_schemas import FLOAT32, UINT8
+from orchestrator.recording.mcap.mcap_schemas import FLOAT32, UINT8, numbers_schema
 from orchestrator.recording.mcap.mcap_settings import ImageSettings
 from vehicles.readings import (
     CameraReading,
@@ -22,6 +22,7 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
+from vehicles.readings.numbers import number_fields
 from worlds.camera import Intrinsics
 
 Body = tuple[str, dict[str, Json], bytes | None]
@@ -29,6 +30,7 @@ Body = tuple[str, dict[str, Json], bytes | None]
 
 
 def _image_facts(reading: CameraReading | DepthReading, parts: list[str]) -> dict[str, Json]:
+    """Return the fields of an image reading that its MCAP message body adds."""
     return {
         "intrinsics": plain(reading.intrinsics),
         "camera_pose": None if reading.camera_pose is None else plain(reading.camera_pose),
@@ -46,7 +48,7 @@ _ENCODINGS: Mapping[tuple[str, int], str] = {
 
 
 def raw_image(array: NDArray[Any], wil: dict[str, Json]) -> Body:
-    """Return a picture to the bit, whatever its shape and type."""
+    """Return an image as a lossless MCAP message body, whatever its shape and type."""
     height, width = (*array.shape, 1, 1)[:2]
     channels = array.shape[2] if array.ndim == 3 else 1
     fields = {
@@ -60,7 +62,7 @@ def raw_image(array: NDArray[Any], wil: dict[str, Json]) -> Body:
 
 
 def camera_body(reading: CameraReading, pictures: ImageSettings, parts: list[str]) -> Body:
-    """Return a picture as its format says; one that is not three bytes a pixel is kept raw."""
+    """Return a camera image's MCAP message body in the configured format, else raw."""
     image, facts = reading.image_bgr, _image_facts(reading, parts)
     is_bgr = image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3 and image.size > 0
     if pictures.format == "raw" or not is_bgr:
@@ -76,12 +78,12 @@ def camera_body(reading: CameraReading, pictures: ImageSettings, parts: list[str
 
 
 def depth_body(reading: DepthReading, parts: list[str]) -> Body:
-    """Return a depth picture, to the bit."""
+    """Return a depth image's lossless MCAP message body."""
     return raw_image(reading.depth_m, _image_facts(reading, parts))
 
 
 def calibration_body(i: Intrinsics) -> Body:
-    """Return the camera model, as viewers project with it."""
+    """Return the camera model's MCAP message body, for viewers."""
     fields = {
         "width": i.width_px,
         "height": i.height_px,
@@ -188,6 +190,15 @@ def _microphone_body(reading: MicrophoneReading) -> Body:
     return "foxglove.RawAudio", fields, reading.samples.astype("<i2").tobytes()
 
 
+def _numbers_body(reading: Any) -> Body:
+    kind = type(reading)
+    return (
+        numbers_schema(kind),
+        {name: getattr(reading, name) for name in number_fields(kind)},
+        None,
+    )
+
+
 _BODIES: Mapping[type, Callable[[Any], Body]] = {
     LidarScanReading: _scan_body,
     LidarPointsReading: _points_body,
@@ -200,5 +211,5 @@ _BODIES: Mapping[type, Callable[[Any], Body]] = {
 
 
 def body_of(reading: Reading) -> Body:
-    """Return any reading but a picture."""
-    return _BODIES[type(reading)](reading)
+    """Return the MCAP message body of any reading but an image."""
+    return _BODIES.get(type(reading), _numbers_body)(reading)

@@ -38,7 +38,7 @@ _DAMAGED = (
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """Where reading ended. whole: the writer closed the file. reason: in words, where not."""
+    """Where reading an MCAP file ended. whole: the writer closed it. reason: why not."""
 
     whole: bool
     read_bytes: int
@@ -46,7 +46,7 @@ class End:
 
 
 class RecordStream:
-    """Iterates over the records of a file; `end` says afterwards how far it was whole.
+    """Iterates over an MCAP file's records, chunk by chunk; `end` says where it ended.
 
     Memory: one chunk. Raises RecordingError for a file that is not MCAP; OSError.
     """
@@ -66,6 +66,7 @@ class RecordStream:
                 yield from self._record(file, size_bytes)
 
     def _record(self, file: IO[bytes], size_bytes: int) -> Iterator[Record]:
+        """Yield the MCAP file's next records; note the end when it is cut or damaged."""
         begin = file.tell()
         head = file.read(9)
         length = struct.unpack("<Q", head[1:])[0] if len(head) == 9 else 0
@@ -85,12 +86,14 @@ class RecordStream:
         yield from records
 
     def _footer(self, file: IO[bytes], begin: int) -> End:
+        """Return the end of an MCAP file after its footer."""
         if file.read(len(MAGIC)) == MAGIC:
             return End(whole=True, read_bytes=file.tell())
         return End(whole=False, read_bytes=begin, reason=f"cut after byte {begin}")
 
 
 def _parse(opcode: int, content: bytes) -> list[Record]:
+    """Return the records in an MCAP record's content; chunks are unpacked."""
     stream = ReadDataStream(BytesIO(content))
     if opcode == Opcode.CHUNK:
         chunk = Chunk.read(stream)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from orchestrator.recording.mcap.mcap_json import Json, bytes_of, number, pose_in, vector
 from vehicles.readings import (
+    SENSOR_TYPES,
     CameraReading,
     DepthReading,
     GpsReading,
@@ -22,6 +23,7 @@ from vehicles.readings import (
     Reading,
     Source,
 )
+from vehicles.readings.numbers import number_fields
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 
@@ -30,17 +32,17 @@ Parts = Mapping[str, NDArray[Any]]
 
 
 def decode(document: Json, parts: Parts) -> Reading:
-    """Return the reading of a message.
+    """Return the reading decoded from an MCAP message.
 
     Raises KeyError, ValueError or TypeError for a document that is none of ours.
     """
     wil = document["wil"]
-    reading: Reading = _READINGS[wil["type"]](document, parts)
+    reading: Reading = _READINGS.get(wil["type"], _numbers)(document, parts)
     return replace(reading, sensor=wil["sensor"]) if "sensor" in wil else reading
 
 
 def image_of(document: Json) -> NDArray[Any]:
-    """Return the pixels of a picture's message. Raises ValueError when they are none."""
+    """Return the pixels decoded from an MCAP image message. Raises ValueError."""
     wil, data = document["wil"], np.frombuffer(bytes_of(document["data"]), np.uint8)
     if "format" not in document:
         pixels: NDArray[Any] = data.view(np.dtype(wil["dtype"])).reshape(wil["shape"])
@@ -53,10 +55,12 @@ def image_of(document: Json) -> NDArray[Any]:
 
 
 def _times(wil: Json) -> tuple[float, float, int, Source]:
+    """Return decoded times, sequence number and source of a reading."""
     return number(wil["t_s"]), number(wil["arrived_s"]), wil["seq"], wil["source"]
 
 
 def _intrinsics(value: Json) -> Intrinsics:
+    """Decode a camera's intrinsics."""
     return Intrinsics(
         width_px=value["width_px"],
         height_px=value["height_px"],
@@ -69,6 +73,7 @@ def _intrinsics(value: Json) -> Intrinsics:
 
 
 def _camera_pose(value: Json) -> Pose | None:
+    """Decode the pose of a rendered image's camera; None for None."""
     if value is None:
         return None
     w, x, y, z = (number(one) for one in value["q_wxyz"])
@@ -76,6 +81,7 @@ def _camera_pose(value: Json) -> Pose | None:
 
 
 def _camera(document: Json, parts: Parts) -> CameraReading:
+    """Decode a camera reading."""
     wil = document["wil"]
     return CameraReading(
         *_times(wil),
@@ -89,6 +95,7 @@ def _camera(document: Json, parts: Parts) -> CameraReading:
 
 
 def _depth(document: Json, parts: Parts) -> DepthReading:
+    """Decode a depth reading."""
     wil = document["wil"]
     return DepthReading(
         *_times(wil),
@@ -101,6 +108,7 @@ def _depth(document: Json, parts: Parts) -> DepthReading:
 
 
 def _scan(document: Json, _: Parts) -> LidarScanReading:
+    """Decode a lidar scan."""
     wil = document["wil"]
     ids = wil["object_ids"]
     return LidarScanReading(
@@ -116,6 +124,7 @@ def _scan(document: Json, _: Parts) -> LidarScanReading:
 
 
 def _points(document: Json, _: Parts) -> LidarPointsReading:
+    """Decode a point cloud."""
     stride = document["point_stride"]
     packed = np.frombuffer(bytes_of(document["data"]), np.uint8).reshape(-1, stride)
     points = np.ascontiguousarray(packed[:, :12]).view("<f4")
@@ -128,6 +137,7 @@ def _points(document: Json, _: Parts) -> LidarPointsReading:
 
 
 def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
+    """Decode a rangefinder reading."""
     wil = document["wil"]
     return RangefinderReading(
         *_times(wil),
@@ -139,6 +149,7 @@ def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
 
 
 def _gps(document: Json, _: Parts) -> GpsReading:
+    """Decode a GPS reading."""
     wil = document["wil"]
     return GpsReading(
         *_times(wil),
@@ -154,6 +165,7 @@ def _gps(document: Json, _: Parts) -> GpsReading:
 
 
 def _pose(document: Json, _: Parts) -> PoseReading:
+    """Decode a pose reading."""
     wil = document["wil"]
     t_s, arrived_s, seq, source = _times(wil)
     velocity = wil["velocity_ned_m_s"]
@@ -168,6 +180,7 @@ def _pose(document: Json, _: Parts) -> PoseReading:
 
 
 def _imu(document: Json, _: Parts) -> ImuReading:
+    """Decode an IMU reading."""
     force, rates = document["linear_acceleration"], document["angular_velocity"]
     return ImuReading(
         *_times(document["wil"]),
@@ -177,6 +190,7 @@ def _imu(document: Json, _: Parts) -> ImuReading:
 
 
 def _microphone(document: Json, _: Parts) -> MicrophoneReading:
+    """Decode a microphone reading."""
     wil = document["wil"]
     return MicrophoneReading(
         *_times(wil),
@@ -184,6 +198,16 @@ def _microphone(document: Json, _: Parts) -> MicrophoneReading:
         sample_rate_hz=document["sample_rate"],
         full_scale_pa=number(wil["full_scale_pa"]),
     )
+
+
+def _numbers(document: Json, _: Parts) -> Reading:
+    wil = document["wil"]
+    kind: Any = SENSOR_TYPES[wil["type"]]
+    numbers = number_fields(kind).items()
+    reading: Reading = kind(
+        *_times(wil), **{name: of(number(document[name])) for name, of in numbers}
+    )
+    return reading
 
 
 _READINGS: Mapping[str, Callable[[Json, Parts], Reading]] = {

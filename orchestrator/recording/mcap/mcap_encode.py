@@ -32,7 +32,7 @@ _LAST_NS = 2**63 - 1
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One topic of the file.
+    """An MCAP channel: one topic to encode for.
 
     part: "reading", or what stands beside it: "depth", "ids", "calibration", "provenance",
     "transform", "event".
@@ -47,7 +47,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message: times in nanoseconds since 1970; publish_ns is when it was sampled."""
+    """An encoded MCAP message; nanoseconds since 1970; publish_ns: when it was sampled."""
 
     channel: Channel
     log_ns: int
@@ -57,25 +57,25 @@ class Message:
 
 
 class Stamps:
-    """Turns the run clock into nanoseconds since 1970, without a float in between."""
+    """Converts the run clock to an MCAP message's nanoseconds since 1970, exactly."""
 
     def __init__(self, epoch_s: float) -> None:
         self.epoch_ns = round(epoch_s * 1e9)
 
     def ns(self, t_s: float) -> int:
-        """Return the stamp; a time that is none is stamped as the start of the run."""
+        """Return the MCAP stamp of a time; an invalid one gives the start of the run."""
         if not math.isfinite(t_s):
             return self.epoch_ns
         return min(max(0, self.epoch_ns + round(t_s * 1e9)), _LAST_NS)
 
     def time(self, t_s: float) -> dict[str, int]:
-        """Return the stamp as Foxglove's messages hold it."""
+        """Return the stamp in the form of Foxglove's messages."""
         seconds, nanoseconds = divmod(self.ns(t_s), 1_000_000_000)
         return {"sec": seconds, "nsec": nanoseconds}
 
 
 class Encoder:
-    """Makes the messages of each reading, in the order in which they are to be written."""
+    """Encodes readings as MCAP messages, in the order in which they are to be written."""
 
     def __init__(self, *, epoch_s: float, settings: RecordingSettings) -> None:
         self.stamps = Stamps(epoch_s)
@@ -87,7 +87,7 @@ class Encoder:
         self._told: dict[tuple[str, str], Intrinsics] = {}
 
     def encode(self, sensor: str, reading: Reading) -> list[Message]:
-        """Return the messages of a reading; parts of a picture come before the picture."""
+        """Return a reading's encoded messages; parts of an image come before the image."""
         if isinstance(reading, CameraReading):
             return self._camera(sensor, reading)
         if isinstance(reading, DepthReading):
@@ -141,7 +141,7 @@ class Encoder:
         )
 
     def upright(self) -> Message:
-        """Return the transform that lets viewers draw north-east-down with the sky above."""
+        """Return the encoded transform with which viewers draw north-east-down upright."""
         half = math.sqrt(0.5)
         return self.message(
             Channel("/tf", "foxglove.FrameTransform", "", "", "transform"),
@@ -165,7 +165,7 @@ class Encoder:
         sequence: int = 0,
         data: bytes | None = None,
     ) -> Message:
-        """Return a message whose fields follow its time stamp."""
+        """Return an encoded message whose fields follow its time stamp."""
         document = {"timestamp": self.stamps.time(t_s), **fields}
         return Message(
             channel,
@@ -194,11 +194,12 @@ class Encoder:
 
 
 def _body_frame(reading: Reading) -> str:
-    """Return the frame a reading stands in: a mixed one is perceived where the real vehicle is."""
+    """Return the encoded frame id of a reading; a mixed one is in the real vehicle's."""
     return "twin" if reading.source == "twin" else "real"
 
 
 def _common(reading: Reading) -> dict[str, Json]:
+    """Return the fields that every encoded reading has."""
     named = {"sensor": reading.sensor} if reading.sensor else {}
     return {
         **named,

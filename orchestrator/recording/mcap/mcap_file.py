@@ -21,7 +21,7 @@ _MESSAGE_OVERHEAD_BYTES = 31
 
 
 class _Unbuffered:
-    """What the library writes to: every write is with the system when it returns.
+    """The unbuffered file under the MCAP library: every write reaches the system.
 
     A buffer of Python's would be lost with a killed process, and would be written again, and
     fail again, while a file on a full disk is closed.
@@ -31,22 +31,22 @@ class _Unbuffered:
         self._raw = raw
 
     def write(self, data: bytes) -> int:
-        """Write all of it. Raises OSError."""
+        """Write all bytes to the MCAP file. Raises OSError."""
         rest = memoryview(data)
         while rest:
             rest = rest[self._raw.write(rest) :]
         return len(data)
 
     def tell(self) -> int:
-        """Return how much was written."""
+        """Return how many bytes the MCAP file has."""
         return self._raw.tell()
 
     def flush(self) -> None:
-        """Do nothing: there is nothing that waits."""
+        """Do nothing: the MCAP file has no buffer."""
 
 
 class ChunkedFile:
-    """Writes messages in chunks; raises OSError when the disk takes no more.
+    """Writes an MCAP file in chunks; raises OSError when the disk fails.
 
     A chunk ends when it holds chunk_bytes or spans chunk_ns of log time, by the messages alone:
     equal messages give equal bytes. Raises FileExistsError for a file that is there.
@@ -67,12 +67,12 @@ class ChunkedFile:
         self._began_ns = 0
 
     def start(self, metadata: dict[str, str]) -> None:
-        """Write what stands before all messages."""
+        """Write the MCAP file's header and schemas."""
         self._writer.start(library=LIBRARY)
         self._writer.add_metadata("wil.recording", metadata)
 
     def write(self, message: Message, schema: bytes | None = None) -> None:
-        """Append a message; schema: of its channel where it is none of the fixed ones."""
+        """Append a message to the MCAP file; schema: of its channel unless fixed."""
         if self._held_bytes == 0:
             self._began_ns = message.log_ns
         self._writer.add_message(
@@ -88,19 +88,19 @@ class ChunkedFile:
             self.flush()
 
     def flush(self) -> None:
-        """End the chunk; what was written so far survives this process."""
+        """End the MCAP file's chunk; what was written so far survives this process."""
         if self._held_bytes:
             self._held_bytes = 0
             self._writer.flush()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
 
     def finish(self, metadata: dict[str, str]) -> None:
-        """Write the last chunk, metadata and the index."""
+        """Write the MCAP file's last chunk, metadata and the index."""
         self.flush()
         self._writer.add_metadata("wil.counts", metadata)
         self._writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
 
     def close(self) -> int:
-        """Close the file and return its size in bytes."""
+        """Close the MCAP file and return its size in bytes."""
         size = self._raw.tell()
         self._raw.close()
         return size

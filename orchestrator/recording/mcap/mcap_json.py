@@ -23,7 +23,7 @@ _INFINITE, _MINUS_INFINITE = "\x00inf", "\x00-inf"
 
 
 def encode(document: dict[str, Json], data: bytes | None = None) -> bytes:
-    """Return a document as JSON text; `data` becomes its field of that name, in base64."""
+    """Return a message document as JSON text; `data` becomes its field of that name, base64."""
     try:
         text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
     except ValueError:
@@ -38,6 +38,7 @@ def encode(document: dict[str, Json], data: bytes | None = None) -> bytes:
 
 
 def _without_infinity(value: Json) -> Json:
+    """Return a JSON value with infinities and NaNs as JSON can hold them."""
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else _INFINITE if value > 0 else _MINUS_INFINITE
     if isinstance(value, dict):
@@ -48,7 +49,7 @@ def _without_infinity(value: Json) -> Json:
 
 
 def numbers(array: NDArray[np.float32]) -> list[Json]:
-    """Return the values of a (n,) array for a document."""
+    """Return the values of a (n,) array for a JSON document."""
     values: list[Json] = array.tolist()
     for index in np.flatnonzero(~np.isfinite(array)).tolist():
         values[index] = _without_infinity(values[index])
@@ -56,7 +57,7 @@ def numbers(array: NDArray[np.float32]) -> list[Json]:
 
 
 def plain(value: Any) -> Json:
-    """Return a frozen dataclass, its tuples and its parts as a document."""
+    """Return a frozen dataclass, its tuples and its parts as a JSON document."""
     if dataclasses.is_dataclass(value):
         names = [field.name for field in dataclasses.fields(value)]
         return {name: plain(getattr(value, name)) for name in names}
@@ -66,18 +67,18 @@ def plain(value: Any) -> Json:
 
 
 def number(value: Json) -> float:
-    """Return a float of a document, where null is not-a-number."""
+    """Return a float of a JSON document, where null is not-a-number."""
     return math.nan if value is None else float(value)
 
 
 def vector(value: Json) -> Vec3:
-    """Return three floats of a document."""
+    """Return three floats of a JSON document."""
     x, y, z = (number(one) for one in value)
     return (x, y, z)
 
 
 def pose_out(pose: Pose) -> dict[str, Json]:
-    """Return a foxglove.Pose."""
+    """Return a pose as the JSON of a foxglove.Pose."""
     (x, y, z), (qw, qx, qy, qz) = pose.position_ned_m, pose.q_wxyz
     return {
         "position": {"x": x, "y": y, "z": z},
@@ -86,7 +87,7 @@ def pose_out(pose: Pose) -> dict[str, Json]:
 
 
 def pose_in(value: Json) -> Pose:
-    """Return the pose of a foxglove.Pose."""
+    """Return the pose in the JSON of a foxglove.Pose."""
     p, q = value["position"], value["orientation"]
     return Pose(
         vector((p["x"], p["y"], p["z"])),
@@ -95,10 +96,10 @@ def pose_in(value: Json) -> Pose:
 
 
 def text_of(array: NDArray[np.uint8]) -> str:
-    """Return bytes as base64, for a field beside `data`."""
+    """Return an array's bytes as base64, for a JSON field beside `data`."""
     return base64.b64encode(array.tobytes()).decode("ascii")
 
 
 def bytes_of(text: str) -> bytes:
-    """Return the bytes of base64. Raises ValueError when it is none."""
+    """Return the bytes of a base64 JSON field. Raises ValueError."""
     return base64.b64decode(text, validate=True)

@@ -11,6 +11,9 @@ import typing
 from collections.abc import Mapping
 from typing import Any
 
+from vehicles.readings import SENSOR_TYPES
+from vehicles.readings.numbers import is_numbers, number_fields
+
 Schema = dict[str, Any]
 """A JSON schema, as it is written to the file."""
 
@@ -21,10 +24,12 @@ _BASE64: Schema = {"type": "string", "contentEncoding": "base64"}
 
 
 def _object(title: str, **properties: Schema) -> Schema:
+    """Return the JSON schema of an object."""
     return {"title": title, "type": "object", "properties": properties}
 
 
 def _array(items: Schema) -> Schema:
+    """Return the JSON schema of an array."""
     return {"type": "array", "items": items}
 
 
@@ -40,7 +45,17 @@ UINT8, FLOAT32 = 1, 7
 
 
 def _with_stamp(title: str, **properties: Schema) -> Schema:
+    """Return the JSON schema of a message with a timestamp."""
     return _object(title, timestamp=_TIME, frame_id=_STRING, **properties, wil=_WIL)
+
+
+def numbers_schema(kind: type) -> str:
+    """Return the name of the schema of readings that are numbers alone."""
+    return f"wil.{kind.__name__}"
+
+
+def _numbers(kind: type) -> Schema:
+    return _with_stamp(numbers_schema(kind), **dict.fromkeys(number_fields(kind), _NUMBER))
 
 
 _ALL: tuple[Schema, ...] = (
@@ -112,6 +127,7 @@ _ALL: tuple[Schema, ...] = (
         line=_INTEGER,
     ),
     _with_stamp("wil.Imu", linear_acceleration=_VECTOR3, angular_velocity=_VECTOR3),
+    *map(_numbers, filter(is_numbers, SENSOR_TYPES.values())),
 )
 
 SCHEMAS: Mapping[str, bytes] = types.MappingProxyType(
@@ -121,13 +137,14 @@ SCHEMAS: Mapping[str, bytes] = types.MappingProxyType(
 
 
 def schema_of(title: str, kind: type) -> bytes:
-    """Return the schema of a dataclass, with a timestamp: its fields by name and type."""
+    """Return the JSON schema of a dataclass, with a timestamp: its fields by name and type."""
     properties = _fields_of(kind)
     schema = _object(title, timestamp=_TIME, **properties)
     return json.dumps(schema, separators=(",", ":")).encode()
 
 
 def _fields_of(kind: type) -> dict[str, Schema]:
+    """Return the JSON schemas of a dataclass's fields."""
     hints = typing.get_type_hints(kind)
     return {field.name: _schema_of_hint(hints[field.name]) for field in dataclasses.fields(kind)}
 

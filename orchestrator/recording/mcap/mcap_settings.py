@@ -8,7 +8,7 @@ from campaigns.schema import PictureFormat, RecordPart
 
 @dataclass(frozen=True, slots=True)
 class ImageSettings:
-    """How the pictures of one source are recorded.
+    """The recording settings of one source's images.
 
     format: raw and png read back to the bit; png is smaller and some ten times slower than raw.
     quality: of JPEG, 1 to 100. depth, object_ids: whether those of a camera reading are recorded
@@ -31,7 +31,7 @@ EXACT = ImageSettings("raw", depth=True, object_ids=True)
 
 @dataclass(frozen=True, slots=True)
 class RecordingSettings:
-    """What is recorded, and how.
+    """The settings of a recording: what, and how.
 
     chunk_bytes, chunk_s: a chunk is written to the file when it holds this much, or spans this
     much of the run clock: what is lost when the process is killed. backlog_bytes: how much may
@@ -50,12 +50,9 @@ class RecordingSettings:
 LOSSLESS = RecordingSettings(real=EXACT, twin=EXACT, mixed=EXACT)
 """Everything to the bit, so that a mixing replayed from the file does not diverge."""
 
-REPLAYABLE = RecordingSettings(real=EXACT, twin=EXACT, mixed=ImageSettings())
-"""The inputs of the mixing to the bit, its results for the eye."""
-
 
 def recording_settings(record: RecordPart) -> RecordingSettings:
-    """Return what a campaign wants to be recorded.
+    """Return the recording settings of a campaign.
 
     Depth and ids are in a reading only where the recipe needs them, and then a replay does too.
     """

@@ -38,7 +38,7 @@ _IDLE_FLUSH_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class RecordingReport:
-    """What became of a recording.
+    """The report of a written recording: counts, size, whether it broke.
 
     written: readings and notes that are in the file. dropped: by topic, what the thread could
     not take in time. failed: what could not be encoded, or came after the file had failed.
@@ -54,12 +54,14 @@ class RecordingReport:
 
     @property
     def complete(self) -> bool:
-        """Return whether everything that was handed over is in the file."""
+        """Return whether everything handed to the writer is in the file."""
         return not self.dropped and not self.failed and self.fault is None
 
 
 @dataclass(frozen=True, slots=True)
 class _Item:
+    """An item that waits for the MCAP writer's thread."""
+
     t_s: float
     size_bytes: int
     encode: Callable[[], list[Message]]
@@ -67,7 +69,7 @@ class _Item:
 
 
 class McapRecorder:
-    """Records one run; a context manager, used by one thread.
+    """Writes one run's recording as MCAP; a context manager, used by one thread.
 
     epoch_s: UTC at which the run clock was zero. facts: for the file's first record, what a reader
     wants to know before all readings. Leaving the context waits for the thread;
@@ -114,13 +116,13 @@ class McapRecorder:
         return self
 
     def reading(self, sensor: str, reading: Reading) -> None:
-        """Take a reading of a sensor, as it was delivered."""
+        """Write a sensor's reading, as delivered, to the MCAP file."""
         encode = self._encoder.encode
         item = _Item(reading.arrived_s, _size_of(reading), lambda: encode(sensor, reading))
         self._enqueue(f"/{reading.source}/{sensor}", item)
 
     def mixed(self, sensor: str, reading: Reading | None, provenance: Any, *, now_s: float) -> None:
-        """Take a mixed reading, or that there was none, with where it came from.
+        """Write a mixed reading, or that there was none, with its provenance.
 
         provenance: a frozen dataclass of numbers, texts, tuples and dataclasses; it is written
         field by field. now_s: when it was mixed.
@@ -130,7 +132,7 @@ class McapRecorder:
         self._figures(sensor, "provenance", provenance, now_s)
 
     def visibility(self, sensor: str, visibility: Any, *, now_s: float) -> None:
-        """Take what a mixture shows of the virtual objects, a dataclass like a provenance."""
+        """Write what a mixture shows of the virtual objects to the MCAP file."""
         self._figures(sensor, "visibility", visibility, now_s)
 
     def _figures(self, sensor: str, part: str, figures: Any, now_s: float) -> None:
@@ -141,7 +143,7 @@ class McapRecorder:
         self._note(channel, lambda: plain(figures), now_s, self._schemas[kind])
 
     def event(self, t_s: float, level: LogLevel, name: str, message: str) -> None:
-        """Take a line of the run's log: a stage, a contact, a warning."""
+        """Write a line of the run's log to the MCAP file: a stage, a contact, a warning."""
         channel = Channel("/log", "foxglove.Log", "", "", "event")
         fields = {
             "level": _LEVELS[level],
@@ -153,7 +155,7 @@ class McapRecorder:
         self._note(channel, lambda: fields, t_s, None)
 
     def close(self) -> RecordingReport:
-        """Wait until all is written, close the file, and return what became of it."""
+        """Wait until all is written, close the MCAP file, and return the report."""
         if self._report is None:
             self._incoming.put(None)
             while self._backlog_items:
@@ -166,7 +168,7 @@ class McapRecorder:
         return self._report
 
     async def aclose(self) -> RecordingReport:
-        """Close without holding up the loop."""
+        """Close the MCAP writer without blocking the loop."""
         return await asyncio.get_running_loop().run_in_executor(None, self.close)
 
     def __exit__(
@@ -190,7 +192,7 @@ class McapRecorder:
         self._enqueue(channel.topic, _Item(t_s, _SMALL_BYTES, encode, schema))
 
     def _enqueue(self, topic: str, item: _Item) -> None:
-        """Hand over; only this side counts the backlog, so that no lock is needed."""
+        """Hand an item to the writer's thread; only this side counts the backlog."""
         if self._report is not None:
             return
         while not self._done.empty():
@@ -210,7 +212,7 @@ class McapRecorder:
         self._backlog_items -= 1
 
     def _work(self) -> None:
-        """Encode and write until told to end; in a thread of its own."""
+        """Encode and write items until the end; in the writer's own thread."""
         self._run_guarded(
             lambda: self._file.start(
                 {
@@ -238,7 +240,7 @@ class McapRecorder:
         self._done.put(size_bytes)
 
     def _next(self) -> _Item | None:
-        """Return the next item; without one for a while, write what there is to the file."""
+        """Return the writer's next item; flush the file when idle."""
         if self._waits:
             return self._incoming.get()
         while True:
@@ -265,14 +267,14 @@ class McapRecorder:
             self._file.write(message, schema)
 
     def _count_missing(self, t_s: float, why: str) -> None:
-        """Say in the file that a reading is missing there."""
+        """Write to the MCAP file that a reading is missing."""
         channel = Channel("/log", "foxglove.Log", "", "", "event")
         fields = {"level": 4, "message": why, "name": "recorder", "file": "", "line": 0}
         message = self._encoder.message(channel, fields, t_s=t_s, arrived_s=t_s)
         self._run_guarded(lambda: self._append([message], None))
 
     def _run_guarded(self, write: Callable[[], None]) -> bool:
-        """Write; a disk that takes no more ends the recording, not the flight."""
+        """Write; a disk failure ends the recording, not the flight."""
         try:
             write()
         except OSError as error:
@@ -288,7 +290,7 @@ class McapRecorder:
 
 
 def _size_of(reading: Reading) -> int:
-    """Return how much memory a reading holds while it waits."""
+    """Return how much memory a reading holds while it waits for the writer."""
     names = ("image_bgr", "depth_m", "object_ids", "ranges_m", "points_frd_m", "samples")
     arrays = (getattr(reading, name, None) for name in names)
     return _SMALL_BYTES + sum(int(array.nbytes) for array in arrays if array is not None)

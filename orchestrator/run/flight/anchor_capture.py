@@ -21,7 +21,7 @@ async def prove_and_anchor(
     outside: ExternalIo,
     aboard: OnboardConfiguration,
 ) -> None:
-    """Prove that what comes in is there and what goes out is heeded, and anchor by what comes in.
+    """Check external inputs and injections before arming, and anchor by motion capture.
 
     Raises SourceError, NotHonouredError, AnchorError.
     """
@@ -31,7 +31,7 @@ async def prove_and_anchor(
 
 
 async def anchor_by_mocap(context: VehicleContext) -> None:
-    """Map the vehicle's own estimate onto where motion capture sees it, both over a second.
+    """Capture the anchor of a vehicle's estimate in motion capture's frame, over a second.
 
     Raises AnchorError when either says too little, or moves.
     """

@@ -10,7 +10,7 @@ from vehicles.errors import VehicleError
 async def unless_out(
     vehicle: str, run_state: RunState, do: Callable[[], Awaitable[object]]
 ) -> None:
-    """Do a thing with a vehicle that may drop out; its own errors are such a reason."""
+    """Do something with a vehicle until it drops out; its own errors are such a reason."""
     if vehicle in run_state.dropped_out:
         return
     loop = asyncio.get_running_loop()

@@ -27,7 +27,7 @@ Answer = Callable[[OperatorCommand, bool, str], None]
 
 
 class FenceChanges:
-    """Changes fences, one change at a time; the old ones hold until all have the new ones.
+    """Changes fences in flight, one change at a time; old ones hold until all have new ones.
 
     The guard is asked first whether each vehicle could have its new fence. Then it is uploaded to
     the autopilots and read back; last the guard takes it, or it is put back to what it was. A
@@ -63,7 +63,7 @@ class FenceChanges:
         self._ending = False
 
     def ask(self, command: OperatorCommand) -> None:
-        """Take a command; its answer comes later, unless another one is under way."""
+        """Take an operator's fence change; its reply comes later, unless one is under way."""
         if not self._idle.is_set():
             why = "another change of the fence is in progress; try again when it is answered"
             self._answer(command, False, f"geofence: {why}")
@@ -72,7 +72,7 @@ class FenceChanges:
         self._asked.put_nowait(command)
 
     def take(self, event: GuardEvent) -> None:
-        """Take what the guard says: the answer that is waited for, or that all are landing."""
+        """Take a guard event: its reply to a fence change, or that all are landing."""
         if event.kind in _LANDING:
             self._landing.set()
         ours = event.kind in {"proposed", "geofence"} or (
@@ -82,7 +82,7 @@ class FenceChanges:
             self._said.set_result(event)
 
     async def run(self) -> None:
-        """Do what is asked, one after the other, until cancelled."""
+        """Carry out fence changes, one after the other, until cancelled."""
         try:
             while True:
                 await self._obey(await self._asked.get())
@@ -91,7 +91,7 @@ class FenceChanges:
             self._idle.set()
 
     async def end(self) -> None:
-        """Have nothing under way any more: what is aboard is about to be taken back."""
+        """End fence changes: the onboard configuration is about to be restored."""
         self._ending = True
         self._landing.set()
         await self._idle.wait()
@@ -112,7 +112,7 @@ class FenceChanges:
                 await asyncio.sleep(_AGAIN_S)
 
     async def _change(self, command: OperatorCommand) -> tuple[bool, str]:
-        """Return whether the change was made, and the guard's words or why not."""
+        """Return whether the fence change was made, and the guard's words or why not."""
         try:
             fences = self._read_fences(command)
             said = await self._of_guard(self._guard.propose_fences, fences, command.who)
@@ -134,7 +134,7 @@ class FenceChanges:
         return True, said.text
 
     def _read_fences(self, command: OperatorCommand) -> Mapping[str, Fence]:
-        """Return the new fences of those that fly. Raises BadInput, VehicleError."""
+        """Return the new fences of flying vehicles. Raises BadInput, VehicleError."""
         document = parse(command.document.encode(), name="geofence")
         fences = changed_fences(document, self._frame, self._present)
         mine: dict[str, Fence] = {name: one for name, one in fences.items() if name in self._flying}
@@ -152,7 +152,7 @@ class FenceChanges:
     async def _of_guard(
         self, ask: Callable[[Mapping[str, Fence], str], None], fences: Mapping[str, Fence], who: str
     ) -> GuardEvent:
-        """Return what the guard says to it. Raises VehicleError when it is silent."""
+        """Return the guard's reply to a fence change. Raises VehicleError when silent."""
         self._said = asyncio.get_running_loop().create_future()
         ask(fences, who)
         try:
@@ -162,7 +162,7 @@ class FenceChanges:
             raise VehicleError("the guard did not answer") from None
 
     async def _put_back(self) -> str:
-        """Have the autopilots keep the old fences; returns in words whether one may not."""
+        """Restore the autopilots' old fences; return in words which may not have them."""
         try:
             await self._aboard.put_back()
         except VehicleError as error:

@@ -16,7 +16,7 @@ _OTHERS_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class GoalFlight:
-    """Flies the goal with every pilot.
+    """Flies the goal with the autonomy runner of every vehicle.
 
     events: learns of t0 as the world's event "goal"; notify: told of it as well. started: told
     when each vehicle got its first setpoint. within_s: how long the subject is given. companion: a
@@ -33,7 +33,7 @@ class GoalFlight:
     companion: str | None = None
 
     async def fly(self, t0_s: float) -> None:
-        """Return when the subject's autonomy is done, and the other's is or was waited for.
+        """Fly the goal; return when the subject's autonomy is done, and the other's awaited.
 
         One that is not done in time FAILs the run, whatever its oracles ask: it would never end.
         """

@@ -25,7 +25,7 @@ async def bring_down(pair: Pair, run_state: RunState) -> None:
 
 
 async def see_at_rest(pair: Pair, run_state: RunState) -> None:
-    """Have the guard agree that all have landed; where it does not, it brings them down.
+    """Check with the guard that all have landed; else it brings them down.
 
     A heartbeat that was replayed, or is another vehicle's of the same number, says that a vehicle
     is disarmed that is not: who believed it would leave it alone in the air.

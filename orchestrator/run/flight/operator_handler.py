@@ -20,7 +20,7 @@ _POLL_S = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OperatorHandler:
-    """Passes on what comes in. record: told of each command."""
+    """Handles a run's operator commands. record: called with each command."""
 
     inbox: Inbox
     guard: Guard
@@ -28,7 +28,7 @@ class OperatorHandler:
     record: Callable[[OperatorCommand], None]
 
     async def run(self, alive: Callable[[], None]) -> None:
-        """Listen until cancelled. alive: called twenty times a second."""
+        """Poll for operator commands until cancelled. alive: called twenty times a second."""
         while True:
             alive()
             while (command := self.inbox.poll()) is not None:
@@ -53,7 +53,7 @@ def operator_handler_of(
     inbox: Inbox,
     aboard: OnboardConfiguration,
 ) -> OperatorHandler:
-    """Return what takes the commands of a run's operators."""
+    """Return the handler of a run's operator commands."""
 
     def answer(command: OperatorCommand, ok: bool, text: str) -> None:
         recorder.note("answer", kind=command.kind, who=command.who, ok=ok, text=text)

@@ -11,7 +11,7 @@ Do = Callable[[], Awaitable[object]]
 
 
 class OperatorHold:
-    """Follows the guard's word on whether the operator holds; `count` says how often by now.
+    """Follows the guard's reports of an operator's hold; `count` of holds so far.
 
     A hold after t0 makes the run INVALID and yet leaves the vehicles in the air: whoever holds
     decides what comes next. A stage that a hold came between is begun again after it.
@@ -25,7 +25,7 @@ class OperatorHold:
         self.count = 0
 
     def take(self, event: GuardEvent) -> None:
-        """Take an event of the guard."""
+        """Take a guard event: hold or resume."""
         if event.kind == "hold":
             self._hold(event)
         elif event.kind in {"resume", "bring_down"} or decisive(event) is not None:
@@ -37,14 +37,14 @@ class OperatorHold:
         await self._free.wait()
 
     async def resumed(self, *, after: int) -> None:
-        """Wait for the end of a hold beyond the first `after`."""
+        """Wait for the end of an operator's hold beyond the first `after`."""
         while self.count <= after:
             self._changed.clear()
             await self._changed.wait()
         await self._free.wait()
 
     async def through(self, do: Do, *, again: Do | None = None) -> None:
-        """Do a stage that may be begun again, until no hold came between.
+        """Do a repeatable stage until no operator hold came between.
 
         again: how to do it when it may have been half done; by default in the same way.
         """

@@ -36,7 +36,7 @@ Tape = Callable[[LoggedSample], None]
 
 
 class OracleRunner:
-    """The judge's bench: takes every sample of the run, passes on every flag.
+    """Runs the oracles in flight: feeds every sample to the judge, passes on every flag.
 
     tape: gets each sample before the judge does, so that the run can be judged again.
     fence_changes: what an operator changed of what is judged by, oldest first.
@@ -65,7 +65,7 @@ class OracleRunner:
         run_state.on_stage(self._stage)
 
     def attach(self, context: VehicleContext) -> None:
-        """Judge a vehicle by its pose source, its state and its silence from now on."""
+        """Feed a vehicle's poses, state and silence to the oracles from now on."""
         self._contexts.append(context)
         context.on_pose(self._pose)
         context.on_reference(self._reference)
@@ -74,7 +74,7 @@ class OracleRunner:
         context.on_contact(lambda truth: self._contact(context, truth))
 
     async def run(self, alive: Callable[[], None]) -> None:
-        """Have time pass for the oracles until cancelled. alive: called at each tick."""
+        """Tick the oracles until cancelled. alive: called at each tick."""
         loop = asyncio.get_running_loop()
         t0_s, count = loop.time(), 0
         while True:
@@ -88,7 +88,7 @@ class OracleRunner:
             self._take(self._judge.tick(tick.t_s))
 
     def clearance_m(self, t_s: float) -> float | None:
-        """Return the smallest clearance so far of any collision or clearance oracle, if any."""
+        """Return the least clearance so far of any collision or clearance oracle, or None."""
         results = [
             oracle.result(t_s)
             for oracle in self._judge.oracles
@@ -97,7 +97,7 @@ class OracleRunner:
         return min([r.actual for r in results if r.actual is not None], default=None)
 
     def fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Judge vehicles by other fences from now on, because somebody wants it."""
+        """Give the oracles changed fences of vehicles."""
         now_s = asyncio.get_running_loop().time()
         self.fence_changes.append(FenceChange(now_s, who, tuple(sorted(fences))))
         for name, fence in fences.items():
@@ -106,19 +106,19 @@ class OracleRunner:
             self._take(self._judge.fence(changed))
 
     def report(self, sample: ReportSample) -> None:
-        """Take that a sample of a signal has arrived."""
+        """Report to the oracles that a sample of a signal has arrived."""
         self._tape(sample)
         self._judge.report(sample)
         self._take(())
 
     def doubt(self, sample: DoubtSample) -> None:
-        """Take that a signal cannot be believed from a moment on: the run is INVALID."""
+        """Report to the oracles that a signal is not credible: the run is INVALID."""
         self._tape(sample)
         self._judge.doubt(sample)
         self._take(())
 
     def last_state(self, t_s: float) -> None:
-        """Take every vehicle's last word."""
+        """Feed every vehicle's last state to the oracles."""
         for context in self._contexts:
             self._state(context, t_s)
 
@@ -165,7 +165,7 @@ class OracleRunner:
             self._run_state.decide("ERROR", reason)
 
     def _contact(self, context: VehicleContext, truth: TruthSample) -> None:
-        """Take that a vehicle physically hit something: a broken drone, whatever it judged."""
+        """Report a vehicle's physical contact: a broken drone, whatever the oracles judge."""
         self._run_state.decide(
             "FAIL",
             f"{context.name} physically touched {truth.contact}",
@@ -195,7 +195,7 @@ class OracleRunner:
 
 
 def state_sample(name: str, state: VehicleState, t_s: float) -> StateSample:
-    """Return what a vehicle says of itself, as judging wants it."""
+    """Return a vehicle's reported state as a sample for the oracles."""
     faults = [*state.faults, *(["failsafe"] if state.failsafe else [])]
     return StateSample(
         t_s=t_s,

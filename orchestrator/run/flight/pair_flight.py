@@ -42,7 +42,7 @@ async def fly_together(
     preflight: Callable[[tuple[VehicleContext, ...]], Awaitable[None]],
     arm: bool = True,
 ) -> None:
-    """Take all vehicles through the stages up to landed; `goal(t0_s)` flies the goal.
+    """Fly all vehicles of the pair through the stages up to landed; `goal(t0_s)` flies the goal.
 
     heights_m: to which height above its start each takes off, by name. liftoff_delays_s: how long
     each takes from its command to its liftoff; whose is shorter gets its command later. stagger: is
@@ -89,6 +89,7 @@ async def fly_together(
 
 
 async def _arm(contexts: tuple[VehicleContext, ...]) -> None:
+    """Arm the pair's vehicles, and wait for their motors."""
     await _each(contexts, lambda context: context.driver.arm())
     if len(contexts) > 1:
         # Who was armed first is ahead by as much: motors that are not up make a takeoff wait.
@@ -103,7 +104,7 @@ async def _take_off(
     run_state: RunState,
     delays_s: Mapping[str, float],
 ) -> None:
-    """Give all their takeoff commands, so that they lift together, and wait until they are up."""
+    """Send the pair's takeoff commands, so that all lift together, and wait until they are up."""
     await _command_takeoff(contexts, heights_m, run_state, delays_s)
     await _each_left(contexts, run_state, lambda one: _at_height(one, heights_m[one.name], sync))
 
@@ -115,7 +116,7 @@ async def _go_on_taking_off(
     run_state: RunState,
     delays_s: Mapping[str, float],
 ) -> None:
-    """Take off who is on the ground still, or again; who was held in the air climbs on."""
+    """Continue the pair's takeoff after a hold: again from the ground, climbing in the air."""
     grounded = [one for one in contexts if one.driver.state.landed in {"on_ground", "unknown"}]
     await _each_left(grounded, run_state, lambda one: one.driver.arm())
     await _command_takeoff(grounded, heights_m, run_state, delays_s)
@@ -133,7 +134,7 @@ async def _command_takeoff(
     run_state: RunState,
     delays_s: Mapping[str, float],
 ) -> None:
-    """Command who takes longest to lift at once, in one turn of the loop; the others later."""
+    """Send the slowest vehicle's takeoff command at once, in one turn; the others' later."""
     left = [one for one in contexts if one.name not in run_state.dropped_out]
     waits_s = staggers_s(delays_s, [one.name for one in left])
     at_once = [one for one in left if waits_s[one.name] == 0.0]
@@ -149,7 +150,7 @@ async def _command_takeoff(
 
 
 async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> None:
-    """Fly to a height above the start by setpoints: no autopilot takes off twice."""
+    """Fly a vehicle of the pair to a height by setpoints: no autopilot takes off twice."""
     await context.driver.enter_guided()
     north_m, east_m, down_m = context.start.position_ned_m
     place = PositionSetpoint((north_m, east_m, down_m - height_m), context.start.yaw_rad)
@@ -163,10 +164,12 @@ async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> N
 
 
 async def _guide(contexts: Iterable[VehicleContext], run_state: RunState) -> None:
+    """Bring the pair into the mode that follows setpoints."""
     await _each_left(contexts, run_state, lambda context: context.driver.enter_guided())
 
 
 async def _land(contexts: tuple[VehicleContext, ...], sync: SyncSetup, run_state: RunState) -> None:
+    """Land the pair and wait until both are disarmed."""
     await _each_left(contexts, run_state, lambda context: context.driver.land())
     await _each_left(
         contexts, run_state, lambda context: context.driver.disarmed(sync.landing_timeout_s)
@@ -175,7 +178,7 @@ async def _land(contexts: tuple[VehicleContext, ...], sync: SyncSetup, run_state
 
 
 async def _grounded(dropped_out: Iterable[VehicleContext], sync: SyncSetup) -> None:
-    """Wait until those that the guard lands alone are disarmed, as long as they are heard."""
+    """Wait until dropped-out vehicles are disarmed, as long as they are received."""
     loop = asyncio.get_running_loop()
 
     def is_coming_down(context: VehicleContext) -> bool:
@@ -194,7 +197,7 @@ async def _with_operator_holds(
     goal: Awaitable[None],
     run_state: RunState,
 ) -> None:
-    """Fly the goal; after each hold bring all back into the mode that follows setpoints."""
+    """Fly the pair's goal; after each operator hold return to the guided mode."""
 
     async def guide_again() -> None:
         while True:
@@ -209,7 +212,7 @@ async def _with_operator_holds(
 
 
 def _require_two(contexts: tuple[VehicleContext, ...]) -> None:
-    """Refuse one vehicle that answers on both links. Raises FlightError."""
+    """Refuse a pair that is one vehicle on both links. Raises FlightError."""
     for one, other in itertools.combinations(contexts, 2):
         if same_vehicle(one.driver.identity, other.driver.identity):
             raise FlightError(
@@ -221,7 +224,7 @@ def _require_two(contexts: tuple[VehicleContext, ...]) -> None:
 async def _each(
     contexts: Iterable[VehicleContext], do: Callable[[VehicleContext], Awaitable[object]]
 ) -> None:
-    """Do a thing with all vehicles at once; the first error cancels the others' waiting."""
+    """Do something with all of the pair at once; the first error cancels the others."""
 
     async def one(context: VehicleContext) -> None:
         await do(context)
@@ -239,7 +242,7 @@ async def _each_left(
     run_state: RunState,
     do: Callable[[VehicleContext], Awaitable[object]],
 ) -> None:
-    """Do a thing with all that have not dropped out; what drops out meanwhile is let go."""
+    """Do something with each vehicle of the pair that has not dropped out, until it does."""
 
     async def one(context: VehicleContext) -> None:
         if not context.may_drop_out:
@@ -251,7 +254,7 @@ async def _each_left(
 
 
 async def _at_height(context: VehicleContext, altitude_m: float, sync: SyncSetup) -> None:
-    """Wait until the vehicle has been within tolerance of the height for a moment."""
+    """Wait until a vehicle of the pair has been near the height for a moment."""
     loop = asyncio.get_running_loop()
     since_s: float | None = None
     try:

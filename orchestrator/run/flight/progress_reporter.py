@@ -17,7 +17,7 @@ PROGRESS_S = 0.5
 
 
 class ProgressReporter:
-    """Reports one run; `course` is followed from the start."""
+    """Reports the progress of one run; follows its run state from the start."""
 
     def __init__(
         self,
@@ -35,16 +35,16 @@ class ProgressReporter:
         run_state.on_decisive(self._decisive)
 
     def flag(self, flag: Flag) -> None:
-        """Tell of a contact."""
+        """Report a contact."""
         if self._kinds.get(flag.oracle) == "collision":
             self._tell("collision", flag.oracle, flag.vehicle, flag.text, flag.t_s)
 
     def guard(self, event: GuardEvent) -> None:
-        """Tell what the guard does."""
+        """Report an event of the guard."""
         self._tell("guard", event.kind, event.vehicle, event.text, event.t_s)
 
     def answer(self, command: OperatorCommand, ok: bool, text: str) -> None:
-        """Tell what came of an operator's command."""
+        """Report the outcome of an operator's command."""
         self._report(
             Happening(
                 run=self._plan.name,
@@ -64,7 +64,7 @@ class ProgressReporter:
         mixing: Callable[[], MixingStatistics | None],
         clearance_m: Callable[[float], float | None],
     ) -> None:
-        """Report where all stand, twice a second until cancelled."""
+        """Report the run's progress twice a second until cancelled."""
         loop = asyncio.get_running_loop()
         run_state, plan, flown = self._run_state, self._plan, tuple(contexts)
         while True:
@@ -100,6 +100,7 @@ class ProgressReporter:
 
 
 def _vehicle(context: VehicleContext) -> VehicleProgress:
+    """Return the progress of one vehicle to report."""
     state, newest = context.driver.state, context.poses.latest()
     return VehicleProgress(
         name=context.name,

@@ -13,7 +13,7 @@ from orchestrator.state.run_state import RunState
 
 
 def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) -> RunRecorder:
-    """Return the recorder of a run, not yet entered; what breaks it is decisive.
+    """Return the recorder of a run, not yet entered; its failure is decisive.
 
     kinds: of the oracles, by name.
     """

@@ -15,12 +15,12 @@ _RATE_HZ = 20.0
 
 
 def return_plan(plan: RunPlan) -> RunPlan:
-    """Return a run's plan as that of its flight back: nobody must take it for the run."""
+    """Return a run's plan as that of its return flight: never taken for the run."""
     return replace(plan, case=f"{plan.case}-{plan.mode}-back", mode="real", required=False)
 
 
 def return_setup(setup: RunSetup, way: ReturnPath) -> RunSetup:
-    """Return a run's setup as that of the flight back after it: where it stands is its start.
+    """Return a run's setup as that of its return flight, from where the vehicle stands.
 
     It mixes nothing, draws nothing and tells nobody but the guard, which keeps the same fence.
     """

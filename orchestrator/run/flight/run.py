@@ -104,7 +104,7 @@ class _Run:
 
 @dataclass(slots=True, kw_only=True)
 class _Ground:
-    """What stands before the vehicles do, and when they are gone. perception: once there is one."""
+    """The parts of a run that exist before and after its vehicles. perception: once built."""
 
     setup: RunSetup
     run_state: RunState
@@ -121,7 +121,7 @@ class _Ground:
 
 
 class Flown:
-    """One run from its begin to its result, also where an exception of ours cut it short."""
+    """One run from its begin to its result, also when an exception of ours ends it."""
 
     def __init__(self, setup: RunSetup) -> None:
         self._setup = setup
@@ -131,7 +131,7 @@ class Flown:
         self.run_state: RunState | None = None
 
     async def fly(self, report: Report, inbox: Inbox, disturb: Disturb | None) -> None:
-        """Fly; what is raised meanwhile, and a task that does not end as asked, is decisive."""
+        """Fly the run; exceptions, and tasks that do not end as asked, are decisive."""
         setup, loop = self._setup, asyncio.get_running_loop()
         run_state = RunState(time=loop.time, log_fault=fault_log(setup.order.folder / "log.jsonl"))
         self.run_state = run_state
@@ -144,6 +144,7 @@ class Flown:
     async def _fly(
         self, run_state: RunState, report: Report, inbox: Inbox, disturb: Disturb | None
     ) -> None:
+        """Open the run's streams and fly its vehicles."""
         setup = self._setup
         with ExitStack() as streams:
             ground = self._ground = _ground_of(setup, run_state, report, streams)
@@ -161,7 +162,7 @@ class Flown:
             run_state.enter("end")
 
     def result(self) -> RunResult:
-        """Return what the run came to, its loop being closed."""
+        """Return the run's result, its loop being closed."""
         run_state, ground = self.run_state, self._ground
         if run_state is None:
             raise RuntimeError("the run has not begun")
@@ -188,7 +189,7 @@ class Flown:
 
 
 def _ground_of(setup: RunSetup, run_state: RunState, report: Report, streams: ExitStack) -> _Ground:
-    """Return what stands before the vehicles do, its streams open."""
+    """Return the run's parts that exist before its vehicles, streams open."""
     events: dict[str, float] = {}
     judge = build_judge(setup, events)
     kinds = {use.name: use.kind for use in (*setup.campaign.oracles, COLLISION_ALWAYS)}
@@ -244,6 +245,7 @@ async def _fly_pair(ground: _Ground, inbox: Inbox, disturb: Disturb | None) -> N
 
 
 async def _fly_in_world(ground: _Ground, inbox: Inbox, disturb: Disturb | None) -> None:
+    """Start the run's vehicles, fly them, and end them before this returns."""
     setup, outside, run_state = ground.setup, ground.outside, ground.run_state
     record = ground.sync.recording(ground.recorder.frame)
     async with (
@@ -258,7 +260,7 @@ async def _fly_in_world(ground: _Ground, inbox: Inbox, disturb: Disturb | None) 
 
 
 def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox: Inbox) -> _Run:
-    """Return the run with all its parts tied to the vehicles."""
+    """Return the run with all its parts connected to the vehicles."""
     setup, run_state, recorder, sync = ground.setup, ground.run_state, ground.recorder, ground.sync
     reporter, bench = ground.reporter, ground.bench
     subject = next(one for one in pair.contexts if one.name == setup.subject)
@@ -314,6 +316,7 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
 
 
 def _world_event(recorder: RunRecorder, pair: Pair, name: str, t_s: float) -> None:
+    """Record an event of the world in the run, and pass it to the vehicles."""
     recorder.judged(WorldEvent(t_s, name))
     pair.notify(name, t_s)
 
@@ -321,14 +324,14 @@ def _world_event(recorder: RunRecorder, pair: Pair, name: str, t_s: float) -> No
 def _moment(
     events: dict[str, float], notify: Callable[[str, float], None], stage: Stage, t_s: float
 ) -> None:
-    """Let motions of the world know of a stage; of t0 they learn from the goal's flight."""
+    """Pass a stage of the run to the world's motions; t0 comes from the goal's flight."""
     if stage in MOMENTS and stage != "goal":
         events[stage] = t_s
         notify(stage, t_s)
 
 
 async def _conduct(run: _Run) -> None:
-    """Fly, and whatever comes, have everything down before this returns."""
+    """Fly the run, and in any case have everything down before this returns."""
     for context in run.pair.contexts:
         run.bench.attach(context)
         _record_events(run, context)
@@ -363,7 +366,7 @@ async def _conduct(run: _Run) -> None:
 
 
 async def _last(run_state: RunState, name: str, begin: Start) -> None:
-    """Do what goes on until the end of the run; that it ends before is decisive.
+    """Run a task until the end of the run; an earlier end is decisive.
 
     It raises nothing: the others of its group have to see the landing.
     """
@@ -373,7 +376,7 @@ async def _last(run_state: RunState, name: str, begin: Start) -> None:
 
 
 async def _finish(run: _Run, flight: "asyncio.Task[None]") -> None:
-    """End the flight; unless it landed by itself, have the guard bring all down.
+    """End the run's flight; unless it landed by itself, the guard brings all down.
 
     An exception of ours keeps nothing from being done that comes after it.
     """
@@ -391,7 +394,7 @@ async def _finish(run: _Run, flight: "asyncio.Task[None]") -> None:
 
 
 async def _step(run_state: RunState, name: str, do: Start) -> bool:
-    """Do a step of the end of a run; return whether it was done without an exception."""
+    """Do a step of the run's end; return whether it raised no exception."""
     try:
         with run_state.taking(name):
             await do()
@@ -402,6 +405,7 @@ async def _step(run_state: RunState, name: str, do: Start) -> bool:
 
 
 async def _land(run: _Run) -> None:
+    """Bring the run's vehicles down, or check that they are."""
     down = see_at_rest if run.run_state.reached("landed") else bring_down
     await down(run.pair, run.run_state)
 
@@ -409,7 +413,7 @@ async def _land(run: _Run) -> None:
 def _report_unhandled(
     run_state: RunState, _: asyncio.AbstractEventLoop, context: dict[str, Any]
 ) -> None:
-    """Take an error in a callback of the loop: physics gone wrong, a recording that broke off."""
+    """Record an exception of a callback in the run's loop: physics, recording."""
     error = context.get("exception")
     if isinstance(error, BaseException):
         run_state.fault(error, "in flight")
@@ -418,6 +422,8 @@ def _report_unhandled(
 
 
 def _watchers(recorder: RunRecorder, outside: ExternalIo) -> PerceptionWatchers:
+    """Return the run's watchers of perception: recorder and external I/O."""
+
     def reading(one: Reading) -> None:
         recorder.reading(one)
         outside.untouched(one)
@@ -431,16 +437,18 @@ def _watchers(recorder: RunRecorder, outside: ExternalIo) -> PerceptionWatchers:
 
 
 def _contact(outside: ExternalIo, kinds: Mapping[str, str], flag: Flag) -> None:
+    """Send a collision of the run to external I/O."""
     if kinds.get(flag.oracle) == "collision":
         outside.contact(flag)
 
 
 def _record_events(run: _Run, context: VehicleContext) -> None:
+    """Record a vehicle's events in the run."""
     context.driver.on_event(lambda event: run.recorder.vehicle_event(context.name, event))
 
 
 async def _flight(run: _Run) -> None:
-    """Fly the stages; what goes wrong is decisive, and raised by nobody."""
+    """Fly the run's stages; what goes wrong is decisive, not raised."""
     with run.run_state.taking("flight"):
         try:
             await _fly_stages(run)
@@ -449,6 +457,7 @@ async def _flight(run: _Run) -> None:
 
 
 async def _fly_stages(run: _Run) -> None:
+    """Fly the run's stages with the pair."""
     setup = run.setup
     await fly_together(
         run.pair.contexts,
@@ -468,6 +477,7 @@ async def _fly_stages(run: _Run) -> None:
 
 
 def _guard_event(run: _Run, event: GuardEvent) -> None:
+    """Record a guard event in the run, and decide the run by it if it is decisive."""
     run.recorder.guard_event(event)
     run.holding.take(event)
     run.reporter.guard(event)
@@ -490,12 +500,12 @@ def _drop_out(run: _Run, event: GuardEvent) -> None:
 
 
 async def _record(run: _Run) -> None:
-    """Record where all are until cancelled."""
+    """Record the run's trajectories until cancelled."""
     await run.recorder.follow(run.pair.contexts, run.run_state, run.watchdog.watch("trajectory"))
 
 
 async def _follow(run: _Run) -> None:
-    """Report progress until cancelled."""
+    """Report the run's progress until cancelled."""
     await run.reporter.follow(
         run.pair.contexts,
         lambda: run.perception.statistics,

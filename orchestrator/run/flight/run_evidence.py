@@ -26,7 +26,7 @@ _SOURCES: Mapping[str, PoseAccuracy] = {
 
 
 def signal_terms(setup: RunSetup, oracles: Iterable[Oracle]) -> Iterator[SignalTerms]:
-    """Yield the signals of the vehicles that fly; required are those of required oracles."""
+    """Yield the evidence terms of a run's signals; required are those of required oracles."""
     judges = tuple(oracles)
     for vehicle in setup.vehicles:
         yield _pose_terms(setup, vehicle, judges)
@@ -34,6 +34,7 @@ def signal_terms(setup: RunSetup, oracles: Iterable[Oracle]) -> Iterator[SignalT
 
 
 def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, judges: Iterable[Oracle]) -> SignalTerms:
+    """Return the evidence terms of a vehicle's pose."""
     source = vehicle.pose_source
     return SignalTerms(
         signal=POSE,
@@ -48,7 +49,7 @@ def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, judges: Iterable[Oracle]
 
 
 def _report_terms(vehicle: VehicleSetup, judges: Iterable[Oracle]) -> Iterator[SignalTerms]:
-    """Yield the reports of a vehicle's state that any of its oracles judges."""
+    """Yield the evidence terms of a vehicle's state reports that its oracles judge."""
     using = [one for one in judges if one.vehicle == vehicle.name]
     for report, rate_hz in _rates(vehicle.rates).items():
         windows = [one.terms.window for one in using if report in one.reports]
@@ -66,6 +67,7 @@ def _report_terms(vehicle: VehicleSetup, judges: Iterable[Oracle]) -> Iterator[S
 
 
 def _rates(rates: TelemetryRates) -> Mapping[ReportName, float]:
+    """Return the rates of a vehicle's reports, for the evidence."""
     return {
         "heartbeat": _HEARTBEAT_HZ,
         "landed_state": rates.state_hz,
@@ -75,7 +77,7 @@ def _rates(rates: TelemetryRates) -> Mapping[ReportName, float]:
 
 
 def _widest(windows: Iterable[Window]) -> Window:
-    """Return the window from the first stage of any to the last stage of any, at most in flight."""
+    """Return the evidence window from any first to any last stage, at most in flight."""
     known = tuple(windows)
     first = min((one.first for one in known), key=STAGES.index)
     last = max((one.last for one in known), key=STAGES.index)
@@ -83,6 +85,7 @@ def _widest(windows: Iterable[Window]) -> Window:
 
 
 def _pose_limit_s(setup: RunSetup, vehicle: VehicleSetup) -> float:
+    """Return the longest gap of a vehicle's poses that the evidence accepts."""
     if vehicle.pose_source == "mavlink":
         rate_hz, declared_s = vehicle.rates.position_hz, vehicle.max_gap_s
     elif vehicle.mocap is not None:
@@ -93,9 +96,11 @@ def _pose_limit_s(setup: RunSetup, vehicle: VehicleSetup) -> float:
 
 
 def _accuracy(given: PoseAccuracy) -> Accuracy:
+    """Return a pose source's accuracy for the evidence."""
     return Accuracy(given.position_m, given.velocity_m_s)
 
 
 def _rests_on_pose(oracle: Oracle, vehicle: str) -> bool:
+    """Return whether an oracle needs evidence of a vehicle's pose."""
     watches = type(oracle).on_pose is not Oracle.on_pose
     return oracle.required and watches and vehicle in oracle.watches

@@ -17,7 +17,7 @@ _ANY_DISTANCE_M = 1e6
 
 
 def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
-    """Return the judge of a run. `events` is filled in by the run. Raises OracleError."""
+    """Return the judge of a run with its oracles. `events`: filled by the run."""
     scene = setup.judged_scene
     contexts: dict[str, OracleContext] = {
         vehicle.name: OracleContext(
@@ -44,5 +44,5 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
 
 
 def _probe_of(scene: Scene, name: str) -> ClearanceProbe:
-    """Return a probe of one thing alone, that tells its distance however far it is."""
+    """Return a clearance probe of one object alone for an oracle, at any distance."""
     return ClearanceProbe(Scene((scene[name],)), BODY, within_m=_ANY_DISTANCE_M)

@@ -44,7 +44,7 @@ def result_of(
     end_s: float,
     wall_s: float,
 ) -> RunResult:
-    """Return what a run came to, its flight being over at end_s."""
+    """Return the outcome of a run, its flight being over at end_s."""
     plan = setup.order.plan
     oracles = judge.results(end_s)
     completed = run_state.reached("landed") and run_state.reached("done")
@@ -92,7 +92,7 @@ def result_of(
 
 
 def reason_of(decision: Decision, note: str) -> str:
-    """Return the reason, with what the autonomy noted last where it is a FAIL."""
+    """Return the reason of a run's outcome, with the autonomy's last note at a FAIL."""
     if decision.verdict != "FAIL" or not note:
         return decision.reason
     return f"{decision.reason}; the autonomy's last note was '{note}'"
@@ -101,7 +101,7 @@ def reason_of(decision: Decision, note: str) -> str:
 def broken_result(
     setup: RunSetup, run_state: RunState, *, end_s: float, wall_s: float
 ) -> RunResult:
-    """Return what a run came to of which an exception of ours left no more than that it was."""
+    """Return the outcome of a run of which an exception left nothing else."""
     plan = setup.order.plan
     decision = decide(run_state.decisive, (), end_s=end_s, completed=False)
     return RunResult(
@@ -131,17 +131,17 @@ def broken_result(
 
 
 def exceptions_of(run_state: RunState) -> tuple[str, ...]:
-    """Return the exceptions of ours, each in a line."""
+    """Return the exceptions of ours in a run, each in a line."""
     return tuple(fault.text for fault in run_state.faults)
 
 
 def also_of(decision: Decision) -> tuple[Also, ...]:
-    """Return what came after the event that made the verdict."""
+    """Return the run's decisive events after the one that made the verdict."""
     return tuple(Also(event.kind, event.text, event.t_s) for event in decision.also)
 
 
 def external_result(outside: ExternalIo, perception: Perception | None) -> ExternalResult | None:
-    """Return what came in and went out; None when there was nothing outside of the process."""
+    """Return the run's results of external I/O; None without any."""
     runners = () if perception is None else perception.runners.values()
     programs = tuple(runner.result for runner in runners if isinstance(runner, ProgramRunner))
     result = replace(outside.result, programs=programs)
@@ -149,6 +149,7 @@ def external_result(outside: ExternalIo, perception: Perception | None) -> Exter
 
 
 def _mixing_result(mixings: tuple[MixingLoop, ...]) -> MixingResult | None:
+    """Return the run's result of mixing; None without mixing."""
     if not mixings:
         return None
     combinations = tuple(_combination_result(mixing) for mixing in mixings)
@@ -169,6 +170,7 @@ def _mixing_result(mixings: tuple[MixingLoop, ...]) -> MixingResult | None:
 
 
 def _combination_result(mixing: MixingLoop) -> CombinationResult:
+    """Return the run's result of one combination."""
     statistics, counts = mixing.statistics, mixing.mixer.counts()
     error = statistics.registration_error_px.percentiles()
     bound = statistics.registration_bound_px.percentiles()
@@ -194,6 +196,7 @@ def _combination_result(mixing: MixingLoop) -> CombinationResult:
 
 
 def _shown(coverage: Coverage) -> dict[str, ShownResult]:
+    """Return the run's results of how mixtures showed virtual objects."""
     return {
         name: ShownResult(
             frames_in_view=one.in_view,

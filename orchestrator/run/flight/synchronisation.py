@@ -14,7 +14,7 @@ from vehicles.mavlink.framing import frame_header
 
 
 class Synchronisation:
-    """Measures command, takeoff and t0 skew of a pair; one that exceeds its limit is INVALID."""
+    """Measures the pair's synchronisation: command, takeoff and t0 skew, and their limits."""
 
     def __init__(self, *, setup: SyncSetup, run_state: RunState) -> None:
         self._setup = setup
@@ -25,7 +25,7 @@ class Synchronisation:
         self._waited_s: Mapping[str, float] = {}
 
     def attach(self, contexts: tuple[VehicleContext, ...]) -> None:
-        """Take the vehicles whose skews are measured."""
+        """Attach the pair whose synchronisation is measured."""
         self._contexts = contexts
         self._run_state.on_stage(self._on_stage)
 
@@ -34,7 +34,7 @@ class Synchronisation:
         self._waited_s = waited_s
 
     def recording(self, record: Record) -> Record:
-        """Return a record of frames that also notes when takeoff commands were on the wire."""
+        """Return a frame recorder that also notes the pair's takeoff command times."""
 
         def note(name: str, t_s: float, frame: bytes) -> None:
             record(name, t_s, frame)
@@ -44,12 +44,12 @@ class Synchronisation:
         return note
 
     def goal_given(self, name: str, t_s: float) -> None:
-        """Take when a vehicle got the first setpoint of its goal."""
+        """Note when a vehicle got its goal's first setpoint, for the t0 skew."""
         self._goal_s[name] = t_s
         self._check("t0", self.result().t0_skew_s, self._setup.max_t0_skew_s)
 
     def check_takeoff(self) -> None:
-        """Hold the takeoff of a pair to its limits; called once both are at height.
+        """Check the pair's takeoff skew against its limits, once both are at height.
 
         A skew that was not measured is not shown to be small: INVALID too. There is none to a
         vehicle that dropped out meanwhile.
@@ -67,7 +67,7 @@ class Synchronisation:
         self._check("takeoff", result.takeoff_skew_s, self._setup.max_takeoff_skew_s)
 
     def result(self) -> SyncResult:
-        """Return the skews as far as they are known; None for one vehicle alone."""
+        """Return the pair's skews as far as known; None for one vehicle alone."""
         lifts = {context.name: context.liftoff.liftoff_s for context in self._contexts}
         lifted = {name: lifted_s for name, lifted_s in lifts.items() if lifted_s is not None}
         return SyncResult(
@@ -111,7 +111,7 @@ class Synchronisation:
 
 
 def _is_takeoff(frame: bytes) -> bool:
-    """Return whether a frame asks a vehicle to take off."""
+    """Return whether a frame is a takeoff command."""
     header = frame_header(frame)
     command = None if header is None else command_of(header)
     return command is not None and command.number == NAV_TAKEOFF

@@ -19,7 +19,7 @@ Sign = Callable[[], None]
 
 
 def stage_patience_s(sync: SyncSetup) -> Mapping[Stage, float]:
-    """Return how long a stage may last in which nothing of its own is late."""
+    """Return how long the watchdog lets a stage last in which nothing is late."""
     own: dict[Stage, float] = {
         "identify": sync.identify_timeout_s,
         "ready": sync.ready_timeout_s,
@@ -32,7 +32,7 @@ def stage_patience_s(sync: SyncSetup) -> Mapping[Stage, float]:
 
 
 class Watchdog:
-    """Ends a run as ERROR when one of its tasks gives no sign any more, or its flight hangs.
+    """Ends a run as ERROR when one of its tasks is silent, or its flight hangs.
 
     Every stage has time-outs of its own; this is for the task that should have seen to them.
     patience_s: how long each stage may last, not counting the operator's holds. pace: how many
@@ -56,7 +56,7 @@ class Watchdog:
         return cls(run_state=run_state, patience_s=stage_patience_s(sync), pace=pace)
 
     def watch(self, name: str) -> Sign:
-        """Return what a task has to call twice in ten seconds from its first call on."""
+        """Return what a watched task has to call twice in ten seconds."""
 
         def sign() -> None:
             self._silent[name] = 0
@@ -65,7 +65,7 @@ class Watchdog:
         return sign
 
     async def run(self) -> None:
-        """Look until something stands still, or until cancelled."""
+        """Watch until a task hangs, or until cancelled."""
         while not self._run_state.over.is_set():
             await asyncio.sleep(self._look_s)
             still = self._who_is_silent() or self._what_hangs()
@@ -74,7 +74,7 @@ class Watchdog:
         await self._run_state.reaching("end")
 
     async def last_signs(self) -> None:
-        """Have all give one more sign, now that the flight is over: a PASS needs them to its end.
+        """Wait for one more sign of all watched tasks after the flight: a PASS needs it.
 
         To be called when nothing has decided the run.
         """

@@ -33,7 +33,7 @@ _LARGEST = 1e6
 
 
 class AutonomyFault(Exception):  # noqa: N818 - it is what is under test that failed
-    """The autonomy under test failed; says how, and where in its code.
+    """The autonomy under test failed in a call; says how, and where in its code.
 
     trace: the whole traceback of what it raised; empty where it raised nothing.
     """
@@ -44,11 +44,11 @@ class AutonomyFault(Exception):  # noqa: N818 - it is what is under test that fa
 
 
 class _HangWarning(BaseException):
-    """Raised in the autonomy's own code when its time is up; no `except Exception` holds it."""
+    """Raised in the autonomy's code when a call hangs; no `except Exception` catches it."""
 
 
 def call_autonomy(ask: Callable[[], T], *, within_s: float = LONGEST_ANSWER_S) -> T:
-    """Return what a call of the autonomy gives. Raises AutonomyFault, and nothing else.
+    """Return the result of a call of the autonomy. Raises AutonomyFault, and nothing else.
 
     SystemExit, KeyboardInterrupt and CancelledError are faults, too: nothing but the autonomy's
     own code raises them in a call that does not await.
@@ -66,7 +66,7 @@ def call_autonomy(ask: Callable[[], T], *, within_s: float = LONGEST_ANSWER_S) -
 
 
 def command_of(answer: object) -> Command:
-    """Return what `act` answered as a command of plain finite numbers. Raises AutonomyFault."""
+    """Return the command that the autonomy's `act` returned, checked. Raises AutonomyFault."""
     if not isinstance(answer, Command):
         raise AutonomyFault(f"returned {_kind(answer)}, not a Command")
     note = answer.note
@@ -76,6 +76,7 @@ def command_of(answer: object) -> Command:
 
 
 def _setpoint(given: object) -> Setpoint:
+    """Return the autonomy's setpoint, checked. Raises AutonomyFault."""
     match given:
         case VelocitySetpoint(velocity, yaw_rad, yaw_rate_rad_s):
             if yaw_rad is not None and yaw_rate_rad_s is not None:
@@ -93,6 +94,7 @@ def _setpoint(given: object) -> Setpoint:
 
 
 def _vector(name: str, given: Sequence[object]) -> Vec3:
+    """Return a vector of the autonomy's setpoint, checked. Raises AutonomyFault."""
     try:
         north, east, down = given
     except (TypeError, ValueError):
@@ -101,10 +103,12 @@ def _vector(name: str, given: Sequence[object]) -> Vec3:
 
 
 def _optional(name: str, given: object) -> float | None:
+    """Return an optional number of the autonomy's setpoint; None for None."""
     return None if given is None else _number(name, given)
 
 
 def _number(name: str, given: object) -> float:
+    """Return a number of the autonomy's setpoint. Raises AutonomyFault."""
     if isinstance(given, str):
         raise AutonomyFault(f"returned a setpoint whose {name} contains {_kind(given)}")
     try:
@@ -120,7 +124,7 @@ def _number(name: str, given: object) -> float:
 
 @contextmanager
 def _alarm(after_s: float) -> Iterator[None]:
-    """Raise _Hangs in the code within, and again each second, once its time is up.
+    """Raise _HangWarning in an autonomy call whose time is up, and again each second.
 
     Needs the main thread, where signals arrive; elsewhere there is no limit. A timer that
     somebody else has set goes on afterwards.
@@ -139,16 +143,18 @@ def _alarm(after_s: float) -> Iterator[None]:
 
 
 def _warn_of_hang(number: int, frame: FrameType | None) -> NoReturn:
+    """Raise the warning of a hanging autonomy call (signal handler)."""
     del number, frame
     raise _HangWarning
 
 
 def _kind(thing: object) -> str:
+    """Return the kind of a wrong value in an autonomy's setpoint, in words."""
     return "nothing" if thing is None else f"a {type(thing).__name__}"
 
 
 def _error_text(error: BaseException) -> str:
-    """Return an error's type and words; one that cannot even be told is told by its type."""
+    """Return type and message of an autonomy's exception; the type if that fails."""
     try:
         words = str(error)
     except BaseException:  # noqa: BLE001 - the words of the code under test may raise anything
@@ -158,7 +164,7 @@ def _error_text(error: BaseException) -> str:
 
 
 def _place_of(error: BaseException) -> str:
-    """Return the innermost line of the user's own code, with the text of that line.
+    """Return the innermost line of the autonomy's code in a traceback, with its text.
 
     Where a library of Python or of others raised, the line that called it is what can be mended.
     """
@@ -172,7 +178,7 @@ def _place_of(error: BaseException) -> str:
 
 
 def _trace(error: BaseException) -> str:
-    """Return the whole traceback, from the first line of the code under test on."""
+    """Return an autonomy call's traceback, from its own first line on."""
     lines = traceback.format_list(_frames(error))
     return "\n".join(map(printable, "".join([*lines, _error_text(error)]).splitlines()))[
         -_LONGEST_TRACE:
@@ -180,11 +186,13 @@ def _trace(error: BaseException) -> str:
 
 
 def _frames(error: BaseException) -> list[traceback.FrameSummary]:
+    """Return the traceback frames of an autonomy call outside this module."""
     found = traceback.extract_tb(error.__traceback__, limit=None)
     return [frame for frame in found if frame.filename != __file__]
 
 
 def _is_library(filename: str) -> bool:
+    """Return whether a traceback's file is a library, not the autonomy's code."""
     path = Path(filename)
     installed = not {"site-packages", "dist-packages"}.isdisjoint(path.parts)
     return filename.startswith("<") or installed or path.is_relative_to(_STANDARD_LIBRARY)

@@ -37,15 +37,15 @@ class AutonomyRunner:
         self._setpoint_listeners.append(listener)
 
     def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
-        """Call `started(name, t_s)` when the next setpoint is on its way, once."""
+        """Call `started(name, t_s)` once, when the autonomy's next setpoint is sent."""
         self._started = started
 
     def perceive(self, reading: Reading) -> None:
-        """Hand a reading to the autonomy."""
+        """Give a reading to the autonomy."""
         self._call_guarded(self._autonomy.perceive, reading)
 
     def perceive_raw(self, reading: Reading) -> None:
-        """Hand on what a mixture was made of, to an autonomy that wants it."""
+        """Give a mixture's inputs to an autonomy that wants them."""
         if isinstance(self._autonomy, PerceivesRaw):
             self._call_guarded(self._autonomy.perceive_raw, reading)
 
@@ -58,7 +58,7 @@ class AutonomyRunner:
             self._report_fault(fault)
 
     async def fly(self) -> None:
-        """Have the autonomy act from now on until cancelled; `done` is set when it says so."""
+        """Run the autonomy from now on until cancelled; `done` is set when it says so."""
         loop = asyncio.get_running_loop()
         t0_s, tick = loop.time(), 0
         while not self._crashed:

@@ -25,13 +25,13 @@ _HIDDEN_M = 0.05
 
 
 def samples_of(intrinsics: Intrinsics) -> slice:
-    """Return which rows, and which columns, of a picture are compared."""
+    """Return the rows and columns of an image at which the expected view is compared."""
     step = -(-intrinsics.width_px // _SAMPLES)
     return slice(step // 2, None, step)
 
 
 def sampled_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
-    """Return the camera whose pixels are the compared ones of another."""
+    """Return the camera whose pixels are the compared samples of another."""
     part = samples_of(intrinsics)
     step, first = part.step, part.start
     return replace(
@@ -46,7 +46,7 @@ def sampled_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
 
 
 class ExpectedViews:
-    """Draws and casts what should be seen. real, virtual: what stands in W and in Wv.
+    """Computes the expected views of real and virtual scene. real: W, virtual: Wv.
 
     Ids are those of the world file, in both.
     """
@@ -70,7 +70,7 @@ class ExpectedViews:
         virtual: Virtual,
         real_depth_m: DepthImage | None,
     ) -> ExpectedImage:
-        """Return the compared pixels of a picture. camera: its pose (FRD axes, world frame).
+        """Return an image's expected samples. camera: its pose (FRD axes, world frame).
 
         real_depth_m: how far the real camera saw, at these pixels; None when unknown.
         """
@@ -90,19 +90,20 @@ class ExpectedViews:
         return ExpectedImage(ids, drawn.image_bgr, unknown, step)
 
     def depths(self, camera: Pose, intrinsics: Intrinsics, t_s: float) -> ExpectedRanges:
-        """Return distances along the optical axis at the compared pixels, flat."""
+        """Return the expected depths along the optical axis at the samples, flat."""
         small = sampled_intrinsics(intrinsics)
         drawn = self._hiding.picture(camera, small, t_s, want_ids=True, want_depth=True)
         depth_m = np.asarray(drawn.depth_m, np.float64)
         return ExpectedRanges(depth_m.reshape(-1), _require_ids(drawn.object_ids).reshape(-1))
 
     def ranges(self, sensor: Pose, directions: Directions, t_s: float) -> ExpectedRanges:
-        """Return what beams meet. sensor: its pose (FRD axes, world frame)."""
+        """Return the expected ranges of beams. sensor: its pose (FRD axes, world frame)."""
         hits = self._rays(sensor, directions, t_s)
         return ExpectedRanges(hits.ranges_m.astype(np.float64), hits.object_ids)
 
 
 def _require_ids(ids: Ids | None) -> Ids:
+    """Return the rendered object ids of an expected view. Raises TypeError for None."""
     if ids is None:
         raise TypeError("our renderer returns ids where they are requested")
     return ids

@@ -25,7 +25,7 @@ class _WatchedMixing:
 
 
 class MixingBudgetWatch:
-    """Turns a mixture that left its budget into the verdict INVALID.
+    """Watches mixing budgets: a mixture that exceeds one makes the run INVALID.
 
     someone_is_silent: whether a vehicle has not been heard for a while. While one is silent this
     may be its death, which is an ERROR that the guard tells; what spoiled the mixing counts only
@@ -41,18 +41,18 @@ class MixingBudgetWatch:
         run_state.on_stage(self._stage)
 
     def watch(self, loop: MixingLoop, period_s: float) -> None:
-        """Watch a mixing too. period_s: of its mixtures."""
+        """Watch a mixing loop's budget too. period_s: of its mixtures."""
         stalled_s = max(STALLED_S, _STALLED_PERIODS * period_s)
         rate = RateWatch(loop.mixer.combination.budget)
         self._watched[loop.name] = _WatchedMixing(loop, rate, stalled_s)
 
     @property
     def loops(self) -> Sequence[MixingLoop]:
-        """Return what is watched."""
+        """Return the mixing loops whose budgets are watched."""
         return [one.loop for one in self._watched.values()]
 
     def frame(self, frame: MixedFrame) -> None:
-        """Judge a mixture."""
+        """Check a mixture against its budget."""
         watched = self._watched[frame.name]
         provenance = frame.mixed.provenance
         if frame.mixed.reading is not None:
@@ -69,7 +69,7 @@ class MixingBudgetWatch:
         self._visibility(watched.loop, frame)
 
     def _visibility(self, loop: MixingLoop, frame: MixedFrame) -> None:
-        """Judge what a mixture shows of the virtual objects."""
+        """Check a mixture's visibility of the virtual objects."""
         if loop.probe is None or frame.visibility is None:
             return
         fault = loop.probe.coverage.take(frame.visibility)
@@ -77,16 +77,16 @@ class MixingBudgetWatch:
             self.spoiled(loop.name, fault.text + loop.probe.why_nothing())
 
     def spoiled(self, name: str, reason: str) -> None:
-        """Take that what was perceived proves nothing, if this happens while the goal is flown."""
+        """Note that perception proves nothing, while the goal is flown."""
         self.doubted(f"mixing of {name}: {reason}")
 
     def doubted(self, reason: str) -> None:
-        """Take that a sensor gave nothing, if this happens while the goal is flown."""
+        """Note that a sensor delivered nothing, while the goal is flown."""
         if self._run_state.stage == "goal" and self._doubt is None:
             self._doubt = (asyncio.get_running_loop().time(), reason)
 
     async def run(self, alive: Callable[[], None]) -> None:
-        """Watch for what does not happen, and settle what is in doubt; until cancelled.
+        """Watch budgets for missing mixtures, and settle doubts; until cancelled.
 
         alive: called four times a second.
         """
@@ -125,7 +125,7 @@ class MixingBudgetWatch:
             self._look_back()
 
     def _look_back(self) -> None:
-        """Judge what all mixtures of the goal's flight showed, once it is over."""
+        """Check what all mixtures of the goal's flight showed, once it is over."""
         probes = {
             name: watched.loop.probe
             for name, watched in self._watched.items()

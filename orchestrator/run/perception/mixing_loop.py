@@ -39,7 +39,7 @@ class _Waiting:
 
 @dataclass(frozen=True, slots=True)
 class RegistrationError:
-    """How far from its place what is virtual was drawn, RMS in pixels; None: nothing is in sight.
+    """A mixture's registration error, RMS in pixels; None: nothing virtual in view.
 
     error_px: against an independent reference; None without one. bound_px: without one, what the
     error is within by what is known of the pose.
@@ -54,7 +54,7 @@ Registration = Callable[[Reading, float], RegistrationError]
 
 
 class MixingLoop:
-    """Mixes the readings of one sensor and tells each mixture.
+    """Mixes the readings of one sensor in a loop and reports each mixture.
 
     name: of the combination. twin: a source that is asked for the pose that the recipe's
     `register` wants; None where the twin's readings come by themselves (`twin_reading`). poses: of
@@ -108,7 +108,7 @@ class MixingLoop:
         self._arrived = asyncio.Event()
 
     def real_reading(self, reading: Reading) -> None:
-        """Take a reading of the real vehicle's sensor."""
+        """Take the real sensor's reading into the mixing loop."""
         is_due = self._is_due(reading)
         if not (is_due or self._is_mixing or self._waiting):
             self.mixer.offer("real", reading)
@@ -130,7 +130,7 @@ class MixingLoop:
             self.statistics.replaced += is_due
 
     def _is_due(self, reading: Reading) -> bool:
-        """Return whether a reading is to be mixed: on average at the recipe's rate.
+        """Return whether a reading is due for mixing: on average at the recipe's rate.
 
         One that is nearer to its time than the next would be counts, so that a camera at the
         recipe's own rate loses nothing by the jitter of its stamps.
@@ -144,7 +144,7 @@ class MixingLoop:
         return True
 
     def twin_reading(self, reading: Reading) -> None:
-        """Take a reading of the twin's own sensor: for recipes that do not ask for a pose."""
+        """Take the twin sensor's reading: for recipes without `register`."""
         fault = self.mixer.offer("twin", reading)
         if fault is not None:
             self._trouble(fault)
@@ -155,7 +155,7 @@ class MixingLoop:
         self._arrived.set()
 
     async def run(self) -> None:
-        """Mix until cancelled."""
+        """Mix readings until cancelled."""
         while True:
             await self._arrived.wait()
             self._arrived.clear()
@@ -206,7 +206,7 @@ class MixingLoop:
         self._tell(MixedFrame(self.name, self.mixer.sensor, real, twin, mixed, visibility))
 
     async def _twin_has_come(self) -> None:
-        """Wait until the twin's readings have reached the moment of the oldest that waits.
+        """Wait until twin readings have reached the oldest real one that waits to be mixed.
 
         While this waits that reading may be replaced by a newer one.
         """
@@ -229,7 +229,7 @@ class MixingLoop:
         return min(self._twins, key=lambda reading: abs(reading.t_s - t_s), default=None)
 
     async def _ask_twin(self, twin: OnDemand, real: Reading) -> tuple[Reading | None, str]:
-        """Return the twin's reading from the pose that the recipe wants, and how that was found.
+        """Return the twin's reading at the recipe's pose to mix, and how that was found.
 
         Raises NoImageError when its source gives none, or gives it too late.
         """
@@ -261,7 +261,7 @@ class MixingLoop:
             )
 
     async def _pose_has_come(self, t_s: float) -> None:
-        """Wait until the pose source has passed t_s, for a short while."""
+        """Wait briefly until the pose source has passed t_s, so that mixing can align."""
         loop = asyncio.get_running_loop()
         give_up_s = loop.time() + self._wait_s
         while self._poses.at(t_s).kind != "interpolated" and loop.time() < give_up_s:
@@ -282,4 +282,5 @@ class MixingLoop:
 
 
 def _is_big(reading: Reading) -> bool:
+    """Return whether the mixing loop keeps few readings of this size: images, clouds."""
     return isinstance(reading, CameraReading | DepthReading | LidarPointsReading)

@@ -6,27 +6,27 @@ from orchestrator.model.results import Percentiles, percentiles
 
 
 class Samples:
-    """Grows by eight bytes a sample."""
+    """Samples of a mixing figure for percentiles; grows by eight bytes each."""
 
     def __init__(self) -> None:
         self._values = array("d")
 
     def add(self, value: float) -> None:
-        """Take a value."""
+        """Add a value to the mixing statistics' samples."""
         self._values.append(value)
 
     @property
     def last(self) -> float | None:
-        """Return the newest value."""
+        """Return the newest sample."""
         return self._values[-1] if self._values else None
 
     def percentiles(self) -> Percentiles:
-        """Return the figures of all values so far."""
+        """Return the percentiles of all samples so far."""
         return percentiles(self._values)
 
 
 class MixingStatistics:
-    """Counts and figures of mixed readings: rate, skew, latency, registration error.
+    """Statistics of mixed readings: rate, skew, latency, registration error.
 
     replaced: readings that made way for newer ones before they were mixed. missed: readings that
     were not mixed, for the twin's source gave no image in time; last_miss: why the newest of them
@@ -64,7 +64,7 @@ class MixingStatistics:
 
     @property
     def rate_hz(self) -> float | None:
-        """Return the mean rate of delivery; None below two readings."""
+        """Return the mean rate of mixed deliveries; None below two readings."""
         if self._first_s is None or self._last_s is None or self._last_s <= self._first_s:
             return None
         return (self.frames - 1) / (self._last_s - self._first_s)

@@ -20,7 +20,7 @@ Take = Callable[[Reading], None]
 
 @dataclass(slots=True)
 class SensorSource:
-    """A sensor of a vehicle, and all who take its readings. vehicle, sensor: names."""
+    """A vehicle's sensor in perception, and all that take its readings. vehicle, sensor: names."""
 
     vehicle: str
     sensor: str
@@ -28,10 +28,11 @@ class SensorSource:
     takers: list[Take] = field(default_factory=list)
 
     async def run(self) -> None:
-        """Deliver until cancelled."""
+        """Deliver the sensor's readings until cancelled."""
         await self.stream.run(self._deliver)
 
     def _deliver(self, reading: Reading) -> None:
+        """Deliver a reading under the sensor's name to all that take it."""
         if reading.sensor != self.sensor:
             reading = replace(reading, sensor=self.sensor)
         for take in self.takers:
@@ -40,7 +41,7 @@ class SensorSource:
 
 @dataclass(slots=True)
 class Perception:
-    """The sensors and mixings of a run, and the pilots that perceive by them.
+    """Perception of a run: its sensors and mixing loops, and the runners that perceive.
 
     listeners: told each mixture with the readings behind it, also one that is none. from_outside:
     whether a sensor's readings come from outside of our processes.
@@ -55,7 +56,7 @@ class Perception:
 
     @property
     def mixings(self) -> tuple[MixingLoop, ...]:
-        """Return the mixings, in the order of the recipe."""
+        """Return perception's mixing loops, in the order of the recipe."""
         return tuple(self.budgets.loops)
 
     @property
@@ -65,11 +66,11 @@ class Perception:
 
     @property
     def statistics(self) -> MixingStatistics | None:
-        """Return the figures of the recipe's first combination; None where nothing is mixed."""
+        """Return the statistics of the recipe's first combination; None without mixing."""
         return self.mixings[0].statistics if self.mixings else None
 
     def tell(self, frame: MixedFrame) -> None:
-        """Judge a mixture and pass it on to those who listen."""
+        """Check a mixture and pass it on to perception's listeners."""
         self.budgets.frame(frame)
         for listener in self.listeners:
             listener(frame)

@@ -35,7 +35,7 @@ _MOCAP_HZ = 100.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerceptionWatchers:
-    """Who looks on.
+    """Watchers that a built perception reports readings and mixtures to.
 
     reading: each of a source, of real or twin. frame: each mixture. perceived: each reading that
     an autonomy perceives, with the vehicles whose autonomies do.
@@ -57,7 +57,7 @@ def build_perception(
     events: Mapping[str, float],
     watchers: PerceptionWatchers,
 ) -> Perception:
-    """Return the sensors and mixings of a run, not started yet, for its pilots."""
+    """Build a run's sensors and mixing loops for its runners, not started yet."""
 
     def someone_is_silent() -> bool:
         now_s = asyncio.get_running_loop().time()
@@ -112,7 +112,7 @@ class _PerceptionBuilder:
         self._video: str | None = None
 
     def arrange(self) -> None:
-        """Mix what the recipe mixes; what is not mixed for a vehicle, it perceives as it is."""
+        """Build mixing loops for what the recipe mixes; other sensors go direct."""
         mixed: set[tuple[str, str]] = set()
         mixers = self._mixers() if self._setup.mode == "wil" else ()
         combined = Counter(mixer.sensor for mixer in mixers)
@@ -170,7 +170,7 @@ class _PerceptionBuilder:
         perception.listeners.append(self._delivery(mixer, name, asked=request is not None))
 
     def _delivery(self, mixer: Mixer, name: str, *, asked: bool) -> Callable[[MixedFrame], None]:
-        """Return who records a mixture and hands it to the autonomies that it is for."""
+        """Build what records a mixture and hands it to its autonomy runners."""
         receivers = self._receivers(mixer)
         runners = [self._perception.runners[vehicle] for vehicle in receivers]
         raw = mixer.combination.publish_raw
@@ -197,7 +197,7 @@ class _PerceptionBuilder:
         return tuple(one for one in mixer.publish if one in self._perception.runners)
 
     def _film(self, name: str) -> bool:
-        """Return whether this is what the run's video shows: the first picture of the subject."""
+        """Return whether the run's video shows this: the subject's first image."""
         self._video = self._video or name
         return self._video == name
 
@@ -208,7 +208,7 @@ class _PerceptionBuilder:
             )
 
     def _direct(self, vehicle: VehicleSetup, sensor: SensorSetup) -> None:
-        """Let a vehicle perceive its own sensor."""
+        """Build the direct delivery of a vehicle's own sensor to its runner."""
         subject = vehicle.name == self._setup.subject
         filmed = subject and isinstance(sensor, CameraSetup) and self._film(sensor.name)
         self._source(vehicle.name, sensor).takers.append(
@@ -243,6 +243,7 @@ def _perception_users(runner: AnyRunner, watchers: PerceptionWatchers, *, filmed
 
 
 def _hand_over(runner: AnyRunner, frame: MixedFrame, *, raw: bool) -> None:
+    """Deliver a mixture, and on request its inputs, to an autonomy runner."""
     if raw:
         for reading in (frame.real, frame.twin):
             if reading is not None:
@@ -252,12 +253,15 @@ def _hand_over(runner: AnyRunner, frame: MixedFrame, *, raw: bool) -> None:
 
 
 def _is_image(reading: Reading | None) -> CameraReading | None:
+    """Return the reading if it is a camera image; else None."""
     return reading if isinstance(reading, CameraReading) else None
 
 
 def _named_combinations(vehicle: VehicleSetup, name: str) -> SensorSetup:
+    """Return a vehicle's sensor setup by its name."""
     return next(sensor for sensor in vehicle.sensors if sensor.name == name)
 
 
 def _rate_hz(sensor: SensorSetup) -> float:
+    """Return a sensor's rate for building perception."""
     return sensor.rate_hz or _MOCAP_HZ

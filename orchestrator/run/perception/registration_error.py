@@ -19,7 +19,7 @@ Pictured = CameraSetup | DepthSetup
 
 
 class Registrar:
-    """Measures registration errors against where the real camera truly was."""
+    """Measures the registration error of overlays against the real camera's true pose."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class Registrar:
         self._events = events
 
     def of(self, camera: Pictured) -> Registration:
-        """Return what tells how far off a twin's picture is, over one of a real camera.
+        """Return what measures a twin image's registration error over a real camera's.
 
         It tells nothing of a picture of unknown place, nor where nothing virtual is in sight. The
         truth of a vehicle of ours is no reference for pictures that come from outside.
@@ -71,7 +71,7 @@ class Registrar:
         return registered
 
     def _drawn_from(self, twin: Reading, camera: Pictured | None) -> Pose | None:
-        """Return where a twin's picture was drawn from; a live one does not say so itself."""
+        """Return the pose a twin's image was rendered from; a live one does not say."""
         if not isinstance(twin, CameraReading | DepthReading):
             return None
         if twin.camera_pose is not None or camera is None or _drawn_objects(camera) != "live":
@@ -89,11 +89,13 @@ class Registrar:
 
 
 def _projected_corners(vehicle: VehicleSetup, name: str) -> Pictured | None:
+    """Return the setup of a vehicle's camera whose registration is measured."""
     found = (one for one in vehicle.sensors if one.name == name)
     return next((one for one in found if isinstance(one, CameraSetup | DepthSetup)), None)
 
 
 def _drawn_objects(camera: Pictured) -> ShownAs:
+    """Return the source of a camera's images as results name it."""
     source = camera.source if isinstance(camera, CameraSetup) else None
     return "rendered" if source is None else source.shown_as
 
@@ -105,7 +107,7 @@ def registration_error_px(
     drawn_from: Pose,
     reference: Pose,
 ) -> float | None:
-    """Return the RMS distance between points as drawn and as the reference camera would see them.
+    """Return the RMS pixel distance of points as rendered from where they should be.
 
     points_ned_m: points of virtual objects, world frame, each where it was drawn and where it
     was at the exposure of the real picture. drawn_from, reference: camera poses (FRD axes). Only
@@ -127,7 +129,7 @@ def registration_error_px(
 def uncertainty_px(
     points_ned_m: Iterable[Vec3], *, intrinsics: Intrinsics, camera: Pose, accuracy: PoseAccuracy
 ) -> float:
-    """Return how far points may be seen off, by three standard deviations of the camera's pose.
+    """Return the registration bound of points: three standard deviations of the pose.
 
     RMS over the points in its picture, in pixels; 0 for none. To first order a camera that is
     moved by s across the ray to a point at distance d, depth z, sees it turned by s / d; an angle
@@ -150,7 +152,7 @@ _SIGMAS = 3.0
 
 
 def box_corners(thing: SceneObject) -> tuple[Vec3, ...]:
-    """Return the eight corners of the box round a thing, in its own frame (FRD metres)."""
+    """Return the eight corners of an object's bounding box, in its own frame (FRD metres)."""
     low = [float(value) for value in thing.shape.mesh.vertices_m.min(axis=0)]
     high = [float(value) for value in thing.shape.mesh.vertices_m.max(axis=0)]
     sides = zip(low, high, strict=True)
@@ -158,6 +160,7 @@ def box_corners(thing: SceneObject) -> tuple[Vec3, ...]:
 
 
 def _inside(pixel: tuple[float, float], intrinsics: Intrinsics) -> bool:
+    """Return whether a registered point lies in the image."""
     return (
         -0.5 <= pixel[0] <= intrinsics.width_px - 0.5
         and -0.5 <= pixel[1] <= intrinsics.height_px - 0.5

@@ -25,7 +25,7 @@ AnyRunner = AutonomyRunner | ProgramRunner | FollowRunner | ShadowRunner
 async def open_runners(
     setup: RunSetup, pair: Pair, run_state: RunState
 ) -> AsyncIterator[Mapping[str, AnyRunner]]:
-    """Build the pilots by vehicle; programs run while this is open.
+    """Build the autonomy runners by vehicle; programs run while this is open.
 
     Raises AutonomyFault for an autonomy that cannot be built, VehicleError for a program that
     cannot be started.
@@ -66,7 +66,7 @@ def _coupled_runner(
 
 
 def _build_autonomy(setup: RunSetup, name: str) -> Autonomy:
-    """Return the autonomy of a vehicle. Raises AutonomyFault."""
+    """Build the autonomy of a vehicle for its runner. Raises AutonomyFault."""
     try:
         return call_autonomy(
             lambda: setup.campaign.under_test.build(setup.seed), within_s=LONGEST_CONSTRUCTION_S

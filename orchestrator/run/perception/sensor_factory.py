@@ -76,7 +76,7 @@ _TELEMETRY_DELAY_S = 0.06
 
 
 async def in_thread(job: Callable[[], T], /) -> T:
-    """Run a job in a thread, so that the loop's 50 Hz go on."""
+    """Run a sensor's job in a thread, so that the loop's 50 Hz go on."""
     return await asyncio.to_thread(job)
 
 
@@ -107,7 +107,7 @@ class SensorFactory:
         self._asked: dict[str, OnDemand] = {}
 
     def stream(self, vehicle: VehicleSetup, sensor: SensorSetup) -> Stream:
-        """Return a sensor of a vehicle that delivers by itself."""
+        """Return a vehicle's sensor that streams readings by itself."""
         if isinstance(sensor, CameraSetup):
             return self._camera(vehicle, sensor)
         if isinstance(sensor, PoseSetup):
@@ -122,7 +122,7 @@ class SensorFactory:
         )
 
     def asked(self, sensor: SensorSetup, *, like: SensorSetup) -> OnDemand:
-        """Return the twin's sensor that answers for a pose, mounted like that of the real one.
+        """Return the twin's sensor that senses at a requested pose, mounted like the real one.
 
         A recipe asks only for readings that are of a place. Whoever asks for a sensor gets the
         same one, so that its numbers are told once.
@@ -234,7 +234,7 @@ class SensorFactory:
         )
 
     def _sensor_timing(self, vehicle: VehicleSetup, datasheet: Timing, rate_hz: float) -> Timing:
-        """Return when readings come: at once from ideal sensors, else as late as data sheets say.
+        """Return a sensor's timing: ideal, or late as data sheets say.
 
         A turn of a lidar is delivered when it is over, so that a quicker one is less late.
         """
@@ -252,7 +252,7 @@ class SensorFactory:
         return self._setup.real_scene if name == "real" else self._setup.virtual_scene
 
     def _image_source(self, name: str, sensor: str) -> ImageSource:
-        """Return what draws a sensor's pictures: a simulator, or we."""
+        """Return what renders a sensor's images: a simulator, or our renderer."""
         simulator = self._outside.simulators.get((name, sensor))
         if simulator is not None:
             return ThroughLens(simulator)
@@ -277,13 +277,13 @@ class SensorFactory:
         return np.random.default_rng([seed, zlib.crc32(sensor.name.encode())])
 
     def _compute(self, sensor: SensorSetup) -> Compute:
-        """Return where a reading is made: what takes milliseconds goes to a thread in wall time."""
+        """Return where a sensor's readings are computed: slow ones in a thread."""
         heavy = isinstance(sensor, CameraSetup | DepthSetup | LidarPointsSetup)
         return in_thread if heavy and self._setup.clock != "virtual" else inline
 
 
 def _trust_profile(track: TruthHistory, sample: PoseSample) -> None:
-    """Take a pose for the truth: nobody knows better where it is."""
+    """Take a pose as the truth for sensors: no better source is there."""
     track.add(
         TruthSample(
             sample.t_s,
@@ -296,6 +296,7 @@ def _trust_profile(track: TruthHistory, sample: PoseSample) -> None:
 
 
 def _within_reach(noise: RangeNoise, sensor: RangingSetup) -> RangeNoise:
+    """Return a ranging sensor's noise with the range limits of its setup."""
     low_m, high_m = sensor.reach.min_m, sensor.reach.max_m
     return replace(
         noise,

@@ -43,7 +43,7 @@ BodyPose = Callable[[float], Pose | None]
 
 
 class MixtureViews:
-    """Keeps what the steps made of the last pair of readings; an observer of the mixers.
+    """Keeps the steps' outputs of the last mixture for visibility; a mixer's observer.
 
     Mixers mix one at a time: what is kept is of the mixture that was made last.
     """
@@ -52,22 +52,22 @@ class MixtureViews:
         self.views: list[StageView] = []
 
     def __call__(self, view: StageView) -> None:
-        """Take what a step made."""
+        """Keep a step's output of the mixture."""
         self.views.append(view)
 
     def clear(self) -> None:
-        """Forget what was kept."""
+        """Forget the kept outputs of the mixture's steps."""
         self.views.clear()
 
     def merged_real(self) -> Reading | None:
-        """Return the real reading as the merge took it; None when nothing was merged."""
+        """Return the real reading as it was merged; None when nothing was."""
         if not self.views or self.views[-1].side is not None:
             return None
         found = [view.work.reading for view in self.views if view.side == "real"]
         return found[-1] if found else None
 
     def emptied_by(self) -> str:
-        """Return the first step that kept nothing of the twin's reading; "" for none."""
+        """Return the first step that left nothing of the twin visible; "" for none."""
         for view in self.views:
             mask = view.work.mask
             if view.side == "twin" and mask is not None and not mask.any():
@@ -77,7 +77,7 @@ class MixtureViews:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """What is measured of one combination's mixtures.
+    """The parts by which one combination's visibility is measured.
 
     real, twin: the sensors. body: reference of the real vehicle's pose. is_like: whether the
     twin's pictures are drawn by our renderer. is_judged: whether mixtures count now,
@@ -95,7 +95,7 @@ class Measured:
 
 
 class VisibilityProbe:
-    """Measures the mixtures of one combination."""
+    """Measures the visibility of virtual objects in one combination's mixtures."""
 
     def __init__(self, measured: Measured, *, views: MixtureViews) -> None:
         self._measured = measured
@@ -105,11 +105,11 @@ class VisibilityProbe:
         self.coverage = Coverage()
 
     def begin(self) -> None:
-        """Prepare for a mixture."""
+        """Prepare the visibility probe for a mixture."""
         self._views.clear()
 
     def measure(self, mixed: Mixed[Reading]) -> FrameVisibility | None:
-        """Return what a mixture shows, made since `begin`; None for one that is not measured."""
+        """Return the visibility in a mixture made since `begin`; None if unmeasured."""
         t_s = mixed.provenance.real_t_s
         if mixed.reading is None or t_s is None or not self._measured.is_judged():
             return None
@@ -121,7 +121,7 @@ class VisibilityProbe:
         return self._compare(real, mixed.reading, body, t_s)
 
     def why_nothing(self) -> str:
-        """Return what the recipe did to the last mixture, for a fault: "" when it is not known."""
+        """Return what the recipe did to an invisible object; "" when unknown."""
         name = self._views.emptied_by()
         return f" ({name} kept nothing)" if name else ""
 
@@ -251,7 +251,7 @@ class VisibilityProbe:
 
 
 def _some_beams(lidar: LidarPointsSetup) -> Directions:
-    """Return every n-th column of a 3-D lidar's beams, all rings."""
+    """Return every n-th column of a 3-D lidar's beams, for measuring visibility."""
     pattern = lidar.pattern
     every = max(1, -(-pattern.columns * pattern.rings // _MOST_BEAMS))
     azimuths = 2.0 * np.pi * np.arange(0, pattern.columns, every) / pattern.columns
@@ -260,7 +260,7 @@ def _some_beams(lidar: LidarPointsSetup) -> Directions:
 
 
 def _turn_of(combination: Combination) -> Quat:
-    """Return how the recipe turns the view of the real camera."""
+    """Return how the recipe turns the real camera's view, for the visibility probe."""
     turn = IDENTITY
     for step in combination.steps:
         parameters = step.parameters

@@ -25,13 +25,13 @@ _SHOWING = frozenset({"camera", "depth", "lidar", "lidar_points", "rangefinder"}
 
 @dataclass(frozen=True, slots=True)
 class NotMeasured:
-    """Why the mixtures of a combination cannot be measured, in words."""
+    """Why no visibility probe can measure a combination, in words."""
 
     why: str
 
 
 class VisibilityProbes:
-    """Makes the probe of each combination; all share the observer `views` of the mixers."""
+    """Makes the visibility probe of each combination; all share the observer `views`."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class VisibilityProbes:
     def of(
         self, mixer: Mixer, real: SensorSetup, twin: SensorSetup
     ) -> VisibilityProbe | NotMeasured:
-        """Return what measures a combination, or why nothing can."""
+        """Return the visibility probe of a combination, or why it has none."""
         combination = mixer.combination
         virtual = self._virtual(combination)
         why = self._obstacle(combination, virtual, real, twin)
@@ -79,7 +79,7 @@ class VisibilityProbes:
         self._captured.add(reading.t_s, reading.pose)
 
     def _views_of_geometry(self) -> ExpectedViews:
-        """Return what draws the world; made only where something is measured."""
+        """Return the expected views for probes; made when first needed."""
         if self._expected is None:
             self._expected = ExpectedViews(
                 real=self._setup.real_scene,
@@ -89,7 +89,7 @@ class VisibilityProbes:
         return self._expected
 
     def _virtual(self, combination: Combination) -> Virtual:
-        """Return the objects that the mixture has to show.
+        """Return the virtual objects that a probe looks for.
 
         Those that `shows` of the recipe names; else all of them, or, where the recipe isolates
         objects by name, these and the gates of the goal.
@@ -120,7 +120,7 @@ class VisibilityProbes:
         return ""
 
     def _body(self, sensor: SensorSetup) -> BodyPose:
-        """Return where the real vehicle was: in truth, by motion capture, or by its pose source.
+        """Return the real vehicle's pose for probes: truth, motion capture or pose source.
 
         The truth of a vehicle of ours is no reference for pictures that come from outside.
         """
@@ -141,7 +141,7 @@ class VisibilityProbes:
 
 
 def virtual_only(real: Scene, virtual: Scene) -> dict[int, str]:
-    """Return id and name of each object that stands in the virtual world alone; rooms enclose."""
+    """Return id and name of each object in the virtual world alone; rooms do not count."""
     return {
         thing.object_id: thing.name
         for thing in virtual.objects
@@ -150,4 +150,5 @@ def virtual_only(real: Scene, virtual: Scene) -> dict[int, str]:
 
 
 def _is_file(camera: CameraSetup) -> bool:
+    """Return whether a camera's images come from files."""
     return camera.source is not None and camera.source.shown_as == "file"

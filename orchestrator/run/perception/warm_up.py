@@ -20,7 +20,7 @@ _SMALL = Intrinsics.from_fov(64, 48, math.radians(60.0))
 
 
 def warm_up(setup: RunSetup) -> None:
-    """Measure once to what stands there, render once what cameras will see, find one colour."""
+    """Warm up perception before the flight: compile clearance, rendering, colour search."""
     probe = ClearanceProbe(setup.judged_scene, BODY, within_m=_FAR_M)
     probe.sweep(Pose((0.0, 0.0, -1.0)), 0.0, Pose((0.1, 0.0, -1.0)), 0.1)
     if any(vehicle.cameras for vehicle in setup.vehicles):

@@ -20,7 +20,7 @@ Locate = Callable[[Point2], Place]
 def onboard_fence_of(
     fence: Fence, *, margin_m: float, home_ned_m: Vec3, here_m: Point2, locate: Locate
 ) -> AutopilotFence:
-    """Return a campaign's fence for an autopilot to keep, wider by a margin.
+    """Convert a campaign's fence into an onboard fence, wider by a margin.
 
     home_ned_m: above which its ceiling counts. here_m: north and east of where it is: of inclusions
     that do not touch, the one that it is in is kept: it can fly to no other one. Raises ValueError
@@ -39,6 +39,7 @@ def onboard_fence_of(
 def _inclusion(
     areas: tuple[Area, ...], here_m: Point2, margin_m: float, locate: Locate
 ) -> Iterator[FenceArea]:
+    """Yield the onboard fence's inclusions, widened by the margin."""
     if len(areas) == 1 and isinstance(areas[0], Circle):
         yield _disc(areas[0], margin_m, inside=True, locate=locate)
         return
@@ -51,6 +52,7 @@ def _inclusion(
 
 
 def _exclusion(area: Area, margin_m: float, locate: Locate) -> Iterator[FenceArea]:
+    """Yield the onboard fence's exclusion of an area, shrunk by the margin."""
     if isinstance(area, Circle):
         if area.radius_m > margin_m:
             yield _disc(area, -margin_m, inside=False, locate=locate)
@@ -62,15 +64,18 @@ def _exclusion(area: Area, margin_m: float, locate: Locate) -> Iterator[FenceAre
 
 
 def _shape(area: Area) -> shapely.Polygon:
+    """Return a fence's area as a shapely shape for the conversion."""
     if isinstance(area, Circle):
         return shapely.Point(*area.centre_m).buffer(area.radius_m, quad_segs=_QUARTER)
     return shapely.Polygon(area.corners_m)
 
 
 def _closed_ring(ring: shapely.LinearRing, *, inside: bool, locate: Locate) -> FencePolygon[Place]:
+    """Return a ring of a converted fence as a polygon on Earth."""
     corners = [locate((north, east)) for north, east in list(ring.coords)[:-1]]
     return FencePolygon(tuple(corners), inside=inside)
 
 
 def _disc(circle: Circle, margin_m: float, *, inside: bool, locate: Locate) -> FenceCircle[Place]:
+    """Return a circle of a converted fence on Earth."""
     return FenceCircle(locate(circle.centre_m), circle.radius_m + margin_m, inside=inside)

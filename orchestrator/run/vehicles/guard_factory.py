@@ -39,7 +39,7 @@ own failsafe for want of setpoints anyway."""
 def guard_of(
     setup: RunSetup, *, record: Record, prepared: Mapping[str, PreparedLaunch]
 ) -> tuple[Guard, VehicleBackend, Mapping[str, Link]]:
-    """Return the guard, the hangar that starts vehicles for it, and the links to it by vehicle.
+    """Return the guard, the backend that starts vehicles for it, and its links by vehicle.
 
     prepared: the simulators that are going to be launched. record: gets every frame under virtual
     time; under the wall clock the guard's process writes the logs of frames, and it gets the
@@ -90,7 +90,7 @@ def guard_of(
 
 
 def _pace_of(setup: RunSetup) -> PaceSetup | None:
-    """Return how the scaled clock goes: by a simulation with a pace of its own, where one flies."""
+    """Return the guard's pace of the scaled clock: by a simulation with its own pace."""
     if setup.clock != "scaled":
         return None
     leader = next((one for one in setup.vehicles if one.launch is not None), setup.vehicles[0])
@@ -98,14 +98,14 @@ def _pace_of(setup: RunSetup) -> PaceSetup | None:
 
 
 def _address(vehicle: VehicleSetup, prepared: Mapping[str, PreparedLaunch]) -> str:
-    """Return the link string to a vehicle; empty for a port of the guard's choice."""
+    """Return the guard's link string to a vehicle; empty for a port of its choice."""
     if vehicle.name in prepared:
         return str(prepared[vehicle.name].plan.link)
     return "" if vehicle.attached is None else str(vehicle.attached)
 
 
 def conditions_of(setup: RunSetup, vehicle: VehicleSetup) -> LinkConditions:
-    """Return how frames fare between the guard and a vehicle, by the run's seed."""
+    """Return the link conditions between guard and vehicle, by the run's seed."""
     link = setup.campaign.links.get(vehicle.name, LinkSetup())
     return LinkConditions(
         outgoing=link.outgoing,
@@ -122,6 +122,7 @@ def _in_process(
     settings: GuardSettings,
     record: Record,
 ) -> tuple[Guard, VehicleBackend, Mapping[str, Link]]:
+    """Return a local guard, its in-process backend, and the links by vehicle."""
     backend = InProcessBackend(setup)
     inner: dict[str, GuardLinks] = {}
     outer: dict[str, Link] = {}

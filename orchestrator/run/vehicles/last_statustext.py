@@ -7,7 +7,7 @@ _LAST_TEXTS = 4
 
 
 def last_statustext(pair: Pair, event: GuardEvent) -> str:
-    """Return what a vehicle that was lost, or went into a failsafe, last said."""
+    """Return the last statustext of a vehicle that was lost or went into a failsafe."""
     context = next((one for one in pair.contexts if one.name == event.vehicle), None)
     if context is None or event.kind not in {"lost", "failsafe", "alone"}:
         return ""

@@ -30,7 +30,7 @@ _LOG_S = 300.0
 
 
 class OnboardConfiguration:
-    """Puts aboard, takes back, and fetches logs, for all vehicles of a run.
+    """Applies and restores the onboard configuration of a run's vehicles; fetches logs.
 
     note: takes what is worth recording. Only of attached vehicles anything is taken back: the
     others end with the run.
@@ -54,23 +54,23 @@ class OnboardConfiguration:
 
     @property
     def unbooted(self) -> Mapping[str, frozenset[str]]:
-        """Return by vehicle the parameters that were changed while it ran: some wait for a boot."""
+        """Return parameters that were changed in operation, by vehicle: some need a boot."""
         return self._unbooted
 
     async def put(self, context: VehicleContext) -> None:
-        """Set a ready vehicle's parameters and fence, each read back. Raises VehicleError."""
+        """Apply a ready vehicle's parameters and fence, each read back. Raises VehicleError."""
         vehicle = self._setup.vehicle(context.name)
         stack = self._stacks[context.name] = AsyncExitStack()
         await self._put_parameters(context, vehicle, stack)
         await self.fences.put(context, stack)
 
     async def restore(self) -> None:
-        """Set everything back as it was; what cannot be is decisive, for it stays so."""
+        """Restore the onboard configuration; a failure is decisive, for it stays so."""
         await asyncio.gather(*(self._undo(name, one) for name, one in self._stacks.items()))
         self._stacks.clear()
 
     async def fetch_logs(self) -> None:
-        """Fetch each vehicle's newest log into the run's folder; what fails is noted."""
+        """Fetch each vehicle's newest log into the run's folder; failures are noted."""
         if self._setup.campaign.record.vehicle_logs:
             await asyncio.gather(*map(self._fetch_log, self._contexts))
 
@@ -101,7 +101,7 @@ class OnboardConfiguration:
     async def _failsafes(
         self, context: VehicleContext, vehicle: VehicleSetup
     ) -> Mapping[str, ParameterValue]:
-        """Return what the autopilot's own failsafes are set to; the campaign's `params` are left.
+        """Return the autopilot's failsafe parameters to apply, except the campaign's.
 
         By default what is attached is not touched; its failsafes are looked at by the preflight.
         """

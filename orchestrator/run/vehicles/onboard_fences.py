@@ -28,7 +28,7 @@ _PLACE_S, _LOOK_S = 3.0, 0.05
 
 
 class OnboardFences:
-    """Uploads fences to all autopilots of a run, and reads them back; wider than the guard's.
+    """Uploads onboard fences to a run's autopilots, read back; wider than the guard's.
 
     note: takes what is worth recording. Where the campaign uploads none (`preflight.fence: null`),
     there is nothing to do.
@@ -45,11 +45,11 @@ class OnboardFences:
 
     @property
     def unsettled(self) -> tuple[str, ...]:
-        """Return the vehicles that were offered a fence which was neither confirmed nor undone."""
+        """Return vehicles whose offered onboard fence is neither confirmed nor undone."""
         return tuple(name for name, kept in self._kept.items() if kept.unsettled)
 
     async def put(self, context: VehicleContext, stack: AsyncExitStack) -> None:
-        """Give a vehicle on the ground the campaign's fence. Raises VehicleError.
+        """Upload the campaign's fence to a vehicle on the ground. Raises VehicleError.
 
         stack: what gives an attached vehicle its own back when it is closed.
         """
@@ -76,7 +76,7 @@ class OnboardFences:
         self._kept[context.name] = kept
 
     async def offer(self, fences: Mapping[str, Fence]) -> None:
-        """Have vehicles in flight keep other fences, each read back.
+        """Upload other fences to flying vehicles, each read back.
 
         Raises VehicleError of the first that does not; then, and when cancelled, `put_back` is to
         be called, otherwise `confirm`.
@@ -94,7 +94,7 @@ class OnboardFences:
             raise errors.exceptions[0] from None
 
     async def confirm(self) -> None:
-        """Let what was offered count."""
+        """Make the offered onboard fences count."""
         for name in self.unsettled:
             kept = self._kept[name]
             await kept.confirm()
@@ -102,7 +102,7 @@ class OnboardFences:
                 self._report(name, kept.fence)
 
     async def put_back(self) -> None:
-        """Have all keep what they kept before the offer. Raises VehicleError, after all others.
+        """Restore the onboard fences before the offer. Raises VehicleError, after all.
 
         To be called again then.
         """
@@ -128,7 +128,7 @@ class OnboardFences:
     async def _return_beneath(
         self, context: VehicleContext, fence: Fence
     ) -> Mapping[str, ParameterValue]:
-        """Return what keeps a vehicle's return beneath a ceiling that is lower than the last.
+        """Return parameters that keep a return beneath a lowered ceiling.
 
         Raises VehicleError where that may not be set.
         """
@@ -152,7 +152,7 @@ class OnboardFences:
         return {}
 
     def _own(self, context: VehicleContext, fence: Fence, here_m: Point2) -> AutopilotFence:
-        """Return what an autopilot can keep of a fence. Raises VehicleError."""
+        """Return the onboard fence that an autopilot can keep. Raises VehicleError."""
         wider = self._setup.campaign.preflight.fence
 
         def locate(point_m: Point2) -> Place:
@@ -175,6 +175,7 @@ class OnboardFences:
 
 
 async def _await_location(context: VehicleContext) -> None:
+    """Wait until a vehicle knows its geographic place, for its onboard fence."""
     for _ in range(round(_PLACE_S / _LOOK_S)):
         if context.driver.place_deg is not None:
             return

@@ -33,7 +33,7 @@ _STEERED_CLOCK_DRIFT = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """What flies: one station in modes sim and real, two in wil; and the guard over them.
+    """The pair in flight: one vehicle context in modes sim and real, two in wil; and the guard.
 
     links: to the vehicles through the guard, for who speaks MAVLink beside the drivers.
     """
@@ -44,7 +44,7 @@ class Pair:
     links: Mapping[str, TappedLink]
 
     def begin_outage(self, links: Mapping[VehicleName, LinkSetup], run_state: RunState) -> None:
-        """Have links black out at the stages that the campaign names."""
+        """Start the pair's link outages at the stages that the campaign names."""
 
         def entered(stage: Stage, _: float) -> None:
             loop = asyncio.get_running_loop()
@@ -59,7 +59,7 @@ class Pair:
         run_state.on_stage(entered)
 
     def send_anchors(self) -> None:
-        """Tell the guard where the vehicles' own frames lie in the world, as far as is known.
+        """Send the guard the anchors of the pair's local frames, as far as known.
 
         With it the guard can place them by their own estimates, which it needs when nobody else
         tells it where they are, and it can limit setpoints, which are in these frames.
@@ -69,7 +69,7 @@ class Pair:
                 self.guard.anchor(context.name, context.driver.anchor)
 
     def notify(self, event: str, t_s: float) -> None:
-        """Tell every vehicle's surroundings that an event of the world happened."""
+        """Notify the pair's simulated surroundings of an event of the world."""
         for vehicle in self.vehicles.values():
             vehicle.notify(event, t_s)
 
@@ -78,7 +78,7 @@ class Pair:
 async def open_pair(
     setup: RunSetup, *, record: Record, captures: MotionCaptures
 ) -> AsyncIterator[Pair]:
-    """Start the guard, then the vehicles of a run, and connect to them through the guard.
+    """Start the guard, then the pair of a run, and connect to it through the guard.
 
     captures: motion capture from outside, for vehicles that have it. Closing stops the vehicles,
     wherever they are: land before that. Raises LinkError.
@@ -104,6 +104,7 @@ async def open_pair(
 
 
 def _vehicle_context(setup: RunSetup, vehicle: VehicleSetup, link: TappedLink) -> VehicleContext:
+    """Return the context of one vehicle of the pair, with its driver."""
     driver = Driver(
         name=vehicle.name,
         link=link,
@@ -124,12 +125,14 @@ def _vehicle_context(setup: RunSetup, vehicle: VehicleSetup, link: TappedLink) -
 
 
 def _clock_drift(setup: RunSetup, vehicle: VehicleSetup) -> float:
+    """Return the clock drift that is tolerated of one vehicle of the pair."""
     if setup.clock == "scaled":
         return _STEERED_CLOCK_DRIFT
     return _CLOCK_DRIFT if vehicle.embedded else _SIMULATED_CLOCK_DRIFT
 
 
 def _connect(context: VehicleContext, feed: Feed, guard: Guard, *, truth_hz: float) -> None:
+    """Connect one vehicle's estimates and truth to its context and the guard."""
     context.driver.on_estimate(context.take_estimate)
     feed.on_truth(context.take_truth, truth_hz)
     context.on_pose(guard.position)

@@ -50,14 +50,14 @@ _OF_CEILING = 0.75
 
 
 class Preflight:
-    """Looks at everything before arming; `items` is the list."""
+    """Runs the preflight checks before arming; `items` is the list."""
 
     def __init__(self, *, setup: RunSetup) -> None:
         self._setup = setup
         self.items: tuple[Item, ...] = ()
 
     async def check(self, contexts: tuple[VehicleContext, ...], *, note: Note) -> None:
-        """Check all vehicles. Raises FlightError with everything that speaks against arming.
+        """Check all vehicles before arming. Raises FlightError with every reason against it.
 
         note: takes each item for the run's log.
         """
@@ -102,7 +102,7 @@ class Preflight:
         return items
 
     async def _source(self, context: VehicleContext) -> Iterable[Item]:
-        """Return how good is what its poses come from: GPS, or motion capture."""
+        """Return the preflight items of a vehicle's pose source: GPS, or motion capture."""
         wanted, name = self._setup.campaign.preflight, context.name
         if context.pose_source == "mocap":
             seen_s = context.poses.at(asyncio.get_running_loop().time()).gap_s
@@ -154,7 +154,7 @@ class Preflight:
 
 
 async def first_known(parameters: Parameters, names: Iterable[str]) -> dict[str, float]:
-    """Return the first parameter of several names that the firmware knows; empty for none."""
+    """Return the first parameter name that the firmware knows; empty for none."""
     for name in names:
         try:
             return {name: await parameters.get(name)}
@@ -166,7 +166,7 @@ async def first_known(parameters: Parameters, names: Iterable[str]) -> dict[str,
 async def wanted_failsafes(
     autopilot: AutopilotName, parameters: Parameters, *, ceiling_m: float | None
 ) -> dict[str, ParameterValue]:
-    """Return what an autopilot's failsafes are set to, by the names that its firmware has.
+    """Return the failsafe parameters that preflight demands, by the firmware's names.
 
     ceiling_m: of the fence, above home; where it returns above that, it is to return beneath.
     """
@@ -184,7 +184,7 @@ async def wanted_failsafes(
 async def lower_return(
     autopilot: AutopilotName, parameters: Parameters, *, ceiling_m: float
 ) -> dict[str, ParameterValue]:
-    """Return what makes an autopilot return beneath a ceiling; empty where it does already."""
+    """Return the parameters that make an autopilot return beneath a ceiling; empty if set."""
     for one in RETURN_ALTITUDES[autopilot]:
         for name, value in (await first_known(parameters, [one.name])).items():
             if value * one.metres <= ceiling_m:
@@ -195,7 +195,7 @@ async def lower_return(
 
 
 def sets_failsafes(setup: RunSetup, vehicle: VehicleSetup) -> bool:
-    """Return whether a vehicle's own failsafes are set; by default what is attached is not touched.
+    """Return whether preflight sets a vehicle's failsafes; not of attached ones by default.
 
     Those that are not set are looked at.
     """
@@ -206,7 +206,7 @@ def sets_failsafes(setup: RunSetup, vehicle: VehicleSetup) -> bool:
 def ceiling_above_home_m(
     setup: RunSetup, vehicle: VehicleSetup, changed: Fence | None = None
 ) -> float | None:
-    """Return how far above where it starts a vehicle's ceiling is; None without one.
+    """Return a vehicle's fence ceiling above its start; None without one.
 
     changed: the fence in place of the campaign's.
     """
@@ -217,14 +217,14 @@ def ceiling_above_home_m(
 
 
 def disk_item(folder: Path, least_mb: float) -> Item:
-    """Return whether there is room for recordings; how much there is differs from run to run."""
+    """Return the preflight item of free disk space for recordings."""
     free_mb = shutil.disk_usage(folder).free / _MEGABYTE
     item = at_least("disk", "", free_mb, least_mb, unit="MB", what=f"free space in {folder}")
     return item if item.outcome == "refused" else Item("disk", "", "ok", None, least_mb, "MB")
 
 
 def _advice(items: Iterable[Item]) -> str:
-    """Return what to do about parameters that were only checked; empty for other reasons."""
+    """Return what to do about parameters that preflight only checked; empty for others."""
     wrong = {item.check for item in items if item.outcome == "refused"}
     if wrong.isdisjoint({"failsafe", "return_altitude"}):
         return ""
@@ -232,6 +232,7 @@ def _advice(items: Iterable[Item]) -> str:
 
 
 def _position_item(context: VehicleContext, place: Vec3 | None, tolerance_m: float) -> Item:
+    """Return the preflight item of a vehicle's distance from its start pose."""
     away = _from_start(context, place)
     what = f"its distance from its start pose by {context.pose_source}"
     return at_most(
@@ -245,7 +246,7 @@ def _position_item(context: VehicleContext, place: Vec3 | None, tolerance_m: flo
 
 
 async def _await_position(contexts: Iterable[VehicleContext]) -> None:
-    """Wait for the first poses: until its frame is anchored in the world, a vehicle has none."""
+    """Wait for the first poses before the checks: without an anchor there are none."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + _FIRST_POSE_S
     while any(_place(one) is None for one in contexts) and loop.time() < deadline_s:  # noqa: ASYNC110 - a history tells nobody
@@ -253,7 +254,7 @@ async def _await_position(contexts: Iterable[VehicleContext]) -> None:
 
 
 def _place(context: VehicleContext) -> Vec3 | None:
-    """Return where a vehicle is by its pose source; None when that is silent."""
+    """Return where a vehicle is by its pose source, for the checks; None when silent."""
     latest = context.poses.at(asyncio.get_running_loop().time())
     if latest.pose is None or latest.gap_s > _FRESH_S:
         return None
@@ -261,4 +262,5 @@ def _place(context: VehicleContext) -> Vec3 | None:
 
 
 def _from_start(context: VehicleContext, place: Vec3 | None) -> Vec3 | None:
+    """Return a vehicle's offset from its start, for the checks; None when unknown."""
     return None if place is None else subtract(place, context.start.position_ned_m)

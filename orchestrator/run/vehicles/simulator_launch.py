@@ -20,7 +20,7 @@ _GRACE_S = 2.0
 
 
 def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, PreparedLaunch]:
-    """Take folder and instance of every simulator of a run; leaving the stack gives them back.
+    """Reserve folder and instance of every simulator to launch; the stack releases them.
 
     Raises LaunchError when something is missing. Nothing is started.
     """
@@ -40,7 +40,7 @@ def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, Pre
 
 
 async def start_simulators(name: str, prepared: PreparedLaunch, guard: RemoteGuard) -> None:
-    """Have the guard start a simulator, and wait until it runs. Raises LinkError, LaunchError."""
+    """Have the guard launch a simulator, and wait for it. Raises LinkError, LaunchError."""
     end = start(guard.end_of(name), name=f"end of {name}")
     try:
         # It lives on the lifeline of guard and orchestrator, not on one of them alone.
@@ -52,7 +52,7 @@ async def start_simulators(name: str, prepared: PreparedLaunch, guard: RemoteGua
 
 
 def _await_home(launch: SitlLaunch, setup: RunSetup, vehicle: VehicleSetup) -> SitlLaunch:
-    """Return the launch at the vehicle's start in the world."""
+    """Return the simulator's launch at the vehicle's start in the world."""
     place = setup.campaign.world.frame.to_geodetic(vehicle.start.position_ned_m)
     home = Home(
         latitude_deg=place.latitude_deg,

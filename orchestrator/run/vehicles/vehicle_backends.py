@@ -35,26 +35,26 @@ TRUTH_HZ = 125.0
 
 
 class Feed(Protocol):
-    """What an embedded vehicle gives beside MAVLink."""
+    """What a vehicle backend provides beside MAVLink: truth, motion capture (protocol)."""
 
     def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
-        """Have the truth given to `callback` so often."""
+        """Call `callback` with the backend's truth at a rate."""
 
     def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
-        """Have motion capture's readings given to `callback`."""
+        """Call `callback` with the backend's motion capture readings."""
 
     def notify(self, event: str, t_s: float) -> None:
-        """Pass an event of the world to the vehicle's surroundings."""
+        """Pass an event of the world to the backend's vehicle."""
 
 
 class VehicleBackend(Protocol):
-    """Starts the vehicles of a run, once the guard holds the links to them."""
+    """Starts the vehicles of a run, once the guard holds their links (protocol)."""
 
     async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
-        """Start a vehicle whose link is open; leaving the stack stops it. Raises LinkError."""
+        """Start a vehicle whose link is open; the stack stops it. Raises LinkError."""
 
     def all_started(self) -> None:
-        """Take that no other vehicle has to be started: a scaled clock may leave the wall's."""
+        """Take that the backend has no more vehicles to start: clocks may scale."""
 
 
 class InProcessBackend:
@@ -65,7 +65,7 @@ class InProcessBackend:
         self._far: dict[str, Link] = {}
 
     def link(self, vehicle: VehicleSetup) -> Link:
-        """Return the near end of a link in memory."""
+        """Return the near end of a vehicle's link in memory."""
         far, near = memory_pair(latency_s=_LINK_LATENCY_S, name=vehicle.name)
         self._far[vehicle.name] = far
         return near
@@ -95,24 +95,24 @@ class InProcessBackend:
         return embedded
 
     def all_started(self) -> None:
-        """Leave it alone: virtual time is nobody's pace."""
+        """Do nothing: virtual time has no pace."""
 
 
 class NoFeed:
-    """What a vehicle gives beside MAVLink that we have not made: nothing."""
+    """The feed of a vehicle that is not ours: nothing beside MAVLink."""
 
     def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
-        """Never call it: nobody knows the truth."""
+        """Ignore the callback: this vehicle backend knows no truth."""
 
     def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
-        """Never call it: it brings no motion capture along."""
+        """Ignore the callback: this vehicle backend has no motion capture."""
 
     def notify(self, event: str, t_s: float) -> None:
-        """Leave it alone: its surroundings are not ours."""
+        """Ignore the event: the vehicle's surroundings are not ours."""
 
 
 class SubprocessBackend:
-    """Each vehicle a process of its own, a child of the guard's; or one that is there already."""
+    """Vehicles in processes of their own, children of the guard; or attached ones."""
 
     def __init__(
         self, setup: RunSetup, guard: RemoteGuard, prepared: Mapping[str, PreparedLaunch]
@@ -134,7 +134,7 @@ class SubprocessBackend:
         self._guard.follow()
 
     async def _start_embedded(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
-        """Start an embedded vehicle; its feed comes straight to us."""
+        """Start an embedded vehicle's process; its feed comes to us."""
         feed = FeedClient(source=vehicle.name)
         await stack.enter_async_context(feed)
         self._guard.on_pace(feed.pace)
@@ -175,7 +175,7 @@ class SubprocessBackend:
         )
 
     def _contact_settings(self) -> ContactWorldSettings | None:
-        """Return what the real vehicle can hit: only it can break anything."""
+        """Return what the real vehicle's backend lets it collide with."""
         world = self._setup.order.plan.files.world
         if world is None:
             return None

@@ -18,7 +18,7 @@ Work = Masked[CameraReading]
 
 
 class SubtractBackgroundParameters(SidedParameters):
-    """method: `mog2` and `knn` learn what stays; `picture` compares with an empty scene's picture.
+    """method: `mog2` and `knn` learn the background; `picture` compares with an empty scene.
 
     picture: a file beside the recipe. threshold: of the picture's difference in grey levels; of
     the learning methods, their squared distance. history: frames that learning looks back on.
@@ -42,7 +42,7 @@ class SubtractBackgroundParameters(SidedParameters):
         return self
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
-        """Return why the picture cannot be used."""
+        """Return why the background picture cannot be used."""
         if self.picture is None:
             return ()
         said = _unreadable_fault(folder / self.picture)
@@ -50,6 +50,7 @@ class SubtractBackgroundParameters(SidedParameters):
 
 
 def _unreadable_fault(path: FilePath) -> str:
+    """Return why the background picture's file cannot be read; "" when it can."""
     if not path.is_file():
         return f"there is no file '{path.name}' beside the recipe"
     if cv2.imread(str(path), cv2.IMREAD_COLOR) is None:
@@ -125,6 +126,7 @@ _SHADOW = 127.0
 
 
 def _open_mask(mask: Mask, radius_px: int) -> Mask:
+    """Remove specks from the foreground mask by a morphological opening; works in place."""
     if radius_px:
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius_px + 1,) * 2)
         cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc, dst=mask)

@@ -43,7 +43,7 @@ class IsolateDetectionsParameters(SidedParameters):
         return self
 
     def detector(self, folder: FilePath) -> OnnxDetector:
-        """Return the detector. Raises DetectorError for a file that is none."""
+        """Return the ONNX detector. Raises DetectorError for an invalid file."""
         return OnnxDetector(
             folder / self.model,
             names=self.names,
@@ -54,7 +54,7 @@ class IsolateDetectionsParameters(SidedParameters):
         )
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
-        """Load the detector and try it once on an empty picture; say what is wrong."""
+        """Load the detector and run it once on an empty image; return what is wrong."""
         empty = np.zeros((self.input_height_px, self.input_width_px, 3), np.uint8)
         try:
             self.detector(folder).detect(empty)

@@ -22,7 +22,7 @@ PAIR = Field(min_length=2, max_length=2)
 
 
 class RangePart(Part):
-    """A range of colours: hue from the first to the second, clockwise, so that it may wrap."""
+    """A colour range to isolate: hue from the first to the second, clockwise, may wrap."""
 
     hue_deg: Annotated[list[Degrees], PAIR] = Field(default_factory=lambda: [*FULL_CIRCLE_DEG])
     saturation: Annotated[list[Fraction], PAIR] = Field(default_factory=lambda: [0.0, 1.0])
@@ -31,12 +31,13 @@ class RangePart(Part):
     @field_validator("saturation", "value")
     @classmethod
     def _in_order(cls, pair: list[float]) -> list[float]:
+        """Refuse a colour range whose limits of saturation or value are swapped."""
         if pair[0] > pair[1]:
             raise ValueError(f"[{pair[0]}, {pair[1]}] has its limits in the wrong order")
         return pair
 
     def range(self) -> HsvRange:
-        """Return the range as the code uses it."""
+        """Return the colour range to isolate."""
         (hue_low, hue_high), (pale, vivid), (dark, bright) = (
             self.hue_deg,
             self.saturation,
@@ -95,6 +96,7 @@ def isolate_color(parameters: IsolateColorParameters, context: Context) -> Opera
 
 
 def _clean(mask: Mask, parameters: IsolateColorParameters) -> None:
+    """Return the isolated colour's mask after opening, closing and erosion."""
     for radius_px, operation in (
         (parameters.remove_specks_px, cv2.MORPH_OPEN),
         (parameters.fill_holes_px, cv2.MORPH_CLOSE),
@@ -122,7 +124,7 @@ class IsolateObjectsParameters(SidedParameters):
         return on
 
     def objects(self) -> tuple[tuple[Path, str], ...]:
-        """Return the names of the objects, each with its path."""
+        """Return the names of the objects to isolate, each with its path."""
         return tuple((("names", index), name) for index, name in enumerate(self.names))
 
 
@@ -157,6 +159,7 @@ def isolate_objects(parameters: IsolateObjectsParameters, context: Context) -> O
 
 
 def _id_of(name: str, context: Context) -> int:
+    """Return the id of an object to isolate. Raises UnknownObjectError."""
     if name not in context.object_ids:
         known = ", ".join(context.object_ids) or "none"
         raise UnknownObjectError(f"isolate_objects: no object '{name}' in the world ({known})")
@@ -164,4 +167,4 @@ def _id_of(name: str, context: Context) -> int:
 
 
 class UnknownObjectError(ValueError):
-    """A recipe names an object that the twin's world has not."""
+    """The recipe isolates an object that the twin's world does not have."""

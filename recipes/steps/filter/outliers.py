@@ -23,7 +23,7 @@ from vehicles.readings import (
 
 
 class RemoveOutliersParameters(SidedParameters):
-    """An element stays when enough neighbours lie near it.
+    """Parameters of `remove_outliers`: an element stays with enough near neighbours.
 
     window: neighbours looked at to each side, beams or pixels (depth: 1 or 2). within_m: how near a
     neighbour must be; of points, the side of the cube it must share or touch. neighbours: how many.
@@ -68,7 +68,7 @@ def remove_outliers(parameters: RemoveOutliersParameters, context: Context) -> O
 def _near(
     values: NDArray[np.float32], window: int, within_m: float, *, wraps: bool
 ) -> NDArray[np.int64]:
-    """Return how many neighbours along the last axis are near; wraps: its ends meet."""
+    """Return the count of near neighbours along the last axis, to find outliers; wraps: a ring."""
     near = np.zeros(values.shape, np.int64)
     with np.errstate(invalid="ignore"):
         for shift in range(1, window + 1):
@@ -82,6 +82,7 @@ def _near(
 
 
 def _near_points(points: NDArray[np.float32], within_m: float) -> NDArray[np.int64]:
+    """Return how many points of a cloud lie near each one, to find outliers."""
     if not len(points):
         return np.zeros(0, np.int64)
     cells = np.floor(points.astype(np.float64) / within_m).astype(np.int64)
@@ -100,7 +101,7 @@ def _near_points(points: NDArray[np.float32], within_m: float) -> NDArray[np.int
 
 
 class MedianParameters(SidedParameters):
-    """window: how many elements the median is taken of, odd; of a rangefinder, readings."""
+    """window: how many elements the median against outliers takes, odd."""
 
     shorthand = "window"
 
@@ -109,12 +110,13 @@ class MedianParameters(SidedParameters):
     @field_validator("window")
     @classmethod
     def _odd(cls, window: int) -> int:
+        """Refuse an even window of the median filter."""
         if window % 2 == 0:
             raise ValueError("must be odd")
         return window
 
     def refuses(self, kind: str) -> str:
-        """Return why a window is too large for a sensor."""
+        """Return why the median filter's window is too large for a sensor."""
         if kind == "depth" and self.window > 5:
             return "the median of a depth image takes a window of 3 or 5"
         return ""
@@ -136,6 +138,8 @@ def median(parameters: MedianParameters, context: Context) -> Operator:  # noqa:
 
 
 class _Median:
+    """The median filter against outliers; of a rangefinder over its last readings."""
+
     def __init__(self, window: int) -> None:
         self._window = window
         self._past: list[tuple[float, float]] = []
@@ -144,6 +148,7 @@ class _Median:
         return Masked(self._of(work.reading), work.mask)
 
     def _of(self, reading: Any) -> Reading:
+        """Return a reading with its outliers replaced by the median around them."""
         match reading:
             case CameraReading():
                 return replace(reading, image_bgr=cv2.medianBlur(reading.image_bgr, self._window))
@@ -155,6 +160,7 @@ class _Median:
                 return self._over_time(reading)
 
     def _scan(self, scan: LidarScanReading) -> NDArray[np.float32]:
+        """Return a lidar scan filtered by the median along its beams."""
         half = self._window // 2
         mode: Literal["wrap", "edge"] = "wrap" if is_full_turn(scan) else "edge"
         framed = np.pad(scan.ranges_m, half, mode=mode)
@@ -162,6 +168,7 @@ class _Median:
         return np.partition(windows, half, axis=1)[:, half]
 
     def _over_time(self, reading: RangefinderReading) -> RangefinderReading:
+        """Return a rangefinder's reading filtered by the median of its last ranges."""
         if not self._past or reading.t_s > self._past[-1][0]:
             self._past.append((reading.t_s, reading.range_m))
             del self._past[: -self._window]

@@ -52,7 +52,7 @@ def value_range(parameters: ValueRangeParameters, context: Context) -> Operator:
 
 
 def distances_of(reading: Ranging) -> NDArray[np.float32]:
-    """Return the distance of each element in metres."""
+    """Return the range of each element of a reading in metres."""
     if isinstance(reading, DepthReading):
         return reading.depth_m
     if isinstance(reading, LidarScanReading):
@@ -63,7 +63,7 @@ def distances_of(reading: Ranging) -> NDArray[np.float32]:
 
 
 class DecimateParameters(SidedParameters):
-    """every: keeps each n-th beam or point; offset: the first that is kept."""
+    """every: keeps each n-th beam or point of a ranging sensor; offset: the first kept."""
 
     shorthand = "every"
 
@@ -72,6 +72,7 @@ class DecimateParameters(SidedParameters):
 
     @model_validator(mode="after")
     def _within(self) -> "DecimateParameters":
+        """Refuse an offset that is not below `every` when decimating ranges."""
         if self.offset >= self.every:
             raise ValueError("offset must be below every")
         return self

@@ -21,7 +21,7 @@ Point = Annotated[list[Fraction], PAIR]
 
 
 class BoxPart(Part):
-    """A box in a picture, as fractions of its width and height from the top left."""
+    """A rectangular image region, as fractions of width and height from the top left."""
 
     left: Fraction = 0.0
     top: Fraction = 0.0
@@ -30,12 +30,13 @@ class BoxPart(Part):
 
     @model_validator(mode="after")
     def _of_some_size(self) -> "BoxPart":
+        """Refuse an image region's box whose corners are swapped."""
         if self.left >= self.right or self.top >= self.bottom:
             raise ValueError("a box has its left before its right, and its top above its bottom")
         return self
 
     def corners(self) -> list[list[float]]:
-        """Return the box as a polygon."""
+        """Return the corners of the box region as a polygon."""
         return [
             [self.left, self.top],
             [self.right, self.top],
@@ -100,7 +101,7 @@ def region_mask(corners: list[list[float]], size: tuple[int, int], *, outside: b
 
 
 class IsolateDepthParameters(SidedParameters):
-    """min_m, max_m: metres along the optical axis, both ends kept."""
+    """min_m, max_m: the region to keep in metres along the optical axis, both included."""
 
     needs = frozenset({"depth"})
 
@@ -109,6 +110,7 @@ class IsolateDepthParameters(SidedParameters):
 
     @model_validator(mode="after")
     def _in_order(self) -> "IsolateDepthParameters":
+        """Refuse a depth region whose min_m is above its max_m."""
         if self.min_m > self.max_m:
             raise ValueError("min_m is above max_m")
         return self
@@ -132,7 +134,7 @@ def isolate_depth(parameters: IsolateDepthParameters, context: Context) -> Opera
 
 
 class IsolateSectorParameters(SidedParameters):
-    """from_deg, to_deg: from the first clockwise (seen from above) to the second; 0 is forward."""
+    """A sector region: clockwise from from_deg to to_deg seen from above; 0 is forward."""
 
     from_deg: Annotated[float, Field(ge=-360, le=360)]
     to_deg: Annotated[float, Field(ge=-360, le=720)]
@@ -163,7 +165,7 @@ def isolate_sector(parameters: IsolateSectorParameters, context: Context) -> Ope
 
 
 def angles_of(reading: LidarScanReading | LidarPointsReading) -> NDArray[np.float64]:
-    """Return the direction of each beam or point, radians from forward to the right."""
+    """Return each beam's or point's angle for a sector region, radians right of forward."""
     if isinstance(reading, LidarScanReading):
         return reading.angles_rad
     points = reading.points_frd_m
@@ -171,7 +173,7 @@ def angles_of(reading: LidarScanReading | LidarPointsReading) -> NDArray[np.floa
 
 
 def in_sector(angles_rad: NDArray[np.float64], from_deg: float, to_deg: float) -> NDArray[np.bool_]:
-    """Return which angles lie in a sector; one of 360 degrees or more is all around."""
+    """Return which angles lie in a sector region; one of 360 degrees or more is all around."""
     if to_deg - from_deg >= 360.0:
         return np.ones(len(angles_rad), np.bool_)
     width = math.radians((to_deg - from_deg) % 360.0)
@@ -188,7 +190,7 @@ Reach = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
 class IsolateBoxParameters(SidedParameters):
-    """forward_m, right_m, down_m: [from, to] in the sensor's frame; outside: keep the rest."""
+    """A box region, forward_m, right_m, down_m: [from, to] in the sensor's frame."""
 
     forward_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
     right_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
@@ -198,6 +200,7 @@ class IsolateBoxParameters(SidedParameters):
     @field_validator("forward_m", "right_m", "down_m")
     @classmethod
     def _in_order(cls, pair: list[float]) -> list[float]:
+        """Refuse a box region whose limits are swapped."""
         if pair[0] > pair[1]:
             raise ValueError(f"[{pair[0]}, {pair[1]}] has its limits in the wrong order")
         return pair

@@ -52,7 +52,7 @@ class AggregateParameters(StepParameters):
         return self
 
     def refuses(self, kind: str) -> str:
-        """Return why an operation makes no sense for a sensor."""
+        """Return why an aggregation makes no sense for a sensor type."""
         if kind in _PLACES and self.by in ("min", "max"):
             return f"of two readings of a {kind} none is the {self.by}"
         return ""
@@ -96,7 +96,7 @@ Combine = Callable[[Floats, Floats], Floats]
 
 
 def _combiner(by: By, weights: tuple[float, float]) -> Combine:
-    """Return the operation on two arrays in which NaN says that there is no value."""
+    """Return the aggregation of two arrays in which NaN means no value."""
 
     def extreme(a: Floats, b: Floats) -> Floats:
         made = np.fmin(a, b) if by == "min" else np.fmax(a, b)
@@ -118,7 +118,7 @@ def _combiner(by: By, weights: tuple[float, float]) -> Combine:
 
 
 def _merge_values(real: AnyMasked, twin: AnyMasked, combine: Combine, share: float) -> Reading:
-    """Return the merged reading. share: of the twin in a mean."""
+    """Return the aggregated reading of two sides. share: of the twin in a mean."""
     match real.reading:
         case DepthReading() as one:
             refuse_mismatch(twin, real)
@@ -142,7 +142,7 @@ def _merge_values(real: AnyMasked, twin: AnyMasked, combine: Combine, share: flo
 def _merge_images(
     real: Masked[CameraReading], twin: Masked[CameraReading], by: By, share: float
 ) -> CameraReading:
-    """Return two pictures combined where both are kept; where one is, that one; else the real."""
+    """Return two images aggregated where both are kept; where one is, that one; else the real."""
     refuse_mismatch(twin, real)
     a, b = real.reading.image_bgr, twin.reading.image_bgr
     if by in ("min", "max"):
@@ -159,7 +159,7 @@ def _merge_images(
 def _distances(
     real: AnyMasked, of_real: NDArray[Any], twin: AnyMasked, of_twin: NDArray[Any], combine: Combine
 ) -> NDArray[np.float32]:
-    """Return distances combined; infinity where neither side keeps anything."""
+    """Return aggregated distances; infinity where neither side keeps anything."""
     a = np.where(with_mask(real), of_real, np.nan).astype(np.float64)
     b = np.where(with_mask(twin), of_twin, np.nan).astype(np.float64)
     made = combine(a, b)
@@ -167,6 +167,7 @@ def _distances(
 
 
 def _imu(real: AnyMasked, one: ImuReading, twin: AnyMasked, combine: Combine) -> ImuReading:
+    """Return the aggregated IMU reading of two sides."""
     if not is_kept(twin):
         return one
     other: ImuReading = twin.reading
@@ -182,7 +183,7 @@ def _imu(real: AnyMasked, one: ImuReading, twin: AnyMasked, combine: Combine) ->
 
 
 def _place(real: AnyMasked, one: Any, twin: AnyMasked, share: float) -> PoseReading | GpsReading:
-    """Return the place between two: the same arithmetic as between two times."""
+    """Return the aggregated place (pose or fix): the interpolation between both sides."""
     if not is_kept(twin) or share == 0.0:
         kept_real: PoseReading | GpsReading = one
         return kept_real

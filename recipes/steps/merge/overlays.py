@@ -31,7 +31,7 @@ TWIN_FIRST: tuple[Side, Side] = ("twin", "real")
 
 
 class OverlayParameters(StepParameters):
-    """priority: the sides from the top down; the last is the ground and fills what is left.
+    """priority: the sides of the overlay from the top down; the last fills what is left.
 
     soft_edge_px: width of the band within the kept part in which it fades into the ground, for
     cameras. occlusion: `by_depth` draws a pixel of a picture only where it is not farther than
@@ -55,11 +55,11 @@ class OverlayParameters(StepParameters):
         return priority
 
     def needed(self) -> frozenset[Need]:
-        """Return depth where it decides what hides what."""
+        """Return that an overlay with occlusion by depth needs depth."""
         return frozenset({"depth"}) if self.occlusion == "by_depth" else frozenset()
 
     def refuses(self, kind: str) -> str:
-        """Return why what is asked for makes no sense for a sensor."""
+        """Return why an overlay option makes no sense for a sensor type."""
         if self.soft_edge_px and kind != "camera":
             return f"a soft edge applies to camera images, not to {kind}"
         if self.occlusion == "by_depth" and kind not in ("camera", "depth"):
@@ -90,6 +90,7 @@ def overlay(parameters: OverlayParameters, context: Context) -> Merge:  # noqa: 
 
 
 def _lay_reading(work: AnyMasked) -> Reading:
+    """Return the top layer's reading of an overlay of single values."""
     found: Reading = work.reading
     return found
 
@@ -100,6 +101,7 @@ def _lay_images(
     occlusion: str,
     soften: SoftEdge | None,
 ) -> CameraReading:
+    """Return the overlay of camera images: layers from the bottom up over the ground."""
     for layer in layers:
         refuse_mismatch(layer, ground)
     image_bgr = ground.reading.image_bgr.copy()
@@ -113,7 +115,7 @@ def _lay_images(
 
 
 def _visible_mask(layer: AnyMasked, ground: AnyMasked, occlusion: str) -> Mask | None:
-    """Return the layer's mask without what lies behind the ground's surfaces."""
+    """Return the overlay layer's mask without what lies behind the ground's surfaces."""
     if occlusion == "none":
         return layer.mask
     upper, lower = layer.reading.depth_m, ground.reading.depth_m
@@ -127,7 +129,7 @@ def _visible_mask(layer: AnyMasked, ground: AnyMasked, occlusion: str) -> Mask |
 
 
 def _plain(layers: list[AnyMasked], ground: AnyMasked, occlusion: str) -> Reading:
-    """Return depth pictures, scans or readings of one value laid over each other."""
+    """Return the overlay of depth images, scans or single values."""
     reading: Any = ground.reading
     for layer in reversed(layers):
         upper = layer.reading
@@ -147,7 +149,7 @@ def _plain(layers: list[AnyMasked], ground: AnyMasked, occlusion: str) -> Readin
 
 
 def refuse_mismatch(layer: AnyMasked, ground: AnyMasked) -> None:
-    """Raise CannotMixError for pictures of another size, or of cameras that see otherwise."""
+    """Raise CannotMixError for overlaid images of different size or camera."""
     upper, lower = layer.reading, ground.reading
     a, b = upper.intrinsics, lower.intrinsics
     if (a.width_px, a.height_px) != (b.width_px, b.height_px):

@@ -13,7 +13,7 @@ from worlds.frames import Pose
 
 
 class ConcatenateParameters(StepParameters):
-    """No parameters."""
+    """Parameters of merging point clouds: none."""
 
 
 @step("concatenate", stage="merge", sensors=("lidar_points",), parameters=ConcatenateParameters)
@@ -43,6 +43,6 @@ def chosen(work: AnyMasked, mount: Pose) -> LidarPointsReading:
 
 
 def joined(real: LidarPointsReading, parts: list[LidarPointsReading]) -> LidarPointsReading:
-    """Return one cloud of several in the same frame."""
+    """Return the points of several clouds in the same frame as one cloud."""
     points = np.concatenate([part.points_frd_m for part in parts])
     return replace(real, points_frd_m=points, object_ids=None, mount=parts[0].mount)

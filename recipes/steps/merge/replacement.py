@@ -32,14 +32,14 @@ Bools = NDArray[np.bool_]
 
 
 class SectorPart(Part):
-    """From the first clockwise (seen from above) to the second; 0 is forward."""
+    """The sector of a scan to replace: clockwise from the first, seen from above; 0 is forward."""
 
     from_deg: float
     to_deg: float
 
 
 class ConditionPart(Part):
-    """True where a quantity of a side's reading lies above and below what is given."""
+    """A replacement's condition: a quantity of a side's reading within limits."""
 
     of: Side
     what: str
@@ -48,6 +48,7 @@ class ConditionPart(Part):
 
     @model_validator(mode="after")
     def _some_limit(self) -> "ConditionPart":
+        """Require a known quantity and a limit in a replacement's condition."""
         known = [name for kind in QUANTITIES.values() for name in kind]
         if self.what not in known:
             said = f"there is no value '{self.what}'"
@@ -72,7 +73,7 @@ class ReplaceParameters(StepParameters):
     when: ConditionPart | None = None
 
     def refuses(self, kind: str) -> str:
-        """Return why a rule makes no sense for a sensor."""
+        """Return why a replacement rule makes no sense for a sensor type."""
         if self.sector is not None and kind not in ("lidar", "lidar_points"):
             return f"a sector applies to lidars, not to {kind}"
         if self.region is not None and kind not in PICTURES:
@@ -83,7 +84,7 @@ class ReplaceParameters(StepParameters):
         return ""
 
     def needed(self) -> frozenset[Need]:
-        """Return depth, where a condition asks for it."""
+        """Return depth where a replacement's condition uses it."""
         asks = self.when is not None and self.when.what == "depth_m"
         return frozenset({"depth"}) if asks else frozenset()
 
@@ -110,7 +111,7 @@ def replacement(parameters: ReplaceParameters, context: Context) -> Merge:  # no
 
 @dataclass(frozen=True, slots=True)
 class _Rule:
-    """whole: whether it holds at all; elements: where, None for everywhere. sector: see params."""
+    """A replacement rule, evaluated. whole: whether it holds; elements: where, None: everywhere."""
 
     holds: bool
     elements: Bools | None
@@ -118,6 +119,7 @@ class _Rule:
 
 
 def _rule(parameters: ReplaceParameters, sides: Sides) -> _Rule:
+    """Return the replacement rule evaluated on two readings."""
     reading = sides[parameters.source].reading
     parts: list[Bools] = []
     if parameters.sector is not None and isinstance(reading, LidarScanReading):
@@ -142,6 +144,7 @@ def _rule(parameters: ReplaceParameters, sides: Sides) -> _Rule:
 
 
 def _condition(part: ConditionPart, sides: Sides) -> bool | Bools:
+    """Return where a replacement's condition holds in a side's reading."""
     reading = sides[part.of].reading
     values = QUANTITIES[sensor_type_of(reading)][part.what](reading)
     if values is None:

@@ -17,7 +17,7 @@ Work = Masked[LidarScanReading]
 
 
 class BeamsPart(Part):
-    """count beams, the first at start_deg from forward to the right, each step_deg further."""
+    """Lidar beams: count, the first at start_deg right of forward, each step_deg further."""
 
     count: Annotated[int, Field(ge=1, le=100_000)]
     start_deg: Degrees

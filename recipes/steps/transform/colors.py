@@ -51,11 +51,12 @@ def color_space(parameters: ColorSpaceParameters, context: Context) -> Operator:
 
 
 def _with_image(work: Work, image_bgr: BgrImage) -> Work:
+    """Return the side with its image replaced by one of other colours."""
     return Masked(replace(work.reading, image_bgr=image_bgr), work.mask)
 
 
 class MatchPhotometryParameters(SidedParameters):
-    """Which properties of the other side's camera to take over, and what is known of it.
+    """Which colour properties of the other side's camera to match, and known ones.
 
     gains_bgr, noise_std_dn, blur_sigma_px: in place of what would be measured in the other side's
     pictures. max_gain: bound of each measured gain and of its inverse. measure_every: frames
@@ -77,6 +78,7 @@ class MatchPhotometryParameters(SidedParameters):
 
     @model_validator(mode="after")
     def _one_side(self) -> "MatchPhotometryParameters":
+        """Require one side whose colours are matched, and positive gains."""
         if self.on == "both":
             raise ValueError("one side is matched to the other; 'on' must be real or twin")
         if self.gains_bgr is not None and min(self.gains_bgr) <= 0:
@@ -101,7 +103,7 @@ def match_photometry(parameters: MatchPhotometryParameters, context: Context) ->
 
 
 class _Matcher:
-    """Measures now and then, applies always."""
+    """Matches colours to the other side's camera: measures now and then, applies always."""
 
     def __init__(self, parameters: MatchPhotometryParameters) -> None:
         self._p = parameters
@@ -126,6 +128,7 @@ class _Matcher:
         return work if image is reading.image_bgr else _with_image(work, image)
 
     def _wanted_look(self, work: Work, other: Work) -> Correction:
+        """Return the correction that matches this side's colours to the other camera's."""
         p = self._p
         theirs = with_known(
             look_of(other.reading.image_bgr),

@@ -40,7 +40,7 @@ _FRD_FROM_FLU: Quat = (0.0, 1.0, 0.0, 0.0)
 
 
 class AxesParameters(SidedParameters):
-    """world, body: the axes that a source uses; they become NED and FRD."""
+    """world, body: the axes of a source's frames; they become NED and FRD."""
 
     world: Literal["ned", "enu"] = "ned"
     body: Literal["frd", "flu"] = "frd"
@@ -67,6 +67,7 @@ def axes(parameters: AxesParameters, context: Context) -> Operator:  # noqa: ARG
 
 
 def _turn_axes(reading: Reading, *, enu: bool, flu: bool) -> Reading:
+    """Return a reading with its frames turned from ENU to NED, from FLU to FRD."""
     match reading:
         case PoseReading():
             return _turn_pose(reading, enu=enu, flu=flu)
@@ -94,6 +95,7 @@ _FLIP = np.array([1.0, -1.0, -1.0], np.float32)
 
 
 def _turn_pose(reading: PoseReading, *, enu: bool, flu: bool) -> PoseReading:
+    """Return a pose reading turned from ENU to NED, from FLU to FRD frames."""
     position, q = reading.pose.position_ned_m, reading.pose.q_wxyz
     velocity = reading.velocity_ned_m_s
     if enu:
@@ -105,12 +107,12 @@ def _turn_pose(reading: PoseReading, *, enu: bool, flu: bool) -> PoseReading:
 
 
 def _positive(q: Quat) -> Quat:
-    """Return the same rotation with w >= 0."""
+    """Return the same rotation between frames with w >= 0."""
     return q if q[0] >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
 
 
 class AttitudeParameters(SidedParameters):
-    """How a source writes an attitude. order: of its numbers. of: which way it turns."""
+    """How a source writes an attitude between frames. order: of its numbers. of: direction."""
 
     tolerates = frozenset({"out_of_range"})
 
@@ -148,7 +150,7 @@ def attitude(parameters: AttitudeParameters, context: Context) -> Operator:  # n
 
 
 class OffsetParameters(SidedParameters):
-    """north_m, east_m, up_m: how far the place moves. rotation: how the heading turns.
+    """north_m, east_m, up_m: the shift of the world frame. rotation: turn of the heading.
 
     about: `body` turns the vehicle where it stands; `origin` turns the whole frame about its
     origin, and moves then.
@@ -163,6 +165,7 @@ class OffsetParameters(SidedParameters):
 
     @model_validator(mode="after")
     def _one_turn(self) -> "OffsetParameters":
+        """Refuse an offset that gives both yaw_deg and rotation."""
         if self.yaw_deg and self.rotation is not None:
             raise ValueError("give yaw_deg or rotation, not both")
         return self
@@ -177,7 +180,7 @@ class OffsetParameters(SidedParameters):
         return Pose((self.north_m, self.east_m, -self.up_m), turn)
 
     def refuses(self, kind: str) -> str:
-        """Return why a fix cannot be turned about an origin that it does not know."""
+        """Return why a GPS fix cannot be turned about the world frame's origin."""
         if kind == "gps" and self.about == "origin":
             return "a GPS position has no origin to rotate about; use local first"
         return ""
@@ -198,6 +201,7 @@ def offset(parameters: OffsetParameters, context: Context) -> Operator:  # noqa:
 
 
 def _offset(reading: PoseReading | GpsReading, moved: Pose, *, about_origin: bool) -> Reading:
+    """Return a pose or fix moved and turned by an offset in the world frame."""
     turn = moved.q_wxyz
     if isinstance(reading, GpsReading):
         here = LocalFrame(reading.latitude_deg, reading.longitude_deg, reading.altitude_m)
@@ -220,7 +224,7 @@ def _offset(reading: PoseReading | GpsReading, moved: Pose, *, about_origin: boo
 
 
 class MountPart(Part):
-    """Where a sensor sits in the body's FRD frame."""
+    """A sensor's mount in the body's FRD frame."""
 
     forward_m: Metres = 0.0
     right_m: Metres = 0.0
@@ -228,12 +232,12 @@ class MountPart(Part):
     rotation: RotationPart = RotationPart()
 
     def pose(self) -> Pose:
-        """Return the mount as the code uses it."""
+        """Return the sensor's mount as a pose in the body's FRD frame."""
         return Pose((self.forward_m, self.right_m, self.down_m), self.rotation.quaternion())
 
 
 class RemountParameters(SidedParameters):
-    """to: the other side, whose mount to take, the body's own frame, or a mount."""
+    """to: the frame of the remounted points: the other side's mount, the body, or a mount."""
 
     shorthand = "to"
 
@@ -241,6 +245,7 @@ class RemountParameters(SidedParameters):
 
     @model_validator(mode="after")
     def _not_to_itself(self) -> "RemountParameters":
+        """Refuse a remount to the side's own mount."""
         refuse_own(self, self.to, "mount")
         return self
 

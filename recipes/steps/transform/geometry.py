@@ -15,20 +15,20 @@ Work = Masked[Picture]
 
 
 class Size(Part):
-    """A size in pixels."""
+    """An image size in pixels, to which a transform scales."""
 
     width_px: SizePx
     height_px: SizePx
 
 
 def refuse_own(parameters: SidedParameters, to: object, what: str) -> None:
-    """Raise KeyFaultError when a step takes something of the side that it works on."""
+    """Raise KeyFaultError when an image transform's target is the side that it works on."""
     if to in parameters.sides():
         raise KeyFaultError("to", f"{to} would be given its own {what}; 'on' is {parameters.on}")
 
 
 def the_other(name: str, to: Side, other: Work | None) -> Work:
-    """Return the other side. Raises CannotMixError when it is missing."""
+    """Return the other side, whose geometry is taken. Raises CannotMixError without it."""
     if other is None:
         missing: DropReason = "no_real" if to == "real" else "no_twin"
         raise CannotMixError(missing, f"{name} to {to}: there is no reading of {to}")
@@ -36,7 +36,7 @@ def the_other(name: str, to: Side, other: Work | None) -> Work:
 
 
 class ResizeParameters(SidedParameters):
-    """to: the other side, whose size to take, or a size."""
+    """to: the image size: the other side's, or one given."""
 
     shorthand = "to"
 
@@ -44,6 +44,7 @@ class ResizeParameters(SidedParameters):
 
     @model_validator(mode="after")
     def _not_to_itself(self) -> "ResizeParameters":
+        """Refuse an image resize to the side's own size."""
         refuse_own(self, self.to, "size")
         return self
 
@@ -65,7 +66,7 @@ def resize(parameters: ResizeParameters, context: Context) -> Operator:  # noqa:
 
 
 class CropParameters(SidedParameters):
-    """left_px, top_px: of the part's first pixel; None puts the part into the middle."""
+    """left_px, top_px: of the image part's first pixel; None puts the part into the middle."""
 
     width_px: SizePx
     height_px: SizePx
@@ -95,7 +96,7 @@ def crop(parameters: CropParameters, context: Context) -> Operator:  # noqa: ARG
 
 
 class CameraModelParameters(SidedParameters):
-    """to: the other side, whose camera to imitate, or a camera; turn: how that one is turned.
+    """to: the camera to imitate, the other side's or one given; turn: how that one is turned.
 
     turn: attitude of the camera to imitate in the FRD frame of the one that took the picture.
     """
@@ -107,6 +108,7 @@ class CameraModelParameters(SidedParameters):
 
     @model_validator(mode="after")
     def _not_to_itself(self) -> "CameraModelParameters":
+        """Refuse imitating the side's own camera."""
         refuse_own(self, self.to, "camera")
         return self
 

@@ -17,7 +17,7 @@ Depth = NDArray[np.float32]
 
 
 class FillDepthParameters(SidedParameters):
-    """holes_px: how wide a hole may be to be filled."""
+    """holes_px: the widest hole in a depth image that is filled."""
 
     shorthand = "holes_px"
     needs = frozenset({"depth"})

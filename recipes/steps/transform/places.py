@@ -24,19 +24,19 @@ from worlds.geodesy import LocalFrame
 
 
 class OriginParameters(SidedParameters):
-    """Where the local frame's origin lies on WGS-84."""
+    """The place of the local frame's origin on WGS-84."""
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     longitude_deg: Annotated[float, Field(ge=-180, le=180)]
     altitude_m: float = 0.0
 
     def frame(self) -> LocalFrame:
-        """Return the local frame."""
+        """Return the local frame at the origin's place on Earth."""
         return LocalFrame(self.latitude_deg, self.longitude_deg, self.altitude_m)
 
 
 class GeodeticParameters(OriginParameters):
-    """accuracy_m: what the fix says of itself, one standard deviation."""
+    """accuracy_m: the accuracy of the geodetic place, one standard deviation."""
 
     accuracy_m: Annotated[float, Field(ge=0)] = 0.0
 
@@ -160,11 +160,14 @@ def to_points(parameters: ToPointsParameters, context: Context) -> Operator:  # 
 
 @dataclass(frozen=True, slots=True)
 class _PointSlopes:
+    """The points of a scan or depth image with their object ids."""
+
     points: NDArray[np.float32]
     ids: NDArray[np.uint8] | None
 
 
 def _of_scan(scan: LidarScanReading, keep: NDArray[np.bool_], every: int) -> _PointSlopes:
+    """Return the points of a scan's kept beams in the sensor's frame."""
     chosen = (keep & np.isfinite(scan.ranges_m))[::every]
     angles, ranges = scan.angles_rad[::every][chosen], scan.ranges_m[::every][chosen]
     points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))], 1)
@@ -173,7 +176,7 @@ def _of_scan(scan: LidarScanReading, keep: NDArray[np.bool_], every: int) -> _Po
 
 
 def _of_depth(reading: DepthReading, keep: NDArray[np.bool_], every: int) -> _PointSlopes:
-    """Return points in the camera's FRD frame; distortion counts as none."""
+    """Return the points of a depth image in the camera's FRD frame, ignoring distortion."""
     steps = (slice(None, None, every), slice(None, None, every))
     depth = reading.depth_m[steps]
     chosen = keep[steps] & np.isfinite(depth)
@@ -187,6 +190,7 @@ def _of_depth(reading: DepthReading, keep: NDArray[np.bool_], every: int) -> _Po
 
 
 def _slopes(camera: Intrinsics) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the slopes of a depth camera's pixel columns and rows, to place points."""
     u = np.arange(camera.width_px, dtype=np.float64)
     v = np.arange(camera.height_px, dtype=np.float64)
     return (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px

@@ -26,7 +26,7 @@ _KEPT_AROUND = 16
 
 
 class _Memory:
-    """The last readings of one side, in the order of their times."""
+    """The last readings of one side by time, for steps that select by timing."""
 
     def __init__(self, size: int, span_s: float) -> None:
         self._size = size
@@ -35,7 +35,7 @@ class _Memory:
         self._times: list[float] = []
 
     def add(self, reading: Reading) -> None:
-        """Take a reading newer than all before; others change nothing."""
+        """Add a reading newer than all before to the timing memory; others change nothing."""
         if self._times and reading.t_s <= self._times[-1]:
             return
         self._readings.append(reading)
@@ -48,7 +48,7 @@ class _Memory:
 
     @property
     def newest(self) -> Reading | None:
-        """Return the newest reading; None when there is none."""
+        """Return the newest reading in the timing memory; None when it is empty."""
         return self._readings[-1] if self._readings else None
 
     def around(self, t_s: float) -> tuple[Reading | None, Reading | None]:
@@ -61,12 +61,13 @@ class _Memory:
 
 
 def _memory(reading: Reading, span_s: float, kept_big: int) -> _Memory:
+    """Return a timing memory for readings of this type; fewer for images and clouds."""
     big = isinstance(reading, CameraReading | DepthReading | LidarPointsReading)
     return _Memory(kept_big if big else _KEPT, span_s)
 
 
 class _Remembering(TimedOperator):
-    """Remembers what it is offered, `span_s` back, but at most `kept_big` pictures or clouds."""
+    """A timing step that remembers readings `span_s` back, at most `kept_big` large ones."""
 
     def __init__(self, span_s: float, kept_big: int) -> None:
         self._span_s = span_s
@@ -74,11 +75,12 @@ class _Remembering(TimedOperator):
         self._memory: _Memory | None = None
 
     def offer(self, reading: Reading) -> Reading | None:
-        """Take a reading of this side; the step after this one sees the same."""
+        """Remember a reading of this side; the step after this one gets the same."""
         self._is_filled(reading)
         return reading
 
     def _is_filled(self, reading: Reading) -> _Memory:
+        """Return the timing memory with the reading added."""
         if self._memory is None:
             self._memory = _memory(reading, self._span_s, self._kept_big)
         self._memory.add(reading)
@@ -100,7 +102,7 @@ class ResampleParameters(SidedParameters):
     max_gap_ms: Annotated[float, Field(gt=0, le=60_000)] = 1000.0
 
     def refuses(self, kind: str) -> str:
-        """Return why a sensor cannot be interpolated."""
+        """Return why a sensor's readings cannot be interpolated in time."""
         if self.how == "interpolate" and kind not in INTERPOLATED:
             return f"readings of a {kind} cannot be interpolated; use hold or latest"
         return ""
@@ -117,6 +119,8 @@ def resample(parameters: ResampleParameters, context: Context) -> TimedOperator:
 
 
 class _Resample(_Remembering):
+    """The step `resample`: selects or interpolates readings by timing."""
+
     def __init__(self, how: Align, max_gap_s: float) -> None:
         super().__init__(max_gap_s, _KEPT_AROUND)
         self._how = how
@@ -134,6 +138,7 @@ class _Resample(_Remembering):
         return Masked(found, work.mask) if found is not work.reading else work
 
     def _find_reading(self, memory: _Memory, t_s: float) -> Reading:
+        """Return the reading for a time: latest, held, or interpolated; None without."""
         before, after = memory.around(t_s)
         if self._how == "latest":
             before = memory.newest
@@ -148,13 +153,14 @@ class _Resample(_Remembering):
 def _interpolate_readings(
     before: Reading | None, after: Reading | None, t_s: float, max_gap_s: float
 ) -> Reading | None:
+    """Return the reading interpolated at a time; None when the gap is too long."""
     if before is None or after is None or after.t_s - before.t_s > max_gap_s:
         return None
     return before if after.t_s == before.t_s else between(before, after, t_s)
 
 
 class DelayParameters(SidedParameters):
-    """by_ms: how much older than the newest reading what is used must be."""
+    """by_ms: how much older than the newest reading the used one must be."""
 
     shorthand = "by_ms"
     timed = True
@@ -173,12 +179,14 @@ def delay(parameters: DelayParameters, context: Context) -> TimedOperator:  # no
 
 
 class _Delay(_Remembering):
+    """The step `delay`: selects the newest reading that is old enough."""
+
     def __init__(self, by_s: float) -> None:
         super().__init__(by_s, _KEPT_BIG)
         self._by_s = by_s
 
     def offer(self, reading: Reading) -> Reading | None:
-        """Take a reading of this side; the step after this one sees what is old enough."""
+        """Remember a reading; the step after this one gets the newest that is old enough."""
         return self._is_filled(reading).around(reading.t_s - self._by_s + 1e-9)[0]
 
     def __call__(self, work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG002 - the interface

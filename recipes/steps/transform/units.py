@@ -44,7 +44,7 @@ _MEASURED = {
 
 
 class UnitsParameters(SidedParameters):
-    """In what units a source gives its numbers; they become ours. None: in ours already.
+    """The units in which a source gives its numbers; they become ours. None: in ours already.
 
     length: of ranges, depth, points, positions, altitude and accuracies; ours m. angle: of a
     scan's beams and of an IMU's rates, ours rad, and of latitude and longitude, ours deg. speed:
@@ -58,7 +58,7 @@ class UnitsParameters(SidedParameters):
     pressure: PressureUnit | None = None
 
     def refuses(self, kind: str) -> str:
-        """Return which quantity a sensor of this type has not."""
+        """Return which quantity with units a sensor of this type does not have."""
         for quantity, kinds in _MEASURED.items():
             if getattr(self, quantity) is not None and kind not in kinds:
                 return f"a {kind} has no {quantity}"
@@ -94,7 +94,7 @@ def units(parameters: UnitsParameters, context: Context) -> Operator:  # noqa: A
 
 
 def converted(reading: Reading, given: UnitsParameters) -> Reading:
-    """Return the reading in our units."""
+    """Return the reading converted to our units."""
     metres = METRES[given.length or "m"]
     match reading:
         case CameraReading():
@@ -127,6 +127,7 @@ def converted(reading: Reading, given: UnitsParameters) -> Reading:
 
 
 def _motion(reading: Any, given: UnitsParameters, metres: float) -> Reading:
+    """Return a pose, fix or IMU reading with its lengths and speeds in our units."""
     speed = METRES_PER_SECOND[given.speed or "m_s"]
     match reading:
         case PoseReading():

@@ -11,7 +11,7 @@ from vehicles.autopilots.autopilot import Mode
 
 
 class Phase(Enum):
-    """Where a contingency stands; the value is what people read."""
+    """The phase of a contingency; the value is what people read."""
 
     IDLE = "not needed"
     PAUSE = "holding for the operator"
@@ -26,7 +26,7 @@ class Phase(Enum):
 
 
 class Action(Enum):
-    """What the guard is to send."""
+    """What a contingency has the guard send to the vehicle."""
 
     ZERO = "zero velocity"
     HOLD = "hold"
@@ -38,7 +38,7 @@ class Action(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What is known of a vehicle now; None is unknown.
+    """What is known of a vehicle now for its contingency; None is unknown.
 
     armed, mode, landed: its own last words (armed includes a command to arm that just passed).
     failsafe: its autopilot changed the mode by itself. pilot: a pilot flies it. up_m: height from
@@ -56,14 +56,14 @@ class Facts:
 
 
 def require_landing(mode: Mode) -> None:
-    """Raise ValueError for a mode that is not a landing mode."""
+    """Raise ValueError for a contingency's landing mode that is none."""
     if mode not in {Mode.LAND, Mode.RTL}:
         raise ValueError(f"{mode.value!r} is not a landing mode")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContingencyPlan:
-    """How to bring a vehicle down; times in seconds.
+    """The plan of a contingency: how to bring a vehicle down; times in seconds.
 
     landing: LAND or RTL. terminate: motors may be cut, after `stalls_to_terminate` stalls: each a
     time `stall_s` over which fresh positions show that it came down less than `descent_m`.
@@ -91,7 +91,7 @@ class ContingencyPlan:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """Facts together with what the machine remembers, for the conditions of the table."""
+    """The facts and the memory of a contingency, for the conditions of its table."""
 
     facts: Facts
     plan: ContingencyPlan
@@ -112,38 +112,47 @@ Condition = Callable[[_View], bool]
 
 @dataclass(frozen=True, slots=True)
 class _Step:
+    """A row of the contingency's table: condition, next phase, and why."""
+
     condition: Condition
     to: Phase
     why: str
 
 
 def _holds(v: _View) -> bool:
+    """Return whether the vehicle of a contingency holds its place."""
     slow = v.facts.speed_m_s is not None and v.facts.speed_m_s < v.plan.still_m_s
     return v.facts.mode is Mode.HOLD and (slow or v.elapsed_s >= v.plan.settle_s)
 
 
 def _own_failsafe(v: _View) -> bool:
+    """Return whether the autopilot flies its own failsafe, so the contingency waits."""
     flies_it = v.facts.mode not in {Mode.HOLD, Mode.GUIDED, Mode.LAND}
     return v.facts.failsafe and flies_it and not v.overruled
 
 
 def _lands_already(v: _View) -> bool:
+    """Return whether the vehicle of a contingency is landing already."""
     return v.facts.mode is Mode.LAND
 
 
 def _has_landed(v: _View) -> bool:
+    """Return whether the vehicle of a contingency is on the ground."""
     return v.facts.landed is True
 
 
 def _has_left_landing(v: _View) -> bool:
+    """Return whether the vehicle left the landing mode of its contingency."""
     return v.facts.mode not in {v.landing, Mode.LAND}
 
 
 def _has_not_helped(v: _View) -> bool:
+    """Return whether landing shows no progress, so the contingency goes on."""
     return v.stalled or v.level_s >= v.plan.supervise_s
 
 
 def _hopeless(v: _View) -> bool:
+    """Return whether the contingency may terminate: repeated stalls, and the plan allows it."""
     return v.plan.terminate and v.stalled and v.stalls >= v.plan.stalls_to_terminate
 
 
@@ -216,7 +225,7 @@ _NO_STREAM_IN = frozenset({Mode.HOLD, Mode.LAND, Mode.RTL})
 
 
 class Contingency:
-    """Brings one vehicle down once started; starting twice changes nothing.
+    """The contingency state machine that brings one vehicle down; starting twice is harmless.
 
     `pause` and `resume` are the operator's hold, which a start overrides for good.
     """
@@ -237,35 +246,35 @@ class Contingency:
 
     @property
     def started(self) -> bool:
-        """Return whether it was told to bring the vehicle down."""
+        """Return whether the contingency was started."""
         return self.phase not in {Phase.IDLE, Phase.PAUSE}
 
     @property
     def down(self) -> bool:
-        """Return whether the vehicle is disarmed."""
+        """Return whether the contingency's vehicle is disarmed."""
         return self.phase is Phase.DOWN
 
     def start(self, facts: Facts, t_s: float) -> list[Action]:
-        """Begin, if it has not begun; returns what to send at once."""
+        """Start the contingency, if it has not begun; return what to send at once."""
         if self.started:
             return []
         self._enter(Phase.HOLD, t_s, "it is being landed")
         return self.step(facts, t_s)
 
     def pause(self, facts: Facts, t_s: float) -> list[Action]:
-        """Hold until `resume`; nothing once it was started."""
+        """Have the contingency hold the vehicle until `resume`; ignored once started."""
         if self.phase is not Phase.IDLE:
             return []
         self._enter(Phase.PAUSE, t_s, "the operator commanded hold")
         return self.step(facts, t_s)
 
     def resume(self, t_s: float) -> None:
-        """End a pause; nothing once it was started."""
+        """End the contingency's pause; ignored once started."""
         if self.phase is Phase.PAUSE:
             self._enter(Phase.IDLE, t_s, "the operator commanded resume")
 
     def step(self, facts: Facts, t_s: float) -> list[Action]:
-        """Take the facts as they are now; returns what to send now."""
+        """Step the contingency by the present facts; return what to send now."""
         if self.phase is Phase.IDLE:
             return []
         if self.phase is not Phase.PAUSE:
@@ -301,7 +310,7 @@ class Contingency:
         self._lower_s = t_s
 
     def _find_stall(self, facts: Facts, t_s: float) -> bool:
-        """Return whether fresh positions show no progress for `stall_s`; counts it."""
+        """Return whether fresh positions show no progress for `stall_s`; count the stall."""
         if self.phase not in {Phase.LAND, Phase.DESCEND, Phase.SUPERVISE}:
             return False
         if not self._fresh(facts, t_s):

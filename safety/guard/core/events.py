@@ -49,7 +49,7 @@ and settles nothing for the other."""
 
 @dataclass(frozen=True, slots=True)
 class ToVehicle:
-    """Whole MAVLink frames for the vehicle `name`."""
+    """Guard output: whole MAVLink frames for the vehicle `name`."""
 
     name: str
     frames: tuple[bytes, ...]
@@ -57,7 +57,7 @@ class ToVehicle:
 
 @dataclass(frozen=True, slots=True)
 class ToOrchestrator:
-    """Whole MAVLink frames of the vehicle `name` for the orchestrator."""
+    """Guard output: whole MAVLink frames of the vehicle `name` for the orchestrator."""
 
     name: str
     frames: tuple[bytes, ...]
@@ -65,7 +65,7 @@ class ToOrchestrator:
 
 @dataclass(frozen=True, slots=True)
 class ToGcs:
-    """Whole MAVLink frames of the vehicle `name` for its ground station port."""
+    """Guard output: whole MAVLink frames of the vehicle `name` for its ground station port."""
 
     name: str
     frames: tuple[bytes, ...]
@@ -73,7 +73,7 @@ class ToGcs:
 
 @dataclass(frozen=True, slots=True)
 class GuardEvent:
-    """Something for the record; vehicle is empty when it concerns all."""
+    """An event of the guard for the record; vehicle is empty when it concerns all."""
 
     t_s: float
     kind: EventKind
@@ -87,7 +87,7 @@ Outputs = tuple[Output, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardedVehicle:
-    """A vehicle in the guard's care.
+    """A vehicle as the guard's core is configured for it: ids, fence, limits, plan.
 
     attached: it came from outside, so that it may be hardware. landing: LAND, or RTL where the
     campaign asks for it and preflight allowed it. terminate: the campaign opted in to cutting the
@@ -118,7 +118,7 @@ class GuardedVehicle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardSettings:
-    """Times in seconds, distances in metres.
+    """The settings of the guard: times in seconds, distances in metres.
 
     latency_s, braking_m_s2: how late and how hard a vehicle brakes when told to. Late is all until
     it brakes at this rate: estimator, link and tilting over. The defaults are a bound, not a fit:
@@ -154,7 +154,7 @@ _DECISIVE: dict[EventKind, DecisiveKind] = {
 
 
 def decisive(event: GuardEvent) -> DecisiveEvent | None:
-    """Return what an event of the guard means for the verdict; None for what settles nothing.
+    """Return what a guard event means for the verdict; None for what decides nothing.
 
     A `bring_down` has the orchestrator's own reason; a `hold` is INVALID only after t0, which the
     guard does not know.

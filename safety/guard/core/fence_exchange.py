@@ -11,7 +11,7 @@ from safety.guard.core.setpoint_limiter import Motion
 def refusal_of_changes(
     fences: Mapping[str, Fence], motions: Mapping[str, Motion | None], settings: GuardSettings
 ) -> str:
-    """Return why the first of them cannot have its new fence now; empty when all can.
+    """Return why the first of the vehicles cannot exchange its fence now; "" when all can.
 
     motions: of each, as seen within the last second; None for one that was not.
     """

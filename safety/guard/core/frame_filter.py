@@ -75,12 +75,12 @@ _TARGET_AT = {SET_MODE: 4, 82: 36, 84: 50, 86: 50}
 
 
 def command_of(frame: Frame) -> Command | None:
-    """Return a frame's command; None when it is none."""
+    """Return the command in a MAVLink frame; None when it has none."""
     return read_command(frame) if frame.message_id in {COMMAND_LONG, COMMAND_INT} else None
 
 
 def is_harmless(frame: Frame, *, parameters: bool, plans: bool) -> bool:
-    """Return whether a frame may pass while the orchestrator is not in command.
+    """Return whether the filter passes a frame while the orchestrator is not in command.
 
     parameters, plans: whether parameters, and fence and mission, may be set too: they are restored
     after a flight.
@@ -96,7 +96,7 @@ def is_harmless(frame: Frame, *, parameters: bool, plans: bool) -> bool:
 
 
 def is_control(frame: Frame, system: int) -> bool:
-    """Return whether a ground station's frame takes the vehicle `system` out of our hands."""
+    """Return whether a ground station's frame takes the vehicle `system` out of our control."""
     at = _TARGET_AT.get(frame.message_id)
     if at is not None:
         return read_target(frame, at) in {0, system}
@@ -107,6 +107,6 @@ def is_control(frame: Frame, system: int) -> bool:
 
 
 def frame_name(frame: Frame) -> str:
-    """Return what people call a frame: its message, for a command the command."""
+    """Return a frame's name in messages: its MAVLink message, or its command."""
     command = command_of(frame)
     return message_name(frame.message_id) if command is None else command_name(command.number)

@@ -48,7 +48,7 @@ _COMMANDS = frozenset({COMMAND_LONG, COMMAND_INT, SET_MODE})
 
 
 class GuardCore:
-    """Watches and, when it must, brings down all vehicles it was given.
+    """The guard's pure core: supervises its vehicles and brings them down when it must.
 
     Latched once, it stays latched: `latched` names the first cause. Every method returns what is
     to be sent and recorded, in that order. Bytes may come cut anywhere; whole frames go out.
@@ -76,7 +76,7 @@ class GuardCore:
 
     @property
     def phases(self) -> dict[str, Phase]:
-        """Return where each vehicle's contingency stands."""
+        """Return the contingency phase of each vehicle in the guard."""
         return {
             name: supervised.contingency.phase
             for name, supervised in self._supervised_vehicles.items()
@@ -84,7 +84,7 @@ class GuardCore:
 
     @property
     def all_down(self) -> bool:
-        """Return whether it latched and every vehicle that ever spoke is disarmed or ended."""
+        """Return whether the guard latched and every vehicle is disarmed or ended."""
         return self.latched is not None and all(
             supervised.contingency.down
             or supervised.is_out_of_reach
@@ -93,7 +93,7 @@ class GuardCore:
         )
 
     def may_be_armed(self, t_s: float) -> tuple[str, ...]:
-        """Return the vehicles that are armed or were just told to arm, as far as is known."""
+        """Return the guard's vehicles that are armed or were just commanded to arm."""
         return tuple(
             name
             for name, supervised in self._supervised_vehicles.items()
@@ -101,15 +101,15 @@ class GuardCore:
         )
 
     def last_received_s(self, name: str) -> float | None:
-        """Return when a vehicle was last heard; None for never."""
+        """Return when the guard last received a vehicle; None for never."""
         return self._supervised_vehicles[name].seen.last_received_s
 
     def anchor(self, name: str, anchor: Anchor) -> None:
-        """Say where a vehicle's local frame is in the world: makes its estimate a position."""
+        """Set a vehicle's local frame in the world for the guard: its estimate is a position."""
         self._supervised_vehicles[name].seen.anchor = anchor
 
     def from_vehicle(self, name: str, data: bytes, t_s: float) -> Outputs:
-        """Take bytes of a vehicle: they always pass."""
+        """Take bytes from a vehicle: the guard always passes them."""
         supervised = self._supervised_vehicles[name]
         frames = supervised.from_vehicle.feed(data)
         if not frames:
@@ -128,7 +128,7 @@ class GuardCore:
         return tuple(out)
 
     def from_orchestrator(self, name: str, data: bytes, t_s: float) -> Outputs:
-        """Take bytes of the orchestrator: they pass while it is in command."""
+        """Take bytes from the orchestrator: passed while it is in command."""
         supervised = self._supervised_vehicles[name]
         passed: list[bytes] = []
         events: list[Output] = []
@@ -149,7 +149,7 @@ class GuardCore:
         return (ToVehicle(name, tuple(passed)), *events)
 
     def from_gcs(self, name: str, data: bytes, t_s: float) -> Outputs:
-        """Take bytes of a ground station: they always pass; steering in flight is a takeover.
+        """Take bytes from a ground station: always passed; control in flight is a takeover.
 
         What is meant for another vehicle is no takeover of this one: ground stations say all that
         they say on all of their links.
@@ -168,13 +168,13 @@ class GuardCore:
         return tuple(out)
 
     def position(self, sample: PoseSample) -> Outputs:
-        """Take where a vehicle is, from the fastest source there is."""
+        """Take a vehicle's position, from the fastest source, into the guard."""
         supervised = self._supervised_vehicles[sample.vehicle]
         place, velocity = sample.pose.position_ned_m, sample.velocity_ned_m_s
         return self._place(supervised, place, velocity, sample.t_s, told=True)
 
     def command(self, command: OperatorCommand, t_s: float) -> Outputs:
-        """Take an operator's command. Abort always wins, and nothing undoes it.
+        """Take an operator's command into the guard. Abort always wins and is final.
 
         Raises ValueError for a geofence: its document is read first, see `change_fences`.
         """
@@ -206,7 +206,7 @@ class GuardCore:
         return (self._event(t_s, "resume", "", f"resumed by {who}"), *self._notes(t_s))
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
-        """Say in an event whether vehicles could be given these fences now, or why not.
+        """Return the guard's event whether vehicles could take new fences, or why not.
 
         To be asked before the fences are uploaded to the autopilots: those that hold go on
         holding until `change_fences`.
@@ -222,7 +222,7 @@ class GuardCore:
         return (self._event(t_s, "proposed", "", text),)
 
     def change_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
-        """Give vehicles new fences, all of them or none; an event says which it was, and why."""
+        """Change vehicles' fences in the guard, all or none; an event says which, and why."""
         if why := self._refusal_of(fences, t_s):
             return (self._event(t_s, "refused", "", f"{who}: geofence: {why}"),)
         for name, fence in fences.items():
@@ -237,11 +237,11 @@ class GuardCore:
         return refusal_of_changes(fences, motions, self.settings)
 
     def bring_down(self, reason: str, t_s: float) -> Outputs:
-        """Bring all down because the orchestrator asks: it has its own reason for the verdict."""
+        """Have the guard bring all vehicles down for a reason of the orchestrator."""
         return tuple(self._latch("bring_down", "", reason, t_s))
 
     def orchestrator_alive(self, t_s: float) -> Outputs:
-        """Take a sign of life of the orchestrator; from the first one on its silence counts."""
+        """Take the orchestrator's sign of life; from the first on, silence counts."""
         out: Outputs = ()
         last_s, self._alive_s = self._alive_s, t_s
         if last_s is not None and t_s - last_s > self.settings.orchestrator_silent_s:
@@ -249,23 +249,23 @@ class GuardCore:
         return out
 
     def orchestrator_ended(self, t_s: float) -> Outputs:
-        """Take that the orchestrator is gone for good; what may be armed is brought down."""
+        """Take that the orchestrator is gone; bring down what may be armed."""
         if not self.may_be_armed(t_s):
             return ()
         return tuple(self._latch("silence", "", "the orchestrator ended", t_s))
 
     def vehicle_gone(self, name: str, text: str, t_s: float) -> Outputs:
-        """Take that the process that was a vehicle is none any more: nothing to bring down."""
+        """Take that a vehicle's simulator process has ended: nothing to bring down."""
         supervised = self._supervised_vehicles[name]
         supervised.gone = supervised.lost = True
         return tuple(self._latch("lost", name, text, t_s))
 
     def clocks_apart(self, name: str, text: str, t_s: float) -> Outputs:
-        """Take that a simulated vehicle's time has left the run clock."""
+        """Take that a simulated vehicle's time has diverged from the run clock."""
         return tuple(self._latch("clock", name, text, t_s))
 
     def tick(self, t_s: float) -> Outputs:
-        """Take that time has passed; 20 Hz is expected, the rate at which setpoints stream."""
+        """Take that time has passed in the guard; 20 Hz is expected, the setpoint rate."""
         out: list[Output] = []
         silent_s = 0.0 if self._alive_s is None else t_s - self._alive_s
         if silent_s > self.settings.orchestrator_silent_s:
@@ -359,7 +359,7 @@ class GuardCore:
     def _meter_setpoint(
         self, supervised: SupervisedVehicle, frame: Frame, t_s: float
     ) -> bytes | None:
-        """Return what may pass of a frame; setpoints are held to the campaign's limits."""
+        """Return what the guard passes of a frame; setpoints are limited."""
         if supervised.meter is None or frame.message_id not in SETPOINTS:
             return frame.raw
         return supervised.meter.through(
@@ -382,7 +382,7 @@ class GuardCore:
         return (self._event(t_s, "dropped", supervised.name, f"{key[1]} was not forwarded"),)
 
     def _latch(self, cause: Cause, name: str, text: str, t_s: float) -> list[Output]:
-        """Take over, and say why; a later cause only says so, once for each vehicle.
+        """Latch the guard: take over, and say why; a later cause is only reported.
 
         A vehicle that lands alone is taken over alone. Clocks that came apart are of both.
         """

@@ -41,7 +41,7 @@ _command = struct.Struct("<ff20xHB")
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """What a vehicle's HEARTBEAT says; critical: MAV_STATE_CRITICAL or worse, a failsafe."""
+    """The HEARTBEAT fields that the guard reads; critical: MAV_STATE_CRITICAL or worse."""
 
     custom_mode: int
     armed: bool
@@ -50,7 +50,7 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A COMMAND_LONG or COMMAND_INT, as far as the guard cares; system: whom it is for, 0 all."""
+    """The COMMAND_LONG or COMMAND_INT fields that the guard reads; system: target, 0 all."""
 
     number: int
     param1: float
@@ -59,41 +59,42 @@ class Command:
 
     @property
     def arms(self) -> bool:
-        """Return whether it arms."""
+        """Return whether the MAVLink command arms."""
         return self.number == COMPONENT_ARM_DISARM and self.param1 == 1.0
 
     @property
     def disarms(self) -> bool:
-        """Return whether it disarms, forced or not."""
+        """Return whether the MAVLink command disarms, forced or not."""
         return self.number == COMPONENT_ARM_DISARM and self.param1 != 1.0
 
     @property
     def cuts_motors(self) -> bool:
-        """Return whether it stops the motors even in the air."""
+        """Return whether the MAVLink command stops the motors even in the air."""
         forced = self.disarms and round(self.param2) == _FORCE
         # A NaN terminates nothing (ArduCopter wants > 0.5), but who sends it means no good.
         return forced or (self.number == DO_FLIGHTTERMINATION and not self.param1 <= 0.5)
 
 
 def _payload(frame: Frame, size: int) -> bytes:
+    """Return a MAVLink frame's payload, padded with zeros to a size."""
     start = 10 if frame.version == 2 else 6
     return frame.raw[start : start + min(size, frame.raw[1])].ljust(size, b"\0")
 
 
 def read_heartbeat(frame: Frame) -> Heartbeat:
-    """Return what a HEARTBEAT says."""
+    """Return the fields of a HEARTBEAT."""
     custom_mode, _, _, base_mode, status, _ = _heartbeat.unpack(_payload(frame, 9))
     # 5 critical, 6 emergency, 7 power-off, 8 termination
     return Heartbeat(custom_mode, bool(base_mode & _ARMED), status >= 5)
 
 
 def read_landed(frame: Frame) -> bool | None:
-    """Return whether an EXTENDED_SYS_STATE says on the ground; None when it does not know."""
+    """Return whether an EXTENDED_SYS_STATE says on the ground; None when unknown."""
     return _LANDED.get(_payload(frame, 2)[1])
 
 
 def read_local_position(frame: Frame) -> tuple[Vec3, Vec3] | None:
-    """Return position and velocity of a LOCAL_POSITION_NED; None when they are not finite."""
+    """Return position and velocity of a LOCAL_POSITION_NED; None when not finite."""
     _, x, y, z, vx, vy, vz = _local_position.unpack(_payload(frame, 28))
     if not math.isfinite(x + y + z + vx + vy + vz):
         return None
@@ -101,12 +102,12 @@ def read_local_position(frame: Frame) -> tuple[Vec3, Vec3] | None:
 
 
 def read_command(frame: Frame) -> Command:
-    """Return the command of a COMMAND_LONG or COMMAND_INT."""
+    """Return the fields of a COMMAND_LONG or COMMAND_INT."""
     param1, param2, number, system = _command.unpack(_payload(frame, 31))
     # round() of NaN raises; a NaN means "not given" in commands.
     return Command(number, param1, 0.0 if not math.isfinite(param2) else param2, system)
 
 
 def read_target(frame: Frame, at: int) -> int:
-    """Return the target system of a message that has it at this place of its payload."""
+    """Return the target system field of a MAVLink message, at this offset of its payload."""
     return _payload(frame, at + 1)[at]

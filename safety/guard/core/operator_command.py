@@ -8,7 +8,7 @@ OperatorKind = Literal["abort", "hold", "resume", "geofence"]
 
 @dataclass(frozen=True, slots=True)
 class OperatorCommand:
-    """A command of a person: what, who ("Ctrl-C", "mqtt:anna"), and for the record why.
+    """An operator's command: what, who ("Ctrl-C", "mqtt:anna"), and for the record why.
 
     document: for geofence, what the new fences are: the text of YAML, a plan or GeoJSON.
     command_id: by which it is answered, where the answer takes time.

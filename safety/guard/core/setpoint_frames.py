@@ -27,7 +27,7 @@ _layout = struct.Struct("<I11fHBBB")
 
 
 def read_setpoint(frame: Frame, anchor: Anchor | None) -> Setpoint | None:
-    """Return in the world frame what a frame asks for; None for what cannot be limited.
+    """Return a frame's setpoint in the world frame; None for what cannot be limited.
 
     anchor: where the autopilot's local frame lies in the world; None takes it for the world's.
     """
@@ -53,7 +53,7 @@ def read_setpoint(frame: Frame, anchor: Anchor | None) -> Setpoint | None:
 
 
 def rewritten(frame: Frame, given: Setpoint, anchor: Anchor | None) -> bytes:
-    """Return the frame with another position or velocity, and all else as it was."""
+    """Return the setpoint frame with another position or velocity, the rest unchanged."""
     local = given if anchor is None else anchor.to_local(given)
     fields = list(_layout.unpack(_pad_payload(frame)))
     if isinstance(local, PositionSetpoint):
@@ -64,14 +64,17 @@ def rewritten(frame: Frame, given: Setpoint, anchor: Anchor | None) -> bytes:
 
 
 def _pad_payload(frame: Frame) -> bytes:
+    """Return a setpoint frame's payload padded to its full size."""
     return frame.payload.ljust(_layout.size, b"\0")
 
 
 def _used_axes(mask: int, bits: int, values: Vec3) -> Vec3:
+    """Return a setpoint's values; zeros where its type mask ignores them all."""
     return (0.0, 0.0, 0.0) if mask & bits == bits else values
 
 
 def _in_world(local: Setpoint, anchor: Anchor | None) -> Setpoint:
+    """Return a setpoint turned from the vehicle's local frame into the world frame."""
     # Only the part that is limited is turned: heading and heading rate go on as they came.
     if anchor is None:
         return local

@@ -25,7 +25,7 @@ _TOLERANCE_M_S = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class LimitReport:
-    """One limit that took effect. asked, given: in `unit`."""
+    """A report of a setpoint limit that took effect. asked, given: in `unit`."""
 
     what: str
     asked: float
@@ -35,14 +35,14 @@ class LimitReport:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Where a vehicle is and how it moves, world frame."""
+    """A vehicle's position and velocity in the world frame, to limit its setpoints."""
 
     position_ned_m: Vec3
     velocity_ned_m_s: Vec3
 
 
 class SetpointLimiter:
-    """Limits what one vehicle is asked for.
+    """Limits the setpoints of one vehicle.
 
     latency_s, braking_m_s2: how late and how hard a vehicle that is slowed down by its setpoints
     gets slower; both on the safe side of what the fence is watched with.
@@ -63,13 +63,13 @@ class SetpointLimiter:
         self._given: tuple[float, Vec3] | None = None
 
     def change_fence(self, fence: Fence) -> None:
-        """Keep inside of another fence from now on, if of any."""
+        """Change the fence inside which setpoints are limited, if any."""
         self._fence = fence if self.limits.inside_fence else None
 
     def limit(
         self, asked: Setpoint, motion: Motion | None, t_s: float
     ) -> tuple[Setpoint | None, tuple[LimitReport, ...]]:
-        """Return what may be asked (None: nothing), and which limits took effect.
+        """Return the limited setpoint (None: nothing), and which limits took effect.
 
         motion: None when it is not known; then nothing may be asked that a place would limit.
         """
@@ -138,7 +138,7 @@ class SetpointLimiter:
         return (velocity[0], velocity[1], -given)
 
     def _stopping_setpoint(self, room_m: float) -> float:
-        """Return the speed from which a vehicle stops within `room_m`; 0 when there is none."""
+        """Return the speed from which a vehicle stops within `room_m`; 0 without."""
         if room_m <= 0.0:
             return 0.0
         late = self._braking_m_s2 * self._latency_s
@@ -160,7 +160,7 @@ class SetpointLimiter:
         return scale(velocity, part)
 
     def _part_inside(self, fence: Fence, place: Vec3, velocity: Vec3) -> float:
-        """Return which part of a velocity can be braked from before the fence."""
+        """Return which part of a velocity setpoint can be braked before the fence."""
 
         def leaves(part: float) -> bool:
             asked = scale(velocity, part)
@@ -217,7 +217,7 @@ class SetpointLimiter:
         return (target[0], target[1], -given_m)
 
     def _way_inside(self, place: Vec3, target: Vec3, found: list[LimitReport]) -> Vec3:
-        """Return the last point of the way to a target that is inside with `keep_m`."""
+        """Return the last point of the way to a setpoint that is `keep_m` inside."""
         way = subtract(target, place)
         length_m = norm(way)
         if self._fence is None or length_m == 0.0:
@@ -239,7 +239,7 @@ class SetpointLimiter:
 
 
 def _inside_m(fence: Fence, place: Vec3, way: Vec3, keep_m: float) -> float:
-    """Return how far a way goes until it is less than `keep_m` inside; all of it if it never is.
+    """Return how far a way to a setpoint stays `keep_m` inside the fence; all of it if it does.
 
     From a place that is too close already, the way counts for as long as it leads back.
     """

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetpointLimits:
-    """Limits of what is asked of a vehicle; None where there is none.
+    """The limits of setpoints sent to a vehicle; None where there is none.
 
     speed_m_s: of all axes together. acceleration_m_s2: how fast an asked velocity may change.
     floor_up_m, ceiling_up_m: heights over the world's origin. inside_fence: nothing is asked that

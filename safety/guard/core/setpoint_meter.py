@@ -16,7 +16,7 @@ _LAPSE_S = 1.0
 
 @dataclass(slots=True)
 class _LimitingSpell:
-    """A time over which one limit took effect again and again."""
+    """A time over which one setpoint limit took effect again and again."""
 
     count: int
     worst: LimitReport
@@ -24,7 +24,7 @@ class _LimitingSpell:
 
 
 class SetpointMeter:
-    """Passes setpoint frames of one vehicle within its limits; `notes` are for the record.
+    """Passes one vehicle's setpoint frames within limits; `notes` are for the record.
 
     Each limit is told when it begins to take effect, and, once it has not for a second, how often
     it did and what the most was that was asked.
@@ -36,13 +36,13 @@ class SetpointMeter:
         self.notes: list[str] = []
 
     def change_fence(self, fence: Fence) -> None:
-        """Hold setpoints to another fence from now on."""
+        """Limit passed setpoints to another fence from now on."""
         self._limiter.change_fence(fence)
 
     def through(
         self, frame: Frame, anchor: Anchor | None, motion: Motion | None, t_s: float
     ) -> bytes | None:
-        """Return the frame that may be passed; None when nothing may."""
+        """Return the setpoint frame that may pass; None when nothing may."""
         asked = read_setpoint(frame, anchor)
         if asked is None:
             name = message_name(frame.message_id)
@@ -56,7 +56,7 @@ class SetpointMeter:
         return rewritten(frame, given, anchor)
 
     def lapse(self, t_s: float) -> None:
-        """Take that time has passed: what took no effect for a while is over."""
+        """Take that time has passed: end spells of setpoint limiting without effect."""
         for what, spell in tuple(self._spells.items()):
             if t_s - spell.last_s > _LAPSE_S:
                 del self._spells[what]
@@ -77,10 +77,12 @@ class SetpointMeter:
 
 
 def _excess_of(limiting: LimitReport) -> float:
+    """Return by how much a setpoint exceeded its limit."""
     return abs(limiting.asked - limiting.given)
 
 
 def _report_text(limiting: LimitReport) -> str:
+    """Return a setpoint limit that took effect in words."""
     if not limiting.unit:
         return f"{limiting.what} is not forwarded"
     asked = "any" if math.isinf(limiting.asked) else f"{limiting.asked:.2f}"

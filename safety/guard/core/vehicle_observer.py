@@ -33,14 +33,14 @@ _TOLD_S = 0.3
 
 @dataclass(frozen=True, slots=True)
 class ModeChange:
-    """A mode that was not asked for: a pilot's, or the autopilot's own failsafe."""
+    """An uncommanded mode change: by the pilot, or by the autopilot's own failsafe."""
 
     kind: Literal["takeover", "failsafe"]
     text: str
 
 
 class ObservedVehicle:
-    """The state of one vehicle, as far as it was heard; every None is unknown."""
+    """The guard's observed state of one vehicle, from its messages; None is unknown."""
 
     def __init__(self, vehicle: GuardedVehicle, settings: GuardSettings) -> None:
         self._vehicle = vehicle
@@ -66,7 +66,7 @@ class ObservedVehicle:
         self._told_s: float | None = None
 
     def may_be_armed(self, t_s: float) -> bool:
-        """Return whether it is armed, or was just told to arm and has not said otherwise since.
+        """Return whether the vehicle is armed, or was just commanded to arm.
 
         Who said both within a heartbeat and a half counts as armed.
         """
@@ -76,7 +76,7 @@ class ObservedVehicle:
         return asked_s is not None and t_s - asked_s <= self._settings.asked_s
 
     def facts(self, t_s: float) -> Facts:
-        """Return what a contingency is to know."""
+        """Return what the vehicle's contingency needs of the observed state."""
         armed = True if self.may_be_armed(t_s) else self.armed
         return Facts(
             armed=armed,
@@ -90,19 +90,19 @@ class ObservedVehicle:
         )
 
     def note_command(self, command: Command, t_s: float) -> None:
-        """Take that a command of the orchestrator passed: what follows was asked for."""
+        """Note a passed command of the orchestrator: its effect is expected."""
         self._asked_s = t_s
         if command.arms:
             self._arm_asked_s = t_s
 
     def note_mode_asked(self, t_s: float) -> None:
-        """Take that the orchestrator asked for a mode by SET_MODE."""
+        """Note that the orchestrator requested a mode by SET_MODE."""
         self._asked_s = t_s
 
     def place(
         self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float, *, told: bool = False
     ) -> None:
-        """Take a position in the world; from then on heights are the world's only.
+        """Note a vehicle's position in the world; from then on, heights are the world's only.
 
         told: by the orchestrator, from the source of positions that judging uses.
         """
@@ -112,16 +112,16 @@ class ObservedVehicle:
         self._store_sample(position_ned_m, velocity_ned_m_s, t_s)
 
     def motion(self, t_s: float) -> Motion | None:
-        """Return where it is in the world, when that was heard within the last second."""
+        """Return the vehicle's observed motion in the world, if within the last second."""
         known = self._world_s is not None and t_s - self._world_s <= _FRESH_S
         return self._motion if known else None
 
     def knows_world(self, t_s: float) -> bool:
-        """Return whether a better source than its own estimate tells where it is."""
+        """Return whether a better source than the vehicle's estimate locates it."""
         return self._told_s is not None and t_s - self._told_s <= _TOLD_S
 
     def read_position(self, frame: Frame, t_s: float) -> tuple[Vec3, Vec3] | None:
-        """Take a LOCAL_POSITION_NED; returns position and velocity in the world, when known."""
+        """Observe a LOCAL_POSITION_NED; return the world's position, velocity if known."""
         if frame.message_id != LOCAL_POSITION_NED or self.knows_world(t_s):
             return None
         local = read_local_position(frame)
@@ -137,7 +137,7 @@ class ObservedVehicle:
     def read_state(
         self, frame: Frame, t_s: float, commanded: frozenset[Mode] | None
     ) -> ModeChange | None:
-        """Take a HEARTBEAT or EXTENDED_SYS_STATE.
+        """Observe a HEARTBEAT or EXTENDED_SYS_STATE; return an uncommanded mode change.
 
         commanded: the modes that the guard itself asks for; None while it leaves the vehicle to
         the orchestrator.

@@ -20,7 +20,7 @@ _COMING_DOWN = frozenset({Mode.LAND, Mode.RTL})
 
 
 class SupervisedVehicle:
-    """A vehicle: what is known of it, its contingency, its frames in both directions."""
+    """The guard's supervision of one vehicle: state, contingency, frames both ways."""
 
     def __init__(
         self, name: str, vehicle: GuardedVehicle, settings: GuardSettings, plan: ContingencyPlan
@@ -50,26 +50,26 @@ class SupervisedVehicle:
 
     @property
     def commanded(self) -> frozenset[Mode] | None:
-        """Return the modes the guard asks for; None while the orchestrator is in command."""
+        """Return the modes the supervisor requests; None under the orchestrator."""
         if self.contingency.phase is Phase.IDLE:
             return None
         return frozenset({Mode.HOLD, Mode.LAND, self.vehicle.landing})
 
     @property
     def fence(self) -> Fence | None:
-        """Return the fence that holds now: who stands or comes down is not held to its floor."""
+        """Return the fence supervised now: without floor for takeoff, landing, standing."""
         low = self.seen.landed is True or self.seen.mode in _COMING_DOWN
         return self._low_fence if low else self.vehicle.fence
 
     def change_fence(self, fence: Fence) -> None:
-        """Watch another fence from now on."""
+        """Change the vehicle's supervised fence."""
         self.vehicle = replace(self.vehicle, fence=fence)
         self._low_fence = _without_floor(fence)
         if self.meter is not None:
             self.meter.change_fence(fence)
 
     def frame(self, action: Action, t_s: float) -> bytes:
-        """Return the frame of an action."""
+        """Return the frame that sends a supervisor's action to the vehicle."""
         autopilot, target = self.vehicle.autopilot, self.vehicle.target
         match action:
             case Action.ZERO:
@@ -93,10 +93,12 @@ class SupervisedVehicle:
 
 
 def _without_floor(fence: Fence | None) -> Fence | None:
+    """Return a supervised vehicle's fence without its floor; None for None."""
     return None if fence is None else fence.without_floor()
 
 
 def _meter(vehicle: GuardedVehicle, settings: GuardSettings) -> SetpointMeter | None:
+    """Return the setpoint meter of a supervised vehicle; None without limits."""
     if vehicle.limits is None:
         return None
     return SetpointMeter(

@@ -21,11 +21,11 @@ _KEYS = frozenset({"command", "who", "token", "geofence", "id"})
 
 
 class RefusedLineError(ValueError):
-    """A line that is not obeyed; says why."""
+    """A refused line of the operator's socket; says why."""
 
 
 def parse_line(line: bytes, *, token: str = "") -> OperatorCommand | Query:
-    """Return the command of a line, or what it asks to see. Raises RefusedLineError.
+    """Return the command or query in an operator's line. Raises RefusedLineError.
 
     token: what it has to bring; with an empty one none is asked for.
     """
@@ -54,6 +54,7 @@ def parse_line(line: bytes, *, token: str = "") -> OperatorCommand | Query:
 
 
 def _command(kind: OperatorKind, who: str, asked: Mapping[str, Any]) -> OperatorCommand:
+    """Return the operator command of a parsed line. Raises RefusedLineError."""
     if kind != "geofence":
         return OperatorCommand(kind, who)
     document, command_id = asked.get("geofence"), asked.get("id")
@@ -63,20 +64,20 @@ def _command(kind: OperatorKind, who: str, asked: Mapping[str, Any]) -> Operator
 
 
 def checked_who(who: Any) -> str:
-    """Return a name that is fit for a record. Raises RefusedLineError."""
+    """Return an operator's name that is fit for the record. Raises RefusedLineError."""
     if not isinstance(who, str) or not 1 <= len(who) <= _LONGEST_WHO or not who.isprintable():
         raise RefusedLineError(f"who is a name of 1 to {_LONGEST_WHO} printable characters")
     return who
 
 
 def same_token(given: Any, token: str) -> bool:
-    """Return whether a token is right, in a time that tells nothing of it."""
+    """Return whether an operator's token is right, in constant time."""
     return isinstance(given, str) and hmac.compare_digest(
         given.encode("utf-8", "replace"), token.encode()
     )
 
 
 def answer(*, ok: bool, text: str, command: str = "", **details: Any) -> bytes:
-    """Return the line of an answer."""
+    """Return the reply line to an operator."""
     said = {"ok": ok, "command": command, "text": text, **details}
     return json.dumps(said, ensure_ascii=False).encode() + b"\n"

@@ -10,7 +10,7 @@ from safety.guard.operator.operator_lines import RefusedLineError
 
 
 class OperatorOrders:
-    """Obeys lines of the operator's socket. run: what people call the run.
+    """Executes requests of the operator's socket. run: its name in messages.
 
     refused: told what was not done and why. lost: whether the orchestrator is gone.
     """
@@ -29,7 +29,7 @@ class OperatorOrders:
         self._lost = lost
 
     def obey(self, command: OperatorCommand) -> str:
-        """Follow a command. Raises RefusedLineError."""
+        """Execute an operator's request. Raises RefusedLineError."""
         try:
             return self._do(command)
         except RefusedLineError as error:
@@ -58,7 +58,7 @@ class OperatorOrders:
         return "all vehicles resume"
 
     def status(self) -> dict[str, Any]:
-        """Return where all stand, for the operator."""
+        """Return the status of all vehicles for the operator's request."""
         core = self._shell.core
         return {
             "run": self._run,

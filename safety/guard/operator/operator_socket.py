@@ -47,7 +47,7 @@ _Client = asyncio.Task[None]
 
 
 class OperatorSocket:
-    """Listens at `path`; an async context manager.
+    """The operator's socket, listening at `path`; an async context manager.
 
     obey: called with abort, hold and resume; may raise RefusedLineError. status: what `status` and
     `watch` are told. refused: called with the reason of what was no command at all. pointer:
@@ -76,7 +76,7 @@ class OperatorSocket:
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
 
     async def __aenter__(self) -> Self:
-        """Listen."""
+        """Listen on the operator's socket."""
         before = os.umask(0o177)
         try:
             self._server = await asyncio.start_unix_server(
@@ -95,7 +95,7 @@ class OperatorSocket:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop to listen, and remove socket and pointer."""
+        """Stop listening, and remove the operator's socket and its pointer."""
         if self._server is not None:
             self._server.close()
         clients = [*self._clients, *self._watchers]
@@ -210,7 +210,7 @@ def write_private(path: Path, text: str) -> None:
 
 
 def _is_ours(writer: asyncio.StreamWriter) -> bool:
-    """Return whether the peer is of the same user, by the kernel's word (SO_PEERCRED)."""
+    """Return whether the socket's peer is of the same user, by the kernel (SO_PEERCRED)."""
     try:
         uid = peer_uid(writer.get_extra_info("socket"))
     except UnsupportedSystemError:

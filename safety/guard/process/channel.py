@@ -19,7 +19,7 @@ _DROPPABLE = (Bytes, Position, FrameSent)
 
 
 def channel_pair() -> tuple[socket.socket, socket.socket]:
-    """Return the two ends of a packet socket; the kernel keeps packets whole and in order."""
+    """Return the two ends of a channel's packet socket; packets stay whole and in order."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in (ours, theirs):
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
@@ -30,7 +30,7 @@ Received = TypeVar("Received", bound=Message)
 
 
 class Channel(Generic[Received]):
-    """Sends and receives messages from an event loop, without ever waiting.
+    """The message channel between guard process and orchestrator; it never blocks.
 
     receives: the messages of the other end. take: called with each of them; packets that cannot
     be read are counted in `garbage`. closed: called once when the other end is gone. To an end
@@ -58,14 +58,14 @@ class Channel(Generic[Received]):
         self.garbage = 0
 
     def open(self) -> None:
-        """Begin to receive in the running loop."""
+        """Start to receive on the channel in the running loop."""
         self._socket.setblocking(False)
         self._open = True
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._socket, self._read_packets)
 
     def close(self) -> None:
-        """Stop; `closed` is not called for it."""
+        """Close the channel; `closed` is not called for it."""
         if self._flush_timer is not None:
             self._flush_timer.cancel()
         if self._open:
@@ -77,7 +77,7 @@ class Channel(Generic[Received]):
     def send(
         self, message: Message, *, last: bool = False, replaces: Hashable | None = None
     ) -> None:
-        """Send a message, and with it what waits; to an end that is gone nothing is sent.
+        """Send a message on the channel, and what waits; nothing to an end that is gone.
 
         last: what waits is to be taken before it. replaces: the key of what need not be sent now.
         """
@@ -86,7 +86,7 @@ class Channel(Generic[Received]):
         self._send([*waiting, message] if last else [message, *waiting])
 
     def send_soon(self, message: Message, *, key: Hashable, within_s: float) -> None:
-        """Send a message with the next one, or after so much of the wall's time.
+        """Send a message on the channel with the next one, or after so much wall time.
 
         It takes the place of one with the same key that still waits.
         """

@@ -10,7 +10,7 @@ from vehicles.links.link import Receiver
 
 
 class ChannelLink:
-    """The link of the vehicle at `index`; the channel's owner calls `arrive`.
+    """A link over the guard's channel to the vehicle at `index`; the owner calls `arrive`.
 
     last: positions that wait go before frames, which are limited by them.
     """
@@ -27,26 +27,26 @@ class ChannelLink:
 
     @property
     def name(self) -> str:
-        """Return the name of this end."""
+        """Return the name of this end of the channel's link."""
         return self._name
 
     def receive(self, receiver: Receiver) -> None:
-        """Set who is handed what arrives."""
+        """Set the receiver of bytes that arrive on the channel's link."""
         self._receiver = receiver
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the other end; lost when it is gone."""
+        """Send bytes over the channel's link; lost when the other end is gone."""
         if self._open and self.channel is not None:
             message = Bytes(self._index, asyncio.get_running_loop().time(), data)
             self.channel.send(message, last=self._last)
 
     def arrive(self, data: bytes, t_s: float) -> None:
-        """Hand on what came for this vehicle."""
+        """Deliver bytes that the channel received for this vehicle's link."""
         if self._open and self._receiver is not None:
             self._receiver(data, t_s)
 
     async def __aenter__(self) -> Self:
-        """Open this end."""
+        """Open this end of the channel's link."""
         self._open = True
         return self
 
@@ -56,5 +56,5 @@ class ChannelLink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close this end."""
+        """Close this end of the channel's link."""
         self._open = False

@@ -32,22 +32,22 @@ Trouble = Literal["stalled", "apart"]
 
 
 class PacedClock(Protocol):
-    """What is steered: a `PacedLoop`."""
+    """The controlled clock (protocol) that follows a vehicle's time: a `PacedLoop`."""
 
     @property
     def segment(self) -> Segment:
-        """Return the piece of its clock that holds now."""
+        """Return the segment of the followed clock that holds now."""
 
     def follow(self, segment: Segment) -> None:
-        """Go on by another piece."""
+        """Continue the clock by another segment."""
 
     def call_wall_later(self, delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:
-        """Call after so much of the wall's time."""
+        """Call after so much wall time, whatever the followed clock says."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaceSetup:
-    """How the scaled clock goes. nominal: times real time. leader: whose time it follows.
+    """The pace of the scaled clock. nominal: times real time. leader: whose time it follows.
 
     follows_us: the leader has no pace of its own, but is told the run clock.
     """
@@ -58,7 +58,7 @@ class PaceSetup:
 
 
 class ClockFollower:
-    """Steers the running loop, which is paced; tells each piece of the clock, and what goes wrong.
+    """Makes the paced loop's clock follow a vehicle; reports its segments and problems.
 
     systems: of the vehicles, by name. wall: CLOCK_MONOTONIC. trouble: called with a vehicle, what
     it is, and that in words; once for each vehicle.
@@ -89,7 +89,7 @@ class ClockFollower:
         self._begun: Segment | None = None
 
     def tap(self, name: str, link: Link) -> Link:
-        """Return the link to a vehicle, heard by this as well."""
+        """Return a vehicle's link that the clock follower listens to as well."""
         tapped, frames = TappedLink(link), FrameSplitter()
         system, track = self._systems[name], self._tracks[name]
 
@@ -103,7 +103,7 @@ class ClockFollower:
         return tapped
 
     def begin(self) -> None:
-        """Follow from now on: all that had to be started runs."""
+        """Start to follow the leader's clock: everything that had to be started runs."""
         if self._begun is None:
             now_s = self._wall()
             self._begun = Segment(now_s, self._loop.segment.at(now_s), self._loop.segment.rate)
@@ -112,7 +112,7 @@ class ClockFollower:
 
     @property
     def pace(self) -> float | None:
-        """Return how many times real time the clock went since it was led; None before."""
+        """Return how many times real time the clock ran since it follows; None before."""
         if self._begun is None:
             return None
         now_s = self._wall()
@@ -159,7 +159,7 @@ class ClockFollower:
 
 
 def boot_s_of(frame: Frame) -> float:
-    """Return the time since boot that a frame of one of the messages above was stamped with."""
+    """Return the time since boot in a frame of one of the messages that the clock follows."""
     at = _BOOT_MS_AT[frame.message_id]
     # MAVLink 2 leaves out zeros at the end.
     stamp: int = _u32.unpack(frame.payload.ljust(at + 4, b"\0")[at : at + 4])[0]

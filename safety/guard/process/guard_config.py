@@ -17,12 +17,12 @@ from vehicles.processes.codec import Codec, MessageError
 
 
 class GuardConfigError(ValueError):
-    """A charter that cannot be read; says why."""
+    """A guard config that cannot be read; says why."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Guarded:
-    """A vehicle for a guard's process.
+    """A vehicle in the config of a guard process.
 
     link: its link string; empty for a free UDP port of loopback, at which a vehicle is going to
     be started. patient: a vehicle is going to be started at the link, too. gcs: link string of a
@@ -41,7 +41,7 @@ class Guarded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardConfig:
-    """All that a guard's process has to know.
+    """The complete config of a guard process.
 
     folder: of the run, where it writes its journal and each vehicle's .tlog; run: what people
     call the run. epoch_s: UTC at which the run clock was zero. token: what an operator's socket
@@ -61,12 +61,12 @@ class GuardConfig:
     pace: PaceSetup | None = None
 
     def packed(self) -> bytes:
-        """Return the charter for `unpacked`; without signing keys, which stay where they are."""
+        """Return the guard config as bytes for `unpacked`; signing keys stay in their files."""
         return _codec.encode(self)
 
     @classmethod
     def unpacked(cls, packed: bytes) -> "GuardConfig":
-        """Return the charter of `packed`. Raises CharterError."""
+        """Return the guard config of `packed` bytes. Raises GuardConfigError."""
         try:
             guard_config = _codec.decode(packed)
         except MessageError as error:
@@ -79,6 +79,7 @@ class GuardConfig:
 
 
 def _autopilot(name: str) -> Autopilot:
+    """Return the autopilot named in a guard config. Raises ValueError."""
     try:
         return autopilot_named(cast("AutopilotName", name))
     except StopIteration as error:

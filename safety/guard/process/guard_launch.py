@@ -17,7 +17,7 @@ SCALED = "scaled"
 
 @dataclass(frozen=True, slots=True)
 class LaunchedGuard:
-    """A guard's process. end: our end of the packet socket. hold: keeps its children's stdin open.
+    """A launched guard process. end: our channel end. hold: its children's stdin stays open.
 
     stderr: the file that it writes to.
     """
@@ -29,7 +29,7 @@ class LaunchedGuard:
 
 
 def spawn_guard(folder: str, *, scaled: bool) -> LaunchedGuard:
-    """Start it in a session of its own. Raises LinkError when it cannot be started."""
+    """Launch the guard process in its own session. Raises LinkError when it fails."""
     ours, theirs = channel_pair()
     lifeline, hold = os.pipe()
     try:

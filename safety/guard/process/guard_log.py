@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 class GuardLog:
-    """Appends lines; each is the kernel's when `write` returns, so that kill -9 loses none.
+    """The guard's log file; each line is the kernel's at once, so that kill -9 loses none.
 
     A disk that takes no more is no reason to fall: `trouble` says what happened, the lines after
     it are lost.
@@ -16,7 +16,7 @@ class GuardLog:
         self._file = path.open("a", encoding="utf-8")
 
     def write(self, t_s: float, event: str, **details: str | float | bool | None) -> None:
-        """Append one event."""
+        """Append one event to the guard's log."""
         line = {"t_s": round(t_s, 6), "event": event, **details}
         try:
             self._file.write(json.dumps(line, ensure_ascii=False) + "\n")
@@ -25,7 +25,7 @@ class GuardLog:
             self.trouble = str(error)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the guard's log."""
         try:
             self._file.close()
         except OSError as error:

@@ -84,7 +84,7 @@ JOURNAL = "guard.jsonl"
 
 
 class GuardProcess:
-    """Runs one guard from its charter to the end of its last child."""
+    """The guard process: runs one guard from its config to the end of its last child."""
 
     def __init__(self, *, end: socket.socket, lifeline: int) -> None:
         self._channel = Channel(
@@ -105,7 +105,7 @@ class GuardProcess:
         self._following: ClockFollower | None = None
 
     async def run(self) -> int:
-        """Guard until the orchestrator says the end, or is gone and all are down."""
+        """Run the guard process until the orchestrator ends it, or is gone and all are down."""
         loop = asyncio.get_running_loop()
         self._chartered = loop.create_future()
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
@@ -193,7 +193,7 @@ class GuardProcess:
         self._report_opened(raw)
 
     def _remote_clock(self, guard_config: GuardConfig) -> ClockFollower | None:
-        """Return what has our clock follow a vehicle's; None where it is the wall's."""
+        """Return what makes our clock follow a vehicle's; None under the wall clock."""
         loop = asyncio.get_running_loop()
         if guard_config.pace is None or not isinstance(loop, PacedLoop):
             return None
@@ -211,7 +211,7 @@ class GuardProcess:
         (self._shell.vehicle_gone if trouble == "stalled" else self._shell.clocks_apart)(name, text)
 
     async def _write_record(self, stack: AsyncExitStack, runtime: Path) -> None:
-        """Open the operator's socket and say on this machine that we fly."""
+        """Open the operator's socket and write the guard process's record."""
         me = ProcessId.own()
         path = runtime / f"guard-{me.pid}.sock"
         path.unlink(missing_ok=True)
@@ -301,7 +301,7 @@ class GuardProcess:
                 )
 
     async def _start(self, start: Start) -> None:
-        """Start a vehicle's process; its death is told as soon as it is seen."""
+        """Start a vehicle as a child of the guard process; its end is reported at once."""
         child = ChildProcess(
             argv=start.argv,
             stdin=self._lifeline,
@@ -330,14 +330,14 @@ class GuardProcess:
         self._channel.send(Ended(name, code, child.stderr_tail))
 
     async def _reap(self) -> None:
-        """End all children, at the same time."""
+        """End all children of the guard process, at the same time."""
         self._ending = True
         for task in tuple(self._starts):
             await asyncio.wait([task])
         await asyncio.gather(*(child.end() for child in self._children.values()))
 
     async def _last(self) -> None:
-        """With no orchestrator any more: have all down before the children end."""
+        """Without an orchestrator: bring all down before the guard process ends."""
         loop = asyncio.get_running_loop()
         since_s = loop.time()
         self._shell.orchestrator_ended()
@@ -350,7 +350,7 @@ class GuardProcess:
             await asyncio.sleep(_LAST_POLL_S)
 
     def _await_vehicles(self, busy: tuple[str, ...]) -> bool:
-        """Return whether an armed vehicle that may break something was heard lately."""
+        """Return whether an armed vehicle that may do harm was received lately."""
         now_s, core = asyncio.get_running_loop().time(), self._shell.core
         return any(
             self._guard_config.vehicles[name].vehicle.attached
@@ -367,13 +367,13 @@ class GuardProcess:
         self._over.set()
 
     def _on_end_request(self, number: signal.Signals) -> None:
-        """Take SIGTERM of a machine that shuts down; SIGHUP and SIGINT are not for us."""
+        """Handle SIGTERM of a machine that shuts down; SIGHUP, SIGINT are ignored."""
         self._note("signal", text=number.name)
         if number == signal.SIGTERM:
             self._over.set()
 
     def _on_task_error(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Take an error of our own: whoever guards wrongly must not go on as if all were well."""
+        """Handle an exception in the guard process: it must not go on unnoticed."""
         error, where = context.get("exception"), str(context.get("message", ""))
         self._fault(error if isinstance(error, BaseException) else RuntimeError(where), where)
 
@@ -407,7 +407,7 @@ class GuardProcess:
 
 
 def main(arguments: list[str]) -> int:
-    """Guard until the end; returns the exit status."""
+    """Run the guard process to its end; return the exit status."""
     channel, lifeline, hold = (int(argument) for argument in arguments[:3])
     os.set_inheritable(hold, False)
     end = socket.socket(fileno=channel)

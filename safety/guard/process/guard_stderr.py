@@ -9,12 +9,12 @@ _LONGEST = 2000
 
 
 def open_stderr(folder: str) -> IO[bytes]:
-    """Return the file for a guard's stderr in its run's folder. Raises OSError."""
+    """Return the file for the guard's stderr in its run's folder. Raises OSError."""
     return (Path(folder) / _NAME).open("w+b")
 
 
 def guard_stderr_tail(folder: str) -> str:
-    """Return that the guard ended, and what it said last."""
+    """Return that the guard ended, with the last lines of its stderr."""
     words = ""
     with contextlib.suppress(OSError):
         words = (Path(folder) / _NAME).read_text(encoding="utf-8")
@@ -22,7 +22,7 @@ def guard_stderr_tail(folder: str) -> str:
 
 
 def remove_if_empty(folder: str) -> None:
-    """Leave no file of a guard that said nothing."""
+    """Remove the guard's stderr file if it is empty."""
     path = Path(folder) / _NAME
     with contextlib.suppress(OSError):
         if path.stat().st_size == 0:

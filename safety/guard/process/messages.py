@@ -20,13 +20,13 @@ FiniteVec3 = tuple[Finite, Finite, Finite]
 
 
 class ConfigMessage(Message, frozen=True):
-    """What the guard is to guard; packed: see `charter`."""
+    """Message: what the guard is to guard; packed: see `guard_config`."""
 
     packed: bytes
 
 
 class Start(Message, frozen=True):
-    """Start a vehicle's process as a child of the guard."""
+    """Message to the guard: start a vehicle's process as a child."""
 
     vehicle: str
     argv: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
@@ -34,7 +34,7 @@ class Start(Message, frozen=True):
 
 
 class Bytes(Message, frozen=True):
-    """MAVLink frames of the vehicle at `index`, or for it; t_s: when the guard had them."""
+    """Message: MAVLink frames of or for the vehicle at `index`; t_s: when the guard had them."""
 
     index: int
     t_s: Finite
@@ -42,7 +42,7 @@ class Bytes(Message, frozen=True):
 
 
 class Position(Message, frozen=True):
-    """Where the vehicle at `index` is, world frame."""
+    """Message to the guard: position of the vehicle at `index`, world frame."""
 
     index: int
     t_s: Finite
@@ -52,23 +52,23 @@ class Position(Message, frozen=True):
 
 
 class Alive(Message, frozen=True):
-    """A sign of life of the orchestrator's event loop."""
+    """Message to the guard: a sign of life of the orchestrator's event loop."""
 
 
 class Operate(Message, frozen=True):
-    """An operator's abort, hold or resume."""
+    """Message to the guard: an operator's abort, hold or resume."""
 
     command: OperatorCommand
 
 
 class BringDown(Message, frozen=True):
-    """Bring all down for a reason of the orchestrator's own."""
+    """Message to the guard: bring all down for a reason of the orchestrator."""
 
     reason: str
 
 
 class NewFences(Message, frozen=True):
-    """Give vehicles new fences, all or none; who: gave the command.
+    """Message to the guard: give vehicles new fences, all or none; who: gave the command.
 
     proposed: only say whether they could be given.
     """
@@ -79,7 +79,7 @@ class NewFences(Message, frozen=True):
 
 
 class AnchorAt(Message, frozen=True):
-    """Where a vehicle's local frame is in the world."""
+    """Message to the guard: a vehicle's local frame in the world."""
 
     vehicle: str
     origin_ned_m: FiniteVec3
@@ -87,36 +87,36 @@ class AnchorAt(Message, frozen=True):
 
 
 class StartOutage(Message, frozen=True):
-    """Let nothing through between the guard and a vehicle for a while."""
+    """Message to the guard: start a link outage of a vehicle for a while."""
 
     vehicle: str
     duration_s: Finite
 
 
 class Follow(Message, frozen=True):
-    """Let the clock follow the vehicle that leads it: all that had to be started runs."""
+    """Message to the guard: let the clock follow the leading vehicle."""
 
 
 class End(Message, frozen=True):
-    """Nothing more is to be flown: reap and end."""
+    """Message to the guard: nothing more is flown; end children and process."""
 
 
 class Opened(Message, frozen=True):
-    """The links are open; ports: the local UDP port of each, 0 for a link without one."""
+    """Message of the guard: links are open; ports: local UDP port of each, 0 without one."""
 
     pid: int
     ports: tuple[int, ...]
 
 
 class Started(Message, frozen=True):
-    """A vehicle's process runs."""
+    """Message of the guard: a vehicle's process runs."""
 
     vehicle: str
     pid: int
 
 
 class Ended(Message, frozen=True):
-    """A vehicle's process ended, or could not be started (exit_code None)."""
+    """Message of the guard: a vehicle's process ended, or failed to start (exit_code None)."""
 
     vehicle: str
     exit_code: int | None
@@ -124,7 +124,7 @@ class Ended(Message, frozen=True):
 
 
 class FrameSent(Message, frozen=True):
-    """A command that just went to a vehicle."""
+    """Message of the guard: a command was just sent to a vehicle."""
 
     index: int
     t_s: Finite
@@ -132,13 +132,13 @@ class FrameSent(Message, frozen=True):
 
 
 class EventMessage(Message, frozen=True):
-    """An event of the guard."""
+    """Message of the guard: an event."""
 
     event: GuardEvent
 
 
 class Status(Message, frozen=True):
-    """Where the guard stands; sent several times a second, as its sign of life.
+    """Message of the guard: its status, sent several times a second as its sign of life.
 
     at_rest: nothing may be armed, latched or not.
     """
@@ -150,7 +150,7 @@ class Status(Message, frozen=True):
 
 
 class Pace(Message, frozen=True):
-    """The run clock from now on: `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope."""
+    """Message of the guard: the run clock, `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope."""
 
     wall_s: Finite
     run_s: Finite
@@ -158,7 +158,7 @@ class Pace(Message, frozen=True):
 
 
 class Failed(Message, frozen=True):
-    """The guard could not begin; says why."""
+    """Message of the guard: it could not begin; says why."""
 
     text: str
 

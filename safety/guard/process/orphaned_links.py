@@ -24,7 +24,7 @@ _RETRIES = 10
 
 
 class OrphanedLinks:
-    """Listens on the links that a dead guard held; an async context manager.
+    """Listens on the links orphaned by a dead guard; an async context manager.
 
     hear: is handed what arrives, by vehicle. A link that cannot be had is named in `unheard`.
     """
@@ -46,7 +46,7 @@ class OrphanedLinks:
         self.unheard: dict[str, str] = {}
 
     async def __aenter__(self) -> Self:
-        """Open all links that can be had."""
+        """Open all orphaned links that can be opened."""
         for name, make in self._links.items():
             await self._open(name, make)
         return self
@@ -57,7 +57,7 @@ class OrphanedLinks:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close them."""
+        """Close the orphaned links."""
         await self._stack.aclose()
 
     async def _open(self, name: str, make: Callable[[], Link]) -> None:
@@ -84,7 +84,7 @@ class OrphanedLinks:
 
 
 def link_maker(guarded: Guarded, port: int) -> Callable[[], Link]:
-    """Return what opens a vehicle's link anew. port: of a vehicle whose link is no string."""
+    """Return what reopens a vehicle's orphaned link. port: for a link that is no string."""
     if guarded.link:
         return lambda: open_link(parse_link(guarded.link))
     address = LinkAddress(kind="udpin", host="127.0.0.1", port=port)

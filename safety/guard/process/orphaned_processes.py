@@ -16,7 +16,7 @@ from vehicles.processes.identity import ProcessId
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardRecord:
-    """One guard. run, folder: what it guards. socket: where it hears its operator.
+    """The record of one guard, to find orphans. run, folder: guarded. socket: operator's.
 
     owner: the orchestrator's process. children: of the vehicles. since_s: CLOCK_BOOTTIME.
     """
@@ -30,17 +30,17 @@ class GuardRecord:
     children: tuple[ProcessId, ...] = ()
 
     def with_child(self, child: ProcessId) -> "GuardRecord":
-        """Return the record with one more child."""
+        """Return the guard's record with one more child process."""
         return replace(self, children=(*self.children, child))
 
 
 def record_path(folder: Path, guard: ProcessId) -> Path:
-    """Return where a guard's record is."""
+    """Return the path of a guard's record."""
     return folder / f"guard-{guard.pid}-{guard.started}.json"
 
 
 def write_record(folder: Path, record: GuardRecord) -> None:
-    """Write a guard's record, whole. Raises OSError."""
+    """Write a guard's record atomically, so that orphans are found. Raises OSError."""
     path = record_path(folder, record.guard)
     part = path.with_suffix(".part")
     part.write_bytes(msgspec.json.encode(record))
@@ -53,7 +53,7 @@ def remove_record(folder: Path, guard: ProcessId) -> None:
 
 
 def records(folder: Path) -> tuple[GuardRecord, ...]:
-    """Return all records, the newest last; what cannot be read is passed over."""
+    """Return all guard records, the newest last; unreadable ones are skipped."""
     return tuple(sorted(_records(folder), key=lambda record: record.since_s))
 
 
@@ -63,13 +63,14 @@ def running(folder: Path) -> tuple[GuardRecord, ...]:
 
 
 def _records(folder: Path) -> Iterator[GuardRecord]:
+    """Yield the readable guard records of a folder."""
     for path in sorted(folder.glob("guard-*.json")):
         with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
             yield msgspec.json.decode(path.read_bytes(), type=GuardRecord)
 
 
 def reap_orphans(folder: Path) -> tuple[str, ...]:
-    """End vehicle processes whose guard and orchestrator are both gone; returns what was done.
+    """End orphaned vehicle processes whose guard and orchestrator are gone; return a report.
 
     A guard that lives looks after its own; without it its orchestrator does, while it lives.
     Waits up to three seconds for each process: for the start of a program, not for a flight.

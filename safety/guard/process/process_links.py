@@ -13,7 +13,7 @@ from vehicles.mavlink.tlog import TlogWriter
 
 
 def vehicle_link(guarded: Guarded) -> Link:
-    """Return the link to a vehicle; a free UDP port of loopback for one that will be started."""
+    """Return the guard process's link to a vehicle; a free loopback UDP port for one to start."""
     signed = guarded.conditions.signing is not None
     if guarded.link:
         return open_link(parse_link(guarded.link), patient=guarded.patient, signed=signed)
@@ -21,13 +21,13 @@ def vehicle_link(guarded: Guarded) -> Link:
 
 
 def spare_links(guarded: Guarded) -> list[Link]:
-    """Return the links to a vehicle that stand by."""
+    """Return the guard process's spare links to a vehicle."""
     signed = guarded.conditions.signing is not None
     return [open_link(parse_link(one), signed=signed) for one in guarded.spares]
 
 
 def open_ports(links: Mapping[str, Link], *, told: Callable[[str, str], None]) -> tuple[int, ...]:
-    """Return the UDP ports of the links to vehicles, 0 for one that has none.
+    """Return the UDP ports of the guard process's vehicle links, 0 for one without.
 
     told: gets the name of a vehicle, and in words who else speaks in its name there.
     """
@@ -38,6 +38,6 @@ def open_ports(links: Mapping[str, Link], *, told: Callable[[str, str], None]) -
 
 
 def close_quietly(log: TlogWriter) -> None:
-    """Close a log of frames; that the disk is full was told when it was written to."""
+    """Close a link's tlog; a full disk was reported when it was written to."""
     with contextlib.suppress(OSError):
         log.__exit__(None, None, None)

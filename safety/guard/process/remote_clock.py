@@ -14,23 +14,23 @@ _WITHOUT_A_WORD_S = 0.5
 
 
 class RemoteClock:
-    """Has the running loop, where it is paced, and whoever listens go by the guard's clock."""
+    """Makes the paced loop, and listeners, follow the remote guard's clock."""
 
     def __init__(self) -> None:
         self._listeners: list[Callable[[Segment], None]] = []
         self._led = False
 
     def on_pace(self, listener: Callable[[Segment], None]) -> None:
-        """Have every piece of the clock told to `listener`."""
+        """Register a listener for every segment of the remote clock."""
         self._listeners.append(listener)
 
     def take(self, pace: Pace) -> None:
-        """Go on by what the guard says; it ends by itself: the guard's silence is no leap."""
+        """Follow a segment of the guard's clock; after it the clock goes on without a leap."""
         self._led = True
         self._go_on(pace, _WITHOUT_A_WORD_S)
 
     def go_on_alone(self) -> None:
-        """Go on as it went: nobody leads it any more, and the autopilots' failsafes are awaited."""
+        """Continue the remote clock without a guard at its pace, real time at least."""
         loop = asyncio.get_running_loop()
         if self._led and isinstance(loop, PacedLoop):
             rate = max(1.0, loop.segment.rate)

@@ -65,11 +65,11 @@ _LATEST_S = 0.06
 
 
 class GuardFailedError(Exception):
-    """An exception came up in the guard's process; says what it wrote to stderr."""
+    """An exception in the remote guard's process; holds what it wrote to stderr."""
 
 
 class RemoteGuard:
-    """Starts the guard's process and speaks to it; an async context manager, no virtual clock.
+    """The guard in its own process: starts it, talks to it; an async context manager.
 
     record: gets the commands that went to a vehicle, with the time of the wire; all frames are in
     the .tlog files, which the guard itself writes. Leaving ends vehicles and guard: land before
@@ -115,24 +115,24 @@ class RemoteGuard:
 
     @property
     def phases(self) -> dict[str, Phase]:
-        """Return where each vehicle's contingency stands, a tenth of a second old at most."""
+        """Return the remote guard's contingency phases, a tenth of a second old at most."""
         return dict(self._phases)
 
     @property
     def pid(self) -> int:
-        """Return the guard's process id."""
+        """Return the remote guard's process id."""
         return self._process.pid or 0
 
     def link(self, name: str) -> Link:
-        """Return the link to a vehicle through the guard."""
+        """Return the link to a vehicle through the remote guard."""
         return self._links[name]
 
     def port(self, name: str) -> int:
-        """Return the guard's UDP port for a vehicle; 0 for a link that has none."""
+        """Return the remote guard's UDP port for a vehicle; 0 for a link without one."""
         return self._ports[name]
 
     async def __aenter__(self) -> Self:
-        """Start the guard's process and wait until its links are open. Raises LinkError."""
+        """Start the guard process and wait until its links are open. Raises LinkError."""
         opened: asyncio.Future[ToOrchestrator] = asyncio.get_running_loop().create_future()
         self._waiting[""] = opened
         spawned = spawn_guard(self._guard_config.folder, scaled=self._guard_config.pace is not None)
@@ -168,7 +168,7 @@ class RemoteGuard:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End the vehicles, then the guard."""
+        """End the vehicles, then the remote guard."""
         self._ending = True
         for timer in (self._beating, self._checking):
             if timer is not None:
@@ -186,20 +186,20 @@ class RemoteGuard:
             report(GuardFailedError(guard_stderr_tail(self._guard_config.folder)), "the guard")
 
     def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
-        """Have every event told to `listener`, at once, from the event loop."""
+        """Register a listener for every event of the remote guard."""
         self._listeners.append(listener)
 
     def on_pace(self, listener: Callable[[Segment], None]) -> None:
-        """Have every piece of the scaled clock told to `listener`, for who has to follow it."""
+        """Register a listener for every segment of the remote guard's clock."""
         self._clock.on_pace(listener)
 
     def follow(self) -> None:
-        """Have the scaled clock follow the vehicle that leads it; nothing under the wall's."""
+        """Have the remote guard's scaled clock follow the leading vehicle."""
         if self._guard_config.pace is not None:
             self._channel.send(Follow())
 
     def position(self, sample: PoseSample) -> None:
-        """Take where a vehicle is, from the fastest source there is."""
+        """Send the remote guard a vehicle's position, from the fastest source there is."""
         index = self._names.index(sample.vehicle)
         pose = sample.pose
         message = Position(
@@ -211,47 +211,47 @@ class RemoteGuard:
             self._channel.send_soon(message, key=index, within_s=_LATEST_S)
 
     def anchor(self, name: str, anchor: Anchor) -> None:
-        """Say where a vehicle's local frame is in the world."""
+        """Send the remote guard a vehicle's local frame in the world."""
         self._channel.send(AnchorAt(name, anchor.origin_ned_m, anchor.turn_rad))
 
     def start_outage(self, name: str, duration_s: float) -> None:
-        """Let nothing through between the guard and a vehicle for a while."""
+        """Have the remote guard start a link outage of a vehicle."""
         self._channel.send(StartOutage(name, duration_s))
 
     def alive(self) -> None:
-        """Give a sign of life; from the start on this is done by itself, from the event loop."""
+        """Send the remote guard a sign of life; later ones are sent from the event loop."""
         self._channel.send_soon(Alive(), key=Alive, within_s=_LATEST_S)
 
     def command(self, command: OperatorCommand) -> None:
-        """Follow an operator's abort, hold or resume; an event says what comes of it."""
+        """Send the remote guard an operator's abort, hold or resume; an event reports it."""
         self._channel.send(Operate(command))
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Ask whether vehicles could be given new fences; an event says so, or why not."""
+        """Ask the remote guard whether vehicles could take new fences."""
         self._channel.send(NewFences(who, dict(fences), proposed=True))
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Give vehicles new fences, all or none; an event says which."""
+        """Have the remote guard change vehicles' fences, all or none."""
         for name, fence in fences.items():
             self._fences[name].append(fence)
         self._channel.send(NewFences(who, dict(fences)))
 
     def bring_down(self, reason: str) -> None:
-        """Bring all down for a reason of the orchestrator's own."""
+        """Have the remote guard bring all down for a reason of the orchestrator."""
         self._channel.send(BringDown(reason))
 
     async def all_down(self, timeout_s: float) -> bool:
-        """Wait until all were brought down; False when they are not after `timeout_s`."""
+        """Wait until the remote guard brought all down; False after `timeout_s`."""
         return await happens(self._down, timeout_s)
 
     async def at_rest(self, timeout_s: float) -> bool:
-        """Wait until nothing may be armed; False when something may be after `timeout_s`."""
+        """Wait until the remote guard sees nothing armed; False after `timeout_s`."""
         return await happens(self._rest, timeout_s)
 
     async def start(
         self, name: str, argv: Sequence[str], environment: Mapping[str, str] | None = None
     ) -> int:
-        """Have the guard start a vehicle's process as its child; returns its process id.
+        """Have the remote guard start a vehicle's process; return its process id.
 
         Raises LinkError when it cannot be started.
         """
@@ -269,7 +269,7 @@ class RemoteGuard:
         return answer.pid
 
     async def ended_or(self, name: str, sign: "asyncio.Task[object]", timeout_s: float) -> None:
-        """Wait for a vehicle's sign of life. Raises LinkError when it ends or is too late."""
+        """Wait for a sign of life of a child vehicle. Raises LinkError at its end."""
         end = self._endings.setdefault(name, asyncio.Event())
         ended = start(end.wait(), name=f"end of {name}")
         try:
@@ -286,16 +286,16 @@ class RemoteGuard:
         raise LinkError(f"{name} did not start{code}: {said or 'it printed nothing'}")
 
     async def end_of(self, name: str) -> int | None:
-        """Wait for the end of a vehicle's process; returns its exit code."""
+        """Wait for the end of a vehicle's process under the guard; return its exit code."""
         await self._endings.setdefault(name, asyncio.Event()).wait()
         return self._ended[name].exit_code
 
     def ended(self, name: str) -> Ended | None:
-        """Return how a vehicle's process ended; None while it lives."""
+        """Return how a vehicle's process under the guard ended; None while it lives."""
         return self._ended.get(name)
 
     def _is_urgent(self, sample: PoseSample) -> bool:
-        """Return whether a position may be a breach of a fence that holds, or will."""
+        """Return whether a position may breach a fence, so the guard gets it at once."""
         settings, place = self._guard_config.settings, sample.pose.position_ned_m
         velocity = sample.velocity_ned_m_s
         if not math.isfinite(sum(place) + sum(velocity)):
@@ -316,7 +316,7 @@ class RemoteGuard:
         self._beating = call_wall_later(ALIVE_S, self._beat)
 
     def _check(self) -> None:
-        """Take a guard that says nothing for one that is dead, and make it so."""
+        """Kill a remote guard that has been silent for too long."""
         self._silent_checks += 1
         if self._silent_checks > _CHECKS_WITHOUT_A_WORD and not self._gone:
             self._process.kill()
@@ -324,7 +324,7 @@ class RemoteGuard:
         self._checking = call_wall_later(_CHECK_S, self._check)
 
     def _take(self, message: ToOrchestrator) -> None:
-        """Take a message of the guard; the frequent ones first."""
+        """Handle a message of the remote guard; the frequent ones first."""
         self._silent_checks = 0
         match message:
             case Bytes(index, t_s, data):
@@ -365,7 +365,7 @@ class RemoteGuard:
                 listener(event)
 
     def _on_guard_lost(self) -> None:
-        """Take that the guard's process ended, which it should not have."""
+        """Handle the unexpected end of the guard process."""
         self._gone = True
         self._clock.go_on_alone()
         for name in tuple(self._waiting):
@@ -380,7 +380,7 @@ class RemoteGuard:
         self._dispatch_event(GuardEvent(now_s, "guard", "", text))
 
     async def _watch_failsafes(self) -> None:
-        """Hear the vehicles without a word of ours until all say that they are disarmed."""
+        """Listen to the vehicles after the guard's loss until all are disarmed."""
         vehicles = self._guard_config.vehicles
         watched = {
             name: link_maker(one, self._ports[name])
@@ -403,7 +403,7 @@ class RemoteGuard:
         self._links[name].arrive(data, t_s)
 
     async def _end_process(self) -> None:
-        """Wait for the guard; one that still has a vehicle in the air is left to it."""
+        """Wait for the guard process; one with a vehicle in the air is left to it."""
         if await self._process.wait(_END_S) is None:
             now_s = asyncio.get_running_loop().time()
             text = "the guard continues by itself: a vehicle is still in the air"
@@ -415,7 +415,7 @@ class RemoteGuard:
         remove_if_empty(self._guard_config.folder)
 
     async def _reap(self) -> None:
-        """End what a dead guard left over."""
+        """End the vehicle processes that a dead remote guard left."""
         if self._process.running:
             return
         left = [child for child in self._children.values() if child.lives]

@@ -31,11 +31,6 @@ class RuntimeFolder:
     passed_over: tuple[str, ...] = ()
 
 
-def runtime_folder() -> Path:
-    """Return the folder for new sockets and records. Raises RuntimeFolderError."""
-    return open_runtime_folder().path
-
-
 def open_runtime_folder() -> RuntimeFolder:
     """Return the first safe place; it is made when it is not there. Raises RuntimeFolderError.
 

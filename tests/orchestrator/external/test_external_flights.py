@@ -12,11 +12,11 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from tests.orchestrator.wall_runs import ROOT, Program
+from tests.vehicles.sources.pumping import pump
 from vehicles.perception.blobs import BlobFinder
 from vehicles.perception.hsv import NAMED_COLORS
 from vehicles.readings import CameraReading
 from vehicles.sources.cameras.camera_factory import live_camera
-from vehicles.sources.pumping import pump
 from worlds.camera import Intrinsics
 
 CAMERA = Intrinsics.from_fov(160, 120, 1.2)

@@ -15,7 +15,7 @@ from orchestrator.cli import main
 from orchestrator.offline.contact_sheet import ContactSheet
 from orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from orchestrator.recording.mcap.mcap_writer import McapRecorder
-from orchestrator.recording.mcap_reader import RecordedReading, read_recording
+from orchestrator.recording.mcap_reader import RecordedReading, Recording
 from orchestrator.recording.video import VideoWriter
 from recipes.language.recipe_document import load_recipe
 from recipes.pipeline.pipeline import compile_recipe
@@ -179,7 +179,7 @@ def recorded(path: Path) -> None:
 def test_recordings_are_mixed_sensor_by_sensor(here: Path) -> None:
     recorded(here / "run.mcap")
     assert mix(here, "color.yaml", "run.mcap", "run.mcap", "mixed.mcap") == 0
-    found = read_recording(here / "mixed.mcap")
+    found = Recording(here / "mixed.mcap")
     readings = [item for item in found if isinstance(item, RecordedReading)]
     assert [one.sensor for one in readings] == ["camera"] * 6 + ["range"] * 6
     first: Any = readings[0].reading

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.px4_modes import px4_custom_mode
 from vehicles.autopilots.ardupilot import ArduCopter
 from vehicles.autopilots.autopilot import Autopilot, MessageRate, Mode, Target, TelemetryRates
-from vehicles.autopilots.px4 import Px4, px4_custom_mode
+from vehicles.autopilots.px4 import Px4
 from vehicles.autopilots.readiness import Readiness
 from vehicles.autopilots.registry import autopilot_named, autopilot_of
 from vehicles.errors import VehicleError
@@ -131,7 +132,6 @@ def test_plans_carry_what_the_driver_needs(autopilot: Autopilot) -> None:
     assert plan[32].rate_hz == 50.0
     assert plan[31].rate_hz == 50.0
     assert {1, 245} <= {number for number, line in plan.items() if line.required}
-    assert len({parameter.name for parameter in autopilot.failsafes}) == len(autopilot.failsafes)
 
 
 def test_refusals_are_told_once_without_their_prefix() -> None:

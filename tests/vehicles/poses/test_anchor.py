@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vehicles.errors import AnchorError
-from vehicles.poses.anchor import Anchor, PoseAverage, geodetic_anchor
+from vehicles.poses.anchor import Anchor, PoseAverage
 from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
 from worlds.frames import Pose, angle_between, norm, quat_from_euler, rotate, subtract
 
@@ -73,8 +73,8 @@ def test_turn_is_clockwise_from_north() -> None:
     assert anchor.position((1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
 
 
-def test_geodetic_only_shifts() -> None:
-    anchor = geodetic_anchor((10.0, -5.0, 2.0))
+def test_an_anchor_of_an_origin_only_shifts() -> None:
+    anchor = Anchor((10.0, -5.0, 2.0))
     pose = Pose((1.0, 1.0, -1.0), quat_from_euler(0.1, 0.2, 0.3))
     assert anchor.pose(pose) == Pose((11.0, -4.0, 1.0), pose.q_wxyz)
 

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from tests.vehicles.sources.conftest import RATE_HZ, Sender, known_picture, number_of
+from tests.vehicles.sources.pumping import pump
 from vehicles.readings import CameraReading
 from vehicles.sources.camera_source import ImageChangedError, SourceError, SourceStalledError
 from vehicles.sources.cameras.camera_factory import live_camera
 from vehicles.sources.cameras.live_camera import LiveCamera
-from vehicles.sources.pumping import pump
 from worlds.camera import Intrinsics
 
 CAMERA = Intrinsics.from_fov(160, 120, 1.2)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from worlds.clearance.clearance import (
     BoxShape,
     Clearance,
-    ClearanceMinima,
     ClearanceProbe,
     SphereShape,
 )
@@ -232,14 +231,15 @@ def test_the_least_of_a_run_is_exact_however_it_is_asked(seed: int) -> None:
     steps = np.cumsum(rng.normal(0.0, 0.04, (60, 3)), axis=0) + np.array([0.0, 0.0, 1.2])
     way = [Pose.of(*step, yaw_rad=0.1 * k) for k, step in enumerate(steps.tolist())]
     probe = ClearanceProbe(scene, BODY)
-    minima, plain = ClearanceMinima(probe), dict[tuple[str, bool], float]()
+    known, plain = dict[tuple[str, bool], float](), dict[tuple[str, bool], float]()
     for k in range(59):
-        minima.sweep(way[k], k * 0.1, way[k + 1], (k + 1) * 0.1)
-        for each in probe.sweep(way[k], k * 0.1, way[k + 1], (k + 1) * 0.1):
+        at = (way[k], k * 0.1, way[k + 1], (k + 1) * 0.1)
+        closer = probe.sweep(*at, below_m=known)
+        known.update((each.key, each.clearance_m) for each in closer)
+        for each in probe.sweep(*at):
             plain[each.key] = min(each.clearance_m, plain.get(each.key, math.inf))
-    kept = {each.key: each.clearance_m for each in minima.least}
-    assert kept.keys() == plain.keys()
-    for key, value in kept.items():
+    assert known.keys() == plain.keys()
+    for key, value in known.items():
         assert value == pytest.approx(plain[key], abs=EXACT_M)
 
 

@@ -113,7 +113,7 @@ def test_a_ring_leaves_its_inner_circle_free() -> None:
 def test_a_person_stands_on_the_ground_and_is_175_cm_tall() -> None:
     mesh = ALL["person"].mesh
     assert mesh.vertices_m[:, 2].max() == pytest.approx(0.0, abs=1e-9)
-    assert -mesh.vertices_m[:, 2].min() == pytest.approx(shapes.PERSON_HEIGHT_M, abs=1e-3)
+    assert -mesh.vertices_m[:, 2].min() == pytest.approx(1.75, abs=1e-3)
 
 
 def test_a_quadrotor_is_as_wide_as_asked() -> None:

@@ -21,12 +21,12 @@ _LANDING: frozenset[Thing] = frozenset({"landing_target"})
 
 
 def matters_in_flight(thing: Thing) -> bool:
-    """Return whether a thing matters while the goal is flown, rather than at the landing."""
+    """Return whether an injection matters while the goal is flown, not at the landing."""
     return thing not in _LANDING
 
 
 def flown_mode(autopilot: AutopilotName, thing: Thing) -> str:
-    """Return the mode of a run in which a thing matters, by the autopilot's own name."""
+    """Return the flight mode in which an injection matters, by the autopilot's own name."""
     return "LAND" if thing in _LANDING else _GUIDED[autopilot]
 
 
@@ -39,7 +39,7 @@ def injection_faults(
     setpoints: Setpoints = "velocity",
     unbooted: frozenset[str] = frozenset(),
 ) -> tuple[Ignored, ...]:
-    """Return every reason why an injected thing would be ignored; empty when it is acted on.
+    """Return every reason why the autopilot would ignore an injection; empty when used.
 
     parameters: all that the autopilot reported. mode: that it will fly in, by its own name.
     setpoints: what the autonomy sends in guided flight. unbooted: parameters set since it booted.
@@ -49,7 +49,7 @@ def injection_faults(
 
 
 def unsupported_injection(autopilot: AutopilotName, thing: Thing) -> tuple[Ignored, ...]:
-    """Return the reasons that no parameter mends, for the mode of a run in which it matters.
+    """Return reasons against an injection that no parameter mends, by its mode.
 
     So that a file can be refused before any vehicle is there.
     """
@@ -58,5 +58,5 @@ def unsupported_injection(autopilot: AutopilotName, thing: Thing) -> tuple[Ignor
 
 
 def parameters_to_ask(autopilot: AutopilotName, thing: Thing) -> tuple[str, ...]:
-    """Return the parameters that decide whether a thing is acted on, each once."""
+    """Return the parameters that decide whether an injection is used, each once."""
     return parameters_in(_RULES[autopilot], thing)

@@ -32,7 +32,7 @@ Setpoints = Literal["velocity", "position", "attitude"]
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """How the vehicle will fly. mode: the autopilot's own word ("GUIDED", "OFFBOARD").
+    """The situation that injection rules judge. mode: the autopilot's word ("GUIDED").
 
     unbooted: parameters that were set since the autopilot booted.
     """
@@ -45,7 +45,7 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Ignored:
-    """Why a thing would be ignored, and what to do.
+    """Why an injection would be ignored by the autopilot, and what to do.
 
     parameter, value: what to set; None where no parameter helps. reboot: whether it takes
     effect after a reboot only.
@@ -62,19 +62,19 @@ class Ignored:
 
 
 class Rule(Protocol):
-    """One condition of a thing being acted on. parameters: those that it looks at."""
+    """A rule of injection support: one condition of using it. parameters: those it reads."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names of the parameters that it looks at."""
+        """Return the names of the parameters that the rule reads."""
 
     def broken(self, situation: Situation) -> Ignored | None:
-        """Return why it does not hold; None when it does."""
+        """Return why the rule does not hold; None when it does."""
 
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """A parameter must have one of some values, all of some bits, or exceed a number.
+    """A rule that a parameter has one of some values, all of some bits, or exceeds a number.
 
     parameter: its name; more names: those of other versions. advised: the value to set, or the
     bits to add. meaning: what it is for, as the end of "PARAMETER is 0: ...".
@@ -91,11 +91,11 @@ class Needs:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return its names, the present one first."""
+        """Return the parameter's names in this rule, the present one first."""
         return (self.parameter, *self.more_names)
 
     def broken(self, situation: Situation) -> Ignored | None:
-        """Return what is wrong with the parameter, also when it is not there."""
+        """Return what is wrong with the rule's parameter, also when it is missing."""
         name = next((each for each in self.parameters if each in situation.parameters), None)
         if name is None:
             return Ignored(
@@ -120,7 +120,7 @@ class Needs:
         )
 
     def _asleep(self, name: str, found: float) -> Ignored | None:
-        """Return that it does not count yet, when it takes effect at boot alone."""
+        """Return that a parameter of the rule takes effect only after a boot."""
         if not self.reboot:
             return None
         return Ignored(
@@ -133,6 +133,7 @@ class Needs:
         )
 
     def _fits(self, found: float) -> bool:
+        """Return whether a parameter's value fulfils the rule."""
         if self.bits:
             return round(found) & self.bits == self.bits
         if self.above is not None:
@@ -142,18 +143,18 @@ class Needs:
 
 @dataclass(frozen=True, slots=True)
 class InModes:
-    """Only some modes use it. why: as the end of "in mode X: ..."."""
+    """A rule that only some modes use the injection. why: end of "in mode X: ..."."""
 
     modes: frozenset[str]
     why: str
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return none: modes are no parameters."""
+        """Return none: this rule is about modes."""
         return ()
 
     def broken(self, situation: Situation) -> Ignored | None:
-        """Return that the mode is not one of them."""
+        """Return that the mode is not one of the rule's."""
         if situation.mode in self.modes:
             return None
         choices = " or ".join(sorted(self.modes))
@@ -162,7 +163,7 @@ class InModes:
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """A rule that holds only in some modes, and only for some setpoints."""
+    """A rule that applies only in some modes, and only for some setpoints."""
 
     rule: Rule
     modes: frozenset[str]
@@ -170,11 +171,11 @@ class When:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return those of the rule."""
+        """Return the inner rule's parameters."""
         return self.rule.parameters
 
     def broken(self, situation: Situation) -> Ignored | None:
-        """Return what the rule says, where it applies."""
+        """Return what the inner rule says, where it applies."""
         if situation.mode not in self.modes:
             return None
         if self.setpoints is not None and situation.setpoints != self.setpoints:
@@ -184,18 +185,18 @@ class When:
 
 @dataclass(frozen=True, slots=True)
 class Never:
-    """Nothing makes it act on this."""
+    """A rule that the autopilot never uses this injection."""
 
     why: str
     remedy: str
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return none."""
+        """Return none: this rule never holds."""
         return ()
 
     def broken(self, _situation: Situation) -> Ignored | None:
-        """Return that it never does."""
+        """Return that the autopilot never uses the injection."""
         return Ignored(self.why, self.remedy)
 
 
@@ -203,11 +204,11 @@ Rules = Mapping[Thing, tuple[Rule, ...]]
 
 
 def broken_rules(rules: Rules, thing: Thing, situation: Situation) -> tuple[Ignored, ...]:
-    """Return every reason why a thing would be ignored, in the order of the rules."""
+    """Return why an injection would be ignored, in the order of the rules."""
     found = (rule.broken(situation) for rule in rules[thing])
     return tuple(each for each in found if each is not None)
 
 
 def parameters_in(rules: Rules, thing: Thing) -> tuple[str, ...]:
-    """Return the names of all parameters that the rules of a thing look at, each once."""
+    """Return the names of all parameters that the injection rules read, each once."""
     return tuple(dict.fromkeys(name for rule in rules[thing] for name in rule.parameters))

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 
 class CrashSafeFile:
-    """A numbered JSON file, locked as long as this lives; document: what it holds."""
+    """A numbered JSON file that survives a crash, locked while open; document: content."""
 
     def __init__(self, path: Path, handle: int, document: Any) -> None:
         self.path = path
@@ -21,7 +21,7 @@ class CrashSafeFile:
 
     @classmethod
     def write(cls, folder: Path, suffix: str, document: Mapping[str, object]) -> Self:
-        """Write one, on the disk when this returns. Raises OSError."""
+        """Write a crash-safe file, on the disk when this returns. Raises OSError."""
         folder.mkdir(parents=True, exist_ok=True)
         number = (
             max((_number(path, suffix) for path in crash_safe_files(folder, suffix)), default=0) + 1
@@ -39,7 +39,7 @@ class CrashSafeFile:
 
     @classmethod
     def take(cls, path: Path) -> Self | None:
-        """Return one that nobody holds; None when somebody does or it is gone.
+        """Return an unlocked crash-safe file; None when it is locked or gone.
 
         Raises ValueError when it is no JSON.
         """
@@ -58,29 +58,30 @@ class CrashSafeFile:
             raise
 
     def remove(self) -> None:
-        """Remove the file: there is nothing to put back any more."""
+        """Remove the crash-safe file: nothing is left to restore."""
         self.path.unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Give up the lock."""
+        """Release the crash-safe file's lock."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
 
 
 def crash_safe_files(folder: Path, suffix: str) -> list[Path]:
-    """Return the files of one kind in a folder, newest first."""
+    """Return the crash-safe files of one kind in a folder, newest first."""
     files = folder.glob(f"*{suffix}")
     return sorted(files, key=lambda path: _number(path, suffix), reverse=True)
 
 
 def _number(path: Path, suffix: str) -> int:
+    """Return the number of a crash-safe file by its name; 0 without."""
     text = path.name.removesuffix(suffix)
     return int(text) if text.isdecimal() else 0
 
 
 def _is_linked(half: Path, folder: Path, number: int, suffix: str) -> Path:
-    """Give a file the first free number; one that another run took meanwhile stays its own."""
+    """Give a crash-safe file the first free number; another run's one is respected."""
     while True:
         path = folder / f"{number:06d}{suffix}"
         try:
@@ -92,6 +93,7 @@ def _is_linked(half: Path, folder: Path, number: int, suffix: str) -> Path:
 
 
 def _sync_folder(folder: Path) -> None:
+    """Sync a folder of crash-safe files to the disk."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)

@@ -18,7 +18,7 @@ _SCHEMA = 1
 def back_up_fence(
     folder: Path, vehicle: str, *, own: Sequence[MissionItem], ours: Sequence[MissionItem]
 ) -> CrashSafeFile:
-    """Note which fence a vehicle had, before `ours` takes its place. Raises MissionError."""
+    """Back up a vehicle's fence before `ours` replaces it. Raises MissionError."""
     document = {
         "schema": _SCHEMA,
         "vehicle": vehicle,
@@ -35,7 +35,7 @@ def back_up_fence(
 
 
 async def restore_fence(folder: Path, *, fences: FenceProtocol, vehicle: str) -> bool:
-    """Give a vehicle the fence back that runs which were killed have replaced.
+    """Restore a vehicle's fence from backups of runs that were killed.
 
     Returns whether it got one. A fence that is not ours is somebody's, and is left alone. Notes of
     runs that live, and of other vehicles, are left too. Raises MissionError; the note is kept then.
@@ -60,11 +60,12 @@ async def restore_fence(folder: Path, *, fences: FenceProtocol, vehicle: str) ->
 
 
 def waiting_backups(folder: Path) -> tuple[Path, ...]:
-    """Return the files in a folder that say what has still to be put back, of every kind."""
+    """Return the backup files in a folder that wait to be restored, of every kind."""
     return (*crash_safe_files(folder, PARAMETERS_SUFFIX), *crash_safe_files(folder, FENCE_SUFFIX))
 
 
 def _items(rows: Sequence[Sequence[Any]]) -> tuple[MissionItem, ...]:
+    """Return the fence items in a backup's rows."""
     names = [field.name for field in fields(MissionItem)]
     made = [MissionItem(**dict(zip(names, row, strict=True))) for row in rows]
     four = [(*map(float, item.params),) for item in made]

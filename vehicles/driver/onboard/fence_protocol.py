@@ -42,7 +42,7 @@ _ALTITUDE_BIT, _AREAS_BIT = 1, 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotFence:
-    """A fence for the autopilot itself to keep.
+    """A fence for the autopilot itself to keep, as the fence protocol uploads it.
 
     ceiling_m: above home; None for no ceiling. action: what it does on a breach.
     """
@@ -59,7 +59,7 @@ class AutopilotFence:
 
 
 def fence_items(areas: Sequence[FenceArea]) -> tuple[MissionItem, ...]:
-    """Return the items that draw areas."""
+    """Return the mission items of a fence's areas, for the fence protocol."""
     items: list[MissionItem] = []
     for area in areas:
         if isinstance(area, FenceCircle):
@@ -71,7 +71,7 @@ def fence_items(areas: Sequence[FenceArea]) -> tuple[MissionItem, ...]:
 
 
 def fence_parameters(autopilot: AutopilotName, fence: AutopilotFence) -> dict[str, ParameterValue]:
-    """Return the parameters that make an autopilot keep a fence, in the order to set them in.
+    """Return the parameters that make an autopilot keep a fence, in the order to set.
 
     Bounds come before what makes them count, so that nothing is breached meanwhile in flight; set
     back in reverse, the fence is off before its bounds change.
@@ -101,7 +101,7 @@ class FenceProtocol:
         self._missions = missions
 
     async def upload(self, areas: Sequence[FenceArea]) -> None:
-        """Send areas in place of those it has, and read them back.
+        """Upload fence areas in place of the present ones, and read them back.
 
         Raises MissionError; PX4 refuses a fence that excludes its home or is breached at once.
         """
@@ -111,7 +111,7 @@ class FenceProtocol:
             await self._missions.clear(ItemList.FENCE)
 
     async def read(self) -> tuple[FenceArea, ...]:
-        """Return the areas that it has. Raises MissionError."""
+        """Return the autopilot's fence areas. Raises MissionError."""
         items = await self._missions.download(ItemList.FENCE)
         try:
             return fence_areas(items)
@@ -119,11 +119,11 @@ class FenceProtocol:
             raise MissionError(str(error)) from error
 
     async def items(self) -> tuple[MissionItem, ...]:
-        """Return what it has as it travels, to be put back by `restore`. Raises MissionError."""
+        """Return the autopilot's fence items, to `restore` later. Raises MissionError."""
         return await self._missions.download(ItemList.FENCE)
 
     async def restore(self, items: Sequence[MissionItem]) -> None:
-        """Put back what `items` gave, and read it back. Raises MissionError."""
+        """Restore the fence items of `items`, and read them back. Raises MissionError."""
         if items:
             await self._missions.upload(ItemList.FENCE, items)
         else:
@@ -131,6 +131,7 @@ class FenceProtocol:
 
 
 def _item(command: int, first: float, place: Place) -> MissionItem:
+    """Return a fence's mission item at a place."""
     return MissionItem(
         command=command,
         frame=mavlink.MAV_FRAME_GLOBAL,

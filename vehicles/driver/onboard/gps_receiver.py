@@ -16,7 +16,7 @@ _UNKNOWN_COUNT = 0xFF
 
 @dataclass(frozen=True, slots=True)
 class GpsFix:
-    """The fix of a GPS receiver; what it does not know is None.
+    """A fix of the vehicle's GPS receiver; unknown values are None.
 
     kind: GPS_FIX_TYPE: 0 no receiver, 1 no fix, 2 without height, 3 and more with height. hdop:
     dilution of the horizontal position, no unit.
@@ -28,7 +28,7 @@ class GpsFix:
 
 
 class GpsReceiver:
-    """Asks the autopilot for its GPS receiver's fix."""
+    """Requests the fix of the vehicle's GPS receiver."""
 
     def __init__(self, *, session: Session) -> None:
         self._session = session
@@ -37,7 +37,7 @@ class GpsReceiver:
         session.on(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, self._take)
 
     async def fix(self, timeout_s: float) -> GpsFix | None:
-        """Return the fix as it is now; None when nothing is said of it within `timeout_s`."""
+        """Return the GPS receiver's present fix; None without a report in `timeout_s`."""
         target = self._session.target
         if target is None:
             return None

@@ -24,15 +24,15 @@ _PLACE_TOLERANCE = 1
 
 
 class MissionError(VehicleError):
-    """A list of items that was refused, or came back otherwise than it was sent."""
+    """A mission, fence or rally list that was refused, or came back changed."""
 
 
 class UnsureError(MissionError):
-    """All items were taken, and whether they were accepted is not known."""
+    """A list whose items were all taken, and whose acceptance is unknown."""
 
 
 class ItemList(IntEnum):
-    """Which list: MAV_MISSION_TYPE."""
+    """Which list of the mission protocol: MAV_MISSION_TYPE."""
 
     MISSION = mavlink.MAV_MISSION_TYPE_MISSION
     FENCE = mavlink.MAV_MISSION_TYPE_FENCE
@@ -41,7 +41,7 @@ class ItemList(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionItem:
-    """One item as it travels: x and y are 1e-7 degrees in global frames, else 1e-4 m; z in metres.
+    """A mission item as transmitted: x, y in 1e-7 degrees (global) or 1e-4 m; z in metres.
 
     command is its MAV_CMD, frame its MAV_FRAME.
     """
@@ -55,7 +55,7 @@ class MissionItem:
     autocontinue: bool = True
 
     def agrees(self, other: "MissionItem") -> bool:
-        """Return whether an autopilot that was given one may give back the other."""
+        """Return whether an autopilot may give back one mission item for the other."""
         return (
             self.command == other.command
             and abs(self.x - other.x) <= _PLACE_TOLERANCE
@@ -66,7 +66,7 @@ class MissionItem:
 
 
 class MissionProtocol:
-    """Reads and writes the vehicle's lists of items, one operation at a time.
+    """Uploads and downloads the vehicle's mission lists, one operation at a time.
 
     An unanswered message goes out again every `timeout_s`, `tries` times. circumstances: words
     that are added to errors (the last STATUSTEXTs).
@@ -97,11 +97,11 @@ class MissionProtocol:
             session.on(message_id, self._on_message)
 
     def use_home_first(self, home_first: bool) -> None:
-        """Say whether item 0 of a mission is the vehicle's home and not ours (ArduPilot)."""
+        """Set whether item 0 of a mission is the vehicle's home (ArduPilot)."""
         self._home_first = home_first
 
     async def upload(self, which: ItemList, items: Sequence[MissionItem]) -> None:
-        """Send a whole list, and read it back.
+        """Upload a whole mission list, and read it back.
 
         Raises MissionError when it is refused or comes back otherwise, with the vehicle's words.
         """
@@ -118,7 +118,7 @@ class MissionProtocol:
             raise doubt or self._error(which, difference)
 
     async def download(self, which: ItemList) -> tuple[MissionItem, ...]:
-        """Return a whole list. Raises MissionError."""
+        """Return a whole mission list. Raises MissionError."""
         async with self._turn:
             self._inbox = asyncio.Queue()
             try:
@@ -128,7 +128,7 @@ class MissionProtocol:
         return items[1:] if which is ItemList.MISSION and self._home_first else items
 
     async def clear(self, which: ItemList) -> None:
-        """Empty a list. Raises MissionError."""
+        """Clear a mission list. Raises MissionError."""
         async with self._turn:
             message = self._message(mavlink.MAVLink_mission_clear_all_message, mission_type=which)
 
@@ -189,7 +189,7 @@ class MissionProtocol:
         return tuple(items)
 
     async def _ask(self, which: ItemList, message: Any, fits: Callable[[Any], bool]) -> Any:
-        """Send a message until an answer of this list comes that fits."""
+        """Send a mission message until a fitting reply of this list arrives."""
         if self._inbox is None:
             raise RuntimeError("an operation reads its answers from an inbox")
         loop = asyncio.get_running_loop()
@@ -252,6 +252,7 @@ _HOME = MissionItem(command=mavlink.MAV_CMD_NAV_WAYPOINT, frame=mavlink.MAV_FRAM
 
 
 def _read_item(message: Any) -> MissionItem:
+    """Return the mission item in a MISSION_ITEM_INT."""
     return MissionItem(
         command=message.command,
         frame=message.frame,
@@ -264,7 +265,7 @@ def _read_item(message: Any) -> MissionItem:
 
 
 def _difference(sent: Sequence[MissionItem], back: Sequence[MissionItem]) -> str:
-    """Return in words how a list that came back differs; empty when it agrees."""
+    """Return in words how a mission list that came back differs; empty when equal."""
     if len(back) != len(sent):
         return f"{len(sent)} items were sent, and it holds {len(back)}"
     for number, (mine, its) in enumerate(zip(sent, back, strict=True)):
@@ -274,6 +275,7 @@ def _difference(sent: Sequence[MissionItem], back: Sequence[MissionItem]) -> str
 
 
 def _near(mine: float, its: float) -> bool:
+    """Return whether two parameters of a mission item are equal within tolerance, or NaN."""
     # NaN means "not given", and comes back as itself or as 0.
     if mine != mine:  # noqa: PLR0124 - so is NaN told
         return its != its or its == 0.0  # noqa: PLR0124 - as above

@@ -15,7 +15,7 @@ _LOG_SUFFIX: dict[AutopilotName, str] = {"px4": ".ulg", "ardupilot": ".bin"}
 
 
 class Onboard:
-    """Parameters, missions, fences, logs and GPS of one vehicle; usable once it is identified.
+    """The onboard data of one identified vehicle: parameters, missions, fences, logs, GPS.
 
     missions, logs: None for those that speak by the session.
     """
@@ -35,7 +35,7 @@ class Onboard:
         self.satellites = GpsReceiver(session=session)
 
     def identified(self, autopilot: Autopilot, identity: Identity) -> None:
-        """Take note of whose they are, and of how this autopilot does it."""
+        """Set the vehicle's identity, and how its autopilot keeps onboard data."""
         self.parameters.use_bytewise(autopilot.parameters_bytewise)
         self.parameters.use_identity(f"{autopilot.name} {identity.system_id} {identity.uid}")
         self.missions.use_home_first(autopilot.name == "ardupilot")

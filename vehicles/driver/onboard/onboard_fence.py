@@ -27,7 +27,7 @@ from vehicles.errors import VehicleError
 
 
 class OnboardFence:
-    """Has one autopilot keep a fence; an async context manager that gives it its own back.
+    """Uploads an onboard fence; an async context manager that restores the old one.
 
     A fence is put aboard by `offer`, and counts once it is confirmed; until then `put_back` has
     the autopilot keep what it kept before. journal: folder for what is to be put back after a crash
@@ -55,11 +55,11 @@ class OnboardFence:
 
     @property
     def unsettled(self) -> bool:
-        """Return whether a fence was offered that is neither confirmed nor taken back."""
+        """Return whether an offered onboard fence is neither confirmed nor undone."""
         return self._offered is not None
 
     async def __aenter__(self) -> Self:
-        """Do nothing yet."""
+        """Do nothing yet: `keep` uploads the onboard fence."""
         return self
 
     async def __aexit__(
@@ -68,14 +68,14 @@ class OnboardFence:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Give it back the fence and the parameters that it had. Raises VehicleError."""
+        """Restore the autopilot's fence and parameters. Raises VehicleError."""
         if self._offered is not None:
             self._stack.push_async_exit(self._offered[1])
             self._offered = None
         await self._stack.aclose()
 
     async def keep(self, fence: AutopilotFence) -> None:
-        """Put a fence aboard, read it back, and let it count. Raises VehicleError."""
+        """Upload an onboard fence, read it back, and confirm it. Raises VehicleError."""
         try:
             await self.offer(fence)
         except BaseException as error:
@@ -89,7 +89,7 @@ class OnboardFence:
     async def offer(
         self, fence: AutopilotFence, also: Mapping[str, ParameterValue] | None = None
     ) -> None:
-        """Put a fence aboard in place of the one it has, and read it back.
+        """Upload an onboard fence in place of the present one, and read it back.
 
         also: other parameters that go with it. Raises MissionError, ParameterError; then `put_back`
         is to be called, as it is when the offer is cancelled.
@@ -109,7 +109,7 @@ class OnboardFence:
         await context.__aenter__()
 
     async def confirm(self) -> None:
-        """Let what was offered count: it is what `put_back` puts back from now on."""
+        """Confirm the offered fence: `put_back` restores this one from now on."""
         if self._offered is None:
             raise RuntimeError("no fence was sent")
         self.fence, context = self._offered
@@ -117,7 +117,7 @@ class OnboardFence:
         self._stack.push_async_exit(context)
 
     async def put_back(self) -> None:
-        """Have it keep again what it kept before the offer, read back. Raises VehicleError.
+        """Restore the onboard fence before the offer, read back. Raises VehicleError.
 
         After an error it may be called again; without an offer there is nothing to do.
         """
@@ -131,7 +131,7 @@ class OnboardFence:
         self._offered = None
 
     async def _give_back(self, own: tuple[MissionItem, ...]) -> None:
-        """Restore what it had; where that fails, the notes stay for the next start."""
+        """Restore the autopilot's fence; on failure the backup stays for the next start."""
         try:
             await self._fences.restore(own)
             for note in self._notes:

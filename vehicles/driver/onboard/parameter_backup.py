@@ -22,7 +22,7 @@ _SCHEMA = 1
 
 
 class ParameterAccess(Protocol):
-    """What reads and writes parameters."""
+    """Reads and writes an autopilot's parameters (protocol)."""
 
     async def get(self, name: str) -> ParameterValue:
         """Return a parameter's value. Raises ParameterError."""
@@ -33,7 +33,7 @@ class ParameterAccess(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ParameterChange:
-    """A parameter, what it was, and what it is set to meanwhile."""
+    """A changed parameter in a backup: its old value, and what it is set to."""
 
     name: str
     before: ParameterValue
@@ -42,7 +42,7 @@ class ParameterChange:
 
 @dataclass(frozen=True, slots=True)
 class Restored:
-    """What became of the journals of a vehicle.
+    """The outcome of restoring a vehicle's parameter backups.
 
     restored: set back, or already as before. foreign: neither what we set nor what it was:
     somebody has changed it since, and it is left alone.
@@ -53,7 +53,7 @@ class Restored:
 
 
 class ParameterBackup:
-    """An async context manager that changes parameters and sets them back.
+    """An async context manager that changes parameters, with a backup, and restores them.
 
     vehicle: whose parameters they are, as a name that stays the same. journal: the folder for the
     journal; None for none. Raises ParameterError; then all is set back as far as it can be.
@@ -76,11 +76,11 @@ class ParameterBackup:
 
     @property
     def changes(self) -> tuple[ParameterChange, ...]:
-        """Return what was changed."""
+        """Return the changed parameters."""
         return self._changes
 
     async def __aenter__(self) -> Self:
-        """Read what they are, write the journal, set and verify them."""
+        """Read the parameters, write the backup, set and verify them."""
         before = [(name, await self._access.get(name)) for name in self._wanted]
         self._changes = tuple(
             ParameterChange(name, value, self._wanted[name]) for name, value in before
@@ -107,7 +107,7 @@ class ParameterBackup:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Set them back, last first. Raises ParameterError when one cannot be, after all others."""
+        """Restore the parameters, last first. Raises ParameterError after all others."""
         try:
             await self._set_back()
         except ParameterError as second:
@@ -135,7 +135,7 @@ class ParameterBackup:
 
 
 async def restore_backups(folder: Path, *, access: ParameterAccess, vehicle: str) -> Restored:
-    """Set back what runs that were killed have left changed in a vehicle, newest first.
+    """Restore a vehicle's parameters from backups of killed runs, newest first.
 
     Journals of runs that live, and of other vehicles, are left alone. Raises ParameterError when
     the vehicle does not take a value; the journal is kept then.
@@ -158,6 +158,7 @@ async def restore_backups(folder: Path, *, access: ParameterAccess, vehicle: str
 
 
 def _same(one: ParameterValue, other: ParameterValue) -> bool:
+    """Return whether two parameter values are equal in single precision."""
     if isinstance(one, int) and isinstance(other, int):
         return one == other
     # On the wire and in the autopilot a value has single precision.
@@ -165,7 +166,7 @@ def _same(one: ParameterValue, other: ParameterValue) -> bool:
 
 
 class _BackupFile:
-    """A journal's file, locked as long as this lives."""
+    """A parameter backup's file, locked while open."""
 
     def __init__(self, note: CrashSafeFile, changes: tuple[ParameterChange, ...]) -> None:
         self.path = note.path
@@ -174,7 +175,7 @@ class _BackupFile:
 
     @classmethod
     def write(cls, folder: Path, vehicle: str, changes: tuple[ParameterChange, ...]) -> Self:
-        """Write a journal, on the disk when this returns. Raises ParameterError."""
+        """Write a parameter backup, on the disk on return. Raises ParameterError."""
         document = {
             "schema": _SCHEMA,
             "vehicle": vehicle,
@@ -190,7 +191,7 @@ class _BackupFile:
 
     @classmethod
     def take(cls, path: Path, vehicle: str) -> Self | None:
-        """Return a vehicle's journal that nobody holds; None for others. Raises ParameterError."""
+        """Return a vehicle's unlocked parameter backup; None for others. Raises ParameterError."""
         note: CrashSafeFile | None = None
         try:
             note = CrashSafeFile.take(path)

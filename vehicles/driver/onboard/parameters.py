@@ -21,7 +21,6 @@ from vehicles.mavlink.names import enum_name
 
 _DOUBTS = 2
 """How often an answer with another value is doubted before it is believed."""
-_REAL32 = mavlink.MAV_PARAM_TYPE_REAL32
 _FORMATS: dict[int, str] = {
     mavlink.MAV_PARAM_TYPE_UINT8: "B",
     mavlink.MAV_PARAM_TYPE_INT8: "b",
@@ -47,7 +46,7 @@ def decode_parameter(wire: float, kind: int, *, bytewise: bool) -> ParameterValu
 
 
 def encode_parameter(value: ParameterValue, kind: int, *, bytewise: bool) -> float:
-    """Return what goes into PARAM_SET for a value; inverse of `decode_parameter`.
+    """Return a parameter's value as PARAM_SET holds it; inverse of `decode_parameter`.
 
     Raises ParameterError when the value does not fit the type.
     """
@@ -68,12 +67,14 @@ def encode_parameter(value: ParameterValue, kind: int, *, bytewise: bool) -> flo
 
 @dataclass(frozen=True, slots=True)
 class _Answer:
+    """A vehicle's reply about a parameter: value and type."""
+
     value: ParameterValue
     kind: int
 
 
 class Parameters:
-    """Reads and writes the autopilot's parameters, one at a time."""
+    """Reads and writes an autopilot's parameters, one at a time."""
 
     def __init__(self, *, session: Session, timeout_s: float = 0.7, tries: int = 6) -> None:
         self._session = session
@@ -87,16 +88,16 @@ class Parameters:
         session.on(mavlink.MAVLINK_MSG_ID_PARAM_ERROR, self._error_came)
 
     def use_bytewise(self, bytewise: bool) -> None:
-        """Say how the autopilot encodes integers."""
+        """Set how the autopilot encodes integer parameters."""
         self._bytewise = bytewise
 
     @property
     def vehicle(self) -> str:
-        """Return whose they are, as `use_identity` said."""
+        """Return the vehicle whose parameters these are, as `use_identity` said."""
         return self._vehicle
 
     def use_identity(self, vehicle: str) -> None:
-        """Say whose parameters they are, by a name that is the same at the next start."""
+        """Set whose parameters these are, by a name that is the same at the next start."""
         self._vehicle = vehicle
 
     def changed(
@@ -110,7 +111,7 @@ class Parameters:
         return ParameterBackup(access=self, vehicle=self._vehicle, changes=changes, journal=journal)
 
     async def restore_backups(self, folder: Path) -> Restored:
-        """Set back what killed runs have left changed in this vehicle. Raises ParameterError."""
+        """Restore this vehicle's parameters from killed runs' backups."""
         return await restore_backups(folder, access=self, vehicle=self._vehicle)
 
     async def get(self, name: str) -> ParameterValue:
@@ -201,5 +202,6 @@ class Parameters:
 
 
 def _as_float32(value: float) -> float:
+    """Return a parameter's value in single precision."""
     single: float = struct.unpack("<f", struct.pack("<f", value))[0]
     return single

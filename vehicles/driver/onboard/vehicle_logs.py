@@ -24,12 +24,12 @@ _WINDOW = 512 * _PIECE
 
 
 class LogError(VehicleError):
-    """A log that could not be fetched; says how far it came."""
+    """A vehicle log that could not be fetched; says how far it came."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogEntry:
-    """One log on the vehicle; utc_s: when it was begun (seconds since 1970), None when unknown."""
+    """One log on the vehicle; utc_s: its begin (seconds since 1970), None when unknown."""
 
     number: int
     size_bytes: int
@@ -37,7 +37,7 @@ class LogEntry:
 
 
 class VehicleLogs:
-    """Lists the vehicle's logs and fetches them, one operation at a time.
+    """Lists and fetches the vehicle's logs, one operation at a time.
 
     An answer that does not come within `timeout_s` is asked for again, `tries` times in a row.
     """
@@ -53,11 +53,11 @@ class VehicleLogs:
         session.on(mavlink.MAVLINK_MSG_ID_LOG_DATA, self._on_message)
 
     def use_suffix(self, suffix: str) -> None:
-        """Say what the files of this autopilot are called (".bin", ".ulg")."""
+        """Set the suffix of this autopilot's log files (".bin", ".ulg")."""
         self._suffix = suffix
 
     async def list(self) -> tuple[LogEntry, ...]:
-        """Return what logs it has, oldest first. Raises LogError."""
+        """Return the logs on the vehicle, oldest first. Raises LogError."""
         async with self._turn:
             return await self._entries()
 
@@ -69,7 +69,7 @@ class VehicleLogs:
         name: str = "log",
         progress: Callable[[int], None] | None = None,
     ) -> Path:
-        """Fetch a log into `folder` as `<name>-<number><suffix>` and return the file.
+        """Fetch a vehicle log into `folder` as `<name>-<number><suffix>`; return the file.
 
         The file is whole or not there. progress: told the bytes that are there. Raises LogError.
         """
@@ -153,7 +153,7 @@ class VehicleLogs:
         file.truncate(pieces.size)
 
     async def _next(self, inbox: "asyncio.Queue[Any]", kind: str) -> Any | None:
-        """Return the next message of a kind; None when none comes in time."""
+        """Return the next log message of a kind; None when none comes in time."""
         try:
             async with asyncio.timeout(self._timeout_s):
                 while True:
@@ -176,7 +176,7 @@ class VehicleLogs:
 
 
 class _Pieces:
-    """Which pieces of a log have come."""
+    """Which pieces of a vehicle log have arrived."""
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -184,7 +184,7 @@ class _Pieces:
         self._missing = bytearray(b"\1") * (-(-size // _PIECE))
 
     def take(self, offset: int, count: int) -> bool:
-        """Note a piece; return whether it is new and in its place."""
+        """Note a log's piece; return whether it is new and in its place."""
         if count < _PIECE and offset + count < self.size and offset % _PIECE == 0:
             # The log is shorter than its entry said.
             self._end(offset + count)
@@ -196,7 +196,7 @@ class _Pieces:
         return True
 
     def gap(self, most: int) -> tuple[int, int] | None:
-        """Return (offset, count) of the first gap, at most so long; None when all is there."""
+        """Return (offset, count) of a log's first gap, at most so long; None when complete."""
         first = self._missing.find(1)
         if first < 0:
             return None
@@ -206,14 +206,16 @@ class _Pieces:
         return offset, min(most, min(end * _PIECE, self.size) - offset)
 
     def has(self, gap: tuple[int, int]) -> bool:
-        """Return whether a gap is filled."""
+        """Return whether a log's gap is filled."""
         first, last = gap[0] // _PIECE, (gap[0] + gap[1] - 1) // _PIECE
         return self._missing.find(1, first, last + 1) < 0
 
     def _end(self, size: int) -> None:
+        """Set a log's size at its end."""
         self.size = size
         del self._missing[-(-size // _PIECE) :]
 
 
 def _entry(message: Any) -> LogEntry:
+    """Return the log entry in a LOG_ENTRY message."""
     return LogEntry(message.id, message.size, message.time_utc or None)

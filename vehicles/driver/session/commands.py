@@ -25,6 +25,8 @@ _URGENT = 2
 
 @dataclass(slots=True)
 class _Pending:
+    """A command that waits for its COMMAND_ACK."""
+
     message: Any
     future: asyncio.Future[None]
     done_anyway: Callable[[], bool] | None
@@ -36,7 +38,7 @@ class _Pending:
 
 
 class Commander:
-    """Sends COMMAND_LONGs and waits for their COMMAND_ACKs.
+    """Sends COMMAND_LONG commands and waits for their COMMAND_ACKs.
 
     An unanswered command goes out again every `ack_timeout_s` with its confirmation counted up,
     `tries` times in all, with a longer wait after the last; so does one that was rejected
@@ -97,14 +99,14 @@ class Commander:
         return future
 
     def fail(self, error: Exception) -> None:
-        """Raise an error for all that is pending, and for all that comes."""
+        """Raise an error for all pending commands, and for later ones."""
         self._failure = error
         for pending in list(self._pending.values()):
             if not pending.future.done():
                 pending.future.set_exception(error)
 
     def close(self) -> None:
-        """Give up what is pending."""
+        """Give up pending commands."""
         for pending in list(self._pending.values()):
             pending.future.cancel()
 
@@ -133,6 +135,7 @@ class Commander:
         self._await_answer(pending, self._ack_timeout_s * _LAST_WAIT if last else pending.every_s)
 
     def _on_ack(self, ack: Any, _t_s: float) -> None:
+        """Handle a COMMAND_ACK to one of the pending commands."""
         pending = self._pending.get(ack.command)
         # 0: an autopilot that speaks MAVLink 1, or answers everybody.
         if pending is None or ack.target_system not in {0, self._session.own.system}:
@@ -148,7 +151,7 @@ class Commander:
             self._refuse(pending, _LOOKS if pending.sent > 1 else 0)
 
     def _refuse(self, pending: _Pending, looks: int) -> None:
-        """Take a refusal; that of a repetition may only say that the first is under way."""
+        """Take a command's refusal; that of a repetition may mean the first is under way."""
         if pending.future.done():
             return
         if pending.sent > 1 and pending.done_anyway is not None and pending.done_anyway():

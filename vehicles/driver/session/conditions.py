@@ -5,20 +5,20 @@ from collections.abc import Callable
 
 
 class ConditionWaiter:
-    """Wakes who waits for a condition, whenever somebody says that something changed."""
+    """Wakes tasks that wait for a condition whenever something changes."""
 
     def __init__(self) -> None:
         self._failure: Exception | None = None
         self._waiting: list[tuple[Callable[[], bool], asyncio.Future[None]]] = []
 
     def notify(self) -> None:
-        """Look at the conditions anew."""
+        """Evaluate the awaited conditions again."""
         for condition, future in self._waiting:
             if not future.done() and condition():
                 future.set_result(None)
 
     def fail(self, error: Exception) -> None:
-        """Raise an error in all who wait, and who will: nothing can be waited for any more."""
+        """Raise an error in all that wait for a condition, and that will."""
         self._failure = error
         for _, future in self._waiting:
             if not future.done():

@@ -25,7 +25,7 @@ _ASK_AGAIN_S = 0.5
 async def find_vehicle(
     session: Session, changes: ConditionWaiter, *, wanted: Wanted, timeout_s: float
 ) -> tuple[Target, Autopilot]:
-    """Return the first vehicle on the link that we can fly, and the strategy for it.
+    """Identify the first vehicle on the link that we can fly; return it with its strategy.
 
     Raises IdentifyError when none was heard in time, with what was heard instead.
     """
@@ -89,6 +89,7 @@ async def request_identity(
 
 
 def _received_text(session: Session, wanted: Wanted, timeout_s: float) -> str:
+    """Return in words what was received during a failed identification."""
     name, codec = session.link.name, session.codec
     awaited = f"{name}: no {wanted} within {timeout_s:g} s: "
     if session.heard:

@@ -20,7 +20,7 @@ _RELEASES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """An identified vehicle.
+    """The identity of a vehicle: autopilot, version, board, system id.
 
     version: (major, minor, patch); version_text adds the kind of release ("4.7.0-dev").
     uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex. simulation: whether it has no
@@ -43,7 +43,7 @@ class Identity:
 def identity_of(
     autopilot: Autopilot, target: Target, heard: ReceivedMessage, version: Any
 ) -> Identity:
-    """Return the identity that a heartbeat and an AUTOPILOT_VERSION tell together."""
+    """Return the identity in a heartbeat and an AUTOPILOT_VERSION."""
     packed = version.flight_sw_version
     numbers = (packed >> 24 & 0xFF, packed >> 16 & 0xFF, packed >> 8 & 0xFF)
     release = _RELEASES.get(packed & 0xFF, str(packed & 0xFF))
@@ -65,13 +65,13 @@ def identity_of(
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Whom we look for on a link; None for any."""
+    """The vehicle identity that is wanted on a link; None for any."""
 
     autopilot: AutopilotName | None = None
     system_id: int | None = None
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return the wanted identity in words."""
         which = f"{self.autopilot or 'PX4 or ArduPilot'} multicopter"
         return which if self.system_id is None else f"{which} with system id {self.system_id}"
 
@@ -79,7 +79,7 @@ class Wanted:
 def fitting(
     heard: Mapping[Target, ReceivedMessage], wanted: Wanted
 ) -> tuple[Target, Autopilot] | None:
-    """Return the first vehicle heard that we can fly and that is of the wanted kind."""
+    """Return the first received vehicle of the wanted identity that we can fly."""
     for target, each in heard.items():
         strategy = autopilot_of(each.autopilot)
         if strategy is None or each.vehicle_type not in MULTICOPTERS or each.mavlink_version < 2:
@@ -101,13 +101,13 @@ def age_fault(identity: Identity) -> str:
 
 
 def same_vehicle(one: Identity, other: Identity) -> bool:
-    """Return whether two identities are of one vehicle: by an id that only one board has."""
+    """Return whether two identities are of one vehicle, by its board's unique id."""
     shared = one.simulation or other.simulation or not one.uid.strip("0")
     return one.uid == other.uid and not shared
 
 
 def describe_misfits(heard: Mapping[Target, ReceivedMessage], wanted: Wanted) -> str:
-    """Return in words why none of those heard fits."""
+    """Return in words why none of the received identities fits."""
     lines = [_misfit(target, each, wanted) for target, each in heard.items()]
     if all(each.vehicle_type == mavlink.MAV_TYPE_GCS for each in heard.values()):
         systems = ", ".join(str(target.system) for target in heard)
@@ -116,6 +116,7 @@ def describe_misfits(heard: Mapping[Target, ReceivedMessage], wanted: Wanted) ->
 
 
 def _misfit(target: Target, heard: ReceivedMessage, wanted: Wanted) -> str:
+    """Return in words why a received identity does not fit."""
     who = f"system {target.system} component {target.component}"
     kind = _type_name(heard.vehicle_type)
     strategy = autopilot_of(heard.autopilot)
@@ -134,6 +135,7 @@ def _misfit(target: Target, heard: ReceivedMessage, wanted: Wanted) -> str:
 
 
 def _is_simulation(autopilot: AutopilotName, version: Any, system_id: int) -> bool:
+    """Return whether a vehicle's identity is that of a simulation."""
     # Boards of ArduPilot say which they are; its simulation has none.
     if autopilot == "ardupilot":
         return bool(version.board_version == 0 and version.vendor_id == 0)
@@ -142,10 +144,12 @@ def _is_simulation(autopilot: AutopilotName, version: Any, system_id: int) -> bo
 
 
 def _type_name(vehicle_type: int) -> str:
+    """Return the name of an identity's MAV_TYPE."""
     return enum_name("MAV_TYPE", vehicle_type).removeprefix("MAV_TYPE_").lower()
 
 
 def _git_hash(raw: bytes) -> str:
+    """Return the git hash in an identity's AUTOPILOT_VERSION."""
     # ArduPilot writes the hash as text, PX4 as a little-endian number.
     if all(48 <= byte < 127 for byte in raw):
         return raw.decode("ascii")

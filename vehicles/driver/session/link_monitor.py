@@ -12,7 +12,7 @@ _WATCH_PERIOD_S = 0.1
 
 
 class LinkMonitor:
-    """Sends a heartbeat each second, and notices when the vehicle falls silent.
+    """Monitors the link: sends a heartbeat each second, and notices the vehicle's silence.
 
     on_lost, on_back: called once each time, with the run clock's time and for how long nothing
     was heard. silence_s: how long nothing must come to count as lost.
@@ -36,20 +36,20 @@ class LinkMonitor:
         session.on_arrival = self._on_frame
 
     def start(self) -> None:
-        """Begin with heartbeats."""
+        """Start the link monitor's heartbeats."""
         self._heartbeat.start()
 
     def watch(self) -> None:
-        """Begin to watch: from now on the vehicle is expected to be heard."""
+        """Start to monitor the link: from now on the vehicle is expected to be received."""
         self._watch.start()
 
     def stop(self) -> None:
-        """Send and watch no more."""
+        """Stop heartbeats and link monitoring."""
         self._heartbeat.stop()
         self._watch.stop()
 
     def silence(self) -> str:
-        """Return in words for how long nothing was heard; empty when that is short."""
+        """Return in words how long the link has been silent; empty when short."""
         silent_s = self._silent_s()
         return f"nothing heard for {silent_s:.1f} s" if silent_s > self._silence_s else ""
 

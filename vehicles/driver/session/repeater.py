@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 
 class Repeater:
-    """Calls `action` at t0 + k * period_s on the loop's clock.
+    """Repeats `action` at t0 + k * period_s on the loop's clock.
 
     Ticks that were missed (a stalled process) are skipped, not made up for.
     """
@@ -19,11 +19,11 @@ class Repeater:
 
     @property
     def running(self) -> bool:
-        """Return whether it was started and not stopped."""
+        """Return whether the repeater was started and not stopped."""
         return self._timer is not None
 
     def start(self) -> None:
-        """Act now and then each period; does nothing when it runs already."""
+        """Start repeating now; does nothing when it runs already."""
         if self._timer is not None:
             return
         self._first_s = asyncio.get_running_loop().time()
@@ -31,7 +31,7 @@ class Repeater:
         self._tick()
 
     def stop(self) -> None:
-        """Stop; may be called more than once."""
+        """Stop repeating; may be called more than once."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

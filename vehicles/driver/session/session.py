@@ -20,7 +20,7 @@ PayloadHandler = Callable[[bytes, float], None]
 
 @dataclass(frozen=True, slots=True)
 class ReceivedMessage:
-    """Who sent heartbeats: the last one, when it came, and in which MAVLink."""
+    """A sender's last heartbeat in the session: when it came, and in which MAVLink."""
 
     heartbeat: Any
     t_s: float
@@ -28,17 +28,17 @@ class ReceivedMessage:
 
     @property
     def autopilot(self) -> int:
-        """Return its MAV_AUTOPILOT."""
+        """Return the sender's MAV_AUTOPILOT."""
         return int(self.heartbeat.autopilot)
 
     @property
     def vehicle_type(self) -> int:
-        """Return its MAV_TYPE."""
+        """Return the sender's MAV_TYPE."""
         return int(self.heartbeat.type)
 
 
 class Session:
-    """Packs what we send and hands what the vehicle sends to those who asked for it.
+    """The MAVLink session with a vehicle: packs what we send, dispatches what it sends.
 
     Messages that nobody asked for are not decoded. Until `target` is set, heartbeats of all
     systems are noted in `heard` and handed on; afterwards only the target's messages are. speak:
@@ -62,19 +62,19 @@ class Session:
         link.receive(self.received)
 
     def speak_plainly(self) -> None:
-        """Write frames from now on: whoever spoke for us is gone."""
+        """Write frames in the session from now on: the command backend is gone."""
         self._speak = self._write
 
     def on(self, message_id: int, handler: Handler) -> None:
-        """Have a message of the vehicle handed to `handler`."""
+        """Register a handler of one of the vehicle's messages in the session."""
         self._handlers.setdefault(message_id, []).append(handler)
 
     def on_payload(self, message_id: int, handler: PayloadHandler) -> None:
-        """Have the payload of a frequent message handed to `handler`, not decoded."""
+        """Register a handler of a frequent message's payload, not decoded."""
         self._payload_handlers.setdefault(message_id, []).append(handler)
 
     def off(self, message_id: int, handler: Handler) -> None:
-        """No longer hand the message to `handler`."""
+        """Remove the session's handler of a message."""
         handlers = [each for each in self._handlers.get(message_id, ()) if each != handler]
         if handlers:
             self._handlers[message_id] = handlers
@@ -82,11 +82,11 @@ class Session:
             self._handlers.pop(message_id, None)
 
     def send(self, message: Any) -> None:
-        """Send a message."""
+        """Send a message in the session."""
         self._speak(message)
 
     def received(self, data: bytes, t_s: float) -> None:
-        """Take bytes of the link."""
+        """Take the link's bytes into the session."""
         target = self.target
         for frame in self.codec.split(data):
             if target is None:

@@ -12,7 +12,7 @@ class StatustextPieces:
         self._text = ""
 
     def add(self, text: str, text_id: int, chunk_seq: int) -> str | None:
-        """Take a piece; return the whole text once its last piece, a short one, has come.
+        """Add a piece; return the whole STATUSTEXT once its last, short one has come.
 
         A text of which a piece was lost is given from there on.
         """

@@ -16,7 +16,7 @@ _PERIOD_S = 0.4871
 
 
 class TimesyncRequester:
-    """Sends TIMESYNC and feeds the answers to a VehicleClock.
+    """Sends TIMESYNC requests and feeds the replies to a VehicleClock.
 
     We do not answer the autopilot's own questions: what we send is stamped by its clock.
     """
@@ -30,13 +30,13 @@ class TimesyncRequester:
         session.on(mavlink.MAVLINK_MSG_ID_TIMESYNC, self._on_answer)
 
     def start(self) -> None:
-        """Begin with a burst."""
+        """Start with a burst of TIMESYNC requests."""
         self._sent = 0
         self._steady.stop()
         self._burst.start()
 
     def stop(self) -> None:
-        """Ask no more."""
+        """Stop TIMESYNC requests."""
         self._burst.stop()
         self._steady.stop()
 

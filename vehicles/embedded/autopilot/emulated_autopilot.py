@@ -45,7 +45,7 @@ _HIGHEST_INTERVAL_ID = 65535
 
 
 class EmulatedAutopilot(ABC):
-    """An autopilot between MAVLink messages and motor thrusts.
+    """An emulated autopilot between MAVLink messages and motor thrusts.
 
     Pure: `handle` takes messages, `step` takes the estimate and gives thrusts; what is to be sent
     stands in `outbox`. Times are the vehicle's own clock, s since start.
@@ -103,23 +103,23 @@ class EmulatedAutopilot(ABC):
 
     @abstractmethod
     def supervise(self) -> None:
-        """Check modes, failsafes and readiness; called at 50 Hz."""
+        """Check the emulated autopilot's modes, failsafes, readiness; at 50 Hz."""
 
     @abstractmethod
     def set_mode(self, mode: int, submode: int) -> int:
-        """Do MAV_CMD_DO_SET_MODE; return a MAV_RESULT."""
+        """Execute MAV_CMD_DO_SET_MODE; return a MAV_RESULT."""
 
     @abstractmethod
     def arm(self, *, force: bool) -> int:
-        """Arm; return a MAV_RESULT."""
+        """Arm the emulated autopilot; return a MAV_RESULT."""
 
     @abstractmethod
     def disarm(self, *, force: bool) -> int:
-        """Disarm; return a MAV_RESULT."""
+        """Disarm the emulated autopilot; return a MAV_RESULT."""
 
     @abstractmethod
     def strike(self, thing: str) -> None:
-        """Take note that the airframe has hit something: its motors stand."""
+        """Take that the airframe has hit something: its motors stop."""
 
     @abstractmethod
     def _is_forced(self, command: Command) -> bool:
@@ -127,10 +127,10 @@ class EmulatedAutopilot(ABC):
 
     @abstractmethod
     def _mode_entries(self) -> tuple[discovery.ModeEntry, ...]:
-        """Return the modes as AVAILABLE_MODES lists them."""
+        """Return the emulated autopilot's modes for AVAILABLE_MODES."""
 
     def _hears_texts(self) -> bool:
-        """Return whether the peer is one that is sent STATUSTEXT."""
+        """Return whether the emulated autopilot sends its peer STATUSTEXT."""
         return True
 
     def _split_mode(self, custom_mode: int) -> tuple[int, int]:
@@ -148,7 +148,7 @@ class EmulatedAutopilot(ABC):
     # The loop.
 
     def handle(self, message: Any, arrived_s: float) -> None:
-        """Take one MAVLink message; what is for others is left alone.
+        """Handle one MAVLink message; those for others are ignored.
 
         arrived_s: when it came, which is after the last step and before the next.
         """
@@ -165,7 +165,7 @@ class EmulatedAutopilot(ABC):
     def step(
         self, now: Motion, clock_s: float, *, touching: bool, charge: Charge, turn: bool
     ) -> Thrusts:
-        """Return the thrusts for this estimate; `turn` marks every 20 ms, for what is slow."""
+        """Return the thrusts for this estimate; `turn` marks every 20 ms, for slow work."""
         state = self.state
         state.now = now
         state.clock_s = clock_s
@@ -187,11 +187,11 @@ class EmulatedAutopilot(ABC):
 
     @property
     def t_s(self) -> float:
-        """Return the vehicle's clock."""
+        """Return the emulated autopilot's clock."""
         return self.state.clock_s
 
     def _send_id(self, message_id: int) -> bool:
-        """Queue a message by id; False when there is no such message here, or not yet."""
+        """Queue a message by id; False when the autopilot has none, or not yet."""
         builder, name = self.builders.get(message_id), self._requests.get(message_id)
         if builder is not None:
             message = builder(self.state)
@@ -221,7 +221,7 @@ class EmulatedAutopilot(ABC):
 
     @on_message("SYSTEM_TIME")
     def _on_system_time(self, message: Any) -> None:
-        """Take the time of day from a companion computer or a ground station."""
+        """Take the time of day from a companion computer or a GCS."""
         if _EARLIEST_UNIX_US < message.time_unix_usec < _LATEST_UNIX_US:
             self.state.unix_offset_us = message.time_unix_usec - self.state.boot_us
 
@@ -269,7 +269,7 @@ class EmulatedAutopilot(ABC):
 
     @on_message("SET_MODE")
     def _on_set_mode(self, message: Any) -> None:
-        """Take the message that old ground stations send instead of the command."""
+        """Handle SET_MODE, which old ground stations send."""
         custom = message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         result = self.set_mode(*self._split_mode(message.custom_mode)) if custom else DENIED
         # PX4 makes the command of it; ArduPilot acknowledges the message by its own number.

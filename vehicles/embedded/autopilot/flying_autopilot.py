@@ -40,7 +40,7 @@ Mode = TypeVar("Mode")
 
 
 class StandardModes(NamedTuple, Generic[Mode]):
-    """Which of a firmware's modes do what commands ask for."""
+    """A flying autopilot's modes for common commands: mission, return, land."""
 
     mission: Mode
     return_home: Mode
@@ -48,7 +48,7 @@ class StandardModes(NamedTuple, Generic[Mode]):
 
 
 class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
-    """An autopilot with modes of one kind."""
+    """A flying emulated autopilot with modes of one kind: modes, arming, sticks."""
 
     parameter_file: ClassVar[Path]
     mav_autopilot: ClassVar[int]
@@ -87,19 +87,19 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
 
     @abstractmethod
     def choose(self, mode: Mode) -> int:
-        """Switch to the user's mode if it can run; return a MAV_RESULT."""
+        """Switch the autopilot to the user's mode if it can run; return a MAV_RESULT."""
 
     @abstractmethod
     def stop_motors(self, by: str) -> None:
-        """Disarm now, and say by what."""
+        """Disarm the flying autopilot now, and report why."""
 
     @abstractmethod
     def _behaviour(self, mode: Mode) -> Behaviour:
-        """Return what a mode flies from here."""
+        """Return the behaviour that a mode flies from here."""
 
     @abstractmethod
     def _arming_fault(self, *, force: bool) -> str | None:
-        """Return why it does not arm, in the firmware's words; None when it does."""
+        """Return why the autopilot does not arm, in its words; None when it does."""
 
     @abstractmethod
     def _begin_flight(self) -> None:
@@ -107,7 +107,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
 
     @abstractmethod
     def _take_setpoint(self, wanted: Wanted | None) -> None:
-        """Fly a setpoint that came, if the mode does."""
+        """Fly a received setpoint, if the mode does."""
 
     @abstractmethod
     def _base_mode(self) -> int:
@@ -123,11 +123,11 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
 
     @abstractmethod
     def _stick_limits(self) -> StickLimits:
-        """Return what the sticks ask for at their ends."""
+        """Return what the sticks demand at their ends."""
 
     @abstractmethod
     def _sticks_last_s(self) -> float:
-        """Return how long the sticks count after they came."""
+        """Return how long received sticks count."""
 
     @abstractmethod
     def _is_flown_by_hand(self, mode: Mode) -> bool:
@@ -158,7 +158,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     # Modes.
 
     def enter(self, mode: Mode) -> None:
-        """Fly a mode from now on."""
+        """Enter a mode and fly it."""
         if mode != self.mode:
             self.manoeuvres.forget_speeds()
         self.mode = mode
@@ -204,10 +204,10 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
         return ACCEPTED
 
     def _say_not_landed(self) -> None:
-        """Say why it is not disarmed; ArduCopter says nothing."""
+        """Report why it is not disarmed; ArduCopter reports nothing."""
 
     def _stays_armed(self) -> bool:
-        """Return whether it is about to leave the ground."""
+        """Return whether the vehicle is about to leave the ground."""
         return self.flight.lifting
 
     def _disarm_when_due(self) -> None:
@@ -222,7 +222,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     # Sticks.
 
     def fresh_sticks(self) -> Sticks | None:
-        """Return the sticks; None when there are none, or none any longer."""
+        """Return the pilot's sticks; None when there are none, or stale ones."""
         sticks = self.sticks
         if sticks is None or self.t_s - sticks.at_s > self._sticks_last_s():
             return None
@@ -260,7 +260,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
             self._take_setpoint(global_setpoint(message, state.frame, state.home_down_m))
 
     def _place_of(self, command: Command) -> Vec3:
-        """Return where a command's place is, local; what is not finite is the present.
+        """Return a command's place, local; what is not finite is the present.
 
         PX4 takes the height above mean sea level, whatever the frame says.
         """

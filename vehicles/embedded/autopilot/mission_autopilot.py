@@ -23,7 +23,7 @@ from vehicles.embedded.autopilot.services.command_registry import (
 
 
 class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
-    """An autopilot that flies uploaded missions."""
+    """An emulated autopilot that flies uploaded missions."""
 
     first_mission_item: ClassVar[int]
     """Of the user's: ArduPilot's item 0 is home."""
@@ -33,17 +33,17 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
 
     @abstractmethod
     def _lift(self, down_m: float) -> Behaviour | None:
-        """Return what is flown before a waypoint from the ground; None for nothing."""
+        """Return the behaviour before a mission's waypoint from the ground; or None."""
 
     @property
     def has_mission(self) -> bool:
-        """Return whether there is an item of the user's."""
+        """Return whether the autopilot has a user's mission."""
         return self.state.mission_total > self.first_mission_item
 
     # Flying.
 
     def _mission(self) -> Behaviour:
-        """Return the flight of the uploaded mission, from the current item on."""
+        """Return the behaviour of the uploaded mission, from the current item on."""
         state = self.state
         if self.mission_complete:
             state.mission_seq = 0
@@ -69,15 +69,15 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
             mission.take_landing()
 
     def begin_item(self, seq: int) -> None:
-        """Take note that an item is being flown from now on."""
+        """Take that a mission item is being flown from now on."""
         self.state.mission_seq = seq
 
     def reach_item(self, seq: int) -> None:
-        """Take note that an item was flown."""
+        """Take that a mission item was flown."""
         self.outbox.send(mavlink.MAVLink_mission_item_reached_message(seq))
 
     def finish_mission(self) -> None:
-        """Take note that the last item was flown."""
+        """Take that the mission's last item was flown."""
         self.mission_complete = True
 
     def _accept_items(self, kind: int, items: tuple[Item, ...]) -> int:
@@ -99,7 +99,7 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
         )
 
     def _mission_total(self) -> int:
-        """Return how many items are the user's."""
+        """Return how many mission items are the user's."""
         return max(0, self.state.mission_total - self.first_mission_item)
 
     def _mission_state(self, *, in_mode: bool) -> int:
@@ -145,5 +145,5 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
         return ACCEPTED
 
     def _flies_by_speeds(self) -> bool:
-        """Return whether the present mode flies at the speeds of the automatic modes."""
+        """Return whether the mode flies at the speeds of automatic modes."""
         return True

@@ -18,7 +18,7 @@ MOTORS = 4
 
 @dataclass(frozen=True, slots=True)
 class Airframe:
-    """A quadrotor in X: masses in kg, lengths in m, thrust in N, times in s.
+    """The airframe of a quadrotor in X: masses in kg, lengths in m, thrust in N, times in s.
 
     The defaults are 0.5 kg and 0.3 m wide, the size of the paper's Parrot Anafi (0.24 x 0.32 m
     unfolded). Inertia, arm length and the ratio of rotor torque to thrust are those published for
@@ -50,7 +50,7 @@ class Airframe:
 
     @property
     def motor_offset_m(self) -> float:
-        """Return how far each motor is from the hub along x, and along y."""
+        """Return how far each motor of the airframe is from the hub along x, and y."""
         return self.arm_m / math.sqrt(2.0)
 
     @property
@@ -59,7 +59,7 @@ class Airframe:
         return self.mass_kg * 9.80665 / MOTORS
 
     def motors(self) -> tuple[tuple[float, float, int], ...]:
-        """Return per motor (forward, right, sign of its torque on the body), PX4's quad X order.
+        """Return the airframe's motors: forward, right, sign of torque, PX4's quad X order.
 
         Front right and rear left turn counterclockwise: their reaction turns the body clockwise.
         """
@@ -68,7 +68,7 @@ class Airframe:
 
 
 def aircraft_xml(airframe: Airframe, *, motor_lag_s: float) -> str:
-    """Return the JSBSim aircraft; motor thrust follows its command with a first-order lag."""
+    """Return the airframe's JSBSim aircraft; motor thrust lags its command (first order)."""
     a = airframe
     return f"""<?xml version="1.0"?>
 <fdm_config name="quadx" version="2.0" release="BETA">
@@ -97,7 +97,7 @@ def aircraft_xml(airframe: Airframe, *, motor_lag_s: float) -> str:
 
 
 def aircraft_root(airframe: Airframe, *, motor_lag_s: float) -> Path:
-    """Return a folder that JSBSim takes as its root and that holds this aircraft as `quadx`.
+    """Return a JSBSim root folder that holds the airframe as aircraft `quadx`.
 
     One folder per content, in this user's cache; written whole by a rename, so that several
     processes may ask for it at once.
@@ -117,10 +117,12 @@ def aircraft_root(airframe: Airframe, *, motor_lag_s: float) -> Path:
 
 
 def _location(name: str) -> str:
+    """Return a location in the airframe's JSBSim XML."""
     return f'<location name="{name}" unit="M"><x>0</x><y>0</y><z>0</z></location>'
 
 
 def _legs(a: Airframe) -> str:
+    """Return the legs in the airframe's JSBSim XML."""
     corners = ((1, 1), (-1, -1), (1, -1), (-1, 1))
     return "".join(
         f"""
@@ -139,6 +141,7 @@ def _legs(a: Airframe) -> str:
 
 
 def _thrusts(a: Airframe) -> str:
+    """Return the motor thrusts in the airframe's JSBSim XML."""
     return "".join(
         f"""
   <force name="m{i}" frame="BODY">
@@ -152,6 +155,7 @@ def _thrusts(a: Airframe) -> str:
 
 
 def _torque(a: Airframe) -> str:
+    """Return the motor torques in the airframe's JSBSim XML."""
     gain = a.torque_per_thrust_m * _FOOT_POUNDS_PER_NEWTON_METRE
     terms = "".join(
         f"<product><property>fcs/motor{i}-n</property><value>{sign * gain}</value></product>"
@@ -164,6 +168,7 @@ def _torque(a: Airframe) -> str:
 
 
 def _lags(a: Airframe, lag_s: float) -> str:
+    """Return the motor lags in the airframe's JSBSim XML."""
     return "".join(
         f"""
    <actuator name="fcs/motor{i}"><input>fcs/motor{i}-cmd-n</input><lag>{1.0 / lag_s}</lag>
@@ -174,6 +179,7 @@ def _lags(a: Airframe, lag_s: float) -> str:
 
 
 def _drags(a: Airframe) -> str:
+    """Return the drag in the airframe's JSBSim XML."""
     axes = zip(("X", "Y", "Z"), ("u", "v", "w"), a.drag_area_m2, strict=True)
     slow_fps = a.min_drag_speed_m_s / 0.3048
     return "".join(
@@ -188,6 +194,7 @@ def _drags(a: Airframe) -> str:
 
 
 def _dampings(a: Airframe) -> str:
+    """Return the rotational damping in the airframe's JSBSim XML."""
     gain = -a.angular_damping_n_m_s * _FOOT_POUNDS_PER_NEWTON_METRE
     return "".join(
         f"""

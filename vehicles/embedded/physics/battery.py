@@ -9,7 +9,7 @@ _IDLE_CURRENT_A = 0.3
 
 
 class Charge(NamedTuple):
-    """What a battery monitor shows."""
+    """The battery's charge as its monitor shows it."""
 
     voltage_v: float
     current_a: float
@@ -19,7 +19,7 @@ class Charge(NamedTuple):
 
 
 class Battery:
-    """A pack that is drained in proportion to thrust."""
+    """The physics of a battery that is drained in proportion to thrust."""
 
     def __init__(self, *, profile: BatteryProfile, hover_thrust_n: float) -> None:
         self._profile = profile
@@ -31,16 +31,10 @@ class Battery:
         """What is left of thrust at equal throttle, 1 when full."""
 
     def drain(self, thrust_n: float, dt_s: float) -> None:
-        """Take out what the motors use for this collective thrust."""
+        """Drain the battery by what the motors use for this collective thrust."""
         current_a = _IDLE_CURRENT_A + thrust_n * self._amperes_per_newton
         self._used_mah += current_a * dt_s / _SECONDS_PER_HOUR * 1000.0
         self.charge = self._battery_reading(current_a)
-        self.thrust_factor = self._thrust_left()
-
-    def set_remaining(self, remaining: float) -> None:
-        """Set the charge (0 to 1), for tests and fault runs."""
-        self._used_mah = (1.0 - remaining) * self._profile.capacity_mah
-        self.charge = self._battery_reading(self.charge.current_a)
         self.thrust_factor = self._thrust_left()
 
     def _thrust_left(self) -> float:

@@ -25,7 +25,7 @@ _STILL = 2e-3
 
 
 class Body:
-    """What flies: stepped 250 times a second with thrusts, gives estimates and truth."""
+    """The flying body: stepped 250 times a second with thrusts, gives estimates and truth."""
 
     def __init__(
         self, *, config: EmbeddedConfig, seed: int, surroundings: ContactWorld | None
@@ -71,7 +71,7 @@ class Body:
         self.motors_stopped = True
 
     def step(self, thrusts: Thrusts, t_s: float) -> Motion:
-        """Advance one step with these commands and return the new estimate."""
+        """Advance the body one step with these commands; return the new estimate."""
         if self.contact is not None:
             thrusts = STOPPED
         self.motors_stopped = thrusts == STOPPED
@@ -96,7 +96,7 @@ class Body:
         return self._estimator.estimate(self.truth)
 
     def pose(self) -> Pose:
-        """Return the true pose in the world's local frame."""
+        """Return the body's true pose in the world's local frame."""
         pose = self._pose
         if pose is None:
             truth = self.truth
@@ -108,7 +108,7 @@ class Body:
         return pose
 
     def sample(self, t_s: float) -> TruthSample:
-        """Return the truth for who judges."""
+        """Return the body's true motion as a sample."""
         return TruthSample(
             t_s,
             self.pose(),
@@ -122,14 +122,14 @@ class Body:
         )
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Let one motor give only this part of its thrust from now on."""
+        """Let one motor of the body give only this part of its thrust from now on."""
         self._plant.fail_motor(index, factor=factor)
 
     def _to_world(self, vector: Vec3) -> Vec3:
         return rotate(self._turn, vector) if self._turn_rad else vector
 
     def _is_resting(self) -> bool:
-        """Return whether nothing can move it: motors stopped, on its legs, still for a while.
+        """Return whether the body rests: motors stopped, on its legs, still for a while.
 
         The physics of a vehicle that stands and waits is skipped; readiness may take 40 s.
         """
@@ -146,7 +146,7 @@ class Body:
         return True
 
     def _wreck(self) -> None:
-        """Come to rest where it lies: legs alone do not carry what has turned over.
+        """Bring the body to rest where it lies: legs do not carry one that turned over.
 
         The ground is then what it has touched.
         """
@@ -167,5 +167,6 @@ class Body:
 
 
 def _is_tilted(motion: Motion) -> bool:
+    """Return whether a body is tilted too far to stand on its legs."""
     roll, pitch, _ = motion.euler_rad
     return math.cos(roll) * math.cos(pitch) < _WRECK_COSINE

@@ -13,23 +13,23 @@ AutopilotKind = Literal["px4", "ardupilot"]
 
 
 class ContactWorld(Protocol):
-    """The physical things around a vehicle."""
+    """The physical objects around an embedded vehicle (protocol)."""
 
     def contact(self, pose_0: Pose, t_0: float, pose_1: Pose, t_1: float) -> str | None:
-        """Return what the vehicle touches on its way between two poses (world frame); or None."""
+        """Return what the vehicle touches between two poses (world frame); or None."""
 
 
 @runtime_checkable
 class EventListener(ContactWorld, Protocol):
-    """Surroundings that move: they start when they are told."""
+    """Surroundings that move: they start at events (protocol)."""
 
     def notify(self, event: str, t_s: float) -> None:
-        """Take note that an event happened at t_s (run clock)."""
+        """Notify the surroundings of an event at t_s (run clock)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmbeddedConfig:
-    """An embedded vehicle: who it is, where it stands, in what air.
+    """The config of an embedded vehicle: ids, profile, start, wind, surroundings.
 
     start: where it stands in the world's local frame (position, heading). heading_rad: what its
     compass shows there, when the world's north is not the earth's; None for the same.

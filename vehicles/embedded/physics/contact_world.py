@@ -17,24 +17,24 @@ _NEAR_M = 0.05
 
 
 def body_of(airframe: Airframe) -> BoxShape:
-    """Return the box that an airframe fills: half extents forward, right, down in metres."""
+    """Return the box of an airframe for contacts: half extents forward, right, down in metres."""
     half_m = airframe.body_width_m / 2.0
     return BoxShape((half_m, half_m, airframe.body_height_m / 2.0))
 
 
 class SceneContactWorld:
-    """The things of a scene as a body feels them; the ground it stands on is no contact."""
+    """The contact world of a scene; the ground it stands on is no contact."""
 
     def __init__(self, *, scene: Scene, body: BoxShape) -> None:
         self._probe = ClearanceProbe(scene, body, floors=False, within_m=_NEAR_M)
         self._events: dict[str, float] = {}
 
     def notify(self, event: str, t_s: float) -> None:
-        """Take note that an event happened at t_s (run clock): what moves may start now."""
+        """Notify the contact world of an event at t_s: moving objects may start."""
         self._events[event] = t_s
 
     def contact(self, pose_0: Pose, t_0: float, pose_1: Pose, t_1: float) -> str | None:
-        """Return the first thing touched on the way between two poses (world frame), or None."""
+        """Return the first contact on the way between two poses, or None."""
         swept = self._probe.sweep(pose_0, t_0, pose_1, t_1, self._events)
         touched = [one for one in swept if one.clearance_m <= 0.0]
         first = min(touched, key=lambda one: one.at_s, default=None)
@@ -42,12 +42,12 @@ class SceneContactWorld:
 
 
 def as_argument(world: Document, mode: Mode, which: Which) -> str:
-    """Return what `from_argument` makes the same surroundings of, in another process."""
+    """Return the contact world as text for `from_argument` in another process."""
     return json.dumps({"path": str(world.path), "mode": mode, "which": which, "world": world.data})
 
 
 def from_argument(argument: str) -> SceneContactWorld:
-    """Return the surroundings of a world given as text. Raises BadInput, ValueError."""
+    """Return the contact world of a text. Raises BadInput, ValueError."""
     given: Mapping[str, object] = json.loads(argument)
     path = Path(str(given["path"]))
     document = parse(json.dumps(given["world"]).encode(), name=path.name, path=path)

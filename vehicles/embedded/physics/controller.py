@@ -18,7 +18,7 @@ _EASE_PER_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Of the cascade, horizontal and vertical; the names and defaults of PX4's parameters.
+    """The controller's gains, horizontal and vertical; names and defaults of PX4's parameters.
 
     position: MPC_XY_P, MPC_Z_P (1/s). velocity: MPC_XY_VEL_P_ACC, MPC_Z_VEL_P_ACC (1/s).
     integral: MPC_XY_VEL_I_ACC, MPC_Z_VEL_I_ACC (1/s2). acceleration: how fast a velocity setpoint
@@ -37,7 +37,7 @@ class Gains:
 
 
 class Target(NamedTuple):
-    """What the controller is to reach, NED, the estimator's frame.
+    """The controller's target, NED, the estimator's frame.
 
     position_ned_m: per axis, None where only the velocity counts. velocity_ned_m_s: the velocity,
     or what is added to the one that position asks for. yaw_rad: None to turn at yaw_rate_rad_s.
@@ -52,7 +52,7 @@ class Target(NamedTuple):
 
 
 class Controller:
-    """Turns an estimate and a target into thrusts of the four motors."""
+    """The cascaded controller: from estimate and target to the thrusts of four motors."""
 
     def __init__(self, *, airframe: Airframe, gains: Gains, dt_s: float) -> None:
         self._frame = airframe
@@ -75,24 +75,19 @@ class Controller:
         self._yaw_rad = 0.0
 
     @property
-    def velocity_setpoint_ned_m_s(self) -> Vec3:
-        """Return the velocity that it now flies, after limits."""
-        return self._velocity_setpoint
-
-    @property
     def yaw_setpoint_rad(self) -> float:
-        """Return the heading that it now holds."""
+        """Return the controller's heading setpoint."""
         return self._yaw_rad
 
     def reset(self, *, yaw_rad: float, velocity_ned_m_s: Vec3 = (0.0, 0.0, 0.0)) -> None:
-        """Forget what was integrated; hold this heading, start from this velocity."""
+        """Reset the controller's integrals; hold this heading, start from this velocity."""
         self._integral = (0.0, 0.0, 0.0)
         self._velocity_setpoint = velocity_ned_m_s
         self._yaw_rad = yaw_rad
         self._calls = 0
 
     def run(self, now: Motion, target: Target) -> Thrusts:
-        """Return the thrusts of this step."""
+        """Return the controller's thrusts of this step."""
         if self._calls % _OUTER_EVERY == 0:
             self._shape(now, target)
             self._acceleration = self._accelerate(now)
@@ -121,7 +116,7 @@ class Controller:
         self._slew(north, east, down)
 
     def _slew(self, north: float, east: float, down: float) -> None:
-        """Move the velocity setpoint towards this one, and keep how fast as feed-forward."""
+        """Slew the velocity setpoint; keep its rate as feed-forward."""
         (limit, vertical), dt = self._gains.acceleration_m_s2, self._dt_s
         old_north, old_east, old_down = self._velocity_setpoint
         dn, de = north - old_north, east - old_east
@@ -153,7 +148,7 @@ class Controller:
         )
 
     def _turn(self, target: Target) -> None:
-        """Move the heading setpoint, no faster than the vehicle may turn."""
+        """Slew the heading setpoint, no faster than the vehicle may turn."""
         if target.yaw_rad is None:
             turn_rad = target.yaw_rate_rad_s * self._dt_s
         else:
@@ -183,7 +178,7 @@ class Controller:
         )
 
     def _mix(self, thrust: float, roll: float, pitch: float, yaw: float) -> Thrusts:
-        """Return motor thrusts in N that give the thrust and torques; saturation cuts thrust."""
+        """Return motor thrusts in N for the thrust and torques; saturation cuts thrust."""
         arm_m, drag_m = self._levers_m
         a, b, c, d = thrust / 4.0, roll / arm_m, pitch / arm_m, yaw / drag_m
         m0, m1, m2, m3 = a - b + c + d, a + b - c + d, a + b + c - d, a - b - c - d
@@ -199,7 +194,7 @@ class Controller:
 
 
 def _approach(distance_m: float, gain: float, deceleration_m_s2: float) -> float:
-    """Return speed over distance: proportional near the goal, a constant braking farther away.
+    """Return the controller's speed by distance: proportional near, constant braking farther.
 
     The square-root controller that ArduPilot and PX4 both use for positions.
     """
@@ -210,10 +205,12 @@ def _approach(distance_m: float, gain: float, deceleration_m_s2: float) -> float
 
 
 def _clamp(value: float, limit: float) -> float:
+    """Return the controller's value clamped to plus or minus a limit."""
     if value > limit:
         return limit
     return -limit if value < -limit else value
 
 
 def _wrap(angle_rad: float) -> float:
+    """Return the controller's angle wrapped to [-pi, pi)."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi

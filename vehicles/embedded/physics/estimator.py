@@ -15,7 +15,7 @@ _WALKS_HZ = 25
 
 
 class Estimator:
-    """Makes estimates from true motion, one per physics step.
+    """The emulated estimator: estimates from true motion, one per physics step.
 
     Position starts at zero, wherever the errors stand: the estimator's origin is where it began.
     Body rates come from gyroscopes and carry no delay.

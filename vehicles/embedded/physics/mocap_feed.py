@@ -18,7 +18,7 @@ _BLOCK = 128
 
 
 class MotionCaptureFeed:
-    """Takes truth, gives readings; `t_s` of a reading is when it was true."""
+    """The emulated motion capture: from truth to readings; `t_s`: when it was true."""
 
     def __init__(
         self, *, noise: MotionCapture, source: Source, physics_hz: int, rng: np.random.Generator
@@ -36,11 +36,11 @@ class MotionCaptureFeed:
         self._noisy = any(self._sigma)
 
     def add(self, callback: Callable[[PoseReading], None]) -> None:
-        """Give the readings to one more."""
+        """Add a receiver of the motion capture feed."""
         self._callbacks.append(callback)
 
     def is_due(self, step: int) -> bool:
-        """Return whether this physics step is seen by the cameras."""
+        """Return whether motion capture samples this physics step."""
         if not self._callbacks:
             return False
         # Whole numbers: the k-th picture is taken at the first step not before k / rate.
@@ -48,7 +48,7 @@ class MotionCaptureFeed:
         return step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
 
     def take(self, truth: TruthSample) -> None:
-        """See the vehicle."""
+        """Sample the vehicle's true pose for motion capture."""
         pose = truth.pose
         if self._noisy:
             if not self._normals:
@@ -63,11 +63,11 @@ class MotionCaptureFeed:
 
     @property
     def next_due_s(self) -> float | None:
-        """Return when the next reading arrives; None when none is under way."""
+        """Return when the next motion capture reading arrives; None without."""
         return self._under_way[0][0] if self._under_way else None
 
     def deliver(self, now_s: float) -> None:
-        """Give what has arrived by now."""
+        """Deliver the motion capture readings that have arrived by now."""
         while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
             _, truth, pose = self._under_way.popleft()
             reading = PoseReading(truth.t_s, now_s, self._source, pose, truth.velocity_ned_m_s)

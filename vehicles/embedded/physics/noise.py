@@ -8,7 +8,7 @@ from worlds.frames import Vec3
 
 
 class GaussMarkov:
-    """Independent walks of zero mean along three axes, from their stationary spread on.
+    """Gauss-Markov noise of zero mean along three axes, stationary from the begin.
 
     x[k+1] = a x[k] + sigma sqrt(1 - a^2) n, a = exp(-dt / time constant): exact for any step
     (Gelb, "Applied Optimal Estimation", 1974, section 3.8).
@@ -34,7 +34,7 @@ class GaussMarkov:
         self._silent = not any(sigma)
 
     def advance(self) -> Vec3:
-        """Step once and return the new values."""
+        """Advance the noise by one step and return its values."""
         if self._silent:
             return self.value
         if not self._kicks:

@@ -18,30 +18,30 @@ _TURBULENCE_NONE = 0.0
 
 
 class PlantError(Exception):
-    """The physics cannot go on; says in which quantity."""
+    """The simulated plant diverged; says in which quantity."""
 
 
 class _Silent(jsbsim.FGLogger):
-    """Takes JSBSim's messages and drops them: it writes to stdout otherwise."""
+    """A JSBSim logger that drops the plant's messages, which go to stdout otherwise."""
 
     def set_level(self, level: object) -> None:
-        pass
+        """Ignore the level of JSBSim's message."""
 
     def file_location(self, filename: object, line: object) -> None:
-        pass
+        """Ignore the place of JSBSim's message."""
 
     def message(self, message: object) -> None:
-        pass
+        """Drop JSBSim's message."""
 
     def format(self, format: object) -> None:  # noqa: A002  # JSBSim's name
-        pass
+        """Ignore the format of JSBSim's message."""
 
     def flush(self) -> None:
-        pass
+        """Do nothing: no message of JSBSim is kept."""
 
 
 class Plant:
-    """One JSBSim quadrotor that stands on flat ground, its heading and place given.
+    """The simulated plant: one JSBSim quadrotor on flat ground, heading and place given.
 
     `motor_factors` multiply the commanded thrusts: the spread between motors. Positions are NED
     metres from where it stands after settling.
@@ -73,7 +73,7 @@ class Plant:
         self._settle()
 
     def step(self, thrusts: Thrusts) -> None:
-        """Advance by one step with these commands, in newtons per motor."""
+        """Advance the plant by one step with these commands, in newtons per motor."""
         factors = self._factors
         commands = self._commands
         commands[0](thrusts[0] * factors[0])
@@ -83,7 +83,7 @@ class Plant:
         self._run()
 
     def motion(self) -> Motion:
-        """Return the true motion. Raises PlantError when a number is not finite."""
+        """Return the plant's true motion. Raises PlantError when a number is not finite."""
         n, e, u, vn, ve, vd, roll, pitch, yaw, p, q, r, x, y, z = [get() for get in self._moves]
         if not math.isfinite(n + e + u + vn + ve + vd + roll + pitch + yaw + p + q + r):
             raise PlantError(
@@ -104,22 +104,22 @@ class Plant:
         )
 
     def thrusts(self) -> Thrusts:
-        """Return what each motor gives now, in newtons: behind its command by the lag."""
+        """Return each motor's thrust in the plant, newtons: lagging its command."""
         a, b, c, d = self._given
         return (a(), b(), c(), d())
 
     def on_ground(self) -> bool:
-        """Return whether a leg touches the ground."""
+        """Return whether a leg of the plant touches the ground."""
         a, b, c, d = self._wheels
         return bool(a() > 0.0 or b() > 0.0 or c() > 0.0 or d() > 0.0)
 
     def set_wind(self, wind_ned_m_s: Vec3) -> None:
-        """Set the movement of the air, towards north, east and down."""
+        """Set the plant's wind, towards north, east and down."""
         for blow, speed in zip(self._wind, wind_ned_m_s, strict=True):
             blow(speed / _METRES_PER_FOOT)
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Let one motor give only this part of its commanded thrust from now on."""
+        """Let one motor of the plant give only this part of its commanded thrust."""
         self._factors[index] = factor
 
     def _start(
@@ -139,7 +139,7 @@ class Plant:
             raise PlantError("JSBSim does not start from the initial conditions")
 
     def _bind(self) -> None:
-        """Look up once what is read and written in each step."""
+        """Look up the JSBSim properties that the plant reads and writes in each step."""
         manager = self._fdm.get_property_manager()
 
         def nodes(*names: str) -> list[Any]:
@@ -168,7 +168,7 @@ class Plant:
         self._wind = setters(*(f"atmosphere/wind-{axis}-fps" for axis in ("north", "east", "down")))
 
     def _settle(self) -> None:
-        """Let the legs find their rest, then count positions from there."""
+        """Let the plant's legs settle, then count positions from there."""
         for _ in range(round(0.5 / self._dt_s)):
             self.step((0.0, 0.0, 0.0, 0.0))
         self._zero = self.motion().position_ned_m

@@ -15,7 +15,7 @@ STOPPED: Thrusts = (0.0, 0.0, 0.0, 0.0)
 
 
 class Motion(NamedTuple):
-    """How a body moves: NED metres and m/s from where it was at boot; Euler angles; body rates.
+    """A body's motion state: NED metres and m/s from its place at boot; Euler angles; body rates.
 
     `specific_force_m_s2` is what an accelerometer feels, body axes.
     """
@@ -33,7 +33,7 @@ AT_REST = Motion(
 
 
 class TruthSample(NamedTuple):
-    """Where the vehicle truly is, in the world's local frame.
+    """The vehicle's true state in the world's local frame.
 
     t_s: run clock. motors_stopped: no motor gives thrust by command. contact: the physical thing
     that it has touched, for good; None while it has touched nothing. rates_frd_rad_s: of the body.

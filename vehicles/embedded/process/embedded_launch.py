@@ -25,7 +25,7 @@ from vehicles.readings import PoseReading, Source
 
 
 class FeedClient(asyncio.DatagramProtocol):
-    """Hears one vehicle's feed; the same interface as the vehicle in process.
+    """The client of one launched embedded vehicle's feed; the interface of one in process.
 
     An async context manager that binds `port` (0: any) on loopback.
     """
@@ -47,37 +47,37 @@ class FeedClient(asyncio.DatagramProtocol):
 
     @property
     def port(self) -> int:
-        """Return the port that is heard on; 0 when closed."""
+        """Return the feed client's port; 0 when closed."""
         if self._transport is None:
             return 0
         return int(self._transport.get_extra_info("sockname")[1])
 
     def truth(self) -> TruthSample | None:
-        """Return the newest truth; None before the first."""
+        """Return the launched vehicle's newest truth; None before the first."""
         return self._truth
 
     def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
-        """Have the truth given to `callback`, at most so often."""
+        """Call `callback` with the embedded vehicle's truth, at most so often."""
         self._truths.append((1.0 / rate_hz, callback, [-1.0]))
 
     def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
-        """Have motion capture's readings given to `callback`."""
+        """Call `callback` with the embedded vehicle's motion capture readings."""
         self._mocaps.append(callback)
 
     def notify(self, event: str, t_s: float) -> None:
-        """Pass an event of the world to the vehicle's surroundings."""
+        """Pass an event of the world to the embedded vehicle's surroundings."""
         self._send(WorldEvent(self._next_seq(), event, t_s))
 
     def fault(self, fault: Fault) -> None:
-        """Make a fault in the vehicle."""
+        """Inject a fault into the embedded vehicle."""
         self._send(MakeFault(self._next_seq(), str(fault)))
 
     def pace(self, segment: Segment) -> None:
-        """Have the vehicle's clock go on by this piece."""
+        """Have the embedded vehicle's clock continue by this segment."""
         self._send(GoOn(self._next_seq(), segment))
 
     async def __aenter__(self) -> Self:
-        """Bind the port. Raises LinkError when it is taken."""
+        """Bind the feed client's port. Raises LinkError when it is taken."""
         loop = asyncio.get_running_loop()
         try:
             await loop.create_datagram_endpoint(lambda: self, local_addr=self._where)
@@ -91,17 +91,17 @@ class FeedClient(asyncio.DatagramProtocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the socket."""
+        """Close the feed client's socket."""
         if self._transport is not None:
             self._transport.close()
             self._transport = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take the socket."""
+        """Keep the feed client's socket (asyncio calls this)."""
         self._transport = cast("asyncio.DatagramTransport", transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Take a datagram of the vehicle."""
+        """Take a datagram of the embedded vehicle's feed."""
         try:
             message = from_vehicle.decode(data)
         except MessageError:
@@ -123,6 +123,7 @@ class FeedClient(asyncio.DatagramProtocol):
             callback(reading)
 
     def _give_truth(self, sample: TruthSample) -> None:
+        """Pass a truth sample of the feed to the callbacks that are due."""
         self._truth = sample
         for interval_s, callback, due_s in self._truths:
             if sample.t_s >= due_s[0] - 1e-3:
@@ -130,9 +131,11 @@ class FeedClient(asyncio.DatagramProtocol):
                 callback(sample)
 
     def _next_seq(self) -> int:
+        """Return the next sequence number to the embedded vehicle."""
         self._seq_out += 1
         return self._seq_out
 
     def _send(self, message: ToVehicle) -> None:
+        """Send a message to the embedded vehicle's process."""
         if self._transport is not None and self._peer is not None:
             self._transport.sendto(to_vehicle.encode(message), self._peer)

@@ -42,7 +42,7 @@ BAD_SETTINGS, FAILED = 2, 1
 
 
 class FeedEnd(asyncio.DatagramProtocol):
-    """The vehicle's end of the feed."""
+    """The embedded process's end of its feed."""
 
     def __init__(self, *, vehicle: EmbeddedVehicle, stop: asyncio.Event) -> None:
         self._vehicle = vehicle
@@ -51,33 +51,35 @@ class FeedEnd(asyncio.DatagramProtocol):
         self._seq = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take the socket."""
+        """Keep the embedded process's feed socket (asyncio calls this)."""
         self._transport = cast("asyncio.DatagramTransport", transport)
 
     def datagram_received(self, data: bytes, addr: object) -> None:  # noqa: ARG002 - asyncio's
-        """Take an event or a fault; anything else is said on stderr and dropped."""
+        """Take an event or a fault; anything else is reported on stderr and dropped."""
         try:
             self._take(to_vehicle.decode(data))
         except (MessageError, FaultError) as error:
             sys.stderr.write(f"feed: {error}\n")
 
     def error_received(self, exc: Exception) -> None:
-        """Go on: a parent that does not listen is no reason to fall."""
+        """Continue: an absent parent does not end the embedded process."""
 
     def send_truth(self, sample: TruthSample) -> None:
-        """Send a truth sample."""
+        """Send a truth sample from the embedded process."""
         self._send(Truth(self._seq, sample))
 
     def send_mocap(self, reading: PoseReading) -> None:
-        """Send a motion-capture reading."""
+        """Send a motion capture reading from the embedded process."""
         self._send(Mocap(self._seq, reading))
 
     def _send(self, message: FromVehicle) -> None:
+        """Send a message on the embedded process's feed."""
         self._seq += 1
         if self._transport is not None and not self._transport.is_closing():
             self._transport.sendto(from_vehicle.encode(message))
 
     def _take(self, message: ToVehicle) -> None:
+        """Handle a message to the embedded process: event, fault or clock."""
         match message:
             case WorldEvent(_, name, t_s):
                 self._vehicle.notify(name, t_s)
@@ -87,6 +89,7 @@ class FeedEnd(asyncio.DatagramProtocol):
                 self._make(parse_fault(fault))
 
     def _make(self, fault: Fault) -> None:
+        """Inject a fault into the vehicle of this embedded process."""
         if fault.name == "kill":
             self._stop.set()
         elif fault.name == "motor":
@@ -96,7 +99,7 @@ class FeedEnd(asyncio.DatagramProtocol):
 
 
 async def fly(settings: ProcessSettings, stop: asyncio.Event) -> None:
-    """Run the vehicle until `stop` is set. Raises LinkError, BadInput, or what stopped it."""
+    """Run the embedded vehicle until `stop` is set. Raises LinkError, BadInput, or its error."""
     vehicle = EmbeddedVehicle(
         config=settings.config(),
         link=open_link(parse_link(settings.link)),
@@ -123,7 +126,7 @@ async def fly(settings: ProcessSettings, stop: asyncio.Event) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Run until told to end; the one argument is the settings as JSON. Return the exit code."""
+    """Run the embedded process; the one argument is its settings as JSON. Return the exit code."""
     if len(arguments) != 1:
         sys.stderr.write("usage: python -m vehicles.embedded SETTINGS_JSON\n")
         return BAD_SETTINGS
@@ -136,7 +139,7 @@ def main(arguments: list[str]) -> int:
 
 
 def run_process(settings: ProcessSettings) -> int:
-    """Be the process of a vehicle until it is told to end; return the exit code."""
+    """Run the process of an embedded vehicle until it ends; return the exit code."""
     try:
         if settings.end_with_parent:
             die_with_parent(signal.SIGTERM)
@@ -149,12 +152,14 @@ def run_process(settings: ProcessSettings) -> int:
 
 
 def _go_on(segment: Segment) -> None:
+    """Continue the embedded process's clock by a segment."""
     loop = asyncio.get_running_loop()
     if isinstance(loop, PacedLoop):
         loop.follow(segment)
 
 
 async def _await_stop(settings: ProcessSettings) -> None:
+    """Run the embedded process's vehicle until SIGTERM, SIGINT or stdin's end."""
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
@@ -175,13 +180,14 @@ async def _await_stop(settings: ProcessSettings) -> None:
 
 
 def _on_stdin(stop: Callable[[], None]) -> None:
+    """Stop the embedded process when its stdin ends."""
     if not os.read(sys.stdin.fileno(), 4096):
         asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
         stop()
 
 
 def _contact_world(surround: ContactWorldSettings | None) -> ContactWorld | None:
-    """Return who knows the physical things. Raises ValueError when it cannot be had."""
+    """Return the embedded process's contact world. Raises ValueError when it is unavailable."""
     if surround is None:
         return None
     module, _, name = surround.use.partition(":")

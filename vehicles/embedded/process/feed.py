@@ -13,21 +13,21 @@ from vehicles.readings import PoseReading
 
 
 class Truth(Message, frozen=True):
-    """Where the vehicle truly is, and what it feels."""
+    """Feed message: the vehicle's truth."""
 
     seq: int
     sample: TruthSample
 
 
 class Mocap(Message, frozen=True):
-    """A motion-capture reading; the receiver says when it arrived, and of which vehicle it is."""
+    """Feed message: a motion capture reading; the receiver adds arrival time and vehicle."""
 
     seq: int
     reading: PoseReading
 
 
 class WorldEvent(Message, frozen=True):
-    """An event of the world, by its name."""
+    """Feed message: an event of the world, by its name."""
 
     seq: int
     name: str
@@ -35,14 +35,14 @@ class WorldEvent(Message, frozen=True):
 
 
 class MakeFault(Message, frozen=True):
-    """A fault to make, as the text that `faults` reads."""
+    """Feed message: a fault to inject, as text."""
 
     seq: int
     fault: str
 
 
 class GoOn(Message, frozen=True):
-    """How the run clock goes on."""
+    """Feed message: how the run clock continues."""
 
     seq: int
     segment: Segment
@@ -55,7 +55,7 @@ to_vehicle: Codec[ToVehicle] = Codec(ToVehicle)
 
 
 def is_finite(message: FromVehicle) -> bool:
-    """Return whether all numbers of a pose, and its time, are finite."""
+    """Return whether all numbers of a feed message's pose, and its time, are finite."""
     match message:
         case Truth(_, sample):
             felt = (*sample.rates_frd_rad_s, *sample.specific_force_frd_m_s2, *sample.thrusts_n)

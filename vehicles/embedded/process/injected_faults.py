@@ -4,23 +4,23 @@ from typing import NamedTuple
 
 
 class FaultError(ValueError):
-    """A text that names no fault; says which there are."""
+    """A text that names no fault to inject; says which there are."""
 
 
 class Fault(NamedTuple):
-    """`kill`, `mute`, `unmute`, or `motor` with its index and what is left of its thrust."""
+    """A fault to inject: `kill`, `mute`, `unmute`, or `motor` with index and remaining thrust."""
 
     name: str
     motor: int = 0
     factor: float = 0.0
 
     def __str__(self) -> str:
-        """Return the text."""
+        """Return the injected fault as text."""
         return f"motor {self.motor} {self.factor}" if self.name == "motor" else self.name
 
 
 def parse_fault(text: str) -> Fault:
-    """Return the fault of a text: "kill", "mute", "unmute", "motor 2 0.5". Raises FaultError."""
+    """Return the fault in a text: "kill", "mute", "unmute", "motor 2 0.5". Raises FaultError."""
     name, *rest = text.split()[:4] or [""]
     if name in {"kill", "mute", "unmute"} and not rest:
         return Fault(name)

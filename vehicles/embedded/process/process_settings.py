@@ -11,11 +11,13 @@ from worlds.frames import Pose
 
 
 class _Part(BaseModel):
+    """The base of the parts of an embedded process's settings."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class Start(_Part):
-    """Where it stands in the world."""
+    """The start pose in an embedded process's settings."""
 
     north_m: float = 0.0
     east_m: float = 0.0
@@ -24,14 +26,14 @@ class Start(_Part):
 
 
 class ContactWorldSettings(_Part):
-    """Who knows the physical things: `module:function`, called with the argument."""
+    """The settings of the contact world: `module:function`, called with the argument."""
 
     use: str = Field(pattern=r"^[\w.]+:\w+$")
     argument: str = ""
 
 
 class ProcessSettings(_Part):
-    """A vehicle on a link of its own, with its feed.
+    """The settings of an embedded vehicle's process, with its link and feed.
 
     link: a link string, seen from the vehicle (udpout://127.0.0.1:14540). feed_host, feed_port:
     where truth and motion capture are sent; 0 for no feed. speed: how many times real time its
@@ -64,7 +66,7 @@ class ProcessSettings(_Part):
     refuse_arm: str | None = None
 
     def config(self) -> EmbeddedConfig:
-        """Return the vehicle's configuration. Raises ProfileError, BadInput."""
+        """Return the vehicle's config. Raises ProfileError, BadInput."""
         start = self.start
         return EmbeddedConfig(
             autopilot=self.autopilot,

@@ -23,7 +23,7 @@ _READ_TIMEOUT_S = 0.2
 
 
 class AvGrabber:
-    """A Grabber over PyAV: RTSP, RTP and V4L2.
+    """A Grabber of camera images by PyAV: RTSP, RTP and V4L2.
 
     After lost or broken data every picture is held back until the next key picture, since a
     decoder goes on from wrong ones without a word. Who joins a stream waits for its first key
@@ -43,7 +43,7 @@ class AvGrabber:
         self._first: Grabbed | None = None
 
     def open(self) -> None:
-        """Open the address and wait for its first picture. Raises SourceError."""
+        """Open PyAV's address and wait for its first image. Raises SourceError."""
         deadline_s = time.monotonic() + self._open_timeout_s
         self._open_stream(deadline_s)
         joined_late = False
@@ -82,12 +82,12 @@ class AvGrabber:
             self._losses.lost_before(bytes(extradata))
 
     def grab(self) -> Grabbed | None:
-        """Return the next picture; None when none came for a moment. Raises SourceError."""
+        """Return PyAV's next image; None when none came for a moment. Raises SourceError."""
         first, self._first = self._first, None
         return first or self._next()
 
     def close(self) -> None:
-        """Close the stream or device."""
+        """Close PyAV's stream or device."""
         if self._container is not None:
             self._container.close()
 
@@ -140,4 +140,5 @@ class AvGrabber:
 
 
 def _stamp_s(packet: Any) -> float | None:
+    """Return the presentation time of PyAV's packet; None without."""
     return None if packet.pts is None else float(packet.pts * packet.time_base)

@@ -32,7 +32,7 @@ _NETWORK: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class AvInput:
-    """What `av.open` is called with. sdp: text of the session that stands for the address."""
+    """The input that `av.open` is called with. sdp: the session's text for the address."""
 
     kind: AvKind
     url: str
@@ -41,7 +41,7 @@ class AvInput:
     sdp: str | None = None
 
     def session(self) -> str | None:
-        """Return the session's text, from its file if it has one. Raises SourceError."""
+        """Return the input's SDP text, from its file if it has one. Raises SourceError."""
         if self.sdp is None and self.format == "sdp":
             return _read_sdp(self.url)
         return self.sdp
@@ -55,7 +55,7 @@ def av_input(
     rtsp_transport: Literal["tcp", "udp"] = "tcp",
     v4l2_format: str | None = None,
 ) -> AvInput:
-    """Return how to open `rtsp://...`, `rtp://HOST:PORT`, `*.sdp`, `/dev/video*`, or a file.
+    """Return PyAV's input for `rtsp://...`, `rtp://HOST:PORT`, `*.sdp`, `/dev/video*`, files.
 
     `rtp://` takes H.264 with dynamic payload type 96, as sent by `orchestrator.delivery`, by
     GStreamer's rtph264pay and by most drones; anything else is described by an SDP file.
@@ -74,15 +74,17 @@ def av_input(
 
 
 def shown(address: str) -> str:
-    """Return an address without its password."""
+    """Return an input's address without its password."""
     return re.sub(r"(?<=://)([^/@:]*):[^/@]*@", r"\1:***@", address)
 
 
 def _rtp(address: str, sdp: str | None) -> AvInput:
+    """Return PyAV's input for an RTP address or session."""
     return AvInput("rtp", address, "sdp", {**_NETWORK, "protocol_whitelist": "file,udp,rtp"}, sdp)
 
 
 def _default_sdp(address: str) -> str:
+    """Return the SDP of an RTP address with H.264. Raises SourceError."""
     match = re.fullmatch(r"rtp://([^:/@]+):(\d{1,5})/?", address)
     if match is None or not 0 < int(match[2]) < 65536:
         raise SourceError(f"{address}: is not rtp://HOST:PORT, as in rtp://127.0.0.1:5600")
@@ -100,6 +102,7 @@ def _default_sdp(address: str) -> str:
 
 
 def _read_sdp(path: str) -> str:
+    """Return the text of an input's SDP file. Raises SourceError."""
     try:
         return Path(path).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -113,6 +116,7 @@ def _read_sdp(path: str) -> str:
 def _v4l2_options(
     intrinsics: Intrinsics | None, rate_hz: float | None, v4l2_format: str | None
 ) -> dict[str, str]:
+    """Return PyAV's options for a V4L2 input: size, rate, format."""
     options: dict[str, str] = {}
     if intrinsics is not None:
         options["video_size"] = f"{intrinsics.width_px}x{intrinsics.height_px}"
@@ -140,14 +144,14 @@ _REMEDIES: tuple[tuple[type[Exception], str], ...] = (
 
 
 def nothing_came(address: str) -> SourceError:
-    """Return the error for an address from which no picture came in time."""
+    """Return the error of a camera input from which no image came in time."""
     return SourceError(
         f"{shown(address)}: no image in time; check that it is sent to this host and port"
     )
 
 
 def no_key_frame(address: str) -> SourceError:
-    """Return the error for a stream that came, and in which nothing can be decoded."""
+    """Return the error of a camera input in which nothing can be decoded."""
     return SourceError(
         f"{shown(address)}: video comes, and no key picture that decoding can start from; let "
         "the sender send one every second (keyint, GOP, I-frame interval), or wait longer"
@@ -155,7 +159,7 @@ def no_key_frame(address: str) -> SourceError:
 
 
 def opening_error(address: str, error: Exception) -> SourceError:
-    """Return FFmpeg's complaint as a message that says what to do."""
+    """Return FFmpeg's error of opening an input, with what to do."""
     name = shown(address)
     if isinstance(error, av.error.ExitError):
         return nothing_came(address)

@@ -18,7 +18,7 @@ Decode = Callable[[bytes], "CompressedImage"]
 
 @dataclass(frozen=True, slots=True)
 class CompressedImage:
-    """stamp_s: since 1970, None when not set. format: "jpeg", "png", ... data: the image file."""
+    """A compressed image. stamp_s: since 1970, None if unset. format: "jpeg", "png", ..."""
 
     stamp_s: float | None
     format: str
@@ -26,11 +26,13 @@ class CompressedImage:
 
 
 def decoder_for(schema: str, encoding: str) -> Decode | None:
-    """Return who reads such messages; None for what is no compressed image."""
+    """Return the decoder of compressed image messages; None for other messages."""
     return _DECODERS.get((schema, encoding))
 
 
 def _guard_decoder(decode: Decode) -> Decode:
+    """Return a compressed image decoder that raises BadMessageError for any fault."""
+
     def guarded(message: bytes) -> CompressedImage:
         try:
             return decode(message)
@@ -41,6 +43,7 @@ def _guard_decoder(decode: Decode) -> Decode:
 
 
 def _protobuf(message: bytes) -> CompressedImage:
+    """Decode a compressed image in protobuf (Foxglove)."""
     fields = _fields(message)
     stamp = _fields(_as_bytes(fields.get(1, b"")))
     seconds, nanoseconds = stamp.get(1, 0), stamp.get(2, 0)
@@ -54,6 +57,7 @@ def _protobuf(message: bytes) -> CompressedImage:
 
 
 def _json(message: bytes) -> CompressedImage:
+    """Decode a compressed image in JSON (Foxglove)."""
     header = Header.of(json.loads(message))
     seconds = nanoseconds = 0
     if "timestamp" in header:
@@ -64,6 +68,7 @@ def _json(message: bytes) -> CompressedImage:
 
 
 def _ros1(message: bytes) -> CompressedImage:
+    """Decode a compressed image in ROS 1 serialisation."""
     _, seconds, nanoseconds, length = struct.unpack_from("<IIII", message)
     name, at = _read_counted(message, 16 + length)
     data, _ = _read_counted(message, at)
@@ -71,6 +76,7 @@ def _ros1(message: bytes) -> CompressedImage:
 
 
 def _ros2(message: bytes) -> CompressedImage:
+    """Decode a compressed image in ROS 2 serialisation (CDR)."""
     order = "<" if message[1] & 1 else ">"
     body = message[4:]
     seconds, nanoseconds, length = struct.unpack_from(f"{order}iII", body)
@@ -80,6 +86,7 @@ def _ros2(message: bytes) -> CompressedImage:
 
 
 def _read_counted(message: bytes, at: int, order: str = "<") -> tuple[bytes, int]:
+    """Return counted bytes of a compressed image message, and their end."""
     (length,) = struct.unpack_from(f"{order}I", message, at)
     end = at + 4 + length
     if end > len(message):
@@ -88,10 +95,12 @@ def _read_counted(message: bytes, at: int, order: str = "<") -> tuple[bytes, int
 
 
 def _align(at: int) -> int:
+    """Return a CDR offset aligned to 4 bytes, in a compressed image message."""
     return (at + 3) & ~3
 
 
 def _stamp(seconds: int, nanoseconds: int) -> float | None:
+    """Return a compressed image's stamp in seconds; None when it is zero."""
     return seconds + nanoseconds * 1e-9 if seconds or nanoseconds else None
 
 
@@ -113,6 +122,7 @@ def _fields(message: bytes) -> Mapping[int, int | bytes]:
 
 
 def _varint(message: bytes, at: int) -> tuple[int, int]:
+    """Return a protobuf varint of a compressed image message, and its end."""
     value, shift = 0, 0
     while shift < 70:
         byte = message[at]
@@ -125,6 +135,7 @@ def _varint(message: bytes, at: int) -> tuple[int, int]:
 
 
 def _as_bytes(value: int | bytes) -> bytes:
+    """Return a protobuf value as bytes. Raises BadMessageError for a number."""
     if isinstance(value, int):
         raise BadMessageError("there is a number where bytes are expected")
     return value

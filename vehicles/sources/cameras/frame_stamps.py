@@ -9,7 +9,7 @@ from worlds.camera import Intrinsics
 
 
 class Stamper:
-    """Numbers and times the pictures of one camera, and refuses those of another size.
+    """Stamps and numbers one camera's images; refuses those of another size.
 
     rate_hz: exposures a second, when the camera keeps it; then exposures that never came are
     counted by the gaps in the stamps. None: every picture that comes counts one.
@@ -35,13 +35,13 @@ class Stamper:
         self.missed = 0
 
     def left_out(self) -> None:
-        """Tell of an exposure that came, and is not handed on: its number is used up."""
+        """Note an exposure that is not handed on: its number is used up."""
         self._left_out += 1
 
     def reading(
         self, image_bgr: BgrImage, *, stamp_s: float | None, arrived_s: float
     ) -> CameraReading | None:
-        """Return the reading of a picture; None for one that is not newer than the last.
+        """Return the stamped reading of an image; None for one not newer than the last.
 
         stamp_s: on the sender's clock. Raises PictureChangedError.
         """
@@ -53,7 +53,7 @@ class Stamper:
     def reading_at(
         self, image_bgr: BgrImage, *, t_s: float, arrived_s: float, restarted: bool = False
     ) -> CameraReading | None:
-        """Return the reading of a picture whose exposure is known on the run clock.
+        """Return the reading of an image whose exposure is known on the run clock.
 
         restarted: the gap before it says nothing. None for a picture that is not newer than the
         last. Raises PictureChangedError.
@@ -84,7 +84,7 @@ class Stamper:
 
 
 def check_size(name: str, image_bgr: BgrImage, intrinsics: Intrinsics) -> None:
-    """Raise PictureChangedError unless a picture has the size that the intrinsics are for."""
+    """Raise ImageChangedError unless an image has the intrinsics' size."""
     height, width = image_bgr.shape[:2]
     if (width, height) == (intrinsics.width_px, intrinsics.height_px):
         return
@@ -96,7 +96,7 @@ def check_size(name: str, image_bgr: BgrImage, intrinsics: Intrinsics) -> None:
 
 
 def check_image(name: str, image_bgr: object) -> BgrImage:
-    """Return a decoded picture as (height, width, 3) uint8. Raises SourceError for any other."""
+    """Return a decoded image as (height, width, 3) uint8. Raises SourceError for any other."""
     if (
         not isinstance(image_bgr, np.ndarray)
         or image_bgr.dtype != np.uint8

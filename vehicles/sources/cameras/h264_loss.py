@@ -17,7 +17,7 @@ _HEADER_BYTES = 64
 
 
 class LossFinder:
-    """Reads access units of one stream and says whether a reference picture is missing."""
+    """Finds lost H.264 reference frames in one stream's access units."""
 
     def __init__(self) -> None:
         self._frame_num_bits: int | None = None
@@ -25,7 +25,7 @@ class LossFinder:
         self._previous: int | None = None
 
     def lost_before(self, access_unit: bytes) -> bool:
-        """Return whether a picture that this one may build on did not come.
+        """Return whether an H.264 frame that this one may build on was lost.
 
         access_unit: a whole picture with start codes (Annex B). What cannot be read says
         nothing: False.
@@ -69,23 +69,25 @@ class LossFinder:
 
 
 class _EndError(Exception):
-    """The data ended before the number did."""
+    """The H.264 data ended within a number."""
 
 
 class _Bits:
+    """The bits of an H.264 unit."""
+
     def __init__(self, data: bytes) -> None:
         self._value = int.from_bytes(data, "big")
         self._left = 8 * len(data)
 
     def number(self, count: int) -> int:
-        """Return the next bits as an unsigned number."""
+        """Return the next bits of the H.264 unit as an unsigned number."""
         if count > self._left:
             raise _EndError
         self._left -= count
         return self._value >> self._left & ((1 << count) - 1)
 
     def golomb(self) -> int:
-        """Return the next unsigned Exp-Golomb code."""
+        """Return the next unsigned Exp-Golomb code of the H.264 unit."""
         zeros = 0
         while not self.number(1):
             zeros += 1
@@ -95,7 +97,7 @@ class _Bits:
 
 
 def _skip_chroma(bits: _Bits) -> bool:
-    """Skip what high profiles put before frame_num's length; return separate_colour_planes."""
+    """Skip H.264's high-profile fields before frame_num; return separate_colour_planes."""
     chroma = bits.golomb()
     separate = chroma == 3 and bits.number(1) == 1
     bits.golomb()
@@ -109,6 +111,7 @@ def _skip_chroma(bits: _Bits) -> bool:
 
 
 def _skip_scaling_list(bits: _Bits, size: int) -> None:
+    """Skip a scaling list in H.264's sequence parameters."""
     last, following = 8, 8
     for _ in range(size):
         if following:
@@ -119,7 +122,7 @@ def _skip_scaling_list(bits: _Bits, size: int) -> None:
 
 
 def _units(data: bytes) -> Iterator[bytes]:
-    """Return the units between start codes; a unit has one byte or more."""
+    """Return the H.264 units between start codes; a unit has one byte or more."""
     start = data.find(b"\x00\x00\x01")
     while start >= 0:
         start += 3
@@ -131,4 +134,5 @@ def _units(data: bytes) -> Iterator[bytes]:
 
 
 def _unescape(data: bytes) -> bytes:
+    """Return an H.264 unit without emulation prevention bytes."""
     return data.replace(b"\x00\x00\x03", b"\x00\x00")

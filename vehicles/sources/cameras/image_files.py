@@ -16,7 +16,7 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".
 
 
 class VideoFile:
-    """The pictures of a video file, by their own time stamps; a PictureFile."""
+    """The images of a video file, by their own time stamps; an ImageFile."""
 
     def __init__(self, *, path: Path) -> None:
         self._path = path
@@ -26,11 +26,11 @@ class VideoFile:
 
     @property
     def name(self) -> str:
-        """Return its path."""
+        """Return the video file's path."""
         return str(self._path)
 
     def open(self) -> None:
-        """Open the file. Raises SourceError."""
+        """Open the video file. Raises SourceError."""
         try:
             self._container = av.open(str(self._path))
         except (av.error.FFmpegError, OSError, ValueError) as error:
@@ -43,7 +43,7 @@ class VideoFile:
         self._frames = self._container.decode(stream)
 
     def next(self) -> Still | None:
-        """Return the next picture. Raises SourceError for a broken file."""
+        """Return the video file's next image. Raises SourceError for a broken file."""
         try:
             frame = next(self._frames, None)
         except av.error.FFmpegError as error:
@@ -56,7 +56,7 @@ class VideoFile:
         return Still(frame.time - self._first_s, frame.to_ndarray(format="bgr24"))
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the video file."""
         if self._container is not None:
             self._container.close()
 
@@ -78,7 +78,7 @@ class VideoFile:
 
 
 class ImageFolder:
-    """The images of a folder in the order of their names, at a rate; a PictureFile.
+    """The image files of a folder in the order of their names, at a rate; an ImageFile.
 
     Numbers in names count as numbers: `9.png` comes before `10.png`.
     """
@@ -93,11 +93,11 @@ class ImageFolder:
 
     @property
     def name(self) -> str:
-        """Return its path."""
+        """Return the image folder's path."""
         return str(self._path)
 
     def open(self) -> None:
-        """List the images. Raises SourceError."""
+        """List the folder's image files. Raises SourceError."""
         try:
             entries = list(self._path.iterdir())
         except OSError as error:
@@ -109,7 +109,7 @@ class ImageFolder:
         self._images = sorted(images, key=lambda image: _natural(image.name))
 
     def next(self) -> Still | None:
-        """Return the next image. Raises SourceError for one that cannot be read."""
+        """Return the next image file. Raises SourceError for one that cannot be read."""
         if self._index >= len(self._images):
             return None
         path, offset_s = self._images[self._index], self._index / self._rate_hz
@@ -120,10 +120,11 @@ class ImageFolder:
         return Still(offset_s, check_image(str(path), image_bgr))
 
     def close(self) -> None:
-        """Forget the list."""
+        """Forget the list of image files."""
         self._images = []
 
 
 def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Return the sort key of an image file's name: numbers by value."""
     parts = re.findall(r"\d+|\D+", name)
     return tuple((0, int(part), part) if part.isdigit() else (1, 0, part) for part in parts)

@@ -25,36 +25,38 @@ _LONGEST_GRAB_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Grabbed:
-    """What a grabber got. image_bgr: None for an exposure that came broken. stamp_s: its own."""
+    """What a live camera's grabber got. image_bgr: None for a broken exposure. stamp_s: its own."""
 
     image_bgr: BgrImage | None
     stamp_s: float | None
 
 
 class Grabber(Protocol):
-    """Gets pictures from a device or a stream; blocking; used by one thread."""
+    """Grabs a live camera's images (protocol); blocking; used by one thread."""
 
     def open(self) -> None:
-        """Open. Raises SourceError."""
+        """Open the live camera's device or stream. Raises SourceError."""
 
     def grab(self) -> Grabbed | None:
-        """Return the next picture; None when none came within a fraction of a second.
+        """Return the live camera's next image; None after a fraction of a second without.
 
         Raises SourceError when there will be none any more.
         """
 
     def close(self) -> None:
-        """Close; called once, also after an `open` that failed."""
+        """Close the live camera; called once, also after an `open` that failed."""
 
 
 @dataclass(frozen=True, slots=True)
 class _ArrivedImage:
+    """A grabbed image and when it arrived."""
+
     grabbed: Grabbed
     arrived_s: float
 
 
 class _Handoff:
-    """What lies between the thread and the loop."""
+    """The queue between the live camera's thread and the loop."""
 
     def __init__(self, depth: int, wake: Callable[[], None]) -> None:
         self._lock = threading.Lock()
@@ -66,6 +68,7 @@ class _Handoff:
         self.opened = False
 
     def put(self, item: _ArrivedImage) -> None:
+        """Put a grabbed image into the queue; the oldest is dropped when full."""
         with self._lock:
             if len(self._waiting) >= self._depth:
                 self._waiting.popleft()
@@ -74,15 +77,17 @@ class _Handoff:
         self._wake()
 
     def end(self, error: SourceError) -> None:
+        """End the live camera's queue with an error."""
         self.error = error
         self._wake()
 
     def ready(self) -> None:
+        """Report to the loop that the live camera is open."""
         self.opened = True
         self._wake()
 
     def take(self) -> tuple[_ArrivedImage | None, int]:
-        """Return the oldest one worth having, and how many before it made way."""
+        """Return the oldest useful image of the queue, and how many were dropped before it."""
         with self._lock:
             surplus, self._surplus = self._surplus, 0
             return (self._waiting.popleft() if self._waiting else None), surplus
@@ -132,13 +137,13 @@ class LiveCamera:
 
     @property
     def counts(self) -> SourceCounts:
-        """Return what became of the exposures so far."""
+        """Return the counts of the live camera's exposures so far."""
         return counted(
             self._stamper, delivered=self._delivered, dropped=self._dropped, damaged=self._damaged
         )
 
     async def __aenter__(self) -> Self:
-        """Start the thread and wait until it has opened. Raises SourceError."""
+        """Start the live camera's thread and wait until it is open. Raises SourceError."""
         loop = asyncio.get_running_loop()
         self._loop = loop
         self._awake = asyncio.Event()
@@ -160,15 +165,15 @@ class LiveCamera:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop the thread."""
+        """Stop the live camera's thread."""
         await self._close()
 
     def __aiter__(self) -> Self:
-        """Return itself."""
+        """Return the live camera itself."""
         return self
 
     async def __anext__(self) -> CameraReading:
-        """Wait for the next picture. Raises SourceError, of its kinds."""
+        """Wait for the live camera's next image. Raises SourceError, of its kinds."""
         while True:
             arrived = await self._next()
             reading = self._reading_of(arrived)

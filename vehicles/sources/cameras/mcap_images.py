@@ -17,7 +17,7 @@ from vehicles.sources.messagepack import BadMessageError
 
 
 class McapFile:
-    """Reads images by their own stamps, by log time where they have none; a PictureFile.
+    """The images of an MCAP file by their own stamps, else by log time; an ImageFile.
 
     topic: None when the file has one topic of images only.
     """
@@ -32,11 +32,11 @@ class McapFile:
 
     @property
     def name(self) -> str:
-        """Return its path, and the topic."""
+        """Return the MCAP file's path, and the topic."""
         return f"{self._path}:{self._topic}" if self._topic else str(self._path)
 
     def open(self) -> None:
-        """Open the file and find the topic. Raises SourceError."""
+        """Open the MCAP file and find the topic. Raises SourceError."""
         try:
             self._stream = self._path.open("rb")
             reader = make_reader(self._stream)
@@ -49,7 +49,7 @@ class McapFile:
         self._topic = topic
 
     def next(self) -> Still | None:
-        """Return the next image. Raises SourceError for one that cannot be read."""
+        """Return the MCAP file's next image. Raises SourceError for one that cannot be read."""
         try:
             found = next(self._messages, None)
         except (McapError, EOFError) as error:
@@ -67,7 +67,7 @@ class McapFile:
         return Still(t_s - self._first_s, self._decode_image(image.data, message.sequence))
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the MCAP file."""
         if self._stream is not None:
             self._stream.close()
 

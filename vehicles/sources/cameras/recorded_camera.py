@@ -17,31 +17,31 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """A picture of a recording. offset_s: since its first one."""
+    """An image of a recorded camera. offset_s: since its first one."""
 
     offset_s: float
     image_bgr: BgrImage
 
 
 class ImageFile(Protocol):
-    """Reads a recording; blocking; used by one thread at a time."""
+    """Reads a recorded camera's images (protocol); blocking; used by one thread at a time."""
 
     @property
     def name(self) -> str:
-        """Return what people know it by."""
+        """Return the recorded camera file's name in messages."""
 
     def open(self) -> None:
-        """Open. Raises SourceError."""
+        """Open the recorded camera's file. Raises SourceError."""
 
     def next(self) -> Still | None:
-        """Return the next picture; None at the end. Raises SourceError."""
+        """Return the next recorded image; None at the end. Raises SourceError."""
 
     def close(self) -> None:
-        """Close; called once, also after an `open` that failed."""
+        """Close the recorded camera's file; called once, also after a failed `open`."""
 
 
 class RecordedCamera:
-    """A recording that is played from the moment of opening; a CameraSource for any clock.
+    """A recorded camera, played from its opening on; a CameraSource for any clock.
 
     latency_s: after its exposure a picture is delivered. A picture whose successor is due as
     well is dropped, as a live camera's would be; in virtual time none is.
@@ -70,11 +70,11 @@ class RecordedCamera:
 
     @property
     def counts(self) -> SourceCounts:
-        """Return what became of the pictures so far."""
+        """Return the counts of the recorded camera's images so far."""
         return counted(self._stamper, delivered=self._delivered, dropped=self._dropped)
 
     async def __aenter__(self) -> Self:
-        """Open the file and read its first picture. Raises SourceError."""
+        """Open the recorded camera's file, read the first image. Raises SourceError."""
         try:
             await self._in_thread(self._file.open)
             first = await self._in_thread(self._file.next)
@@ -92,15 +92,15 @@ class RecordedCamera:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the file."""
+        """Close the recorded camera's file."""
         await self._close()
 
     def __aiter__(self) -> Self:
-        """Return itself."""
+        """Return the recorded camera itself."""
         return self
 
     async def __anext__(self) -> CameraReading:
-        """Wait until the next picture is due. Raises SourceError, or StopAsyncIteration."""
+        """Wait for the next recorded image. Raises SourceError, or StopAsyncIteration."""
         loop = asyncio.get_running_loop()
         while True:
             still = self._ahead

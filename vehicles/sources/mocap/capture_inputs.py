@@ -15,7 +15,7 @@ Deliver = Callable[[PoseReading], None]
 
 
 class UdpCapture(asyncio.DatagramProtocol):
-    """Hears datagrams, one message each; an async context manager.
+    """A motion capture input by UDP, one message per datagram; an async context manager.
 
     host: an address of this machine; 0.0.0.0 for all of them. deliver: called in the loop with
     each reading, in order.
@@ -30,13 +30,13 @@ class UdpCapture(asyncio.DatagramProtocol):
 
     @property
     def port(self) -> int:
-        """Return the port that is bound; 0 when closed."""
+        """Return the capture input's bound UDP port; 0 when closed."""
         if self._transport is None:
             return 0
         return int(self._transport.get_extra_info("sockname")[1])
 
     async def __aenter__(self) -> Self:
-        """Bind. Raises SourceError."""
+        """Bind the capture input's UDP port. Raises SourceError."""
         self._loop = asyncio.get_running_loop()
         try:
             self._transport, _ = await self._loop.create_datagram_endpoint(
@@ -55,7 +55,7 @@ class UdpCapture(asyncio.DatagramProtocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close; nothing is delivered afterwards."""
+        """Close the capture input; nothing is delivered afterwards."""
         if self._transport is not None:
             self._transport.close()
             self._transport = None
@@ -63,13 +63,13 @@ class UdpCapture(asyncio.DatagramProtocol):
             await asyncio.sleep(0)
 
     def datagram_received(self, data: bytes, _addr: tuple[str, int]) -> None:
-        """Take a datagram (asyncio calls this)."""
+        """Take a capture datagram (asyncio calls this)."""
         for reading in self._capture.take(data, self._loop.time()):
             self._deliver(reading)
 
 
 class ZmqCapture:
-    """Subscribes to a publisher of messages, the last part of each; an async context manager.
+    """A motion capture input by ZMQ subscription, last message part; async context manager.
 
     address: `tcp://HOST:PORT` that a publisher has bound. topic: prefix of the first part.
     """
@@ -84,7 +84,7 @@ class ZmqCapture:
         self._topic = topic
 
     async def __aenter__(self) -> Self:
-        """Subscribe; a publisher may come later. Raises SourceError."""
+        """Subscribe the capture input; a publisher may come later. Raises SourceError."""
         self._loop = asyncio.get_running_loop()
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.SUB)
@@ -109,7 +109,7 @@ class ZmqCapture:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close; nothing is delivered afterwards."""
+        """Close the capture input; nothing is delivered afterwards."""
         self._loop.remove_reader(self._socket.fileno())
         self._context.destroy(linger=0)
 

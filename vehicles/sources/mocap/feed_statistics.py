@@ -11,7 +11,7 @@ DROPOUT_PERIODS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class FeedStatistics:
-    """A feed in figures.
+    """The statistics of a motion capture feed: rate, latency, gaps, counts.
 
     samples: poses handed on. rate_hz, latency_ms_p50, latency_ms_p99 (sampling to arrival): over
     the last samples; None before there are two. missing: frames whose numbers never came.
@@ -31,7 +31,7 @@ class FeedStatistics:
 
 
 class FeedMeter:
-    """Measures one body's feed."""
+    """Measures the statistics of one body's motion capture feed."""
 
     def __init__(self) -> None:
         self._times: deque[float] = deque(maxlen=_WINDOW)
@@ -44,7 +44,7 @@ class FeedMeter:
         self.out_of_order = 0
 
     def add(self, *, t_s: float, arrived_s: float) -> None:
-        """Take a pose that was handed on: when it was sampled, and when it came."""
+        """Add a delivered pose to the feed's statistics: when sampled, and when arrived."""
         if self._times:
             gap_s = t_s - self._times[-1]
             self._longest_gap_s = max(self._longest_gap_s, gap_s)
@@ -56,7 +56,7 @@ class FeedMeter:
         self._latencies.append(arrived_s - t_s)
 
     def statistics(self) -> FeedStatistics:
-        """Return the figures so far."""
+        """Return the feed's statistics so far."""
         ordered = sorted(self._latencies)
         return FeedStatistics(
             samples=self._samples,
@@ -77,6 +77,7 @@ class FeedMeter:
 
 
 def _quantile_ms(ordered: list[float], fraction: float) -> float | None:
+    """Return a quantile of the feed's times in milliseconds; None without any."""
     if not ordered:
         return None
     return 1000.0 * ordered[min(len(ordered) - 1, int(fraction * len(ordered)))]

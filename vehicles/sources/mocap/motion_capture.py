@@ -27,7 +27,7 @@ _RESTART_SEQ = 1000
 
 @dataclass(frozen=True, slots=True)
 class BodyPose:
-    """One body of a frame, in NED and FRD. pose: None when the cameras did not see it."""
+    """One body in a motion capture frame, in NED and FRD. pose: None when it was not seen."""
 
     name: str
     pose: Pose | None
@@ -36,7 +36,7 @@ class BodyPose:
 
 @dataclass(frozen=True, slots=True)
 class CaptureFrame:
-    """All bodies at one time. t_s: on the sender's clock, seconds of any epoch."""
+    """A motion capture frame: all bodies. t_s: on the sender's clock, seconds of any epoch."""
 
     seq: int
     t_s: float
@@ -44,7 +44,7 @@ class CaptureFrame:
 
 
 def decode_frame(data: bytes | memoryview) -> CaptureFrame:
-    """Return the frame in a message, MessagePack or JSON. Raises BadMessageError."""
+    """Return the motion capture frame in a MessagePack or JSON message. Raises BadMessageError."""
     header = _header(data)
     if header.text("protocol") != PROTOCOL:
         raise BadMessageError(f"it speaks {header.text('protocol')!r:.40}, we speak {PROTOCOL!r}")
@@ -62,13 +62,13 @@ def decode_frame(data: bytes | memoryview) -> CaptureFrame:
 
 
 def pose_from_enu(position_enu_m: Vec3, q_enu_from_flu: Quat) -> Pose:
-    """Return the pose (NED, FRD) of a body that is given in ENU with FLU axes."""
+    """Return a captured body's pose (NED, FRD) given in ENU with FLU axes."""
     turned = quat_multiply(_NED_FROM_ENU, quat_multiply(q_enu_from_flu, _FLU_FROM_FRD))
     return Pose(ned_from_enu(position_enu_m), turned)
 
 
 class MotionCapture:
-    """Turns messages into readings of the bodies that a run asks for, and keeps their figures.
+    """Turns motion capture messages into readings of requested bodies; keeps figures.
 
     bodies: name in the capture system to vehicle. latency_s: sampling to arrival of the quickest
     message, from the system's data sheet or `calibrate`. Poses are in the capture system's own
@@ -87,7 +87,7 @@ class MotionCapture:
         self.complaint = ""
 
     def take(self, data: bytes | memoryview, arrived_s: float) -> list[PoseReading]:
-        """Return the readings in a message that came at a time of the run clock."""
+        """Return the readings in a motion capture message that arrived at a run-clock time."""
         try:
             frame = decode_frame(data)
         except BadMessageError as error:
@@ -97,7 +97,7 @@ class MotionCapture:
         return self.take_frame(frame, arrived_s)
 
     def take_frame(self, frame: CaptureFrame, arrived_s: float) -> list[PoseReading]:
-        """Return the readings in a frame that came at a time of the run clock."""
+        """Return the readings in a motion capture frame that arrived at a time."""
         if not self._in_order(frame):
             return []
         t_s = self._clock.run_time(frame.t_s, arrived_s)
@@ -106,7 +106,7 @@ class MotionCapture:
         return [reading for reading in readings if reading is not None]
 
     def statistics(self, name: str) -> FeedStatistics:
-        """Return the figures of a body's feed. Raises KeyError for a body not asked for."""
+        """Return the statistics of a body's feed. Raises KeyError for an unknown one."""
         return self._meters[name].statistics()
 
     def _in_order(self, frame: CaptureFrame) -> bool:
@@ -147,6 +147,7 @@ class MotionCapture:
 
 
 def _header(data: bytes | memoryview) -> Header:
+    """Return the header of a motion capture message. Raises BadMessageError."""
     if bytes(data[:1]) != b"{":
         return Header.unpack(data)
     try:
@@ -156,6 +157,7 @@ def _header(data: bytes | memoryview) -> Header:
 
 
 def _body(header: Header, *, is_enu: bool) -> BodyPose:
+    """Return the captured body in a part of a motion capture message."""
     name = header.text("name")
     if not header.flag("valid", default=True):
         return BodyPose(name, None)
@@ -173,4 +175,5 @@ def _body(header: Header, *, is_enu: bool) -> BodyPose:
 
 
 def _vector(numbers: Sequence[float]) -> Vec3:
+    """Return three numbers of a motion capture message as a vector."""
     return (numbers[0], numbers[1], numbers[2])

@@ -26,7 +26,7 @@ _POLL_S = 0.001
 
 
 class VrpnCapture:
-    """One tracker of a VRPN server; an async context manager.
+    """Motion capture of one tracker of a VRPN server; an async context manager.
 
     host: of the server, with `:PORT` if not 3883. tracker: its name there, and the body's name in
     `capture`. Trackers are taken to be z-up (ENU, FLU), as Vicon, OptiTrack and Qualisys serve
@@ -50,7 +50,7 @@ class VrpnCapture:
         self._seq = -1
 
     async def __aenter__(self) -> Self:
-        """Connect. Raises SourceError where no client library is installed."""
+        """Connect to the VRPN server. Raises SourceError without a client library."""
         self._loop = asyncio.get_running_loop()
         try:
             vrpn: Any = importlib.import_module("vrpn")
@@ -72,7 +72,7 @@ class VrpnCapture:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Disconnect; nothing is delivered afterwards."""
+        """Disconnect from the VRPN server; nothing is delivered afterwards."""
         self._stop.set()
         await asyncio.to_thread(self._thread.join, 1.0)
 
@@ -102,6 +102,7 @@ class VrpnCapture:
 
 
 def _seconds(stamp: object, arrived_s: float) -> float:
+    """Return a VRPN stamp in seconds; the arrival without one."""
     if isinstance(stamp, datetime):
         return stamp.timestamp()
     return float(stamp) if isinstance(stamp, int | float) else arrived_s

@@ -26,7 +26,7 @@ ID_ENCODINGS = ("u8", "png8")
 
 
 def decode_image(data: Buffer, encoding: str, size: Size) -> BgrImage:
-    """Return (height, width, 3) uint8, the caller's own. Raises BadMessageError."""
+    """Return the image part, (height, width, 3) uint8, a copy. Raises BadMessageError."""
     if encoding in {"bgr8", "rgb8"}:
         image = _raw(data, np.dtype(np.uint8), (size[1], size[0], 3), "image")
         return cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if encoding == "rgb8" else image.copy()
@@ -36,7 +36,7 @@ def decode_image(data: Buffer, encoding: str, size: Size) -> BgrImage:
 
 
 def decode_depth(data: Buffer, encoding: str, size: Size) -> DepthImage:
-    """Return (height, width) float32 metres. Raises BadMessageError, also for NaN or below 0."""
+    """Return the depth part, (height, width) float32 metres. Raises BadMessageError."""
     shape = (size[1], size[0])
     if encoding == "f32":
         depth_m = _raw(data, np.dtype("<f4"), shape, "depth").astype(np.float32)
@@ -56,7 +56,7 @@ def decode_depth(data: Buffer, encoding: str, size: Size) -> DepthImage:
 
 
 def decode_ids(data: Buffer, encoding: str, size: Size) -> IdImage:
-    """Return (height, width) uint8. Raises BadMessageError."""
+    """Return the object id part, (height, width) uint8. Raises BadMessageError."""
     if encoding == "u8":
         return _raw(data, np.dtype(np.uint8), (size[1], size[0]), "ids").copy()
     if encoding == "png8":
@@ -65,7 +65,7 @@ def decode_ids(data: Buffer, encoding: str, size: Size) -> IdImage:
 
 
 def encode_image(image_bgr: BgrImage, encoding: str, *, jpeg_quality: int = 90) -> Buffer:
-    """Return the bytes of a picture; `bgr8` shares its memory. Raises ValueError."""
+    """Return the message part of an image; `bgr8` shares its memory. Raises ValueError."""
     if encoding == "bgr8":
         return np.ascontiguousarray(image_bgr).data.cast("B")
     if encoding == "jpeg":
@@ -77,17 +77,17 @@ def encode_image(image_bgr: BgrImage, encoding: str, *, jpeg_quality: int = 90) 
 
 
 def encode_depth(depth_m: DepthImage) -> Buffer:
-    """Return depth as `f32`."""
+    """Return the message part of a depth image as `f32`."""
     return np.ascontiguousarray(depth_m, "<f4").data.cast("B")
 
 
 def encode_ids(object_ids: IdImage) -> Buffer:
-    """Return ids as `u8`."""
+    """Return the message part of object ids as `u8`."""
     return np.ascontiguousarray(object_ids).data.cast("B")
 
 
 def compressed_size(data: Buffer) -> Size | None:
-    """Return the size that a PNG or JPEG announces; None when it is neither.
+    """Return the image size that a PNG or JPEG part announces; None when it is neither.
 
     So that a few bytes that announce a huge picture are never decoded. PNG: IHDR is the first
     chunk. JPEG: the first frame header (SOF, ITU-T T.81 B.2.2).
@@ -99,6 +99,7 @@ def compressed_size(data: Buffer) -> Size | None:
 
 
 def _bytes(encoded: tuple[bool, NDArray[Any]]) -> Buffer:
+    """Return a compressed image part's bytes. Raises ValueError when compression failed."""
     done, data = encoded
     if not done:
         raise ValueError("the picture cannot be compressed")
@@ -106,6 +107,7 @@ def _bytes(encoded: tuple[bool, NDArray[Any]]) -> Buffer:
 
 
 def _jpeg_size(data: Buffer) -> Size | None:
+    """Return the image size in a JPEG part's header; None when it has none."""
     at = 2
     while at + 9 <= len(data) and data[at] == 0xFF:
         marker = data[at + 1]
@@ -117,6 +119,7 @@ def _jpeg_size(data: Buffer) -> Size | None:
 
 
 def _raw(data: Buffer, dtype: np.dtype[Any], shape: tuple[int, ...], name: str) -> NDArray[Any]:
+    """Return an uncompressed image part as an array. Raises BadMessageError for a wrong size."""
     needed = dtype.itemsize * math.prod(shape)
     if len(data) != needed:
         raise BadMessageError(f"{name} has {len(data)} bytes, {needed} are a picture of {shape}")
@@ -126,6 +129,7 @@ def _raw(data: Buffer, dtype: np.dtype[Any], shape: tuple[int, ...], name: str) 
 def _decode_compressed(
     data: Buffer, size: Size, flags: int, wanted: tuple[type, int], name: str
 ) -> NDArray[Any]:
+    """Return a PNG or JPEG image part decoded. Raises BadMessageError."""
     announced = compressed_size(data)
     if announced is None:
         raise BadMessageError(f"{name} is neither PNG nor JPEG")
@@ -144,10 +148,12 @@ def _decode_compressed(
 
 
 def _metres(millimetres: NDArray[Any]) -> DepthImage:
+    """Return a depth part's millimetres as metres; 0 becomes infinity."""
     depth_m = millimetres.astype(np.float32) / np.float32(1000.0)
     depth_m[millimetres == 0] = np.inf
     return depth_m
 
 
 def _unknown(name: str, encoding: str, known: tuple[str, ...]) -> BadMessageError:
+    """Return the error of an unknown encoding of an image part."""
     return BadMessageError(f"{name} encoding {encoding!r:.40}; known are {', '.join(known)}")

@@ -35,16 +35,16 @@ _MAX_MESSAGE_BYTES = 256 * 1024 * 1024
 
 
 class SimulatorError(SourceError, NoImageError):
-    """The simulator gave no picture that can be used."""
+    """The simulator's camera gave no usable image."""
 
 
 class SimulatorTimeoutError(SimulatorError):
-    """The simulator did not answer in time."""
+    """The simulator did not reply in time."""
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatorCounts:
-    """What became of the questions.
+    """The counts of requests to the simulator's camera by outcome.
 
     late: answers to questions that had been given up. garbage: answers that broke the protocol.
     refused: questions that the simulator said it cannot answer.
@@ -59,11 +59,12 @@ class SimulatorCounts:
 
 
 def _no_events() -> Mapping[str, float]:
+    """Return no events: the simulator's world is static."""
     return {}
 
 
 class ZmqImageSource:
-    """A simulator as a `vehicles.cameras.rendered_cameras.ImageSource`; an async context manager.
+    """A simulator's camera by ZMQ as an ImageSource; an async context manager.
 
     address: `tcp://HOST:PORT` where the simulator has bound. world: what the simulator is asked to
     show; `disagreements` says where it shows something else. events: asked for before each
@@ -100,7 +101,7 @@ class ZmqImageSource:
         return disagreements(self._world, self.welcome.shown)
 
     async def __aenter__(self) -> Self:
-        """Connect and greet. Raises SimulatorError."""
+        """Connect to the simulator and greet it. Raises SimulatorError."""
         self._context = zmq.Context()
         try:
             self._socket = self._connect()
@@ -116,7 +117,7 @@ class ZmqImageSource:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Disconnect; a question under way is waited for."""
+        """Disconnect from the simulator; a request under way is awaited."""
         await self._close()
 
     async def warm_up(self, camera_pose: Pose, intrinsics: Intrinsics, t_s: float) -> None:
@@ -138,7 +139,7 @@ class ZmqImageSource:
         want_depth: bool = True,
         want_ids: bool = True,
     ) -> SimulatedImage:
-        """Return a picture without blocking the loop. Raises SimulatorError."""
+        """Return a simulator's image without blocking the loop. Raises SimulatorError."""
         return await asyncio.to_thread(
             self.picture,
             camera_pose,
@@ -158,7 +159,7 @@ class ZmqImageSource:
         want_ids: bool = False,
         within_s: float | None = None,
     ) -> SimulatedImage:
-        """Return a picture; blocks for `within_s` or `timeout_s` at most. Raises SimulatorError."""
+        """Return a simulator's image; blocks within its limit. Raises SimulatorError."""
         events = self._events()
         with self._lock:
             self._seq += 1
@@ -183,6 +184,7 @@ class ZmqImageSource:
         return self._answer(lambda parts: image_of(parts, ask), deadline_s)
 
     def _connect(self) -> "zmq.Socket[bytes]":
+        """Return a new socket connected to the simulator."""
         socket = self._context.socket(zmq.DEALER)
         socket.setsockopt(zmq.LINGER, 0)
         # A question is for a simulator that is there, not for the one that comes back later.
@@ -201,12 +203,14 @@ class ZmqImageSource:
         return socket
 
     def _greet(self) -> None:
+        """Send the simulator hello and keep its welcome."""
         deadline_s = time.monotonic() + self._open_timeout_s
         with self._lock:
             self._send(hello_parts(self._world), deadline_s)
             self.welcome = self._answer(welcome_of, deadline_s)
 
     def _send(self, parts: Sequence[Buffer], deadline_s: float) -> None:
+        """Send a request to the simulator. Raises SimulatorTimeoutError."""
         if not self._socket.poll(_left_ms(deadline_s), zmq.POLLOUT):
             self._count(timeouts=1)
             raise SimulatorTimeoutError(
@@ -216,6 +220,7 @@ class ZmqImageSource:
         self._socket.send_multipart([b"", *parts])
 
     def _answer(self, read: Callable[[Sequence[Buffer]], T], deadline_s: float) -> T:
+        """Return the simulator's reply to the present request; late ones are skipped."""
         while True:
             parts = self._receive(deadline_s)
             try:
@@ -233,6 +238,7 @@ class ZmqImageSource:
                 ) from error
 
     def _receive(self, deadline_s: float) -> Sequence[Buffer]:
+        """Return the simulator's next message. Raises SimulatorTimeoutError."""
         if not self._socket.poll(_left_ms(deadline_s), zmq.POLLIN):
             self._count(timeouts=1)
             raise SimulatorTimeoutError(
@@ -243,16 +249,20 @@ class ZmqImageSource:
         return parts[1:] if len(parts[0]) == 0 else parts
 
     def _count(self, **more: int) -> None:
+        """Count outcomes of requests to the simulator."""
         changed = {name: getattr(self.counts, name) + n for name, n in more.items()}
         self.counts = replace(self.counts, **changed)
 
     async def _close(self) -> None:
+        """Close the simulator's socket in a thread."""
         await asyncio.to_thread(self._close_socket)
 
     def _close_socket(self) -> None:
+        """Close the simulator's socket and context."""
         with self._lock:
             self._context.destroy(linger=0)
 
 
 def _left_ms(deadline_s: float) -> int:
+    """Return the milliseconds left to wait for the simulator."""
     return max(0, round((deadline_s - time.monotonic()) * 1000.0))

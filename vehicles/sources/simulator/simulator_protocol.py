@@ -33,7 +33,7 @@ MAX_ANSWER_PARTS = 8
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """One question. events: when each happened (run clock), for things that move on events."""
+    """A request of the simulator protocol. events: times (run clock) for moving objects."""
 
     seq: int
     t_s: float
@@ -46,7 +46,7 @@ class Ask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedImage:
-    """A simulator's picture: (height, width, 3) uint8, (height, width) float32 and uint8."""
+    """A simulator's image: (height, width, 3) uint8, (height, width) float32 and uint8."""
 
     image_bgr: BgrImage
     depth_m: DepthImage | None
@@ -55,7 +55,7 @@ class SimulatedImage:
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """What a simulator said of itself.
+    """A simulator's welcome in the protocol.
 
     objects: names that it marks with the ids we gave. shown: the world that it shows.
     """
@@ -66,15 +66,15 @@ class Welcome:
 
 
 class RefusedError(BadMessageError):
-    """The simulator answered that it cannot, in its own words."""
+    """The simulator refused a request, in its own words."""
 
 
 class LateAnswerError(BadMessageError):
-    """The answer to an earlier question."""
+    """A simulator's reply to an earlier request."""
 
 
 def hello_parts(asked: AskedWorld) -> list[Buffer]:
-    """Return the first message: which protocol, which world, and which ids its objects have."""
+    """Return the protocol's first message: version, the world to show, and its objects' ids."""
     greeting = {
         "protocol": PROTOCOL,
         "type": "hello",
@@ -87,7 +87,7 @@ def hello_parts(asked: AskedWorld) -> list[Buffer]:
 
 
 def welcome_of(parts: Sequence[Buffer]) -> Welcome:
-    """Return the answer to hello. Raises BadMessageError."""
+    """Return the simulator's welcome in its reply to hello. Raises BadMessageError."""
     header = _header(parts)
     if header.text("type") != "welcome":
         raise BadMessageError(f"`type` is {header.text('type')!r:.40}, not 'welcome'")
@@ -96,7 +96,7 @@ def welcome_of(parts: Sequence[Buffer]) -> Welcome:
 
 
 def ask_parts(ask: Ask) -> list[Buffer]:
-    """Return the message of a question."""
+    """Return the protocol's message of a request."""
     i = ask.intrinsics
     header = {
         "protocol": PROTOCOL,
@@ -121,7 +121,7 @@ def ask_parts(ask: Ask) -> list[Buffer]:
 
 
 def image_of(parts: Sequence[Buffer], ask: Ask) -> SimulatedImage:
-    """Return the picture in an answer, when it is the right answer to this question.
+    """Return the simulator's image in a reply, if it is the reply to this request.
 
     Raises LateAnswerError for one to an earlier question, RefusedError for the simulator's own
     refusal, BadMessageError for all that is not as the protocol says.
@@ -155,6 +155,7 @@ def image_of(parts: Sequence[Buffer], ask: Ask) -> SimulatedImage:
 
 
 def _header(parts: Sequence[Buffer]) -> Header:
+    """Return the header of a simulator protocol's message. Raises BadMessageError."""
     if not 1 <= len(parts) <= MAX_ANSWER_PARTS:
         raise BadMessageError(f"it has {len(parts)} parts")
     header = Header.unpack(parts[0])
@@ -167,6 +168,7 @@ def _header(parts: Sequence[Buffer]) -> Header:
 
 
 def _named_parts(header: Header, parts: Sequence[Buffer]) -> dict[str, tuple[str, Buffer]]:
+    """Return a protocol message's parts by name with their encodings. Raises BadMessageError."""
     listed = header.headers("parts")
     if len(listed) != len(parts):
         raise BadMessageError(f"`parts` lists {len(listed)}, {len(parts)} came")
@@ -180,7 +182,7 @@ def _named_parts(header: Header, parts: Sequence[Buffer]) -> dict[str, tuple[str
 
 
 def _check_echo(header: Header, ask: Ask) -> None:
-    """Raise unless the picture is said to be from the pose and the time that were asked."""
+    """Raise unless the simulator's image is of the requested pose and time."""
     position, q = header.numbers("position_ned_m", 3), header.numbers("q_wxyz", 4)
     pose = ask.camera_pose
     away_m = math.dist(position, pose.position_ned_m)
@@ -196,4 +198,5 @@ def _check_echo(header: Header, ask: Ask) -> None:
 
 
 def _wanted_parts(ask: Ask) -> list[str]:
+    """Return the names of the parts that a protocol request wants."""
     return sorted(["image", *["depth"] * ask.want_depth, *["ids"] * ask.want_ids])

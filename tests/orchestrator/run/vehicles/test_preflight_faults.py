@@ -16,6 +16,7 @@ from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState
 from tests.orchestrator.conftest import Fly
 from tests.orchestrator.flights import log_of
+from tests.vehicles.embedded.charge import set_remaining
 from vehicles.embedded.autopilot.copter.copter_core import CopterCore
 from vehicles.embedded.autopilot.px4 import px4_telemetry
 from vehicles.embedded.autopilot.px4.px4_core import Px4Core
@@ -67,7 +68,7 @@ def gps_of(fix: int, satellites: int, hdop_cm: int) -> Any:
 
 
 def test_a_battery_that_is_low(fly_run: Fly) -> None:
-    disturb = once_ready("twin", lambda vehicle: vehicle._body.battery.set_remaining(0.2))
+    disturb = once_ready("twin", lambda vehicle: set_remaining(vehicle._body.battery, 0.2))
     (said,) = refusals(fly_run(mode="sim", disturb=disturb))
     assert said == "twin battery: its charge is 0.2, and at least 0.3 is required"
 
@@ -179,7 +180,7 @@ def test_a_clock_that_is_not_known_well_enough(fly_run: Fly) -> None:
 
 def test_an_override_is_told_at_the_end(fly_run: Fly) -> None:
     sets = ("preflight.min_battery=1", "preflight.override={battery: J. Doe}")
-    disturb = once_ready("twin", lambda vehicle: vehicle._body.battery.set_remaining(0.5))
+    disturb = once_ready("twin", lambda vehicle: set_remaining(vehicle._body.battery, 0.5))
     result, _ = fly_run(mode="sim", sets=sets, disturb=disturb)
     assert result.verdict == "PASS"
     (item,) = [item for item in result.preflight if item.outcome == "overridden"]

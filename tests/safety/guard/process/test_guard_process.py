@@ -15,7 +15,7 @@ from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.operator.operator_socket import POINTER
 from safety.guard.process.orphaned_processes import reap_orphans, records
 from safety.guard.process.remote_guard import RemoteGuard
-from safety.guard.process.runtime_folder import runtime_folder
+from safety.guard.process.runtime_folder import open_runtime_folder
 from tests.safety.guard.remote_rigs import (
     ROOT,
     RemoteFlight,
@@ -286,6 +286,6 @@ def test_a_runtime_folder_too_deep_for_sockets_is_passed_over(
     deep = tmp_path / ("d" * 100)
     deep.mkdir()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
-    folder = runtime_folder()
+    folder = open_runtime_folder().path
     assert folder.name == f"wil-campaign-{os.getuid()}"
     assert len(str(folder)) < 72

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.vehicles.embedded.charge import set_remaining
 from vehicles.embedded.physics.airframe import Airframe, aircraft_root, aircraft_xml
 from vehicles.embedded.physics.battery import Battery
 from vehicles.embedded.physics.controller import Controller, Gains, Target
@@ -160,7 +161,7 @@ def test_thrusts_stay_within_the_motors(
 def test_velocity_setpoints_stay_within_the_limits(velocity: tuple[float, float, float]) -> None:
     controller = Controller(airframe=AIRFRAME, gains=Gains(), dt_s=0.004)
     controller.run(AT_REST, Target((None, None, None), velocity, 0.0, speed_m_s=(2.0, 1.0, 0.5)))
-    north, east, down = controller.velocity_setpoint_ned_m_s
+    north, east, down = controller._velocity_setpoint
     assert math.hypot(north, east) <= 2.0 + 1e-9
     assert -1.0 <= down <= 0.5
     # Cut short, not turned aside.
@@ -278,7 +279,7 @@ def test_the_battery_drains_sags_and_fades() -> None:
     assert battery.charge.remaining == pytest.approx(1.0 - (6.5 + 0.3) * 600 / 3.6 / 2700)
     assert battery.charge.voltage_v < full.voltage_v - 0.5
     assert 0.8 < battery.thrust_factor < 1.0
-    battery.set_remaining(0.0)
+    set_remaining(battery, 0.0)
     assert battery.charge.remaining == 0.0
     battery.drain(4.9, 10.0)
     assert battery.charge.remaining == 0.0

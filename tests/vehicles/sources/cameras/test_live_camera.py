@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.vehicles.sources.pumping import pump
 from vehicles.sources.camera_source import (
     CameraSource,
     ImageChangedError,
@@ -16,7 +17,6 @@ from vehicles.sources.camera_source import (
     SourceStalledError,
 )
 from vehicles.sources.cameras.live_camera import Grabbed, LiveCamera
-from vehicles.sources.pumping import pump
 from worlds.camera import Intrinsics
 
 SMALL = Intrinsics.from_fov(8, 6, 1.0)

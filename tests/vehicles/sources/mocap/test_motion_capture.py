@@ -25,8 +25,8 @@ from vehicles.sources.mocap.vrpn_capture import VrpnCapture
 from worlds.frames import (
     Pose,
     angle_between,
-    enu_from_ned,
-    flu_from_frd,
+    frd_from_flu,
+    ned_from_enu,
     quat_from_euler,
     rotate,
 )
@@ -85,8 +85,8 @@ def test_a_turned_body_moves_its_points_as_before(
     q_enu = quat_from_euler(roll, pitch, yaw)
     pose = pose_from_enu((0.0, 0.0, 0.0), q_enu)
     in_enu = rotate(q_enu, point_flu)
-    in_ned = rotate(pose.q_wxyz, flu_from_frd(point_flu))
-    assert enu_from_ned(in_ned) == pytest.approx(in_enu, abs=1e-9)
+    in_ned = rotate(pose.q_wxyz, frd_from_flu(point_flu))
+    assert ned_from_enu(in_ned) == pytest.approx(in_enu, abs=1e-9)
 
 
 def test_statistics_tell_rate_latency_and_dropouts() -> None:

@@ -30,7 +30,7 @@ Obstacle = tuple[float, float]
 
 
 class SimpleAvoidance:
-    """Keeps what was told of obstacles, and limits velocities by it."""
+    """ArduCopter's simple avoidance: keeps reported obstacles, limits velocities by them."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -39,7 +39,7 @@ class SimpleAvoidance:
         self._rings: dict[str, tuple[float, tuple[Obstacle, ...]]] = {}
 
     def obstacle_distance(self, message: Any, t_s: float) -> None:
-        """Take an OBSTACLE_DISTANCE."""
+        """Take an OBSTACLE_DISTANCE for avoidance."""
         step_deg = message.increment_f or float(message.increment)
         if not math.isfinite(step_deg + message.angle_offset):
             return
@@ -51,7 +51,7 @@ class SimpleAvoidance:
         self._rings["ring"] = (t_s, found)
 
     def distance_sensor(self, message: Any, t_s: float) -> None:
-        """Take a DISTANCE_SENSOR that looks to a side."""
+        """Take a sideways DISTANCE_SENSOR for avoidance."""
         if message.orientation >= _SIDEWAYS:
             return
         seen = message.min_distance <= message.current_distance <= message.max_distance
@@ -60,7 +60,7 @@ class SimpleAvoidance:
         self._rings[f"sector {message.orientation}"] = (t_s, found)
 
     def arming_fault(self, t_s: float) -> str | None:
-        """Return what is too near for arming, in ArduPilot's words; None when nothing is."""
+        """Return the obstacle too near for arming, in ArduPilot's words; or None."""
         nearest = min(self._known_distances(t_s), key=lambda each: each[1], default=None)
         if nearest is None or nearest[1] > _NEAR_AT_ARMING_M:
             return None
@@ -68,7 +68,7 @@ class SimpleAvoidance:
         return f"Proximity {bearing_deg:.1f} deg, {distance_m:.1f}m (want > {_NEAR_AT_ARMING_M}m)"
 
     def limited(self, velocity_ned_m_s: Vec3, yaw_rad: float, t_s: float) -> Vec3:
-        """Return the velocity that may be flown."""
+        """Return the velocity that avoidance allows."""
         if not int(self._parameters["AVOID_ENABLE"]) & _USE_PROXIMITY:
             return velocity_ned_m_s
         north, east, down = velocity_ned_m_s
@@ -90,7 +90,7 @@ class SimpleAvoidance:
 
 
 def stopping_speed(distance_m: float) -> float:
-    """Return the speed from which it can stop within a distance (AC_PosControl's sqrt_controller).
+    """Return the speed from which avoidance stops within a distance (sqrt_controller).
 
     Linear near by, by the square root beyond.
     """

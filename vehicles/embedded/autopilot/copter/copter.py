@@ -51,7 +51,7 @@ _AFTER_LANDING_S = 0.4
 
 
 class ArduCopter(CopterCore):
-    """ArduCopter on the wire: setpoints, commands, missions, failsafes."""
+    """The emulated ArduCopter over MAVLink: setpoints, commands, missions, failsafes."""
 
     def __init__(
         self,
@@ -169,14 +169,14 @@ class ArduCopter(CopterCore):
     # Flying.
 
     def choose(self, mode: CopterMode) -> int:
-        """Switch to the user's mode if it can run; AUTO needs a mission."""
+        """Switch ArduCopter to the user's mode if it can run; AUTO needs a mission."""
         if mode is CopterMode.AUTO and not self._can_begin_mission():
             self.outbox.say(INFO, "Mode change to Auto failed: init failed")
             return FAILED
         return super().choose(mode)
 
     def _can_begin_mission(self) -> bool:
-        """Return whether there is a mission, and from the ground one that takes off."""
+        """Return whether ArduCopter has a mission, with a takeoff on the ground."""
         items = self.missions.items(mission_service.MISSION)[1:]
         if self.flight.armed and self.flight.landed and not starts_with_takeoff(items):
             self.outbox.say(CRITICAL, "Auto: Missing Takeoff Cmd")
@@ -188,13 +188,13 @@ class ArduCopter(CopterCore):
 
     @on_command(mavlink.MAV_CMD_MISSION_START)
     def _start_mission(self, command: Command) -> int:
-        """Fly the mission; ArduCopter takes no first and last item."""
+        """Fly ArduCopter's mission; it takes no first and last item."""
         if command.params[0] != 0.0 or command.params[1] != 0.0:
             return DENIED
         return self.choose(CopterMode.AUTO)
 
     def _go_to_item(self, item: Item) -> int:
-        """Fly to a guided item, in GUIDED and in the air."""
+        """Fly ArduCopter to a guided item, in GUIDED and in the air."""
         rules = self.item_rules
         placed = item_fault(mission_service.MISSION, item, rules) == mission_service.ACCEPTED
         if not placed or item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
@@ -205,14 +205,14 @@ class ArduCopter(CopterCore):
         return mission_service.ACCEPTED
 
     def _fly_to(self, position_ned_m: Vec3) -> None:
-        """Fly to a place in GUIDED; on the ground nothing follows."""
+        """Fly ArduCopter to a place in GUIDED; ignored on the ground."""
         if self.flight.armed and not self.flight.landed:
             self.velocity_at_s = None
             self.flight.fly(self.manoeuvres.go_to(position_ned_m, radius_m=0.3))
 
     @on_command(mavlink.MAV_CMD_CONDITION_YAW)
     def _turn(self, command: Command) -> int:
-        """Turn to a heading (param1, degrees), from the present one when param4 is 1."""
+        """Turn ArduCopter to a heading (param1, degrees), relative when param4 is 1."""
         angle_deg, _, direction, relative = command.params
         if self.mode is not CopterMode.GUIDED or not math.isfinite(angle_deg):
             return FAILED
@@ -237,7 +237,7 @@ class ArduCopter(CopterCore):
     # Supervision.
 
     def supervise(self) -> None:
-        """Say what is due; check modes and failsafes."""
+        """Send ArduCopter's due texts; check modes and failsafes."""
         self._boot()
         self._say_phases()
         flight, t_s = self.flight, self.t_s
@@ -300,7 +300,7 @@ class ArduCopter(CopterCore):
             self.fail(decision.mode)
 
     def _broken_fences(self) -> tuple[str, ...]:
-        """Return the names of the fences that are broken here; none when fences are off."""
+        """Return the names of ArduCopter's fences breached here; none when off."""
         p, here = self.parameters, self.state.now.position_ned_m
         if not p["FENCE_ENABLE"]:
             return ()

@@ -23,20 +23,20 @@ _LEAST_SLOPE = 0.5
 
 
 class CopterManoeuvres(Manoeuvres):
-    """Behaviours by WP_*, LAND_* and RTL_*."""
+    """ArduCopter's behaviours by WP_*, LAND_* and RTL_*."""
 
     def default_speeds(self) -> Speeds:
-        """Return the limits of the automatic modes."""
+        """Return the speed limits of ArduCopter's automatic modes."""
         p = self._p
         return speed_limits(p["WP_SPD"], p["WP_SPD_UP"], p["WP_SPD_DN"])
 
     def return_speeds(self) -> Speeds:
-        """Return the limits of RTL, which may have a speed of its own."""
+        """Return the speed limits of ArduCopter's RTL, which may be its own."""
         limits = self.speeds()
         return limits._replace(across=max(0.0, self._p["RTL_SPEED_MS"]) or limits.across)
 
     def return_height_m(self) -> float:
-        """Return how high above home to fly back (ModeRTL::compute_return_target)."""
+        """Return ArduCopter's return height above home (compute_return_target)."""
         p = self._p
         distance_m, height_m = self.from_home_m()
         target_m = max(height_m + max(0.0, p["RTL_CLIMB_MIN_M"]), p["RTL_ALT_M"])
@@ -46,18 +46,18 @@ class CopterManoeuvres(Manoeuvres):
         return max(height_m, target_m)
 
     def return_wait_s(self) -> float:
-        """Return how long to loiter above home."""
+        """Return how long ArduCopter loiters above home."""
         return self._p["RTL_LOIT_TIME"] / 1e3
 
     def land_profile(self) -> LandProfile:
-        """Return fast above LAND_ALT_LOW_M, slow below."""
+        """Return ArduCopter's descent: fast above LAND_ALT_LOW_M, slow below."""
         p = self._p
         fast = p["LAND_SPD_HIGH_MS"] or p["WP_SPD_DN"]
         low_m = p["LAND_ALT_LOW_M"]
         return LandProfile(((low_m + 0.01, fast), (low_m, p["LAND_SPD_MS"])))
 
     def take_off(self, down_m: float) -> TakeOff:
-        """Return the climb to a local height."""
+        """Return ArduCopter's climb to a local height."""
         limits = self.speeds()
         return TakeOff(
             down_m=down_m,
@@ -68,11 +68,11 @@ class CopterManoeuvres(Manoeuvres):
         )
 
     def waypoint(self, position_ned_m: Vec3) -> GoTo:
-        """Return the flight to a place of a mission."""
+        """Return ArduCopter's flight to a place of a mission."""
         return self.go_to(position_ned_m, radius_m=self._p["WP_RADIUS_M"])
 
     def go_to(self, position_ned_m: Vec3, *, radius_m: float) -> GoTo:
-        """Return the flight to a place, facing it when it is some way off."""
+        """Return ArduCopter's flight to a place, facing it when it is some way off."""
         here, yaw_rad = self._state.now.position_ned_m, self._state.now.euler_rad[2]
         north, east = position_ned_m[0] - here[0], position_ned_m[1] - here[1]
         faces = int(self._p["WP_YAW_BEHAVIOR"]) in _FACES_WAYPOINT

@@ -49,7 +49,7 @@ _GAINS = Gains(
 
 
 class CopterCore(MissionAutopilot[CopterMode]):
-    """ArduCopter's modes and arming; what it does on messages and in time is in the subclass."""
+    """ArduCopter's modes and arming; messages and time are the subclass's."""
 
     is_px4: ClassVar[bool] = False
     item_rules: ClassVar[ItemRules] = RULES
@@ -93,11 +93,11 @@ class CopterCore(MissionAutopilot[CopterMode]):
 
     @property
     def position_valid(self) -> bool:
-        """Return whether EKF3 uses GPS."""
+        """Return whether ArduCopter's EKF3 uses GPS."""
         return self.t_s >= boot.POSITION_S and not self.never_ready
 
     def _prearm_bit(self) -> bool:
-        """Return the bit of SYS_STATUS: true long before GUIDED can be had."""
+        """Return ArduCopter's pre-arm bit of SYS_STATUS: true long before GUIDED runs."""
         return self.t_s >= boot.PREARM_BIT_S and not self.never_ready
 
     # What it says of itself.
@@ -157,12 +157,12 @@ class CopterCore(MissionAutopilot[CopterMode]):
     # Modes.
 
     def set_mode(self, mode: int, submode: int) -> int:  # noqa: ARG002 - PX4 alone has submodes
-        """Change to a mode that the user wants, if it can run."""
+        """Change ArduCopter to a mode that the user wants, if it can run."""
         wanted = copter_mode(mode)
         return self.choose(wanted) if wanted is not None else FAILED
 
     def choose(self, mode: CopterMode) -> int:
-        """Switch to the user's mode if it can run."""
+        """Switch ArduCopter to the user's mode if it can run."""
         if mode.needs_position and not self.position_valid:
             self.outbox.say(WARNING, f"Mode change to {mode.words} failed: requires position")
             return FAILED
@@ -171,7 +171,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
         return ACCEPTED
 
     def enter(self, mode: CopterMode) -> None:
-        """Fly a mode from now on."""
+        """Enter an ArduCopter mode."""
         self.taking_off = False
         if mode is not self.mode:
             self.manoeuvres.forget_speeds()
@@ -182,7 +182,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
         super().enter(mode)
 
     def fail(self, mode: CopterMode) -> None:
-        """Begin a failsafe: fly this mode until the user chooses another."""
+        """Begin an ArduCopter failsafe: fly its mode until the user chooses another."""
         self.enter(mode if self.position_valid else CopterMode.LAND)
         self.failsafe = True
 
@@ -230,7 +230,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
         self.outbox.say(INFO, "Arming motors")
 
     def set_home(self) -> None:
-        """Let home be here, and say so."""
+        """Set ArduCopter's home here, and send it."""
         self.state.home_ned_m = self.state.now.position_ned_m
         self.outbox.send_later(telemetry.gps_global_origin(self.state))
         self.outbox.send_later(telemetry.home_position(self.state))
@@ -240,7 +240,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
         return None if fault is None else f"Arm: {fault}"
 
     def _unready(self, *, force: bool) -> str | None:
-        """Return the first check that does not pass; None when all do."""
+        """Return ArduCopter's first failing check; None when all pass."""
         if self.refusal is not None:
             return self.refusal
         if self.t_s < boot.INITIALISED_S:
@@ -254,14 +254,14 @@ class CopterCore(MissionAutopilot[CopterMode]):
         return self.avoidance.arming_fault(self.t_s)
 
     def stop_motors(self, by: str) -> None:  # noqa: ARG002 - ArduCopter does not say by what
-        """Disarm now."""
+        """Disarm ArduCopter now."""
         self.flight.disarm()
         self.taking_off = False
         self.failsafe = False
         self.outbox.say(INFO, "Disarming motors")
 
     def strike(self, thing: str) -> None:
-        """Disarm: ArduCopter's crash check sees the attitude leave what was asked."""
+        """Disarm: ArduCopter's crash check sees the attitude leave its target."""
         if self.flight.armed:
             self.outbox.say(EMERGENCY, f"Crash: Disarming ({thing})")
             self.stop_motors("crash check")

@@ -21,7 +21,7 @@ _FENCE_ACTIONS = {1: _R, 2: _L, 3: _S, 4: _B, 5: _S}
 
 
 class View(NamedTuple):
-    """What the failsafes look at; the age of the ground station's heartbeat in s."""
+    """What ArduCopter's failsafes look at; the age of the GCS heartbeat in s."""
 
     gcs_age_s: float
     charge: Charge
@@ -29,7 +29,7 @@ class View(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What to say, and the mode to go to; None to go on as it is."""
+    """ArduCopter's failsafe decision: text, and the mode to enter; None to go on."""
 
     severity: int
     text: str
@@ -37,18 +37,18 @@ class Decision(NamedTuple):
 
 
 class Failsafes:
-    """Says once per cause what to do; a cause that ended may begin again."""
+    """ArduCopter's failsafes: one decision per cause; an ended cause may begin again."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._p = parameters
         self._active: set[str] = set()
 
     def reset(self) -> None:
-        """Forget all causes: the vehicle was armed."""
+        """Forget all failsafe causes: ArduCopter was armed."""
         self._active.clear()
 
     def check(self, view: View) -> Decision | None:
-        """Return what to begin now; None when nothing new is wrong."""
+        """Return the ArduCopter failsafe to begin now; None when nothing new is wrong."""
         causes = self._causes(view)
         ended = self._active - causes.keys()
         self._active -= ended

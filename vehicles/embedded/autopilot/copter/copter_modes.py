@@ -9,7 +9,7 @@ from vehicles.embedded.autopilot.services.discovery import ModeEntry
 
 
 class CopterMode(Enum):
-    """The number that HEARTBEAT.custom_mode carries."""
+    """An ArduCopter mode, by its number in HEARTBEAT.custom_mode."""
 
     STABILIZE = 0
     ALT_HOLD = 2
@@ -24,17 +24,17 @@ class CopterMode(Enum):
 
     @property
     def needs_position(self) -> bool:
-        """Return whether it is refused without a position."""
+        """Return whether ArduCopter refuses the mode without a position."""
         return self not in {CopterMode.STABILIZE, CopterMode.ALT_HOLD, CopterMode.LAND}
 
     @property
     def controls_position(self) -> bool:
-        """Return whether the horizontal position controller runs in it."""
+        """Return whether ArduCopter's position controller runs in the mode."""
         return self.needs_position or self is CopterMode.LAND
 
     @property
     def is_manual(self) -> bool:
-        """Return whether a person's sticks fly it."""
+        """Return whether a pilot's sticks fly the ArduCopter mode."""
         return self in {
             CopterMode.STABILIZE,
             CopterMode.ALT_HOLD,
@@ -44,7 +44,7 @@ class CopterMode(Enum):
 
     @property
     def allows_arming(self) -> bool:
-        """Return whether arming is allowed in it."""
+        """Return whether ArduCopter allows arming in the mode."""
         return self not in {
             CopterMode.AUTO,
             CopterMode.RTL,
@@ -55,7 +55,7 @@ class CopterMode(Enum):
 
     @property
     def words(self) -> str:
-        """Return the name that ArduCopter uses in its texts."""
+        """Return the mode's name in ArduCopter's texts."""
         return {"ALT_HOLD": "AltHold", "POSHOLD": "PosHold", "SMART_RTL": "SmartRTL"}.get(
             self.name, self.name if self is CopterMode.RTL else self.name.capitalize()
         )
@@ -70,7 +70,7 @@ ENTRIES = tuple(
 
 
 def copter_mode(number: int) -> CopterMode | None:
-    """Return the mode of a number; None for one that is not flown here."""
+    """Return the ArduCopter mode of a number; None for one that is not flown here."""
     try:
         return CopterMode(number)
     except ValueError:

@@ -15,7 +15,7 @@ _SITL_UID2 = b"3d1219c7c4c5404aa"
 
 
 def autopilot_version(identity: Identity) -> Any:
-    """Return AUTOPILOT_VERSION; SITL has no uid, and its uid2 is the machine's."""
+    """Return ArduCopter's AUTOPILOT_VERSION; SITL has no uid, uid2 is the machine's."""
     uid2 = _SITL_UID2 if identity.uid2 is None else identity.uid2
     return mavlink.MAVLink_autopilot_version_message(
         _CAPABILITIES,
@@ -34,20 +34,20 @@ def autopilot_version(identity: Identity) -> Any:
 
 
 def sys_status(s: State, *, prearm: bool) -> Any:
-    """Return SYS_STATUS."""
+    """Return ArduCopter's SYS_STATUS telemetry."""
     report = telemetry.LoadReport(0, round(s.charge.current_a * 100.0), 0)
     return telemetry.sys_status(s, boot.sensors(s.clock_s), report, prearm=prearm)
 
 
 def ekf_status_report(s: State) -> Any:
-    """Return EKF_STATUS_REPORT."""
+    """Return ArduCopter's EKF_STATUS_REPORT telemetry."""
     return mavlink.MAVLink_ekf_status_report_message(
         boot.ekf_flags(s.clock_s), 0.01, 0.003, 0.001, 0.005, 0.0, 0.0
     )
 
 
 def gps_raw_int(s: State) -> Any:
-    """Return GPS_RAW_INT: nothing for 10 s, then an RTK fix of 10 satellites as SITL has."""
+    """Return ArduCopter's GPS_RAW_INT: none for 10 s, then an RTK fix as in SITL."""
     fix, satellites = boot.gps(s.clock_s)
     if fix == 0:
         return mavlink.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
@@ -55,19 +55,19 @@ def gps_raw_int(s: State) -> Any:
 
 
 def local_position_ned(s: State) -> Any | None:
-    """Return LOCAL_POSITION_NED; None before the estimator uses GPS."""
+    """Return ArduCopter's LOCAL_POSITION_NED; None before the estimator uses GPS."""
     return telemetry.local_position_ned(s) if s.clock_s >= boot.POSITION_S else None
 
 
 def global_position_int(s: State) -> Any:
-    """Return GLOBAL_POSITION_INT: zeros before home is set."""
+    """Return ArduCopter's GLOBAL_POSITION_INT: zeros before home is set."""
     if s.clock_s < boot.HOME_SET_S:
         return mavlink.MAVLink_global_position_int_message(s.boot_ms, 0, 0, 0, 0, 0, 0, 0, 0)
     return telemetry.global_position_int(s)
 
 
 def timesync(s: State) -> Any:
-    """Return a TIMESYNC request; ArduPilot sends one each 10 s."""
+    """Return ArduCopter's TIMESYNC request; it sends one each 10 s."""
     return mavlink.MAVLink_timesync_message(0, s.boot_us * 1000 + 1)
 
 

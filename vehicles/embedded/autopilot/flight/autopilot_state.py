@@ -11,7 +11,7 @@ from worlds.geodesy import LocalFrame
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who the vehicle says it is: MAVLink system id, board ids, and where its estimator began.
+    """The emulated autopilot's identity: system id, board ids, estimator origin.
 
     uid2 has at most 18 bytes; None of either means the autopilot's own SITL constant.
     """
@@ -24,7 +24,7 @@ class Identity:
 
 @dataclass(slots=True)
 class State:
-    """The present: clock (s since start), estimate, battery, home; updated every step."""
+    """The emulated autopilot's state: clock, estimate, battery, home; updated every step."""
 
     frame: LocalFrame
     charge: Charge
@@ -44,19 +44,19 @@ class State:
 
     @property
     def boot_ms(self) -> int:
-        """Return the clock in ms."""
+        """Return the autopilot's clock in ms."""
         return int((self.clock_s + self.clock_offset_s) * 1e3 + 1e-6)
 
     @property
     def boot_us(self) -> int:
-        """Return the clock in us."""
+        """Return the autopilot's clock in us."""
         return self.stamp_us(self.clock_s)
 
     def stamp_us(self, clock_s: float) -> int:
-        """Return how a moment of the vehicle's clock is stamped, us."""
+        """Return the stamp of a moment of the autopilot's clock, us."""
         return int((clock_s + self.clock_offset_s) * 1e6 + 1e-3)
 
     @property
     def home_down_m(self) -> float:
-        """Return the height of home, down, local."""
+        """Return the height of home in the autopilot's state, down, local."""
         return self.home_ned_m[2] if self.home_ned_m is not None else 0.0

@@ -15,7 +15,7 @@ _LIFT_SHARE = 0.92
 
 @dataclass(frozen=True, slots=True)
 class FlightStyle:
-    """The times by which the autopilots differ, s.
+    """The times of arming and liftoff in which autopilots' flight differs, s.
 
     spool: from arming until thrust may rise. lift: from then until the ground is left. noticed:
     from the rise of thrust until the autopilot says that it takes off. touch: how long the ground
@@ -30,7 +30,7 @@ class FlightStyle:
 
 
 class Flight:
-    """Motors and motion of one armed or disarmed vehicle."""
+    """The flight of one armed or disarmed vehicle: motors and motion."""
 
     def __init__(self, *, style: FlightStyle, airframe: Airframe, dt_s: float) -> None:
         self._style = style
@@ -54,7 +54,7 @@ class Flight:
 
     @property
     def throttle(self) -> float:
-        """Return the mean thrust commanded, 0 to 1."""
+        """Return the flight's mean commanded thrust, 0 to 1."""
         return sum(self._commanded) / (4.0 * self._top_n)
 
     def arm(self, t_s: float) -> None:
@@ -71,11 +71,11 @@ class Flight:
         self._commanded = STOPPED
 
     def fly(self, behaviour: Behaviour) -> None:
-        """Fly this from now on."""
+        """Fly a behaviour from now on."""
         self.behaviour = behaviour
 
     def step(self, now: Motion, t_s: float, *, touching: bool) -> Thrusts:
-        """Return the thrusts of this step."""
+        """Return the thrusts of this flight step."""
         if not self.armed or self.motors_cut or self.behaviour is None:
             self._commanded = STOPPED
             self.target = None
@@ -93,7 +93,7 @@ class Flight:
         return thrusts
 
     def _on_ground(self, behaviour: Behaviour, now: Motion, t_s: float) -> Thrusts:
-        """Idle; once a behaviour lifts, let thrust rise until the vehicle is nearly carried."""
+        """Idle on the ground; raise thrust to liftoff once a behaviour lifts."""
         style = self._style
         share = _IDLE_SHARE
         if behaviour.lifts and t_s >= self.armed_at_s + style.spool_s:
@@ -132,7 +132,7 @@ class Flight:
 
 
 class TiltWatch:
-    """Tells when the body has been tilted beyond a limit for some time: nobody flies so."""
+    """Detects in flight that the body has tumbled: tilted beyond a limit for some time."""
 
     def __init__(self, *, limit_rad: float, for_s: float) -> None:
         self._cosine = math.cos(limit_rad)
@@ -140,7 +140,7 @@ class TiltWatch:
         self._since_s: float | None = None
 
     def tumbling(self, now: Motion, t_s: float) -> bool:
-        """Take the present attitude; return whether the time is up."""
+        """Take the present attitude; return whether the vehicle tumbles in flight."""
         roll, pitch, _ = now.euler_rad
         if math.cos(roll) * math.cos(pitch) >= self._cosine:
             self._since_s = None

@@ -12,7 +12,7 @@ from worlds.frames import Vec3
 
 
 class Wanted(NamedTuple):
-    """A setpoint in the local frame; None where it is not asked for."""
+    """A guidance target in the local frame; None for axes without setpoint."""
 
     position_ned_m: tuple[float | None, float | None, float | None]
     velocity_ned_m_s: Vec3
@@ -22,7 +22,7 @@ class Wanted(NamedTuple):
 
 
 class Speeds(NamedTuple):
-    """Limits in m/s: across, up, down."""
+    """Guidance speed limits in m/s: across, up, down."""
 
     across: float
     up: float
@@ -30,7 +30,7 @@ class Speeds(NamedTuple):
 
 
 def speed_limits(across: float, up: float, down: float) -> Speeds:
-    """Return limits from parameters, which may be set to anything: none is below zero."""
+    """Return guidance speed limits from parameters; none is below zero."""
     return Speeds(max(0.0, across), max(0.0, up), max(0.0, down))
 
 
@@ -39,31 +39,31 @@ Limit = Callable[[Vec3, float, float], Vec3]
 
 
 class Behaviour(ABC):
-    """One way to fly. `done`: it has reached what it was for."""
+    """A guidance behaviour: one way to fly. `done`: it has reached its end."""
 
     def __init__(self) -> None:
         self.done = False
 
     @property
     def lifts(self) -> bool:
-        """Return whether it wants off the ground."""
+        """Return whether the behaviour takes off."""
         return False
 
     @property
     def descends(self) -> bool:
-        """Return whether it means to touch the ground: then a touch is a landing."""
+        """Return whether the behaviour means to touch the ground: then that is a landing."""
         return False
 
     @abstractmethod
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the target of this moment."""
+        """Return the behaviour's guidance target of this moment."""
 
     def change_speeds(self, speeds: Speeds) -> None:  # noqa: B027 - most have speeds of their own
-        """Fly on at other speeds, where the behaviour flies at the automatic ones."""
+        """Change the behaviour's speeds, where it flies at the automatic ones."""
 
 
 class Hold(Behaviour):
-    """Brake, then stay where the vehicle came to rest, or at a given place."""
+    """The guidance behaviour of a hold: brake, then stay there, or at a given place."""
 
     _SLOW_M_S = 0.15
 
@@ -77,7 +77,7 @@ class Hold(Behaviour):
             self._target = self._target._replace(position_ned_m=position_ned_m)
 
     def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
-        """Return zero velocity while fast, then the place."""
+        """Return zero velocity while fast, then the hold's place."""
         if self._place is None and _speed(now) <= self._SLOW_M_S:
             self._place = now.position_ned_m
             self._target = self._target._replace(position_ned_m=self._place)
@@ -86,7 +86,7 @@ class Hold(Behaviour):
 
 
 class GoTo(Behaviour):
-    """Fly to a place and stay there."""
+    """The guidance behaviour that flies to a place and stays there."""
 
     def __init__(
         self, *, position_ned_m: Vec3, yaw_rad: float, speeds: Speeds, radius_m: float
@@ -97,22 +97,22 @@ class GoTo(Behaviour):
         self._radius_m = radius_m
 
     def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
-        """Return the place; done within the radius."""
+        """Return the place to go to; done within the radius."""
         if math.dist(now.position_ned_m, self.position_ned_m) < self._radius_m:
             self.done = True
         return self._target
 
     def change_speeds(self, speeds: Speeds) -> None:
-        """Fly on at other speeds."""
+        """Change the speeds on the way to the place."""
         self._target = self._target._replace(speed_m_s=speeds)
 
     def face(self, yaw_rad: float) -> None:
-        """Turn to a heading on the way."""
+        """Turn to a heading on the way to the place."""
         self._target = self._target._replace(yaw_rad=yaw_rad)
 
 
 class Follow(Behaviour):
-    """Fly the last setpoint that came; with none yet, or a stale one, stand still.
+    """The guidance behaviour that follows setpoints; without, or stale, it stands still.
 
     limit: what of a velocity may be flown, where something is to be avoided.
     """
@@ -130,16 +130,16 @@ class Follow(Behaviour):
 
     @property
     def lifts(self) -> bool:
-        """Return whether the setpoint is upwards and may take the vehicle off."""
+        """Return whether the followed setpoint is upwards and may take off."""
         return self._lifts
 
     @property
     def descends(self) -> bool:
-        """Return whether the setpoint is downwards."""
+        """Return whether the followed setpoint is downwards."""
         return self._descends
 
     def set(self, wanted: Wanted, *, keep_yaw_rad: float) -> None:
-        """Take a setpoint; axes of None are flown by velocity alone, no heading keeps this one."""
+        """Set the followed setpoint; axes of None by velocity alone, no heading keeps this one."""
         yaw_rad = wanted.yaw_rad
         if yaw_rad is None and wanted.yaw_rate_rad_s == 0.0:
             yaw_rad = keep_yaw_rad
@@ -155,22 +155,22 @@ class Follow(Behaviour):
         self._descends = climb > 0.1 or (down is not None and down > 0.0)
 
     def change_speeds(self, speeds: Speeds) -> None:
-        """Fly setpoints at other speeds, the present one as well."""
+        """Change the speeds of followed setpoints, the present one included."""
         self._speeds = speeds
         self._still = self._still._replace(speed_m_s=speeds)
         self._target = self._target._replace(speed_m_s=speeds)
 
     def face(self, yaw_rad: float) -> None:
-        """Turn to a heading, and fly the setpoint on."""
+        """Turn to a heading while following the setpoint."""
         self._target = self._target._replace(yaw_rad=yaw_rad, yaw_rate_rad_s=0.0)
 
     def stand(self, now: Motion) -> None:
-        """Drop the setpoint: zero velocity, present heading."""
+        """Drop the followed setpoint: zero velocity, present heading."""
         self._target = self._still._replace(yaw_rad=now.euler_rad[2])
         self._lifts = self._descends = False
 
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the setpoint."""
+        """Return the followed setpoint as guidance target."""
         target = self._target
         if self._limit is None or target.position_ned_m[0] is not None:
             return target
@@ -179,7 +179,7 @@ class Follow(Behaviour):
 
 
 class TakeOff(Behaviour):
-    """Climb straight up; the climb speed ramps up from nothing. Done within `radius_m`."""
+    """The guidance behaviour of a takeoff: a ramped climb. Done within `radius_m`."""
 
     def __init__(
         self, *, down_m: float, climb_m_s: float, ramp_s: float, radius_m: float, speeds: Speeds
@@ -196,16 +196,16 @@ class TakeOff(Behaviour):
 
     @property
     def lifts(self) -> bool:
-        """Return that it does."""
+        """Return true: a takeoff lifts."""
         return True
 
     @property
     def goal_ned_m(self) -> Vec3:
-        """Return where it ends."""
+        """Return where the takeoff ends."""
         return (*self._place, self.down_m)
 
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the place above where it began, at the speed of the ramp."""
+        """Return the takeoff's target above where it began, at the ramp's speed."""
         if self._began_s is None:
             self._began_s = t_s
             self._place = now.position_ned_m[:2]
@@ -220,7 +220,7 @@ class TakeOff(Behaviour):
 
 
 class LandProfile(NamedTuple):
-    """How fast to come down, m/s by height above ground: (height, speed) from high to low."""
+    """Guidance's descent speeds, m/s by height above ground: from high to low."""
 
     steps: tuple[tuple[float, float], ...]
 
@@ -237,7 +237,7 @@ class LandProfile(NamedTuple):
 
 
 class Land(Behaviour):
-    """Brake, then come down where the vehicle is, until the ground is felt."""
+    """The guidance behaviour of a landing: brake, then descend until touchdown."""
 
     def __init__(self, *, profile: LandProfile, speeds: Speeds, ground_down_m: float) -> None:
         super().__init__()
@@ -249,11 +249,11 @@ class Land(Behaviour):
 
     @property
     def descends(self) -> bool:
-        """Return that it does."""
+        """Return true: a landing descends."""
         return True
 
     def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
-        """Return the descent at the profile's speed."""
+        """Return the landing's target at the profile's speed."""
         if self._yaw_rad is None:
             self._yaw_rad = now.euler_rad[2]
         north: float | None = None
@@ -272,7 +272,7 @@ class Land(Behaviour):
 
 
 class ReturnHome(Behaviour):
-    """Climb to the return height, fly home, wait, and land there."""
+    """The guidance behaviour of a return: climb, fly home, wait, and land there."""
 
     def __init__(
         self,
@@ -296,11 +296,11 @@ class ReturnHome(Behaviour):
 
     @property
     def descends(self) -> bool:
-        """Return whether it has come to landing."""
+        """Return whether the return has come to its landing."""
         return self.landing
 
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the target of the stage reached: climb, cross, wait, land."""
+        """Return the return's target in its stage: climb, cross, wait, land."""
         if self.landing:
             return self._land.update(now, t_s)
         north, east, down = now.position_ned_m
@@ -322,5 +322,6 @@ class ReturnHome(Behaviour):
 
 
 def _speed(now: Motion) -> float:
+    """Return the speed of a motion in guidance."""
     north, east, down = now.velocity_ned_m_s
     return math.sqrt(north * north + east * east + down * down)

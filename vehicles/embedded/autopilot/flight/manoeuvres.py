@@ -24,7 +24,7 @@ _TAKE_BACK = -2.0
 
 
 class Manoeuvres(ABC):
-    """Makes behaviours; each firmware says by which of its parameters."""
+    """Makes manoeuvres' behaviours; each firmware says by which of its parameters."""
 
     def __init__(self, parameters: Parameters, state: State) -> None:
         self._p = parameters
@@ -33,15 +33,15 @@ class Manoeuvres(ABC):
 
     @abstractmethod
     def default_speeds(self) -> Speeds:
-        """Return the limits of the automatic modes by parameters."""
+        """Return the speed limits of automatic manoeuvres by parameters."""
 
     def speeds(self) -> Speeds:
-        """Return the limits of the automatic modes, as DO_CHANGE_SPEED left them."""
+        """Return the speed limits of automatic manoeuvres, DO_CHANGE_SPEED included."""
         speeds = self.default_speeds()
         return speeds._replace(**self._changed) if self._changed else speeds
 
     def change_speed(self, kind: float, speed_m_s: float) -> bool:
-        """Do DO_CHANGE_SPEED: 0 and 1 across, 2 up, 3 down; return whether there is such a kind.
+        """Execute DO_CHANGE_SPEED: 0, 1 across, 2 up, 3 down; False for others.
 
         A speed of -1 leaves it, and -2 takes it back.
         """
@@ -55,35 +55,35 @@ class Manoeuvres(ABC):
         return True
 
     def forget_speeds(self) -> None:
-        """Take back what DO_CHANGE_SPEED left: another mode is flown."""
+        """Reset DO_CHANGE_SPEED: another mode is flown."""
         self._changed.clear()
 
     @abstractmethod
     def return_speeds(self) -> Speeds:
-        """Return the limits of the flight home."""
+        """Return the speed limits of the return manoeuvre."""
 
     @abstractmethod
     def return_height_m(self) -> float:
-        """Return how high above home to fly back from here."""
+        """Return the height above home of the return manoeuvre from here."""
 
     @abstractmethod
     def return_wait_s(self) -> float:
-        """Return how long to wait above home before landing."""
+        """Return how long the return manoeuvre waits above home before landing."""
 
     @abstractmethod
     def land_profile(self) -> LandProfile:
-        """Return how fast to come down by height above ground."""
+        """Return the descent speeds of the landing manoeuvre."""
 
     @abstractmethod
     def take_off(self, down_m: float) -> TakeOff:
-        """Return the climb to a local height."""
+        """Return the takeoff manoeuvre to a local height."""
 
     @abstractmethod
     def waypoint(self, position_ned_m: Vec3) -> GoTo:
-        """Return the flight to a place of a mission."""
+        """Return the manoeuvre to a place of a mission."""
 
     def stay_at(self, position_ned_m: Vec3) -> GoTo:
-        """Return the flight to a place from where nothing goes on by itself."""
+        """Return the manoeuvre to a place, and to stay there."""
         return GoTo(
             position_ned_m=position_ned_m,
             yaw_rad=self._state.now.euler_rad[2],
@@ -92,11 +92,11 @@ class Manoeuvres(ABC):
         )
 
     def hold(self) -> Hold:
-        """Return to brake and stay."""
+        """Return the manoeuvre to brake and stay."""
         return Hold(speeds=self.speeds(), yaw_rad=self._state.now.euler_rad[2])
 
     def land(self) -> Land:
-        """Return the landing here."""
+        """Return the manoeuvre to land here."""
         return Land(
             profile=self.land_profile(),
             speeds=self.speeds(),
@@ -104,7 +104,7 @@ class Manoeuvres(ABC):
         )
 
     def go_home(self) -> Behaviour:
-        """Return the flight home, the wait above it, and the landing."""
+        """Return the manoeuvre of the return: the flight home, the wait, the landing."""
         home = self._state.home_ned_m or (0.0, 0.0, 0.0)
         return ReturnHome(
             home_ned_m=home,
@@ -115,7 +115,7 @@ class Manoeuvres(ABC):
         )
 
     def from_home_m(self) -> tuple[float, float]:
-        """Return how far it is from home, across and above."""
+        """Return the vehicle's distance from home, across and above."""
         north, east, down = self._state.home_ned_m or (0.0, 0.0, 0.0)
         here = self._state.now.position_ned_m
         return math.hypot(here[0] - north, here[1] - east), down - here[2]

@@ -43,20 +43,20 @@ _MOST_STEPS = 2000
 
 
 class MissionEvents(Protocol):
-    """What a mission reports to the autopilot that flies it."""
+    """What a flown mission reports to its autopilot (protocol)."""
 
     def begin_item(self, seq: int) -> None:
-        """Take note that an item is being flown from now on."""
+        """Take that a mission item is being flown from now on."""
 
     def reach_item(self, seq: int) -> None:
-        """Take note that an item was flown."""
+        """Take that a mission item was flown."""
 
     def finish_mission(self) -> None:
-        """Take note that the last item was flown."""
+        """Take that the mission's last item was flown."""
 
 
 class MissionMakers(NamedTuple):
-    """How a firmware flies items. lift: what is flown first from the ground; None for nothing."""
+    """How a firmware flies mission items. lift: before the first from the ground, or None."""
 
     manoeuvres: Manoeuvres
     go_home: Callable[[], Behaviour]
@@ -64,7 +64,7 @@ class MissionMakers(NamedTuple):
 
 
 class FlyMission(Behaviour):
-    """Fly items in their order from `first` on; after the last one stay."""
+    """The behaviour that flies mission items in order from `first` on; then it stays."""
 
     def __init__(
         self,
@@ -89,21 +89,21 @@ class FlyMission(Behaviour):
 
     @property
     def seq(self) -> int:
-        """Return the item being flown."""
+        """Return the mission item being flown."""
         return self._seq
 
     @property
     def lifts(self) -> bool:
-        """Return whether the present item does."""
+        """Return whether the present mission item takes off."""
         return self._current.lifts
 
     @property
     def descends(self) -> bool:
-        """Return whether the present item does."""
+        """Return whether the present mission item lands."""
         return self._current.descends
 
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the target of the present item, going on to the next when it is done."""
+        """Return the present mission item's target, going on when it is done."""
         target = self._current.update(now, t_s)
         if not self._current.done or self.done:
             return target
@@ -117,17 +117,17 @@ class FlyMission(Behaviour):
         return target
 
     def take_landing(self) -> None:
-        """Go on after a landing that the present item asked for."""
+        """Continue the mission after a landing that the present item asked for."""
         if not self.done and isinstance(self._current, Land | ReturnHome):
             self._reach()
 
     def jump_to(self, seq: int) -> None:
-        """Go on with this item."""
+        """Continue the mission with this item."""
         self.done = False
         self._go_on(seq)
 
     def change_speeds(self, speeds: Speeds) -> None:
-        """Fly the present item at other speeds; those that follow take the autopilot's."""
+        """Fly the present mission item at other speeds."""
         self._current.change_speeds(speeds)
 
     def _reach(self) -> None:
@@ -135,7 +135,7 @@ class FlyMission(Behaviour):
         self._go_on(self._seq + 1)
 
     def _go_on(self, seq: int) -> None:
-        """Begin the first item from `seq` on that is flown, and do what stands before it."""
+        """Begin the mission's first flown item from `seq` on, doing what stands before it."""
         self._arrived_s = None
         for _ in range(_MOST_STEPS):
             if seq >= len(self._items):
@@ -158,7 +158,7 @@ class FlyMission(Behaviour):
                 self._current, self._after_lift = lift, self._current
 
     def _do(self, seq: int) -> int:
-        """Do an item that is not flown; return which comes next."""
+        """Do a mission item that is not flown; return the next one."""
         item = self._items[seq]
         if item.command == mavlink.MAV_CMD_DO_JUMP:
             target, times = whole(item.params[0]), whole(item.params[1])
@@ -187,13 +187,13 @@ class FlyMission(Behaviour):
 
 
 def starts_with_takeoff(items: tuple[Item, ...]) -> bool:
-    """Return whether the first item that is flown is a takeoff."""
+    """Return whether the mission's first flown item is a takeoff."""
     flown = (item.command for item in items if item.command in FLOWN)
     return bool(next(flown, None) == mavlink.MAV_CMD_NAV_TAKEOFF)
 
 
 def place_of(item: Item, state: State) -> Vec3:
-    """Return where an item is; latitude and longitude of zero mean the present place."""
+    """Return a mission item's place; latitude and longitude of zero: the present one."""
     altitude_m = item.z
     if item.frame in RELATIVE_ALTITUDE_FRAMES:
         altitude_m += state.frame.altitude_m - state.home_down_m
@@ -204,6 +204,6 @@ def place_of(item: Item, state: State) -> Vec3:
 
 
 def stay_s(item: Item) -> float:
-    """Return how long to stay at an item, by its first parameter."""
+    """Return how long to stay at a mission item, by its first parameter."""
     stay = item.params[0] * _STAYS.get(item.command, 0.0)
     return max(0.0, stay)

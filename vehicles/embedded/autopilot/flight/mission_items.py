@@ -33,7 +33,7 @@ PLACED = frozenset(
 
 
 class Item(NamedTuple):
-    """One item; x and y as they travel (1e-7 degrees or 1e-4 m), z in metres."""
+    """A mission item; x and y as transmitted (1e-7 degrees or 1e-4 m), z in metres."""
 
     frame: int
     command: int
@@ -45,7 +45,7 @@ class Item(NamedTuple):
 
 
 class ItemRules(NamedTuple):
-    """What a firmware takes: commands by list (MAV_MISSION_TYPE), frames of placed items.
+    """A firmware's rules of mission items: commands by list, frames of placed items.
 
     nan_is_unset: NaN stands for "not given" in every parameter (PX4), not in the fourth alone.
     """
@@ -56,7 +56,7 @@ class ItemRules(NamedTuple):
 
 
 def item_of(message: Any) -> Item | int:
-    """Return the item of a MISSION_ITEM or MISSION_ITEM_INT, or why it is none.
+    """Return the mission item of a MISSION_ITEM or MISSION_ITEM_INT, or why it is none.
 
     The degrees of a MISSION_ITEM are floats and may be no numbers: then a MAV_MISSION_RESULT.
     """
@@ -79,7 +79,7 @@ def item_of(message: Any) -> Item | int:
 
 
 def item_fault(kind: int, item: Item, rules: ItemRules) -> int:
-    """Return the MAV_MISSION_RESULT with which a firmware takes or refuses an item of a list."""
+    """Return the MAV_MISSION_RESULT of a firmware for a mission item of a list."""
     if item.command not in rules.commands[kind]:
         return int(mavlink.MAV_MISSION_UNSUPPORTED)
     for index, value in enumerate(item.params):
@@ -90,6 +90,7 @@ def item_fault(kind: int, item: Item, rules: ItemRules) -> int:
 
 
 def _place_fault(item: Item, rules: ItemRules) -> int:
+    """Return the MAV_MISSION_RESULT for a mission item's place."""
     if item.frame not in rules.frames:
         return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
     if not is_on_globe(item.x * 1e-7, 0.0):

@@ -24,7 +24,7 @@ _REAL32: int = mavlink.MAV_PARAM_TYPE_REAL32
 
 
 class Parameter(NamedTuple):
-    """A parameter: its MAV_PARAM_TYPE, and its value as a number."""
+    """A parameter in the table: its MAV_PARAM_TYPE, and its value as a number."""
 
     name: str
     kind: int
@@ -32,7 +32,7 @@ class Parameter(NamedTuple):
 
 
 class Parameters:
-    """The table, in the order of names; values as plain numbers.
+    """The emulated autopilot's parameter table, in the order of names.
 
     bytewise: PX4's convention, where an integer's bits travel in the float field; otherwise
     ArduPilot's, where the value is cast to float.
@@ -56,24 +56,24 @@ class Parameters:
         return iter(self._names)
 
     def kind(self, name: str) -> int:
-        """Return the MAV_PARAM_TYPE."""
+        """Return a parameter's MAV_PARAM_TYPE."""
         return self._entries[name].kind
 
     def is_whole(self, name: str) -> bool:
-        """Return whether it is an integer."""
+        """Return whether a parameter is an integer."""
         kind = self._entries[name].kind
         return kind != _REAL32
 
     def index(self, name: str) -> int:
-        """Return the place in the list."""
+        """Return a parameter's index in the table."""
         return self._names.index(name)
 
     def name_at(self, index: int) -> str | None:
-        """Return the name at a place of the list; None beyond its end."""
+        """Return the parameter name at an index of the table; None beyond its end."""
         return self._names[index] if 0 <= index < len(self._names) else None
 
     def set(self, name: str, value: float) -> None:
-        """Set a value; integers drop their fraction and stay in the range of their type.
+        """Set a parameter; integers drop their fraction and stay in range.
 
         Raises KeyError for an unknown name.
         """
@@ -84,21 +84,21 @@ class Parameters:
         self._entries[name] = entry._replace(value=value)
 
     def to_wire(self, name: str) -> float:
-        """Return the value as it travels in a float field."""
+        """Return a parameter's value as transmitted in a float field."""
         entry = self._entries[name]
         if not self._bytewise or entry.kind == mavlink.MAV_PARAM_TYPE_REAL32:
             return entry.value
         return float(struct.unpack("<f", struct.pack("<i", int(entry.value)))[0])
 
     def from_wire(self, kind: int, value: float) -> float:
-        """Return the number that a float field carries for this MAV_PARAM_TYPE."""
+        """Return the parameter value in a float field of this MAV_PARAM_TYPE."""
         if not self._bytewise or kind == mavlink.MAV_PARAM_TYPE_REAL32:
             return value
         return float(struct.unpack(_BYTEWISE_FORMATS[kind], struct.pack("<f", value))[0])
 
 
 def load_parameters(file: Path, *, bytewise: bool, overrides: Mapping[str, float]) -> Parameters:
-    """Return the table of a YAML file (`NAME: [kind, value]`), with some values replaced.
+    """Return the parameter table of a YAML file (`NAME: [kind, value]`), some replaced.
 
     Raises ValueError for an override that the table does not have.
     """

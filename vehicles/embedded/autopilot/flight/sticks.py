@@ -17,7 +17,7 @@ _PWM_UNCHANGED, _PWM_RELEASED = 65535, 0
 
 @dataclass(frozen=True, slots=True)
 class Sticks:
-    """Each from -1 to 1: forward, right, up, and to turn right. at_s: the vehicle's clock."""
+    """The pilot's sticks, -1 to 1: forward, right, up, turn right. at_s: the vehicle's clock."""
 
     forward: float = 0.0
     right: float = 0.0
@@ -27,26 +27,26 @@ class Sticks:
 
     @property
     def centred(self) -> bool:
-        """Return whether nothing is asked for."""
+        """Return whether the sticks are centred."""
         return max(map(abs, (self.forward, self.right, self.up, self.turn))) < _CENTRED
 
 
 class StickLimits(NamedTuple):
-    """What a stick at its end asks for: m/s across, up and down, rad/s of turn."""
+    """What sticks at their ends demand: m/s across, up and down, rad/s of turn."""
 
     speeds: Speeds
     turn_rad_s: float
 
 
 def sticks_of_manual(x: int, y: int, z: int, r: int, *, at_s: float) -> Sticks:
-    """Return the sticks of a MANUAL_CONTROL: -1000 to 1000, z from 0 to 1000; INT16_MAX is none."""
+    """Return the sticks in a MANUAL_CONTROL: -1000 to 1000, z 0 to 1000; INT16_MAX none."""
     return Sticks(_share(x), _share(y), _share(2 * z - 1000, unknown=z), _share(r), at_s)
 
 
 def sticks_of_pulses(
     pulses_us: tuple[int, int, int, int], before: Sticks | None, *, at_s: float
 ) -> Sticks | None:
-    """Return the sticks of RC_CHANNELS_OVERRIDE's first four: roll, pitch, throttle, yaw.
+    """Return the sticks in RC_CHANNELS_OVERRIDE: roll, pitch, throttle, yaw.
 
     UINT16_MAX leaves a channel as it was; None when all are released (0).
     """
@@ -65,7 +65,7 @@ def sticks_of_pulses(
 
 
 class FlyBySticks(Behaviour):
-    """Fly at the velocity that the sticks ask for, in the heading's frame; centred: stay."""
+    """The behaviour that flies the sticks' velocity, in the heading's frame; centred: stay."""
 
     def __init__(
         self, *, sticks: Callable[[], Sticks | None], limits: StickLimits, yaw_rad: float
@@ -77,18 +77,18 @@ class FlyBySticks(Behaviour):
 
     @property
     def lifts(self) -> bool:
-        """Return whether the sticks ask for a climb."""
+        """Return whether the sticks demand a climb."""
         sticks = self._sticks()
         return sticks is not None and sticks.up > _CENTRED
 
     @property
     def descends(self) -> bool:
-        """Return whether the sticks ask for a descent."""
+        """Return whether the sticks demand a descent."""
         sticks = self._sticks()
         return sticks is not None and sticks.up < -_CENTRED
 
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the velocity asked for, or the place to stay at."""
+        """Return the sticks' velocity, or the place to stay at."""
         sticks = self._sticks()
         if sticks is None or sticks.centred:
             return self._hold.update(now, t_s)
@@ -107,10 +107,12 @@ class FlyBySticks(Behaviour):
 
 
 def _share(value: int, *, unknown: int | None = None) -> float:
+    """Return a stick's MANUAL_CONTROL axis as -1 to 1; 0 for unknown."""
     if _UNKNOWN_AXIS in {value, unknown}:
         return 0.0
     return _clamp_share(value / 1000.0)
 
 
 def _clamp_share(share: float) -> float:
+    """Return a stick's share clamped to -1 to 1."""
     return max(-1.0, min(1.0, share))

@@ -16,25 +16,25 @@ _UNKNOWN_VOLTAGE = 65535
 
 
 def attitude(s: State) -> Any:
-    """Return ATTITUDE."""
+    """Return the telemetry message ATTITUDE."""
     return mavlink.MAVLink_attitude_message(s.boot_ms, *s.now.euler_rad, *s.now.rates_rad_s)
 
 
 def attitude_quaternion(s: State) -> Any:
-    """Return ATTITUDE_QUATERNION."""
+    """Return the telemetry message ATTITUDE_QUATERNION."""
     q = quat_from_euler(*s.now.euler_rad)
     return mavlink.MAVLink_attitude_quaternion_message(s.boot_ms, *q, *s.now.rates_rad_s)
 
 
 def local_position_ned(s: State) -> Any:
-    """Return LOCAL_POSITION_NED, relative to the estimator's origin."""
+    """Return the telemetry message LOCAL_POSITION_NED, from the estimator's origin."""
     return mavlink.MAVLink_local_position_ned_message(
         s.boot_ms, *s.now.position_ned_m, *s.now.velocity_ned_m_s
     )
 
 
 def global_position_int(s: State) -> Any:
-    """Return GLOBAL_POSITION_INT."""
+    """Return the telemetry message GLOBAL_POSITION_INT."""
     here = s.frame.to_geodetic(s.now.position_ned_m)
     north, east, down = s.now.velocity_ned_m_s
     return mavlink.MAVLink_global_position_int_message(
@@ -51,7 +51,7 @@ def global_position_int(s: State) -> Any:
 
 
 def home_position(s: State) -> Any | None:
-    """Return HOME_POSITION; None before home is known."""
+    """Return the telemetry message HOME_POSITION; None before home is known."""
     if s.home_ned_m is None:
         return None
     here = s.frame.to_geodetic(s.home_ned_m)
@@ -69,7 +69,7 @@ def home_position(s: State) -> Any | None:
 
 
 def gps_global_origin(s: State) -> Any:
-    """Return GPS_GLOBAL_ORIGIN."""
+    """Return the telemetry message GPS_GLOBAL_ORIGIN."""
     origin = s.frame
     return mavlink.MAVLink_gps_global_origin_message(
         round(origin.latitude_deg * 1e7),
@@ -80,7 +80,7 @@ def gps_global_origin(s: State) -> Any:
 
 
 def system_time(s: State) -> Any:
-    """Return SYSTEM_TIME; the time of day is 0 until somebody has said it."""
+    """Return the telemetry message SYSTEM_TIME; time of day 0 until received."""
     offset_us = s.unix_offset_us
     return mavlink.MAVLink_system_time_message(
         0 if offset_us is None else s.boot_us + offset_us, s.boot_ms
@@ -88,7 +88,7 @@ def system_time(s: State) -> Any:
 
 
 def battery_status(s: State) -> Any:
-    """Return BATTERY_STATUS, the whole pack as one cell, as SITL gives it."""
+    """Return the telemetry message BATTERY_STATUS, the pack as one cell, as SITL."""
     charge = s.charge
     return mavlink.MAVLink_battery_status_message(
         0,
@@ -106,7 +106,7 @@ def battery_status(s: State) -> Any:
 
 
 def highres_imu(s: State) -> Any:
-    """Return HIGHRES_IMU: accelerations, rates, and the pressure of the altitude."""
+    """Return the telemetry message HIGHRES_IMU: accelerations, rates, pressure."""
     altitude_m = s.frame.altitude_m - s.now.position_ned_m[2]
     return mavlink.MAVLink_highres_imu_message(
         s.boot_us,
@@ -122,7 +122,7 @@ def highres_imu(s: State) -> Any:
 
 
 def raw_imu(s: State) -> Any:
-    """Return RAW_IMU with ArduPilot's scaling: mg, mrad/s, mgauss."""
+    """Return the telemetry message RAW_IMU with ArduPilot's scaling: mg, mrad/s, mgauss."""
     force, rates, field = s.now.specific_force_m_s2, s.now.rates_rad_s, _magnetic_field_gauss(s)
     return mavlink.MAVLink_raw_imu_message(
         s.boot_us,
@@ -135,13 +135,13 @@ def raw_imu(s: State) -> Any:
 
 
 def scaled_pressure(s: State) -> Any:
-    """Return SCALED_PRESSURE."""
+    """Return the telemetry message SCALED_PRESSURE."""
     altitude_m = s.frame.altitude_m - s.now.position_ned_m[2]
     return mavlink.MAVLink_scaled_pressure_message(s.boot_ms, pressure_hpa(altitude_m), 0.0, 1500)
 
 
 def position_target_local_ned(s: State) -> Any | None:
-    """Return POSITION_TARGET_LOCAL_NED, what the controller is flying; None when idle."""
+    """Return the telemetry message POSITION_TARGET_LOCAL_NED; None if idle."""
     target = s.target
     if target is None:
         return None
@@ -166,7 +166,7 @@ def position_target_local_ned(s: State) -> Any | None:
 
 
 def altitude(s: State) -> Any:
-    """Return ALTITUDE."""
+    """Return the telemetry message ALTITUDE."""
     up = -s.now.position_ned_m[2]
     amsl = s.frame.altitude_m + up
     return mavlink.MAVLink_altitude_message(
@@ -175,12 +175,12 @@ def altitude(s: State) -> Any:
 
 
 def vibration(s: State) -> Any:
-    """Return VIBRATION: none."""
+    """Return the telemetry message VIBRATION: none."""
     return mavlink.MAVLink_vibration_message(s.boot_us, 0.0, 0.0, 0.0, 0, 0, 0)
 
 
 class SensorMasks(NamedTuple):
-    """Masks of SYS_STATUS; health without the pre-arm bit."""
+    """The sensor masks of telemetry's SYS_STATUS; health without the pre-arm bit."""
 
     present: int
     enabled: int
@@ -188,7 +188,7 @@ class SensorMasks(NamedTuple):
 
 
 class LoadReport(NamedTuple):
-    """What else SYS_STATUS holds: load in 0.1 %, current in cA, the last of its extensions."""
+    """The other telemetry in SYS_STATUS: load in 0.1 %, current in cA, extensions."""
 
     load: int
     current_ca: int
@@ -196,7 +196,7 @@ class LoadReport(NamedTuple):
 
 
 def sys_status(s: State, masks: SensorMasks, report: LoadReport, *, prearm: bool) -> Any:
-    """Return SYS_STATUS."""
+    """Return the telemetry message SYS_STATUS."""
     charge = s.charge
     return mavlink.MAVLink_sys_status_message(
         masks.present,
@@ -211,7 +211,7 @@ def sys_status(s: State, masks: SensorMasks, report: LoadReport, *, prearm: bool
 
 
 class Fix(NamedTuple):
-    """What GPS_RAW_INT says of the fix: its quality as MAVLink scales it."""
+    """The GPS fix in telemetry's GPS_RAW_INT, scaled as in MAVLink."""
 
     kind: int
     satellites: int
@@ -222,7 +222,7 @@ class Fix(NamedTuple):
 
 
 def gps_raw_int(s: State, fix: Fix) -> Any:
-    """Return GPS_RAW_INT at the estimate."""
+    """Return the telemetry message GPS_RAW_INT at the estimate."""
     here = s.frame.to_geodetic(s.now.position_ned_m)
     altitude_mm = round(here.altitude_m * 1e3)
     return mavlink.MAVLink_gps_raw_int_message(
@@ -242,7 +242,7 @@ def gps_raw_int(s: State, fix: Fix) -> Any:
 
 
 def vfr_hud(s: State, throttle: float, *, airspeed_m_s: float) -> Any:
-    """Return VFR_HUD; the altitude is above mean sea level."""
+    """Return the telemetry message VFR_HUD; altitude above mean sea level."""
     return mavlink.MAVLink_vfr_hud_message(
         airspeed_m_s,
         ground_speed_m_s(s),
@@ -254,17 +254,17 @@ def vfr_hud(s: State, throttle: float, *, airspeed_m_s: float) -> Any:
 
 
 def pressure_hpa(altitude_m: float) -> float:
-    """Return the pressure of the standard atmosphere below 11 km (ISO 2533)."""
+    """Return the pressure of the standard atmosphere below 11 km (ISO 2533), for telemetry."""
     return float(1013.25 * (1.0 - 2.25577e-5 * altitude_m) ** 5.25588)
 
 
 def ground_speed_m_s(s: State) -> float:
-    """Return the horizontal speed."""
+    """Return the horizontal speed for telemetry."""
     return math.hypot(s.now.velocity_ned_m_s[0], s.now.velocity_ned_m_s[1])
 
 
 def heading_deg(s: State) -> int:
-    """Return the heading in whole degrees, 0 to 359."""
+    """Return the heading for telemetry in whole degrees, 0 to 359."""
     return round(math.degrees(s.now.euler_rad[2])) % 360
 
 
@@ -284,22 +284,26 @@ COMMON: dict[int, Builder] = {
 
 
 def _magnetic_field_gauss(s: State) -> tuple[float, float, float]:
-    """Return the horizontal field of central Europe (0.21 G north, 0.43 G down), level body."""
+    """Return telemetry's magnetic field: central Europe, 0.21 G north, 0.43 G down."""
     yaw = s.now.euler_rad[2]
     return (0.21 * math.cos(yaw), -0.21 * math.sin(yaw), 0.43)
 
 
 def _centi(value: float) -> int:
+    """Return a value in hundredths as a telemetry field's int16."""
     return max(-32768, min(32767, round(value * 100.0)))
 
 
 def _int32(value: float) -> int:
+    """Return a value as a telemetry field's int32."""
     return max(-(2**31), min(2**31 - 1, round(value)))
 
 
 def _int16(value: float) -> int:
+    """Return a value as a telemetry field's int16."""
     return max(-32768, min(32767, round(value)))
 
 
 def _centidegrees(angle_rad: float) -> int:
+    """Return an angle in hundredths of degrees for telemetry, 0 to 35999."""
     return round(math.degrees(angle_rad) * 100.0) % 36000

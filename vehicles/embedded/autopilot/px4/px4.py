@@ -52,7 +52,7 @@ _STICKS_LOST = {1: Px4Mode.HOLD, 2: Px4Mode.RTL, 3: Px4Mode.LAND}
 
 
 class Px4(Px4Core):
-    """PX4 on the wire: setpoints, commands, missions, failsafes."""
+    """The emulated PX4 over MAVLink: setpoints, commands, missions, failsafes."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class Px4(Px4Core):
     # Commands.
 
     def choose(self, mode: Px4Mode) -> int:
-        """Switch to the user's mode; a failsafe that was pending is dropped."""
+        """Switch PX4 to the user's mode; a pending failsafe is dropped."""
         result = super().choose(mode)
         if result == ACCEPTED:
             self._failsafes.user_took_over()
@@ -129,7 +129,7 @@ class Px4(Px4Core):
 
     @on_command(mavlink.MAV_CMD_MISSION_START)
     def _start_mission(self, command: Command) -> int:
-        """Fly the mission, and arm for it; param1 is its first item."""
+        """Fly PX4's mission, and arm for it; param1 is its first item."""
         if not self.has_mission:
             self.outbox.say(CRITICAL, "Mission start denied! No valid mission\t")
             return DENIED
@@ -188,7 +188,7 @@ class Px4(Px4Core):
     # Supervision.
 
     def supervise(self) -> None:
-        """Say what is due; check modes and failsafes."""
+        """Send PX4's due texts; check modes and failsafes."""
         if self.state.home_ned_m is None and self.position_valid:
             self.state.home_ned_m = self.state.now.position_ned_m
         if not self._heading_text_said and self.t_s >= _HEADING_TEXT_S:
@@ -211,7 +211,7 @@ class Px4(Px4Core):
         self._disarm_when_due()
 
     def _may_be_place(self, command: Command) -> bool:
-        """Return whether what is given of a place is one; NaN is not given."""
+        """Return whether PX4 accepts the given part of a place; NaN is not given."""
         x, y, z = (0.0 if math.isnan(each) else each for each in (command.x, command.y, command.z))
         return is_on_globe(x, y) and is_altitude(z)
 
@@ -225,7 +225,7 @@ class Px4(Px4Core):
             self.outbox.say(INFO, "Takeoff detected\t" if flying else "Landing detected\t")
 
     def _end_takeoff(self) -> None:
-        """Go from TAKEOFF to HOLD at its height, when near it."""
+        """Change PX4 from TAKEOFF to HOLD near the takeoff height."""
         behaviour = self.flight.behaviour
         if self.mode is Px4Mode.TAKEOFF and isinstance(behaviour, TakeOff) and behaviour.done:
             self.choose(Px4Mode.HOLD)
@@ -266,7 +266,7 @@ class Px4(Px4Core):
         return too_far or too_high or (bool(fence.areas) and fence.breached(here[0], here[1]))
 
     def _fence_result(self, fence: EmulatedFence) -> int:
-        """Refuse a fence that would be breached at once, or that leaves home out."""
+        """Refuse a PX4 fence that would be breached at once, or that leaves home out."""
         home = self.state.home_ned_m
         breached = self._is_outside(fence) or (
             home is not None and fence.breached(home[0], home[1])

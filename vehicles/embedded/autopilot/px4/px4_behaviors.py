@@ -16,24 +16,24 @@ _RADIUS_M = 0.3
 
 
 class Px4Manoeuvres(Manoeuvres):
-    """Behaviours by MPC_*, MIS_*, NAV_* and RTL_*."""
+    """PX4's behaviours by MPC_*, MIS_*, NAV_* and RTL_*."""
 
     def default_speeds(self) -> Speeds:
-        """Return the limits of the automatic modes."""
+        """Return the speed limits of PX4's automatic modes."""
         p = self._p
         return speed_limits(p["MPC_XY_CRUISE"], p["MPC_Z_V_AUTO_UP"], p["MPC_Z_V_AUTO_DN"])
 
     def offboard_speeds(self) -> Speeds:
-        """Return the limits of OFFBOARD."""
+        """Return the speed limits of PX4's OFFBOARD."""
         p = self._p
         return speed_limits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
 
     def return_speeds(self) -> Speeds:
-        """Return the limits of the automatic modes."""
+        """Return the speed limits of PX4's automatic modes, for its return."""
         return self.speeds()
 
     def return_height_m(self) -> float:
-        """Return how high above home to fly back: a cone near home (rtl.cpp, RTL_CONE_ANG)."""
+        """Return PX4's return height above home: a cone (rtl.cpp, RTL_CONE_ANG)."""
         p = self._p
         distance_m, above_m = self.from_home_m()
         near_m, cone_deg = p["NAV_ACC_RAD"], p["RTL_CONE_ANG"]
@@ -46,11 +46,11 @@ class Px4Manoeuvres(Manoeuvres):
         return max(height_m, above_m)
 
     def return_wait_s(self) -> float:
-        """Return how long to loiter above home; PX4 waits for ever when it is negative."""
+        """Return how long PX4 loiters above home; for ever when negative."""
         return max(0.0, self._p["RTL_LAND_DELAY"])
 
     def land_profile(self) -> LandProfile:
-        """Return slower below 5 m, a crawl below 1 m (FlightTaskAuto.cpp).
+        """Return PX4's descent: slower below 5 m, a crawl below 1 m.
 
         PX4 crawls only with a distance sensor, as SIH has.
         """
@@ -66,7 +66,7 @@ class Px4Manoeuvres(Manoeuvres):
         )
 
     def take_off(self, down_m: float) -> TakeOff:
-        """Return the climb to a height, no lower than the present one."""
+        """Return PX4's climb to a height, no lower than the present one."""
         p = self._p
         return TakeOff(
             down_m=min(down_m, self._state.now.position_ned_m[2]),
@@ -77,13 +77,13 @@ class Px4Manoeuvres(Manoeuvres):
         )
 
     def waypoint(self, position_ned_m: Vec3) -> GoTo:
-        """Return the flight to a place of a mission."""
+        """Return PX4's flight to a place of a mission."""
         return self.go_to(position_ned_m)
 
     def go_to(
         self, position_ned_m: Vec3, *, speed_m_s: float = -1.0, yaw_rad: float = math.nan
     ) -> GoTo:
-        """Return the flight to a place. speed_m_s: below 0 for the usual one; yaw NaN: keep it."""
+        """Return PX4's flight to a place. speed_m_s: below 0 the usual; yaw NaN: keep it."""
         limits = self.speeds()
         return GoTo(
             position_ned_m=position_ned_m,

@@ -47,7 +47,7 @@ _PREARM_BIT_OFF_S = 0.18
 
 
 class Px4Core(MissionAutopilot[Px4Mode]):
-    """PX4's modes and arming; what it does on messages and in time is in the subclass."""
+    """PX4's modes and arming; messages and time are the subclass's."""
 
     is_px4: ClassVar[bool] = True
     item_rules: ClassVar[ItemRules] = RULES
@@ -94,16 +94,16 @@ class Px4Core(MissionAutopilot[Px4Mode]):
 
     @property
     def position_valid(self) -> bool:
-        """Return whether the estimator has a position."""
+        """Return whether PX4's estimator has a position."""
         return self.t_s >= _POSITION_S
 
     @property
     def setpoints_stream(self) -> bool:
-        """Return whether offboard setpoints are fresh."""
+        """Return whether PX4's offboard setpoints are fresh."""
         return self.t_s - self.setpoint_at_s <= self.parameters["COM_OF_LOSS_T"]
 
     def _can_arm(self) -> bool:
-        """Return whether the checks pass in the present mode."""
+        """Return whether PX4's checks pass in the present mode."""
         if self.never_ready or self.t_s < _CHECKS_PASS_S or self.terminated:
             return False
         if self.mode is Px4Mode.OFFBOARD and not self.setpoints_stream:
@@ -115,7 +115,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
         return not self.mode.prevents_arming
 
     def _prearm_bit(self) -> bool:
-        """Return the bit of SYS_STATUS: later than the checks, and off as a failsafe begins."""
+        """Return PX4's pre-arm bit of SYS_STATUS: later than checks, off in failsafes."""
         if self.never_ready or self.t_s < _PREARM_BIT_S or self.terminated:
             return False
         if self.flight.armed:
@@ -183,12 +183,12 @@ class Px4Core(MissionAutopilot[Px4Mode]):
     # Modes.
 
     def set_mode(self, mode: int, submode: int) -> int:
-        """Change to a mode that the user wants, if it can run."""
+        """Change PX4 to a mode that the user wants, if it can run."""
         wanted = px4_mode(mode, submode)
         return self.choose(wanted) if wanted is not None else DENIED
 
     def choose(self, mode: Px4Mode) -> int:
-        """Switch to the user's mode; while armed only if it can run. Ends a failsafe."""
+        """Switch PX4 to the user's mode; while armed only if it can run. Ends a failsafe."""
         if self.flight.armed and not self._can_run(mode):
             self.outbox.say(
                 CRITICAL, f"Switching to mode '{mode.words}' is currently not possible\t"
@@ -210,7 +210,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
         return self.position_valid
 
     def fail(self, mode: Px4Mode) -> None:
-        """Begin a failsafe: fly this mode until the user chooses another."""
+        """Begin a PX4 failsafe: fly its mode until the user chooses another."""
         self.failsafe = True
         self._failsafe_at_s = self.t_s
         self.outbox.say(CRITICAL, "Failsafe activated\t")
@@ -268,14 +268,14 @@ class Px4Core(MissionAutopilot[Px4Mode]):
         self.outbox.say(CRITICAL, "Disarming denied: not landed\t")
 
     def stop_motors(self, by: str) -> None:
-        """Disarm now; the mode becomes the last one of the user's in which it can be armed."""
+        """Disarm PX4 now; the mode becomes the user's last one that can be armed."""
         self.flight.disarm()
         self.failsafe = False
         self.mode = self._mode_after_disarm
         self.outbox.say(INFO, f"Disarmed by {by}\t")
 
     def terminate(self, text: str) -> None:
-        """Cut the motors for good."""
+        """Terminate PX4's flight: cut the motors for good."""
         self.terminated = self.flight.motors_cut = True
         self.outbox.say(EMERGENCY, f"{text}\t")
 

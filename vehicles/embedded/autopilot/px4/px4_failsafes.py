@@ -11,7 +11,7 @@ from vehicles.embedded.autopilot.flight.parameter_table import Parameters
 
 
 class Action(Enum):
-    """What a failsafe does, mildest first."""
+    """The action of a PX4 failsafe, mildest first."""
 
     NONE = 0
     WARN = 1
@@ -23,7 +23,7 @@ class Action(Enum):
 
 
 class View(NamedTuple):
-    """What the failsafes look at; ages in s, battery 0 to 1."""
+    """What PX4's failsafes look at; ages in s, battery 0 to 1."""
 
     t_s: float
     offboard: bool
@@ -34,7 +34,7 @@ class View(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """An action to begin now, and whether the hold that precedes it has yet to be flown."""
+    """PX4's failsafe decision: an action, and whether its hold is still to be flown."""
 
     cause: str
     action: Action
@@ -68,7 +68,7 @@ _DELAYED = {Action.RETURN, Action.LAND}
 
 
 class Failsafes:
-    """Says once per cause what to do; a cause that ended may begin again."""
+    """PX4's failsafes: one decision per cause; an ended cause may begin again."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._p = parameters
@@ -76,16 +76,16 @@ class Failsafes:
         self._pending: tuple[float, Decision] | None = None
 
     def reset(self) -> None:
-        """Forget all causes: the vehicle was armed."""
+        """Forget all failsafe causes: PX4 was armed."""
         self._active.clear()
         self._pending = None
 
     def user_took_over(self) -> None:
-        """Drop what was pending: the user chose a mode."""
+        """Drop PX4's pending failsafe: the user chose a mode."""
         self._pending = None
 
     def check(self, view: View) -> Decision | None:
-        """Return what to begin now; None when nothing new is wrong."""
+        """Return the PX4 failsafe to begin now; None when nothing new is wrong."""
         if self._pending is not None and view.t_s >= self._pending[0]:
             decision, self._pending = self._pending[1], None
             return decision

@@ -20,7 +20,7 @@ _AUTO_BITS: int = (
 
 
 class Px4Mode(Enum):
-    """(main mode, sub mode)."""
+    """A PX4 mode: (main mode, sub mode)."""
 
     MANUAL = (1, 0)
     ALTITUDE = (2, 0)
@@ -36,23 +36,23 @@ class Px4Mode(Enum):
 
     @property
     def custom_mode(self) -> int:
-        """Return the number of the HEARTBEAT."""
+        """Return the PX4 mode's number in the HEARTBEAT."""
         main, sub = self.value
         return int(main) << 16 | int(sub) << 24
 
     @property
     def is_manual(self) -> bool:
-        """Return whether it needs a pilot's sticks."""
+        """Return whether the PX4 mode needs a pilot's sticks."""
         return self.value[0] in {1, 2, 3, 5, 7}
 
     @property
     def prevents_arming(self) -> bool:
-        """Return whether arming is refused in it; such a mode is not returned to after landing."""
+        """Return whether PX4 refuses to arm in the mode, or to return to it landed."""
         return self in {Px4Mode.RTL, Px4Mode.LAND}
 
     @property
     def base_mode(self) -> int:
-        """Return the flags of the HEARTBEAT, without the armed one."""
+        """Return the PX4 mode's flags in the HEARTBEAT, without the armed one."""
         bits: int = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         if self.is_manual:
             return bits | _MANUAL_BITS
@@ -62,7 +62,7 @@ class Px4Mode(Enum):
 
     @property
     def words(self) -> str:
-        """Return what PX4 calls it in its texts."""
+        """Return the mode's name in PX4's texts."""
         return {"RTL": "Return"}.get(self.name, self.name.capitalize())
 
 
@@ -76,7 +76,7 @@ ENTRIES = tuple(
 
 
 def px4_mode(main: int, sub: int) -> Px4Mode | None:
-    """Return the mode of these numbers; AUTO without a sub mode is not one."""
+    """Return the PX4 mode of these numbers; AUTO without a sub mode is not one."""
     for mode in Px4Mode:
         if mode.value[0] == main and (main != 4 or mode.value[1] == sub):
             return mode

@@ -45,14 +45,14 @@ def autopilot_version(identity: Identity) -> Any:
 
 
 def sys_status(s: State, *, prearm: bool) -> Any:
-    """Return SYS_STATUS."""
+    """Return PX4's SYS_STATUS telemetry."""
     health = _HEALTHY if s.clock_s >= _HEADING_S else _BEFORE_HEADING
     masks = telemetry.SensorMasks(_SENSORS, _ENABLED, health)
     return telemetry.sys_status(s, masks, telemetry.LoadReport(100, -1, 1), prearm=prearm)
 
 
 def estimator_status(s: State, *, armed: bool, landed_after_flight: bool) -> Any:
-    """Return ESTIMATOR_STATUS: flags by the time since boot and the phase of flight."""
+    """Return PX4's ESTIMATOR_STATUS: flags by the time since boot and the phase of flight."""
     if s.clock_s < 2.0:
         flags = 164
     elif s.clock_s < _HEADING_S:
@@ -67,17 +67,17 @@ def estimator_status(s: State, *, armed: bool, landed_after_flight: bool) -> Any
 
 
 def gps_raw_int(s: State) -> Any:
-    """Return GPS_RAW_INT: a 3D fix of 10 satellites from the start."""
+    """Return PX4's GPS_RAW_INT: a 3D fix of 10 satellites from the start."""
     return telemetry.gps_raw_int(s, telemetry.Fix(3, 10, 70, 110, (900, 1780, 400)))
 
 
 def global_position_int(s: State) -> Any | None:
-    """Return GLOBAL_POSITION_INT, once the estimator has a position."""
+    """Return PX4's GLOBAL_POSITION_INT, once the estimator has a position."""
     return telemetry.global_position_int(s) if s.clock_s >= _HEADING_S else None
 
 
 def odometry(s: State) -> Any:
-    """Return ODOMETRY: local position, velocity in body axes, as PX4 sends it (frame 1, 1)."""
+    """Return PX4's ODOMETRY: local position, velocity in body axes (frame 1, 1)."""
     q = quat_from_euler(*s.now.euler_rad)
     velocity = rotate(quat_conjugate(q), s.now.velocity_ned_m_s)
     return mavlink.MAVLink_odometry_message(
@@ -97,17 +97,17 @@ def odometry(s: State) -> Any:
 
 
 def timesync(s: State) -> Any:
-    """Return a TIMESYNC request, as PX4 sends ten times a second."""
+    """Return PX4's TIMESYNC request, which it sends ten times a second."""
     return mavlink.MAVLink_timesync_message(0, s.boot_us * 1000)
 
 
 def ping(s: State) -> Any:
-    """Return a PING to everybody, as PX4 sends each second."""
+    """Return PX4's PING to everybody, which it sends each second."""
     return mavlink.MAVLink_ping_message(s.boot_us, 0, 0, 0)
 
 
 def distance_sensor(s: State) -> Any:
-    """Return DISTANCE_SENSOR: the height above the start in cm, looking down."""
+    """Return PX4's DISTANCE_SENSOR: the height above the start in cm, looking down."""
     height_cm = round(max(0.0, -s.now.position_ned_m[2]) * 100.0)
     return mavlink.MAVLink_distance_sensor_message(
         s.boot_ms,
@@ -122,7 +122,7 @@ def distance_sensor(s: State) -> Any:
 
 
 def servo_output_raw(s: State) -> Any:
-    """Return SERVO_OUTPUT_RAW: 900 us stopped, 1000 to 2000 us with the thrust."""
+    """Return PX4's SERVO_OUTPUT_RAW: 900 us stopped, 1000 to 2000 us with the thrust."""
     pulses = [
         round(1000.0 + 1000.0 * thrust_n / s.max_thrust_n) if thrust_n > 0.0 else 900
         for thrust_n in s.thrusts

@@ -24,7 +24,7 @@ _INT_UNSET = 2**31 - 1
 
 
 class Command(NamedTuple):
-    """A command; x and y are degrees for a place on the globe, NaN where nothing is given."""
+    """A received MAVLink command; x, y: degrees for a place on Earth, NaN where not given."""
 
     number: int
     params: tuple[float, float, float, float]
@@ -37,17 +37,17 @@ class Command(NamedTuple):
     from_component: int
 
     def whole(self, index: int) -> int:
-        """Return a parameter (0 to 3) as the integer that a firmware casts it to."""
+        """Return a command's parameter (0 to 3) as the integer that a firmware casts it to."""
         return whole(self.params[index])
 
     @property
     def has_place(self) -> bool:
-        """Return whether x, y, z are a latitude, a longitude and an altitude."""
+        """Return whether the command's x, y, z are latitude, longitude and altitude."""
         return is_on_globe(self.x, self.y) and is_altitude(self.z)
 
 
 def from_long(message: Any) -> Command:
-    """Return the command of a COMMAND_LONG."""
+    """Return the command in a COMMAND_LONG."""
     return Command(
         message.command,
         (message.param1, message.param2, message.param3, message.param4),
@@ -61,7 +61,7 @@ def from_long(message: Any) -> Command:
 
 
 def from_int(message: Any) -> Command:
-    """Return the command of a COMMAND_INT."""
+    """Return the command in a COMMAND_INT."""
     scale = 1e-4 if message.frame in _LOCAL_FRAMES else 1e-7
     return Command(
         message.command,
@@ -79,7 +79,7 @@ Handler = TypeVar("Handler", bound=Callable[..., Any])
 
 
 def on_command(*numbers: int) -> Callable[[Handler], Handler]:
-    """Mark a method of an autopilot as the one that does these commands."""
+    """Register a method of an autopilot as the handler of these commands."""
 
     def mark(handler: Handler) -> Handler:
         handler.__dict__["mav_commands"] = numbers
@@ -89,7 +89,7 @@ def on_command(*numbers: int) -> Callable[[Handler], Handler]:
 
 
 def on_message(*names: str) -> Callable[[Handler], Handler]:
-    """Mark a method of an autopilot as the one that takes these messages."""
+    """Register a method of an autopilot as the handler of these messages."""
 
     def mark(handler: Handler) -> Handler:
         handler.__dict__["mav_messages"] = names
@@ -99,7 +99,7 @@ def on_message(*names: str) -> Callable[[Handler], Handler]:
 
 
 def on_request(*message_ids: int) -> Callable[[Handler], Handler]:
-    """Mark a method of an autopilot as the one that makes these messages, by stream or request."""
+    """Register a method of an autopilot as the maker of these requested messages."""
 
     def mark(handler: Handler) -> Handler:
         handler.__dict__["mav_requests"] = message_ids
@@ -109,7 +109,7 @@ def on_request(*message_ids: int) -> Callable[[Handler], Handler]:
 
 
 def marked(kind: type, mark: str) -> dict[Any, str]:
-    """Return what was marked in a class and its bases: key to name of the method.
+    """Return the registered methods of a class and its bases: key to name of the method.
 
     A subclass overrides by marking the same key. Raises ValueError when one class marks a key
     twice.

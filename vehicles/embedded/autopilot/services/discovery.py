@@ -23,7 +23,7 @@ _FAIL, _INVALID_SESSION, _END_OF_FILE, _UNKNOWN_COMMAND, _NOT_FOUND = 1, 4, 6, 7
 
 
 class ModeEntry(NamedTuple):
-    """A mode as AVAILABLE_MODES lists it. standard: MAV_STANDARD_MODE; 0 for none.
+    """A mode for discovery by AVAILABLE_MODES. standard: MAV_STANDARD_MODE; 0 for none.
 
     advanced: a mode that is not offered to everybody; selectable: by a user.
     """
@@ -56,7 +56,7 @@ def available_modes(entries: tuple[ModeEntry, ...], index: int) -> list[Any]:
 
 
 def current_mode(entries: tuple[ModeEntry, ...], custom_mode: int) -> Any:
-    """Return CURRENT_MODE."""
+    """Return CURRENT_MODE for discovery."""
     from pymavlink.dialects.v20 import development  # noqa: PLC0415 - see above
 
     standard = next((e.standard for e in entries if e.custom_mode == custom_mode), 0)
@@ -64,7 +64,7 @@ def current_mode(entries: tuple[ModeEntry, ...], custom_mode: int) -> Any:
 
 
 def file_answer(message: Any) -> Any:
-    """Return the answer to a FILE_TRANSFER_PROTOCOL: no files here, and so it says at once.
+    """Return the FILE_TRANSFER_PROTOCOL reply of a vehicle without files, for discovery.
 
     Sessions are ended, directories are empty, every file is not found.
     """
@@ -86,6 +86,7 @@ def file_answer(message: Any) -> Any:
 
 
 def _file_error(opcode: int) -> int | None:
+    """Return the file transfer error of an operation; None for an empty acknowledgement."""
     if opcode in _WITHOUT_ANSWER_DATA:
         return None
     if opcode in _LISTS:

@@ -24,12 +24,12 @@ FENCE_COMMANDS = frozenset({*POLYGONS, *CIRCLES, RETURN_POINT})
 
 
 class EmulatedFence(NamedTuple):
-    """All areas: every exclusion holds; of inclusions one polygon or circle must hold."""
+    """The emulated fence: no exclusion, and any of the inclusions."""
 
     areas: tuple[LocalArea, ...] = ()
 
     def breached(self, north_m: float, east_m: float) -> bool:
-        """Return whether a place breaks the fence."""
+        """Return whether a place breaches the emulated fence."""
         inclusions = [area for area in self.areas if area.inside]
         if inclusions and not any(_within(area, north_m, east_m) for area in inclusions):
             return True
@@ -37,7 +37,7 @@ class EmulatedFence(NamedTuple):
 
 
 def emulated_fence(items: Sequence[FenceItem], frame: LocalFrame) -> EmulatedFence:
-    """Return the fence that items draw, in local metres. Raises FenceItemError."""
+    """Return the fence of uploaded items, in local metres. Raises FenceItemError."""
     areas: list[LocalArea] = []
     for area in fence_areas(items):
         if isinstance(area, FenceCircle):
@@ -49,11 +49,13 @@ def emulated_fence(items: Sequence[FenceItem], frame: LocalFrame) -> EmulatedFen
 
 
 def _to_local(place: Place, frame: LocalFrame) -> Point:
+    """Return a fence item's place in local metres."""
     north, east, _ = frame.to_ned(place.latitude_deg, place.longitude_deg, frame.altitude_m)
     return (north, east)
 
 
 def _within(area: LocalArea, north: float, east: float) -> bool:
+    """Return whether a point is within a fence area."""
     if isinstance(area, FenceCircle):
         centre_north, centre_east = area.centre
         return math.hypot(north - centre_north, east - centre_east) < area.radius_m
@@ -61,7 +63,7 @@ def _within(area: LocalArea, north: float, east: float) -> bool:
 
 
 def _inside_polygon(corners: tuple[Point, ...], north: float, east: float) -> bool:
-    """Return whether a point is inside, by the crossing number."""
+    """Return whether a point is inside a fence polygon, by the crossing number."""
     inside = False
     north_0, east_0 = corners[-1]
     for north_1, east_1 in corners:

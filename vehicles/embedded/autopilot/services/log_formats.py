@@ -14,20 +14,20 @@ _POSITION_FIELDS = ("x", "y", "z", "vx", "vy", "vz", "heading")
 
 
 class LogWriter(Protocol):
-    """One log that grows."""
+    """A growing vehicle log in some format (protocol)."""
 
     def text(self, t_us: int, text: str) -> None:
-        """Add words."""
+        """Add a text to the log."""
 
     def position(self, t_us: int, now: Motion) -> None:
-        """Add the estimate: local NED."""
+        """Add the estimate to the log: local NED."""
 
     def data(self) -> bytes:
-        """Return the log so far."""
+        """Return the log's bytes so far."""
 
 
 class DataFlash:
-    """ArduPilot's .bin: each message type is described by an FMT message before its first use."""
+    """ArduPilot's log format .bin: an FMT message describes each type before its first use."""
 
     _HEAD = b"\xa3\x95"
     _FORMATS = (
@@ -49,25 +49,26 @@ class DataFlash:
             self._add("PARM", t_us, name.encode(), parameters[name], parameters[name])
 
     def text(self, t_us: int, text: str) -> None:
-        """Add words."""
+        """Add a text to the DataFlash log."""
         self._add("MSG", t_us, text.encode()[:64])
 
     def position(self, t_us: int, now: Motion) -> None:
-        """Add the estimate."""
+        """Add the estimate to the DataFlash log."""
         yaw = now.euler_rad[2]
         self._add("XKF1", t_us, *now.position_ned_m, *now.velocity_ned_m_s, yaw)
 
     def data(self) -> bytes:
-        """Return the log so far."""
+        """Return the DataFlash log's bytes so far."""
         return bytes(self._data)
 
     def _add(self, name: str, *fields: float | bytes) -> None:
+        """Add a message to the DataFlash log."""
         number, layout = self._layouts[name]
         self._data += self._HEAD + bytes([number]) + layout.pack(*fields)
 
 
 class ULog:
-    """PX4's .ulg: definitions, then data of one topic, and logged strings."""
+    """PX4's log format .ulg: definitions, then data of one topic, and logged strings."""
 
     _TOPIC = "vehicle_local_position"
     _TOPIC_ID = 0
@@ -84,16 +85,16 @@ class ULog:
         self._add("A", struct.pack("<BH", 0, self._TOPIC_ID) + self._TOPIC.encode())
 
     def text(self, t_us: int, text: str) -> None:
-        """Add words, at the level of information."""
+        """Add a text to the ULog, at the level of information."""
         self._add("L", b"6" + struct.pack("<Q", t_us) + text.encode())
 
     def position(self, t_us: int, now: Motion) -> None:
-        """Add the estimate."""
+        """Add the estimate to the ULog."""
         values = (*now.position_ned_m, *now.velocity_ned_m_s, now.euler_rad[2])
         self._add("D", struct.pack("<HQ7f", self._TOPIC_ID, t_us, *values))
 
     def data(self) -> bytes:
-        """Return the log so far."""
+        """Return the ULog's bytes so far."""
         return bytes(self._data)
 
     def _parameter(self, name: str, parameters: Parameters) -> None:

@@ -17,7 +17,7 @@ _MOST_LOGS = 20
 
 
 class FlightLogs:
-    """Writes a log per flight, and answers LOG_REQUEST_LIST, _DATA, _END and LOG_ERASE.
+    """Writes a log per flight, and serves LOG_REQUEST_LIST, _DATA, _END and LOG_ERASE.
 
     first: the number of the first log (ArduPilot counts from 1, PX4 from 0). begin: makes the
     log of a flight that begins at a time in us.
@@ -35,14 +35,14 @@ class FlightLogs:
         self._asked: tuple[bytes, int, int, int] | None = None
 
     def turn(self, t_s: float, *, armed: bool, now: Motion) -> None:
-        """Write what is due, and send what was asked for; called every 20 ms."""
+        """Write due log entries, and send requested log data; called every 20 ms."""
         if armed or self._writer is not None:
             self._write(t_s, armed=armed, now=now)
         if self._asked is not None:
             self._send_pieces(*self._asked)
 
     def handle(self, message: Any) -> None:
-        """Take a message about logs."""
+        """Handle a message about logs."""
         kind = message.get_type()
         if kind == "LOG_REQUEST_LIST":
             self._list(message.start, message.end)

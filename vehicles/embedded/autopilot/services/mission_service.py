@@ -30,7 +30,7 @@ _GUIDED = 2
 
 
 class _Upload:
-    """An upload under way."""
+    """A mission upload under way."""
 
     def __init__(self, *, kind: int, count: int, peer: tuple[int, int], t_s: float) -> None:
         self.kind = kind
@@ -45,7 +45,7 @@ Accept = Callable[[int, tuple[Item, ...]], int]
 
 
 class MissionService:
-    """Keeps the three lists and speaks the protocol for them.
+    """Serves the mission protocol for the three item lists.
 
     home: gives item 0 of every mission, as in ArduPilot, where it is home and not the user's; None
     where a mission begins with the user's first item, as in PX4. rules: what the firmware takes.
@@ -73,14 +73,14 @@ class MissionService:
         """Who uploaded last, and which list."""
 
     def items(self, kind: int) -> tuple[Item, ...]:
-        """Return a list; an ArduPilot mission starts with home."""
+        """Return a mission list; an ArduPilot mission starts with home."""
         items = self._lists.get(kind, ())
         if kind == MISSION and self._home is not None:
             return (self._home(), *items[1:])
         return items
 
     def handle(self, message: Any, t_s: float) -> None:
-        """Take any message of the protocol."""
+        """Handle any message of the mission protocol."""
         name = message.get_type()
         if name == "MISSION_COUNT":
             self._begin(message, t_s)
@@ -94,7 +94,7 @@ class MissionService:
             self._clear(message)
 
     def turn(self, t_s: float) -> None:
-        """Ask again for an item that did not come; give up in the end."""
+        """Request a missing mission item again; give up in the end."""
         upload = self._upload
         if upload is None:
             return
@@ -147,7 +147,7 @@ class MissionService:
         self._finish(peer, upload.kind, tuple(upload.items))
 
     def _fault(self, upload: _Upload, item: Item | int) -> int:
-        """Return why the next item is refused; ArduPilot's home is taken whatever it is."""
+        """Return why the next mission item is refused; ArduPilot's home is always taken."""
         if isinstance(item, int):
             return item
         if upload.kind == MISSION and self._home is not None and not upload.items:
@@ -210,4 +210,5 @@ class MissionService:
 
 
 def _peer(message: Any) -> tuple[int, int]:
+    """Return the sender of a mission message: system, component."""
     return message.get_srcSystem(), message.get_srcComponent()

@@ -13,7 +13,7 @@ INFO: int = mavlink.MAV_SEVERITY_INFO
 
 
 class Outbox:
-    """Messages in their order.
+    """The outbox of the autopilot's messages, in their order.
 
     `count_all`: number every STATUSTEXT, as PX4 does; otherwise only those of several chunks.
     """
@@ -26,34 +26,34 @@ class Outbox:
         self._text_id = 0
 
     def send(self, message: Any | None) -> None:
-        """Queue a message; None is nothing."""
+        """Put a message into the outbox; None is nothing."""
         if message is not None:
             self._now.append(message)
 
     def send_later(self, message: Any | None) -> None:
-        """Queue a message behind the acknowledgement of the command under way."""
+        """Put a message into the outbox behind the present command's acknowledgement."""
         if message is not None:
             self._later.append(message)
 
     def say(self, severity: int, text: str) -> None:
-        """Queue a STATUSTEXT for the next turn, behind what caused it."""
+        """Put a STATUSTEXT into the outbox for the next turn, behind its cause."""
         self._texts.append((severity, text))
 
     def release(self) -> None:
-        """Let go what waited for an acknowledgement."""
+        """Release messages that waited in the outbox for an acknowledgement."""
         if self._later:
             self._now.extend(self._later)
             self._later.clear()
 
     def turn(self, *, texts_heard: bool) -> None:
-        """Let go all that waits; texts that nobody hears are dropped."""
+        """Release all that waits in the outbox; texts that nobody receives are dropped."""
         self.release()
         texts, self._texts = self._texts, []
         for severity, text in texts if texts_heard else ():
             self._now.extend(self._statustexts(severity, text))
 
     def take(self) -> list[Any]:
-        """Return what is to be sent now, and forget it."""
+        """Return what the outbox has to send now, and empty it."""
         if not self._now:
             return self._now
         now, self._now = self._now, []

@@ -13,7 +13,7 @@ NO_INDEX = 65535
 
 
 class ParameterService:
-    """Answers PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET.
+    """Serves PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET.
 
     strict: PX4's way, which refuses a PARAM_SET of the wrong type and gives the parameter's index
     in its answer; otherwise ArduPilot's.
@@ -28,16 +28,16 @@ class ParameterService:
         self._queue: deque[str] = deque()
 
     def request_list(self) -> None:
-        """Begin to send all of them."""
+        """Begin to send all parameters."""
         self._queue = deque(self._parameters)
 
     def due(self) -> list[Any]:
-        """Return the next few of a list under way."""
+        """Return the next few parameters of a list under way."""
         count = min(self._PER_TURN, len(self._queue))
         return [self._value(self._queue.popleft(), indexed=True) for _ in range(count)]
 
     def read(self, message: Any) -> list[Any]:
-        """Answer a PARAM_REQUEST_READ; ArduPilot is silent when it is unknown."""
+        """Reply to a PARAM_REQUEST_READ; ArduPilot is silent for unknown ones."""
         index = message.param_index
         name = self._parameters.name_at(index) if index >= 0 else message.param_id
         if name is None or name not in self._parameters:
@@ -45,7 +45,7 @@ class ParameterService:
         return [self._value(name, indexed=True)]
 
     def write(self, message: Any) -> list[Any]:
-        """Take a PARAM_SET and return the answer: the value as it now is, or nothing."""
+        """Take a PARAM_SET and return the reply: the value as it now is, or nothing."""
         name = message.param_id
         parameters = self._parameters
         if name not in parameters:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 
 class StreamIntervals:
-    """Messages that repeat. Times are the vehicle's own clock, s."""
+    """The intervals of streamed messages. Times are the vehicle's own clock, s."""
 
     def __init__(self, rates_hz: Mapping[int, float], *, shortest_s: float) -> None:
         self._defaults = dict(rates_hz)
@@ -17,7 +17,7 @@ class StreamIntervals:
             self.set_rate(message_id, rate_hz, now_s=0.0)
 
     def set_rate(self, message_id: int, rate_hz: float, *, now_s: float) -> None:
-        """Send a message so often; 0 stops it."""
+        """Set the rate of a streamed message; 0 stops it."""
         if rate_hz <= 0.0:
             self._interval_s.pop(message_id, None)
             self._due_s.pop(message_id, None)
@@ -27,15 +27,15 @@ class StreamIntervals:
         self.next_due_s = min(self.next_due_s, now_s)
 
     def reset_rate(self, message_id: int, *, now_s: float) -> None:
-        """Send a message as often as after boot."""
+        """Reset a streamed message to its rate after boot."""
         self.set_rate(message_id, self._defaults.get(message_id, 0.0), now_s=now_s)
 
     def interval_s(self, message_id: int) -> float | None:
-        """Return the interval of a message; None when it is not sent."""
+        """Return the interval of a streamed message; None when it is not sent."""
         return self._interval_s.get(message_id)
 
     def due(self, now_s: float) -> list[int]:
-        """Return what is due now, and note it as sent."""
+        """Return the stream messages that are due now, and note them as sent."""
         dues = self._due_s
         # A clock in whole steps reads a hair less than the interval it should.
         ready = [message_id for message_id, due_s in dues.items() if due_s <= now_s + 1e-6]

@@ -6,6 +6,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.embedded.charge import set_remaining
+
 STABILIZE, AUTO, GUIDED, LOITER, RTL_MODE, LAND_MODE, BRAKE = 0, 3, 4, 5, 6, 9, 17
 VELOCITY_MASK = 0b0000_1101_1100_0111
 POSITION_MASK = 0b0000_1101_1111_1000
@@ -184,11 +186,11 @@ def test_low_battery(rig: Any, virtually: Scenario) -> None:
         parameters = {"BATT_FS_LOW_ACT": 2, "BATT_LOW_VOLT": 11.0, "BATT_FS_CRT_ACT": 1}
         async with copter(rig, parameters={**parameters, "BATT_CRT_VOLT": 10.7}) as r:
             await r.hover()
-            r.vehicle.body.battery.set_remaining(0.2)
+            set_remaining(r.vehicle.body.battery, 0.2)
             await asyncio.sleep(1.1)
             assert r.custom_mode == RTL_MODE
             assert any(text.startswith("Battery 1 is low 10.9") for text in r.texts())
-            r.vehicle.body.battery.set_remaining(0.05)
+            set_remaining(r.vehicle.body.battery, 0.05)
             await asyncio.sleep(1.1)
             assert r.custom_mode == LAND_MODE
 

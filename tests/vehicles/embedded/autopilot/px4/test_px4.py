@@ -6,6 +6,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.embedded.charge import set_remaining
+
 HOLD, TAKEOFF_MODE, RTL_MODE, LAND_MODE = 0x03040000, 0x02040000, 0x05040000, 0x06040000
 MISSION_MODE, OFFBOARD = 0x04040000, 0x00060000
 VELOCITY_MASK = 0b0000_1101_1100_0111
@@ -155,13 +157,13 @@ def test_a_low_battery_warns_then_lands(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with px4(rig, parameters={"COM_LOW_BAT_ACT": 3, "COM_FAIL_ACT_T": 0.0}) as r:
             await r.hover()
-            r.vehicle.body.battery.set_remaining(0.12)
+            set_remaining(r.vehicle.body.battery, 0.12)
             await asyncio.sleep(0.3)
             assert "Low battery level, return advised" in r.texts()
-            r.vehicle.body.battery.set_remaining(0.06)
+            set_remaining(r.vehicle.body.battery, 0.06)
             await asyncio.sleep(1.2)
             assert r.custom_mode == RTL_MODE
-            r.vehicle.body.battery.set_remaining(0.04)
+            set_remaining(r.vehicle.body.battery, 0.04)
             await asyncio.sleep(1.2)
             assert r.custom_mode == LAND_MODE
             await r.until(lambda: not r.armed)

@@ -7,9 +7,6 @@ from vehicles.sources.camera_source import CameraSource
 
 
 async def pump(source: CameraSource, deliver: Callable[[CameraReading], None]) -> None:
-    """Hand every picture of an open source to a callback, until a file is over.
-
-    Raises what the source raises.
-    """
+    """Hand every image of an open source to a callback; raises what the source raises."""
     async for reading in source:
         deliver(reading)

@@ -1,0 +1,47 @@
+"""A sensor type whose readings are numbers is recorded and read back without code of its own."""
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from orchestrator.recording.mcap import mcap_decode
+from orchestrator.recording.mcap.mcap_bodies import body_of
+from orchestrator.recording.mcap.mcap_decode import decode
+from orchestrator.recording.mcap.mcap_json import encode
+from orchestrator.recording.mcap.mcap_schemas import _numbers
+from vehicles.readings import Source
+
+
+@dataclass(frozen=True, slots=True)
+class ThermometerReading:
+    t_s: float
+    arrived_s: float
+    seq: int
+    source: Source
+    temperature_deg_c: float
+    samples: int
+    sensor: str = ""
+
+
+def test_numbers_come_back_to_the_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mcap_decode, "SENSOR_TYPES", {"thermometer": ThermometerReading})
+    reading: Any = ThermometerReading(1.25, 1.5, 7, "twin", 0.1 + 0.2, 4, "cabin")
+    schema, fields, data = body_of(reading)
+    stamps = {"t_s": 1.25, "arrived_s": 1.5, "seq": 7, "source": "twin", "sensor": "cabin"}
+    text = encode({**fields, "wil": {"type": "thermometer", **stamps}})
+    assert (schema, data) == ("wil.ThermometerReading", None)
+    again: Any = decode(json.loads(text), {})
+    assert again == reading
+    assert isinstance(again.samples, int)
+
+
+def test_the_schema_names_each_number() -> None:
+    properties = _numbers(ThermometerReading)["properties"]
+    assert properties["temperature_deg_c"] == properties["samples"] == {"type": "number"}
+
+
+def test_an_unknown_type_is_a_key_error() -> None:
+    with pytest.raises(KeyError, match="barometer"):
+        decode({"wil": {"type": "barometer"}}, {})

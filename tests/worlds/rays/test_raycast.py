@@ -1,0 +1,44 @@
+"""Rays in a room whose distances are known."""
+
+import numpy as np
+import pytest
+
+from worlds.frames import Pose, Vec3
+from worlds.rays.raycast import RayCaster
+from worlds.scene import shapes
+from worlds.scene.motion import Motion, Waypoint
+from worlds.scene.scene import Scene, SceneObject
+
+ROOM = SceneObject(3, "room", shapes.room(6, 4, 2.5), Pose.of(0, 0, 0))
+AT: Vec3 = (1.0, 0.5, -1.0)
+NORTH, EAST, SOUTH, WEST, UP, DOWN = np.array(
+    [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, -1], [0, 0, 1]], float
+)
+
+
+def test_each_wall_is_met_where_it_stands() -> None:
+    hits = RayCaster(Scene((ROOM,))).cast(AT, np.stack([SOUTH, WEST, NORTH, EAST, UP, DOWN]), 0.0)
+    np.testing.assert_allclose(hits.ranges_m, [4.0, 2.5, 2.0, 1.5, 1.5, 1.0], atol=1e-5)
+    assert hits.object_ids.tolist() == [3] * 6
+
+
+def test_a_slanted_ray_is_as_long_as_its_way() -> None:
+    slanted = (NORTH + DOWN) / np.sqrt(2.0)
+    hits = RayCaster(Scene((ROOM,))).cast((0.0, 0.0, -1.0), slanted[None], 0.0)
+    assert hits.ranges_m[0] == pytest.approx(np.sqrt(2.0), abs=1e-5)
+
+
+def test_what_meets_nothing_is_infinite() -> None:
+    hits = RayCaster(Scene()).cast(AT, np.stack([NORTH, DOWN]), 0.0)
+    assert np.isinf(hits.ranges_m).all()
+    assert hits.object_ids.tolist() == [0, 0]
+
+
+def test_what_moves_is_met_where_it_is() -> None:
+    way = Motion(Pose.of(2, 0, 1), (Waypoint((2.0, 1.5, -1.0), 1.0),))
+    box = SceneObject(9, "box", shapes.box((0.5, 0.5, 0.5)), way.begin, way)
+    caster = RayCaster(Scene((ROOM, box)))
+    first = caster.cast((0.0, 0.0, -1.0), NORTH[None], 0.0)
+    assert (first.ranges_m[0], first.object_ids[0]) == (pytest.approx(1.75), 9)
+    later = caster.cast((0.0, 0.0, -1.0), NORTH[None], 1.0)
+    assert (later.ranges_m[0], later.object_ids[0]) == (pytest.approx(3.0), 3)
