@@ -10,8 +10,14 @@ from worlds.frames import Vec3, add, norm, scale, subtract
 
 SIGMAS = 5.0
 """By how many standard deviations two honest sources do not differ: once in two million samples."""
-SPAN_S = 1.0
-"""Over which time displacements are compared."""
+SPANS_S = (0.2, 1.0)
+"""Over which times displacements are compared: steps show in the short one, drifts in the long."""
+MOST_APART_M = 0.5
+"""By how much, on an axis, a judged place may differ from that of a better source at most, whatever
+it states: more would hide a touch that the better source shows."""
+_STAMPS_S = 0.1
+"""By how much the times of two sources may be mapped apart: half of what a poor radio takes there
+and back. What moves evenly is displaced alike at both; what is braked is not."""
 _KEPT_S = 3.0
 _MOST_GAP_S = 0.3
 """Over a longer silence of the other source its velocity is not integrated."""
@@ -21,8 +27,8 @@ _MOST_GAP_S = 0.3
 class Accuracy:
     """The accuracy of a position source, one standard deviation on each axis.
 
-    position_m: of where it says that the vehicle is; velocity_m_s: of its velocity, None where
-    that is made of its positions.
+    position_m: of where it says that the vehicle is; velocity_m_s: of its velocity, and of how its
+    place moves, None where the velocity is made of its positions.
     """
 
     position_m: float
@@ -47,9 +53,13 @@ class Disagreement:
 class Agreement:
     """Checks the judged positions for agreement with another source, at the other's times.
 
-    Places are compared, and what both moved within a second: over so short a time an estimate's
-    velocity is far more exact than its position. Each difference is held to SIGMAS times what both
-    state. Which of the two is wrong nobody knows.
+    Places are compared, and what both moved within each of SPANS_S. Each difference is held to
+    SIGMAS times what both state; that of places to MOST_APART_M where the other is the better one.
+    Which of the two is wrong nobody knows.
+
+    A source with a velocity of its own says twice how far the vehicle moved, and excludes the
+    judged source only where both do: the velocity of PX4 1.18 was 0.9 m/s beside the change of
+    its positions in a flight of the real firmware, and its positions step when it is corrected.
     """
 
     def __init__(self, *, judged: Accuracy, other: Accuracy, source: str) -> None:
@@ -60,7 +70,7 @@ class Agreement:
         """How often the two were compared."""
         self._poses: deque[PoseSample] = deque()
         self._waiting: deque[ReferenceSample] = deque()
-        self._pairs: deque[tuple[ReferenceSample, Vec3, Vec3]] = deque()
+        self._pairs: deque[_Compared] = deque()
 
     def restart(self) -> None:
         """Reset the agreement check: its window starts now."""
@@ -96,47 +106,61 @@ class Agreement:
 
     def _differences(self, reference: ReferenceSample, judged_m: Vec3) -> Iterator[Disagreement]:
         apart_m = subtract(judged_m, reference.position_ned_m)
-        exact_m = SIGMAS * math.hypot(self._judged.position_m, self._other.position_m)
-        t_s, source = reference.t_s, self._source
-        if _on_an_axis(apart_m) > exact_m:
-            said = f"it is {norm(apart_m):.2f} m from where {source} has the vehicle at {t_s:.2f} s"
-            yield Disagreement(t_s, f"{said}; both are exact to {exact_m:.2f} m on each axis")
-        if self._pairs and t_s - self._pairs[-1][0].t_s > _MOST_GAP_S:
-            self._pairs.clear()  # What it did in between, the other does not say.
-        integrated_m = self._integrate_velocity(reference)
-        self._pairs.append((reference, judged_m, integrated_m))
-        while len(self._pairs) > 1 and self._pairs[1][0].t_s <= t_s - SPAN_S + 1e-9:
-            self._pairs.popleft()
-        first, from_m, integral_m = self._pairs[0]
-        span_s = t_s - first.t_s
-        if span_s < SPAN_S - 1e-9:
-            return
-        moved_m = subtract(judged_m, from_m)
-        other_m = subtract(integrated_m, integral_m)
-        if not self._by_velocity(span_s):
-            other_m = subtract(reference.position_ned_m, first.position_ned_m)
-        exact_m = SIGMAS * math.hypot(
-            math.sqrt(2.0) * self._judged.position_m, self._other.displacement_m(span_s)
+        limit_m, t_s = self._place_limit_m(reference), reference.t_s
+        if _on_an_axis(apart_m) > limit_m:
+            said = f"it is {norm(apart_m):.2f} m from where {self._source} has the vehicle"
+            said += f" at {t_s:.2f} s; the limit is {limit_m:.2f} m on each axis"
+            yield Disagreement(t_s, said)
+        now = self._remember(reference, judged_m)
+        for span_s in SPANS_S:
+            before = self._before(t_s - span_s)
+            if before is not None:
+                yield from self._moved_apart(before, now)
+
+    def _place_limit_m(self, reference: ReferenceSample) -> float:
+        judged_m, other_m = self._judged.position_m, self._other.position_m
+        limit_m = SIGMAS * math.hypot(judged_m, other_m)
+        if other_m >= judged_m:
+            return limit_m
+        most_m = MOST_APART_M + _STAMPS_S * norm(reference.velocity_ned_m_s)
+        return min(limit_m, most_m)
+
+    def _remember(self, reference: ReferenceSample, judged_m: Vec3) -> "_Compared":
+        """Keep a comparison with the integral of the other's velocity; return it."""
+        pairs, t_s = self._pairs, reference.t_s
+        if pairs and t_s - pairs[-1].t_s > _MOST_GAP_S:
+            pairs.clear()  # What it did in between, the other does not say.
+        integral_m: Vec3 = (0.0, 0.0, 0.0)
+        if pairs:
+            # By the trapezoidal rule.
+            both_m_s = add(pairs[-1].reference.velocity_ned_m_s, reference.velocity_ned_m_s)
+            integral_m = add(pairs[-1].integral_m, scale(both_m_s, (t_s - pairs[-1].t_s) / 2.0))
+        pairs.append(_Compared(reference, judged_m, integral_m))
+        while len(pairs) > 1 and pairs[1].t_s <= t_s - max(SPANS_S) + 1e-9:
+            pairs.popleft()
+        return pairs[-1]
+
+    def _before(self, t_s: float) -> "_Compared | None":
+        """Return the last comparison not after a time; None when there is none."""
+        return next((one for one in reversed(self._pairs) if one.t_s <= t_s + 1e-9), None)
+
+    def _moved_apart(self, before: "_Compared", now: "_Compared") -> Iterator[Disagreement]:
+        t_s, span_s = now.t_s, now.t_s - before.t_s
+        moved_m = subtract(now.judged_m, before.judged_m)
+        others_m = [subtract(now.reference.position_ned_m, before.reference.position_ned_m)]
+        if self._other.velocity_m_s is not None:
+            others_m.append(subtract(now.integral_m, before.integral_m))
+        exact_m = math.hypot(
+            self._judged.displacement_m(span_s), self._other.displacement_m(span_s)
         )
-        if _on_an_axis(subtract(moved_m, other_m)) > exact_m:
+        then_m_s = before.reference.velocity_ned_m_s
+        changed_m_s = norm(subtract(now.reference.velocity_ned_m_s, then_m_s))
+        limit_m = SIGMAS * exact_m + _STAMPS_S * changed_m_s
+        apart_m, other_m = min((_on_an_axis(subtract(moved_m, one)), one) for one in others_m)
+        if apart_m > limit_m:
             said = f"it moved {norm(moved_m):.2f} m within {span_s:.2f} s to {t_s:.2f} s"
-            said += f", by {source} the vehicle moved {norm(other_m):.2f} m"
-            yield Disagreement(t_s, f"{said}; both are exact to {exact_m:.2f} m on each axis")
-
-    def _by_velocity(self, span_s: float) -> bool:
-        other = self._other
-        return (
-            other.velocity_m_s is not None
-            and other.velocity_m_s * span_s < math.sqrt(2.0) * other.position_m
-        )
-
-    def _integrate_velocity(self, reference: ReferenceSample) -> Vec3:
-        """Return the integral of the other's velocity until now, trapezoidal."""
-        if not self._pairs:
-            return (0.0, 0.0, 0.0)
-        last, _, before_m = self._pairs[-1]
-        both_m_s = add(last.velocity_ned_m_s, reference.velocity_ned_m_s)
-        return add(before_m, scale(both_m_s, (reference.t_s - last.t_s) / 2.0))
+            said += f", by {self._source} the vehicle moved {norm(other_m):.2f} m"
+            yield Disagreement(t_s, f"{said}; the limit is {limit_m:.2f} m on each axis")
 
     def _judged_at(self, t_s: float) -> Vec3 | None:
         """Return the judged position at a time for comparison; None before the first."""
@@ -150,6 +174,59 @@ class Agreement:
                 return add(place_m, scale(subtract(after.pose.position_ned_m, place_m), share))
             after = sample
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Compared:
+    """One comparison of two position sources. integral_m: of the other's velocity so far."""
+
+    reference: ReferenceSample
+    judged_m: Vec3
+    integral_m: Vec3
+
+    @property
+    def t_s(self) -> float:
+        return self.reference.t_s
+
+
+class OwnVelocity:
+    """Checks how the positions of one source move against the velocity that it states itself.
+
+    What a vehicle at rest or in flight does within a fifth of a second, its velocity shows: a
+    place that steps by more than MOST_APART_M beside it was corrected, relayed wrongly, or is of
+    another vehicle. A second source is not needed.
+    """
+
+    def __init__(self) -> None:
+        self._steps: deque[tuple[PoseSample, Vec3]] = deque()
+
+    def restart(self) -> None:
+        """Reset the comparison with the own velocity: its window starts now."""
+        self._steps.clear()
+
+    def pose(self, sample: PoseSample) -> Disagreement | None:
+        """Add a pose of the source; return a step beside its velocity, or None."""
+        steps, t_s = self._steps, sample.t_s
+        if steps and t_s <= steps[-1][0].t_s:
+            return None
+        if steps and t_s - steps[-1][0].t_s > _MOST_GAP_S:
+            steps.clear()
+        integral_m: Vec3 = (0.0, 0.0, 0.0)
+        if steps:
+            last, before_m = steps[-1]
+            both_m_s = add(last.velocity_ned_m_s, sample.velocity_ned_m_s)
+            integral_m = add(before_m, scale(both_m_s, (t_s - last.t_s) / 2.0))
+        steps.append((sample, integral_m))
+        while len(steps) > 1 and steps[1][0].t_s <= t_s - min(SPANS_S) + 1e-9:
+            steps.popleft()
+        first, from_m = steps[0]
+        moved_m = subtract(sample.pose.position_ned_m, first.pose.position_ned_m)
+        own_m = subtract(integral_m, from_m)
+        if _on_an_axis(subtract(moved_m, own_m)) <= MOST_APART_M:
+            return None
+        said = f"it moved {norm(moved_m):.2f} m within {t_s - first.t_s:.2f} s to {t_s:.2f} s"
+        said += f", by its own velocity {norm(own_m):.2f} m"
+        return Disagreement(t_s, f"{said}; the limit is {MOST_APART_M:.2f} m on each axis")
 
 
 def _on_an_axis(apart_m: Vec3) -> float:

@@ -2,7 +2,7 @@
 
 import math
 
-from safety.evidence.agreement import Agreement, Disagreement
+from safety.evidence.agreement import Agreement, Disagreement, OwnVelocity
 from safety.evidence.coverage import Coverage
 from safety.evidence.terms import SignalTerms
 from safety.model.samples import PoseSample, ReferenceSample, StageSample, StateSample
@@ -26,6 +26,8 @@ class PoseCoverage(Coverage):
             for source, accuracy in terms.references.items()
             if terms.accuracy is not None
         }
+        states_velocity = terms.accuracy is not None and terms.accuracy.velocity_m_s is not None
+        self._own_velocity = OwnVelocity() if states_velocity else None
         self._landed: bool | None = None
         self._place: Vec3 | None = None
         self._still_since_s: float | None = None
@@ -47,6 +49,8 @@ class PoseCoverage(Coverage):
         if self.stages.open and not was_open:
             for agreement in self._agreements.values():
                 agreement.restart()
+            if self._own_velocity is not None:
+                self._own_velocity.restart()
         if self.in_the_air and not was_up:
             self._still_since_s = None
 
@@ -65,6 +69,8 @@ class PoseCoverage(Coverage):
         self.take(sample.t_s)
         for agreement in self._agreements.values():
             self._disagree(agreement.pose(sample))
+        if self._own_velocity is not None:
+            self._disagree(self._own_velocity.pose(sample))
         before, self._place = self._place, place
         if place != before or self._still_since_s is None or not self.in_the_air:
             self._still_since_s = sample.t_s

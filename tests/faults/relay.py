@@ -2,7 +2,7 @@
 
 import asyncio
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,9 +60,12 @@ def relay(
     *,
     stage: Stage,
     after_s: float = 0.0,
-    message_id: int = LOCAL_POSITION_NED,
+    message_ids: Collection[int] | None = (LOCAL_POSITION_NED,),
 ) -> Callable[[Pair, RunState], None]:
-    """Return a disturbance: from a stage on, messages of one kind go on as `change` says."""
+    """Return a disturbance: from a stage on, messages go on as `change` says.
+
+    message_ids: of which kinds; None for all.
+    """
 
     def disturb(pair: Pair, run_state: RunState) -> None:
         far: Any = pair.vehicles[vehicle]
@@ -74,7 +77,8 @@ def relay(
             since_s = run_state.entered_s.get(stage)
             active = since_s is not None and loop.time() >= since_s + after_s
             for frame in splitter.feed(data):
-                if not active or frame.message_id != message_id:
+                altered = message_ids is None or frame.message_id in message_ids
+                if not active or not altered:
                     pass_on(frame.raw)
                     continue
                 for delay_s, raw in change(frame):

@@ -1,133 +1,176 @@
-"""Flights that must fail, each with a seeded fault of a signal that it is judged by.
+"""Flights that must fail, each with a seeded fault of something that it is judged by.
 
 `python -m tests.faults.signals FIRST COUNT FOLDER` prints one JSON object for each flight. None may
-be a PASS, but where `lone` is set and the fault is one that no second source could show.
+be a PASS, but where the only source of a vehicle's place says wrongly where it is.
 """
 
+import asyncio
 import json
-import math
-import struct
+import re
+import shutil
 import sys
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from campaigns.expansion.expansion import Options, load_campaign
+from campaigns.expansion.expansion import Options, RunPlan, load_campaign
+from orchestrator.model.results import RunResult
 from orchestrator.run.flight.run import fly
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.run_state import RunState, Stage
 from safety.guard.core.operator_command import OperatorCommand
-from tests.faults.motion_capture import Alter, captured
-from tests.faults.relay import Change, Position, relay
-from tests.orchestrator.wall import write_wall
-from vehicles.mavlink.framing import Frame, with_payload
-from vehicles.readings import PoseReading
-from worlds.frames import Pose, add
-
-Kind = Literal["stop", "freeze", "delay", "bias", "jump", "nan", "duplicate", "clock step"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
-
-Cause = Literal["wall", "table", "area", "altitude", "slow"]
-MISSIONS: dict[Cause, tuple[str, ...]] = {
-    "wall": (),
-    "table": (
-        "world.objects.wall.shape={box: {size_m: [3, 3, 0.6]}}",
-        "world.objects.wall.pose={north_m: 6.5, east_m: 0, up_m: 0.3}",
-    ),
-    "area": (
-        "world.objects.wall.pose.north_m=30",
-        "oracles.area={keep: {box: {north_m: [-2, 4], east_m: [-2, 2], up_m: [-1, 3]}}}",
-    ),
-    "altitude": ("world.objects.wall.pose.north_m=30", "oracles.altitude={max_m: 1.0}"),
-    "slow": ("world.objects.wall.pose.north_m=30", "oracles.time_limit={limit_s: 4}"),
-}
-"""Why each flight fails when nothing disturbs it."""
-_STAGES: tuple[Stage, ...] = ("takeoff", "at_height", "goal", "land")
-_MESSAGES = (
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
-    mavlink.MAVLINK_MSG_ID_HEARTBEAT,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+from safety.model.samples import ReferenceSample
+from tests.faults.alterations import (
+    MESSAGES,
+    POSSIBLE,
+    Alteration,
+    Kind,
+    frame_change,
+    reading_change,
 )
+from tests.faults.missions import (
+    CAUSES,
+    MISSIONS,
+    AutopilotKind,
+    Cause,
+    JudgedBy,
+    Mode,
+    write_mission,
+)
+from tests.faults.motion_capture import captured
+from tests.faults.pictures import altered_images
+from tests.faults.relay import relay
+
+_STAGES: tuple[Stage, ...] = ("takeoff", "at_height", "goal", "land")
+_SIGNALS = (
+    *("position",) * 6,
+    *("mocap",) * 4,
+    *("attitude", "heartbeat", "landed_state", "battery", "estimator", "text"),
+    *("acknowledgement", "timesync", "link", "process", "picture", "picture"),
+)
+"""What is faulty, as often as it stands here."""
+_BETTER: dict[JudgedBy, frozenset[str]] = {
+    "mavlink": frozenset({"mocap", "truth"}),
+    "mocap": frozenset({"truth"}),
+}
+"""Which sources know better than the one that is judged."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignalFault:
-    """A fault of one source. message_id: of MAVLink; None for motion capture.
+    """A fault of one signal of one vehicle, in a flight that must fail.
 
-    lone: whether nothing else knows where the vehicle is, as outdoors. offset_m: of a bias or a
-    jump; step_s: of a delay or a clock, negative for back.
+    lone: whether no better source than the judged one knows where the vehicle is. signal: a key
+    of POSSIBLE.
     """
 
     seed: int
     cause: Cause
-    kind: Kind
-    message_id: int | None
+    mode: Mode
+    autopilot: AutopilotKind
+    judged_by: JudgedBy
+    signal: str
+    vehicle: str
     lone: bool
     stage: Stage
     after_s: float
-    offset_m: tuple[float, float, float]
-    step_s: float
+    alteration: Alteration
+
+    @property
+    def kind(self) -> Kind:
+        """Return what kind of fault it is."""
+        return self.alteration.kind
+
+    @property
+    def subject(self) -> str:
+        """Return the vehicle that is judged."""
+        return "twin" if self.mode == "sim" else "real"
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a flight came to, and whether that may be."""
+    """What a flight came to, whether no second source could show it, and whether that is wrong."""
 
     fault: SignalFault
     verdict: str
     reason: str
+    decided_by: str
+    exempt: bool
     wrong: bool
 
 
 def draw(seed: int) -> SignalFault:
-    """Return the fault of a seed."""
+    """Return the fault of a seed; every fourth flies the pair."""
     rng = np.random.default_rng([seed, 31])
-    kind = KINDS[seed % len(KINDS)]
-    by_capture = bool(rng.integers(3) == 0)
-    offset_m = tuple(float(value) for value in rng.uniform(-1.5, 1.5, 3))
-    sign = -1.0 if kind == "clock step" and rng.integers(2) else 1.0
+    mode: Mode = "wil" if seed % 4 == 3 else "sim"
+    signals = _SIGNALS if mode == "wil" else [one for one in _SIGNALS if one != "picture"]
+    signal = signals[int(rng.integers(len(signals)))]
+    kinds = POSSIBLE[signal]
+    by_capture = signal == "mocap" or bool(rng.random() < (0.5 if mode == "wil" else 0.2))
     stage = _STAGES[int(rng.integers(len(_STAGES)))]
+    offset_m = tuple(float(value) for value in rng.uniform(-1.5, 1.5, 3))
+    sign = -1.0 if rng.integers(2) else 1.0
+    beside = mode == "wil" and signal != "mocap" and bool(rng.random() < 0.25)
     return SignalFault(
         seed=seed,
-        cause=list(MISSIONS)[int(rng.integers(len(MISSIONS)))],
-        kind=kind,
-        message_id=None if by_capture else _MESSAGES[int(rng.integers(len(_MESSAGES)))],
+        cause=CAUSES[int(rng.integers(len(CAUSES)))],
+        mode=mode,
+        autopilot="ardupilot" if rng.random() < 0.2 else "px4",
+        judged_by="mocap" if by_capture else "mavlink",
+        signal=signal,
+        vehicle="twin" if beside or mode == "sim" else "real",
         lone=bool(rng.integers(2)),
         stage=stage,
         after_s=float(rng.uniform(0.0, 5.0 if stage == "goal" else 1.0)),
-        offset_m=(offset_m[0], offset_m[1], offset_m[2]),
-        step_s=sign * float(rng.uniform(0.1, 2.0)),
+        alteration=Alteration(
+            kind=kinds[int(rng.integers(len(kinds)))],
+            offset_m=(offset_m[0], offset_m[1], offset_m[2]),
+            step_s=sign * float(rng.uniform(0.1, 2.0)),
+        ),
     )
 
 
 def shown_by_none(fault: SignalFault) -> bool:
     """Return whether no second source could show a fault: docs/verdicts.md lists these.
 
-    An estimate states a metre: what it is off by less than five is within that, whatever else
-    knows better. Motion capture that is alone has the estimate beside it, as exact as that.
+    The place of a vehicle by its estimate alone: nothing else says where it is.
     """
-    if fault.kind not in {"bias", "jump"}:
-        return False
-    by_capture = fault.message_id is None
-    return fault.lone if by_capture else fault.message_id == _MESSAGES[0]
+    alone = fault.lone and fault.judged_by == "mavlink" and fault.vehicle == fault.subject
+    return alone and fault.signal == "position" and fault.kind in {"bias", "jump"}
 
 
 def inject(fault: SignalFault, folder: Path) -> Outcome:
     """Fly a flight that must fail with a fault in it."""
+    strike = _Strike(fault)
+    with strike.around():
+        result = fly_mission(fault, folder, strike.disturb)
+    exempt = shown_by_none(fault)
+    wrong = result.verdict == "PASS" and not exempt
+    decided_by = result.decided_by or ""
+    return Outcome(fault, result.verdict, result.reason, decided_by, exempt, wrong)
+
+
+def fly_mission(
+    fault: SignalFault, folder: Path, disturb: Callable[[Pair, RunState], None] | None
+) -> RunResult:
+    """Fly the flight of a fault, disturbed or not."""
     folder.mkdir(parents=True)
     run_folder = folder / "run"
     run_folder.mkdir()
-    order = RunOrder(plan=_plan(fault, folder), folder=run_folder, clock="virtual")
-    result = fly(RunSetup.of(order), lambda _: None, _Nobody(), disturb=_disturb(fault))
-    wrong = result.verdict == "PASS" and not shown_by_none(fault)
-    return Outcome(fault, result.verdict, result.reason, wrong)
+    plan = _plan(fault, folder)
+    order = RunOrder(plan=plan, folder=run_folder, clock="virtual")
+    return fly(RunSetup.of(order), lambda _: None, _Nobody(), disturb=disturb)
+
+
+def fails_for_its_cause(fault: SignalFault, result: RunResult) -> bool:
+    """Return whether a flight that nothing disturbed fails for the cause that is known."""
+    named = re.search(MISSIONS[fault.cause].expected, result.reason)
+    return result.verdict == "FAIL" and named is not None
 
 
 class _Nobody:
@@ -135,124 +178,106 @@ class _Nobody:
         return None
 
 
-def _plan(fault: SignalFault, folder: Path) -> Any:
-    sets = MISSIONS[fault.cause]
-    if fault.seed % 4:
-        sets = (*sets, "vehicles.twin.autopilot=px4")
-    if fault.message_id is None:
-        sets = (*sets, "vehicles.twin.pose_source=mocap")
-    return load_campaign(write_wall(folder), Options(sets=sets)).runs[0]
+def _plan(fault: SignalFault, folder: Path) -> RunPlan:
+    path = write_mission(
+        folder,
+        fault.cause,
+        mode=fault.mode,
+        autopilot=fault.autopilot,
+        judged_by=fault.judged_by,
+        keys={"seed": 1 + fault.seed % 1000},
+    )
+    return load_campaign(path, Options()).runs[0]
 
 
-def _disturb(fault: SignalFault) -> Callable[[Pair, RunState], None]:
-    if fault.message_id is None:
-        trouble = captured("twin", _alter(fault), stage=fault.stage, after_s=fault.after_s)
-    else:
-        change = _change(fault)
-        trouble = relay(
-            "twin", change, stage=fault.stage, after_s=fault.after_s, message_id=fault.message_id
-        )
+@dataclass(slots=True)
+class _Strike:
+    """One fault in one run."""
 
-    def disturb(pair: Pair, run_state: RunState) -> None:
-        twin: Any = pair.vehicles["twin"]
+    fault: SignalFault
+    run_state: RunState | None = field(default=None)
+
+    def around(self) -> AbstractContextManager[None]:
+        """Return what has to hold while the flight is built and flown."""
+        fault = self.fault
+        if fault.signal != "picture":
+            return nullcontext()
+        return altered_images(fault.vehicle, fault.alteration, self.is_active)
+
+    def is_active(self) -> bool:
+        """Return whether the fault has begun."""
+        fault, run_state = self.fault, self.run_state
+        since_s = None if run_state is None else run_state.entered_s.get(fault.stage)
+        now_s = asyncio.get_running_loop().time()
+        return since_s is not None and now_s >= since_s + fault.after_s
+
+    def disturb(self, pair: Pair, run_state: RunState) -> None:
+        """Begin it when its stage comes."""
+        fault, self.run_state = self.fault, run_state
         if fault.lone:
-            twin._truth_callbacks.clear()
-            if fault.message_id is not None:
-                twin._mocap._callbacks.clear()
-        trouble(pair, run_state)
+            _silence(pair, fault)
+        if fault.signal == "mocap":
+            alter = reading_change(fault.alteration)
+            captured(fault.vehicle, alter, stage=fault.stage, after_s=fault.after_s)(
+                pair, run_state
+            )
+        elif fault.signal in MESSAGES:
+            change, ids = frame_change(fault.alteration), MESSAGES[fault.signal]
+            relay(
+                fault.vehicle,
+                change,
+                stage=fault.stage,
+                after_s=fault.after_s,
+                message_ids=ids or None,
+            )(pair, run_state)
+        elif fault.signal == "process":
+            run_state.on_stage(lambda stage, _: self._entered(stage, pair))
 
-    return disturb
+    def _entered(self, stage: Stage, pair: Pair) -> None:
+        if stage == self.fault.stage:
+            loop = asyncio.get_running_loop()
+            loop.call_later(self.fault.after_s, self._stop_vehicle, pair.vehicles)
 
-
-def _change(fault: SignalFault) -> Change:
-    first: list[bytes] = []
-
-    def change(frame: Frame) -> Iterable[tuple[float, bytes]]:
-        first.append(frame.raw)
-        match fault.kind:
-            case "stop":
-                return
-            case "freeze":
-                yield 0.0, _stamped(frame, frame._replace(raw=first[0]))
-            case "delay":
-                yield abs(fault.step_s), frame.raw
-            case "duplicate":
-                yield 0.0, first[0]
-            case _:
-                yield 0.0, _altered(fault, frame, len(first))
-
-    return change
-
-
-def _stamped(now: Frame, then: Frame) -> bytes:
-    """Return what was said then with the stamp of now, where the message has one."""
-    if now.message_id not in {
-        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-        mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
-    }:
-        return then.raw
-    payload = now.payload.ljust(4, b"\0")[:4] + then.payload.ljust(32, b"\0")[4:]
-    return with_payload(now, payload)
+    def _stop_vehicle(self, vehicles: Any) -> None:
+        """Have a vehicle's process end, or stand for a while."""
+        vehicle: Any = vehicles[self.fault.vehicle]
+        vehicle.kill()
+        if self.fault.kind == "freeze":
+            step_s = abs(self.fault.alteration.step_s)
+            asyncio.get_running_loop().call_later(step_s, _go_on, vehicle)
 
 
-def _altered(fault: SignalFault, frame: Frame, count: int) -> bytes:
-    if frame.message_id != mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
-        if fault.kind == "nan" and frame.message_id == mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION:
-            payload = frame.payload.ljust(32, b"\0")
-            return with_payload(frame, payload[:4] + struct.pack("<f", math.nan) + payload[8:])
-        return frame.raw
-    said = Position.of(frame)
-    place, velocity = said.values[:3], said.values[3:]
-    match fault.kind:
-        case "bias":
-            place = tuple(a + b for a, b in zip(place, fault.offset_m, strict=True))
-        case "jump" if count % 50 < 25:
-            place = tuple(a + b for a, b in zip(place, fault.offset_m, strict=True))
-        case "nan":
-            place = (math.nan, *place[1:])
-        case "clock step":
-            boot_ms = max(0, said.boot_ms + round(fault.step_s * 1e3))
-            said = replace(said, boot_ms=boot_ms)
-        case _:
-            pass
-    return replace(said, values=(*place, *velocity)).in_place_of(frame)
+def _go_on(vehicle: Any) -> None:
+    vehicle._alive = True
+    vehicle._timer = vehicle._loop.call_soon(vehicle._tick)
 
 
-def _alter(fault: SignalFault) -> Alter:
-    first: list[PoseReading] = []
-    late: list[PoseReading] = []
+def _silence(pair: Pair, fault: SignalFault) -> None:
+    """Keep from the judge what knows better than the judged source, as outdoors."""
+    unknown = _BETTER[fault.judged_by]
+    for context in pair.contexts:
+        if context.name != fault.subject:
+            continue
+        listeners: Any = context._reference_listeners
+        listeners[:] = [_without(unknown, one) for one in listeners]
 
-    def alter(reading: PoseReading) -> Iterable[PoseReading]:
-        first.append(reading)
-        moved = Pose(add(reading.pose.position_ned_m, fault.offset_m), reading.pose.q_wxyz)
-        match fault.kind:
-            case "freeze":
-                yield replace(reading, pose=first[0].pose)
-            case "delay":
-                late.append(reading)
-                while late and late[0].t_s <= reading.t_s - abs(fault.step_s):
-                    yield late.pop(0)
-            case "duplicate":
-                yield first[0]
-            case "bias":
-                yield replace(reading, pose=moved)
-            case "jump":
-                yield replace(reading, pose=moved) if len(first) % 100 < 50 else reading
-            case "nan":
-                bad = Pose((math.nan, 0.0, 0.0), reading.pose.q_wxyz)
-                yield replace(reading, pose=bad)
-            case "clock step":
-                yield replace(reading, t_s=reading.t_s + fault.step_s)
-            case _:
-                return
 
-    return alter
+def _without(
+    unknown: frozenset[str], listener: Callable[[ReferenceSample], None]
+) -> Callable[[ReferenceSample], None]:
+    def take(sample: ReferenceSample) -> None:
+        if sample.source not in unknown:
+            listener(sample)
+
+    return take
 
 
 def main(arguments: list[str]) -> None:
     first, count, folder = int(arguments[0]), int(arguments[1]), Path(arguments[2])
     for seed in range(first, first + count):
         outcome = inject(draw(seed), folder / str(seed))
+        if not outcome.wrong:
+            shutil.rmtree(folder / str(seed))
         sys.stdout.write(json.dumps(asdict(outcome)) + "\n")
         sys.stdout.flush()
 

@@ -2,14 +2,16 @@
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from safety.evidence.agreement import Accuracy, Agreement, Disagreement
+from safety.evidence.agreement import Accuracy, Agreement, Disagreement, OwnVelocity
 from safety.model.samples import PoseSample, ReferenceSample
 from worlds.frames import Pose, Vec3
 
+TRACES = Path(__file__).parents[2] / "vehicles" / "traces"
 CAPTURED = Accuracy(0.002)
 ESTIMATED = Accuracy(1.0, 0.1)
 TRUTH = Accuracy(0.0)
@@ -75,8 +77,8 @@ def test_a_jump_and_a_bias_are_found_by_what_the_two_state() -> None:
     assert found is not None
     assert found.at_s == pytest.approx(4.0)
     assert found.text == (
-        "it moved 1.80 m within 1.00 s to 4.00 s, by the other the vehicle moved 0.80 m; both are "
-        "exact to 0.50 m on each axis"
+        "it moved 1.16 m within 0.20 s to 4.00 s, by the other the vehicle moved 0.16 m; the limit "
+        "is 0.10 m on each axis"
     )
 
     def biased(t_s: float) -> Vec3:
@@ -88,6 +90,83 @@ def test_a_jump_and_a_bias_are_found_by_what_the_two_state() -> None:
     assert against_truth.text.startswith(
         "it is 0.30 m from where the other has the vehicle at 0.00"
     )
+
+
+@pytest.mark.parametrize("other", [CAPTURED, TRUTH])
+@pytest.mark.parametrize(("off_m", "is_found"), [(0.4, False), (0.6, True), (-1.4, True)])
+def test_a_better_source_bounds_what_an_estimate_may_be_off(
+    other: Accuracy, off_m: float, is_found: bool
+) -> None:
+    def low(t_s: float) -> Vec3:
+        return (straight(t_s)[0], 0.0, -1.2 + off_m)
+
+    found = first(low, by=(ESTIMATED, other))
+    assert (found is not None) == is_found
+    if found is not None:
+        # And the way of a tenth of a second, for times that are mapped inexactly.
+        assert found.text.endswith("at 0.00 s; the limit is 0.58 m on each axis")
+    # A worse source bounds nothing beyond what it states.
+    assert first(low, by=(CAPTURED, ESTIMATED)) is None
+
+
+def test_a_step_of_an_estimate_is_found_by_a_better_source() -> None:
+    def stepped(t_s: float) -> Vec3:
+        return (straight(t_s)[0], 0.15 if t_s >= 4.0 else 0.0, -1.2)
+
+    found = first(stepped, by=(ESTIMATED, TRUTH))
+    assert found is not None
+    assert found.at_s == pytest.approx(4.0)
+    assert found.text.startswith("it moved 0.22 m within 0.20 s to 4.00 s, by the other")
+
+
+def test_a_velocity_that_its_own_positions_contradict_excludes_nobody() -> None:
+    # PX4 1.18 descended so in SITL: 0.9 m/s aside by its velocity, and nowhere by its positions.
+    assert first(straight, velocity=(SPEED_M_S, 0.9, 0.0)) is None
+    found = first(frozen, velocity=(SPEED_M_S, 0.9, 0.0))
+    assert found is not None
+
+
+def test_times_that_are_mapped_inexactly_exclude_nobody_who_brakes_hard() -> None:
+    def braking(t_s: float) -> Vec3:
+        return (0.5 * 10.0 * min(t_s, 0.5) ** 2 + 5.0 * max(0.0, t_s - 0.5), 0.0, -1.2)
+
+    agreement = Agreement(judged=CAPTURED, other=ESTIMATED, source="the other")
+    found: list[Disagreement | None] = []
+    for tick in range(100):
+        t_s = tick / 50
+        velocity = (10.0 * min(t_s, 0.5), 0.0, 0.0)
+        late = Pose(braking(max(0.0, t_s - 0.1)))
+        found.append(agreement.pose(PoseSample(t_s, "real", late, velocity)))
+        found.append(
+            agreement.reference(ReferenceSample(t_s, "real", "mavlink", braking(t_s), velocity))
+        )
+    assert not any(found)
+
+
+def own(north_m: Callable[[float], float], velocity_m_s: float) -> Disagreement | None:
+    """Return the first step of a place beside its own velocity, over ten seconds."""
+    source = OwnVelocity()
+    found = [
+        source.pose(
+            PoseSample(tick / 50, "real", Pose((north_m(tick / 50), 0, -1)), (velocity_m_s, 0, 0))
+        )
+        for tick in range(500)
+    ]
+    return next((one for one in found if one is not None), None)
+
+
+def test_a_place_that_steps_beside_its_own_velocity_is_found_without_a_second_source() -> None:
+    assert own(lambda t_s: 2.0 * t_s, 2.0) is None
+    assert own(lambda t_s: 2.0 * t_s + (0.4 if t_s >= 4.0 else 0.0), 2.0) is None
+    found = own(lambda t_s: 2.0 * t_s + (0.7 if t_s >= 4.0 else 0.0), 2.0)
+    assert found is not None
+    assert found.at_s == pytest.approx(4.0)
+    assert found.text == (
+        "it moved 1.10 m within 0.20 s to 4.00 s, by its own velocity 0.40 m; the limit is 0.50 m "
+        "on each axis"
+    )
+    # As far as the real PX4 1.18 was off in flight.
+    assert own(lambda t_s: 0.0, 1.0) is None
 
 
 def test_stated_noise_disagrees_in_no_flight() -> None:
@@ -124,3 +203,42 @@ def test_a_silence_of_the_other_source_is_not_integrated_over() -> None:
         if tick % 5 == 0 and not 4.0 < t_s < 7.0:
             found.append(agreement.reference(ReferenceSample(t_s, "real", "mavlink", place, there)))
     assert not any(found)
+
+
+def recorded(name: str) -> list[PoseSample]:
+    """Return LOCAL_POSITION_NED of a real firmware's flight in its simulation, while armed."""
+    path = TRACES / f"{name}-positions.csv"
+    rows = [line.split(",") for line in path.read_text("utf-8").splitlines()[1:]]
+    samples = []
+    for row in rows:
+        t_s, north_m, east_m, down_m, *velocity_m_s = (int(cell) / 1e3 for cell in row)
+        vn, ve, vd = velocity_m_s
+        samples.append(PoseSample(t_s, "real", Pose((north_m, east_m, down_m)), (vn, ve, vd)))
+    return samples
+
+
+@pytest.mark.parametrize("name", ["px4-1.18-offboard", "arducopter-4.7-guided"])
+def test_flights_of_the_real_firmwares_disagree_with_nobody(name: str) -> None:
+    flight = recorded(name)
+    assert flight[-1].t_s - flight[0].t_s > 25.0
+    source = OwnVelocity()
+    assert not any(source.pose(sample) for sample in flight)
+    # Motion capture beside it sees where it goes; its velocity is off by 0.9 m/s in PX4's flight.
+    agreement = Agreement(judged=CAPTURED, other=ESTIMATED, source="mavlink")
+    for sample in flight:
+        place = sample.pose.position_ned_m
+        assert agreement.pose(sample) is None
+        reference = ReferenceSample(sample.t_s, "real", "mavlink", place, sample.velocity_ned_m_s)
+        assert agreement.reference(reference) is None
+    assert agreement.count > 500
+
+
+def test_a_step_in_the_flight_of_a_real_firmware_is_found() -> None:
+    source = OwnVelocity()
+    flight = recorded("arducopter-4.7-guided")
+    found = []
+    for sample in flight:
+        north_m, east_m, down_m = sample.pose.position_ned_m
+        by_m = 0.6 if sample.t_s > flight[0].t_s + 15.0 else 0.0
+        found.append(source.pose(sample._replace(pose=Pose((north_m, east_m + by_m, down_m)))))
+    assert any(found)

@@ -117,7 +117,7 @@ def test_motion_capture_counts_from_takeoff_to_landed(
 
 
 def test_a_report_that_an_oracle_rests_on_must_not_end(plan: RunPlan, tmp_path: Path) -> None:
-    change = relay("twin", stopped(), stage="takeoff", message_id=EXTENDED_SYS_STATE)
+    change = relay("twin", stopped(), stage="takeoff", message_ids=(EXTENDED_SYS_STATE,))
     result = flown(plan, tmp_path / "run", change)
     reasons = (result.reason, *(late.reason for late in result.also))
     assert any("landed_state of twin" in reason for reason in reasons)

@@ -1,0 +1,165 @@
+"""Flights that must fail, each for a cause that is known, whatever telemetry says meanwhile.
+
+The autonomy flies legs by time alone: no fault of a signal leads the vehicle aside of its cause.
+"""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import yaml
+
+Cause = Literal[
+    "wall", "table", "bar", "fence", "time", "area", "altitude", "wrong order", "around"
+]
+CAUSES: tuple[Cause, ...] = get_args(Cause)
+Mode = Literal["sim", "wil"]
+AutopilotKind = Literal["px4", "ardupilot"]
+JudgedBy = Literal["mavlink", "mocap"]
+
+LEGS = """\
+from vehicles.autonomy import Command
+from vehicles.setpoints import VelocitySetpoint
+
+
+class Legs:
+    '''Flies velocities (north, east, up in m/s), each for some seconds; looks at nothing.'''
+
+    def __init__(self, *, goal, parameters, seed):
+        self.left = [
+            (north, east, -up) for north, east, up, for_s in parameters["legs"]
+            for _ in range(round(for_s * 20))
+        ]
+
+    def perceive(self, reading):
+        pass
+
+    def act(self, telemetry):
+        velocity = self.left.pop(0) if self.left else (0.0, 0.0, 0.0)
+        return Command(VelocitySetpoint(velocity), done=not self.left)
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """One flight that must fail.
+
+    expected: what the reason says when nothing disturbs it, a regular expression. keys: what its
+    campaign says beside the rest.
+    """
+
+    expected: str
+    objects: dict[str, Any]
+    keys: dict[str, Any] = field(default_factory=dict)
+    oracles: dict[str, Any] = field(default_factory=dict)
+
+
+def _box(size_m: list[float], north_m: float, up_m: float) -> dict[str, Any]:
+    pose = {"north_m": north_m, "east_m": 0, "up_m": up_m}
+    return {"shape": {"box": {"size_m": size_m}}, "pose": pose, "color": "orange"}
+
+
+def _gate(north_m: float, east_m: float) -> dict[str, Any]:
+    pose = {"north_m": north_m, "east_m": east_m, "up_m": 1.2}
+    return {"shape": {"gate": {"inner_size_m": 1.4}}, "pose": pose, "color": "orange"}
+
+
+_FAR = {"wall": _box([0.1, 6, 4], 30.0, 2.0)}
+_AREA = {"north_m": [-2, 4], "east_m": [-2, 2], "up_m": [-1, 3]}
+MISSIONS: dict[Cause, Mission] = {
+    "wall": Mission("touched wall", {"wall": _box([0.1, 6, 4], 3.0, 2.0)}),
+    "table": Mission("touched table", {"table": _box([3, 3, 0.6], 6.5, 0.3)}),
+    "bar": Mission(
+        "touched gate",
+        {"gate": _gate(3.0, -0.75)},
+        {"goal": {"altitude_m": 1.2, "gates": ["gate"]}},
+        {"reached": {}},
+    ),
+    "fence": Mission(
+        "fence",
+        _FAR,
+        {"geofence": {"box": {"north_m": [-3, 3.5], "east_m": [-4, 4], "up_m": [-1, 4]}}},
+        {"geofence": {}},
+    ),
+    "time": Mission("4", _FAR, {}, {"time_limit": {"limit_s": 4}}),
+    "area": Mission("area", _FAR, {}, {"area": {"keep": {"box": _AREA}}}),
+    "altitude": Mission("1", _FAR, {}, {"altitude": {"max_m": 1.0}}),
+    "wrong order": Mission(
+        "second before first|never flew through first",
+        {"first": _gate(4.2, 0.0), "second": _gate(2.2, 0.0)},
+        {"goal": {"altitude_m": 1.2, "gates": ["first", "second"]}},
+        {"reached": {}},
+    ),
+    "around": Mission(
+        "never flew through",
+        {"gate": _gate(3.0, 2.2)},
+        {"goal": {"altitude_m": 1.2, "gates": ["gate"]}},
+        {"reached": {}},
+    ),
+}
+
+
+def write_mission(
+    folder: Path,
+    cause: Cause,
+    *,
+    mode: Mode = "sim",
+    autopilot: AutopilotKind = "px4",
+    judged_by: JudgedBy = "mavlink",
+    keys: dict[str, Any] | None = None,
+) -> Path:
+    """Write a mission's files into a folder; return its campaign. keys: what else it says."""
+    mission = MISSIONS[cause]
+    vehicle = {"link": "embedded", "autopilot": autopilot, "pose_source": judged_by}
+    campaign: dict[str, Any] = {
+        "schema": "wil/campaign/1",
+        "campaign": re.sub(r"\W", "-", cause),
+        "vehicles": {"twin": vehicle},
+        "world": "world.yaml",
+        "autonomy": {"use": "legs.py:Legs", "with": {"legs": [[1.0, 0.0, 0.0, 6]]}},
+        "goal": {"altitude_m": 1.2},
+        "modes": [mode],
+        "oracles": {"landed": {}, "vehicle_fault": {}, "battery": {"min_percent": 10}},
+    }
+    if mode == "wil":
+        camera = {"type": "camera", "rate_hz": 10, "width_px": 96, "height_px": 72, "fov_deg": 69}
+        sensors = {"camera": camera}
+        twin = {"link": "embedded", "autopilot": "px4", "sensors": sensors}
+        campaign["vehicles"] = {
+            "real": {**vehicle, "profile": "cage", "sensors": sensors},
+            "twin": twin,
+        }
+        campaign["recipe"] = "recipe.yaml"
+        (folder / "recipe.yaml").write_text(yaml.safe_dump(_recipe(mission)))
+    campaign.update(mission.keys)
+    campaign["oracles"] = {**campaign["oracles"], **mission.oracles}
+    campaign.update(keys or {})
+    world = {
+        "schema": "wil/world/1",
+        "origin": {"latitude_deg": 47.4, "longitude_deg": 8.5},
+        "objects": mission.objects,
+    }
+    (folder / "world.yaml").write_text(yaml.safe_dump(world))
+    (folder / "legs.py").write_text(LEGS)
+    path = folder / "campaign.yaml"
+    path.write_text(yaml.safe_dump(campaign, sort_keys=False))
+    return path
+
+
+def _recipe(mission: Mission) -> dict[str, Any]:
+    register = {"register": {"pose": "real", "align": "interpolate"}}
+    return {
+        "schema": "wil/recipe/1",
+        "sensors": {"camera": {"type": "camera", "rate_hz": 10}},
+        "combine": [
+            {
+                "sensor": "camera",
+                "transform": [{"resize": {"to": "real"}}, register],
+                "filter": [{"isolate_objects": list(mission.objects)}],
+                "merge": {"overlay": {"priority": ["twin", "real"]}},
+                "publish": ["real", "twin"],
+                "max_skew_ms": 60,
+            }
+        ],
+    }

@@ -1,0 +1,162 @@
+"""Mutants of the product that the flights that must fail have to find: each check switched off.
+
+`python -m tests.faults.mutants [NAME ...]` flies each mutant in a process of its own, with the
+faults of the first seeds that could show it, until a flight passes that must not; ends with 1
+when a mutant was not found.
+"""
+
+import multiprocessing
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import count, islice
+from pathlib import Path
+from typing import Any
+
+from orchestrator.run.flight import run_oracles
+from safety.evaluation import judge
+from safety.evidence import agreement, coverage, evidence, poses
+from safety.oracles import contact, reached
+from safety.oracles.passages import Passage
+from tests.faults.signals import SignalFault, draw, inject
+
+_TRIED = 12
+"""Flights for each mutant at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mutant:
+    """A check that is switched off. could: which faults could show it."""
+
+    switch_off: Callable[[], None]
+    could: Callable[[SignalFault], bool]
+
+
+def _set(owner: Any, name: str, value: Any) -> Callable[[], None]:
+    return lambda: setattr(owner, name, value)
+
+
+def _gaps() -> None:
+    coverage.Coverage._close_gap = lambda *_: None  # type: ignore[method-assign]
+    coverage.Coverage.tick = lambda *_: None  # type: ignore[method-assign]
+
+
+def _not_required() -> None:
+    runs: Any = run_oracles
+    plain = runs.signal_terms
+    runs.signal_terms = lambda *args: (replace(one, required=False) for one in plain(*args))
+
+
+def _any_order() -> None:
+    plain = reached.Reached._pass
+
+    def take(self: Any, name: str, passage: Passage) -> Any:
+        done = [one.gate for one in self._through]
+        if name not in done:
+            gates = dict(self._route)
+            others = [one for one in gates if one not in {*done, name}]
+            self._route = tuple((one, gates[one]) for one in (*done, name, *others))
+        return plain(self, name, passage)
+
+    reached.Reached._pass = take  # type: ignore[method-assign]
+
+
+def _beside_counts() -> None:
+    plain = reached.Reached._pass
+
+    def take(self: Any, name: str, passage: Passage) -> Any:
+        return plain(self, name, replace(passage, reach_m=0.0, offset_m=0.0))
+
+    reached.Reached._pass = take  # type: ignore[method-assign]
+
+
+def _early(fault: SignalFault, *kinds: str) -> bool:
+    """Return whether a fault of the judged source hides what the flight does after takeoff."""
+    source = "mocap" if fault.judged_by == "mocap" else "position"
+    begins = fault.stage in {"takeoff", "at_height"} or (
+        fault.stage == "goal" and fault.after_s < 1.0
+    )
+    hidden = fault.cause in {"wall", "table", "area", "fence"}
+    judged = fault.vehicle == fault.subject and fault.signal == source
+    return fault.mode == "sim" and judged and begins and hidden and fault.kind in kinds
+
+
+def _off(fault: SignalFault, *, low_m: float, high_m: float) -> bool:
+    """Return whether a bias of the judged estimate leads past a bar or over a table."""
+    east_m, down_m = fault.alteration.offset_m[1:]
+    wanted = {"table": -down_m, "bar": -east_m, "altitude": down_m}.get(fault.cause, 0.0)
+    judged = fault.signal == "position" and fault.judged_by == "mavlink" and not fault.lone
+    early = fault.stage in {"takeoff", "at_height"}
+    biased = fault.mode == "sim" and fault.kind == "bias" and judged and early
+    return biased and low_m < wanted < high_m
+
+
+def _for(*causes: str) -> Callable[[SignalFault], bool]:
+    harmless = {"text", "acknowledgement", "battery"}
+    return lambda fault: fault.mode == "sim" and fault.cause in causes and fault.signal in harmless
+
+
+MUTANTS: dict[str, Mutant] = {
+    "gaps are no fault": Mutant(_gaps, lambda fault: _early(fault, "stop")),
+    "a source may repeat itself": Mutant(
+        _set(poses.PoseCoverage, "in_the_air", property(lambda _: False)),
+        lambda fault: _early(fault, "freeze") and fault.lone and fault.judged_by == "mavlink",
+    ),
+    "sources are not compared": Mutant(
+        _set(agreement.Agreement, "_compare", lambda _: None),
+        lambda fault: _off(fault, low_m=0.9, high_m=1.5),
+    ),
+    "evidence decides nothing": Mutant(
+        _set(judge.Judge, "_take_evidence", lambda _: None),
+        lambda fault: _early(fault, "stop", "freeze"),
+    ),
+    "no signal is required": Mutant(_not_required, lambda fault: _early(fault, "stop", "freeze")),
+    "evidence takes no pose": Mutant(
+        _set(evidence.Evidence, "pose", lambda *_: True), lambda fault: _early(fault, "freeze")
+    ),
+    "contacts are not always judged": Mutant(
+        _set(judge, "_judges_every_contact", lambda *_: True), _for("wall")
+    ),
+    "what is touched while landing is not judged": Mutant(
+        _set(
+            judge,
+            "COLLISION_ALWAYS",
+            replace(judge.COLLISION_ALWAYS, parameters=contact.ContactParameters(to="land")),
+        ),
+        _for("table"),
+    ),
+    "gates count in any order": Mutant(_any_order, _for("wrong order")),
+    "beside a gate is through it": Mutant(_beside_counts, _for("around")),
+}
+
+
+def is_found(name: str) -> str:
+    """Return the seed and reason by which a mutant is found; "" when it is not."""
+    mutant = MUTANTS[name]
+    faults = (fault for fault in map(draw, count()) if mutant.could(fault))
+    mutant.switch_off()
+    with tempfile.TemporaryDirectory(prefix="wil-mutant-") as folder:
+        for fault in islice(faults, _TRIED):
+            outcome = inject(fault, Path(folder) / str(fault.seed))
+            if outcome.wrong:
+                return f"seed {fault.seed}"
+    return ""
+
+
+def main(arguments: list[str]) -> int:
+    wanted = arguments or list(MUTANTS)
+    found = 0
+    for name in wanted:
+        # What is switched off ends with its process.
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            by = pool.apply(is_found, (name,))
+        found += bool(by)
+        sys.stdout.write(f"{name}: {'found by ' + by if by else 'NOT FOUND'}\n")
+        sys.stdout.flush()
+    sys.stdout.write(f"{found} of {len(wanted)} mutants found\n")
+    return 0 if found == len(wanted) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

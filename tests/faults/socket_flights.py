@@ -1,0 +1,262 @@
+"""Flights that must fail, of real processes: relays alter what comes from vehicle and simulator.
+
+`python -m tests.faults.socket_flights FIRST COUNT FOLDER` prints one JSON object for each flight.
+The vehicle that is judged is attached: nothing but MAVLink and motion capture says where it is.
+"""
+
+import asyncio
+import contextlib
+import json
+import os
+import shutil
+import signal
+import sys
+import tempfile
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.faults.alterations import (
+    MESSAGES,
+    POSSIBLE,
+    frame_change,
+    reading_change,
+)
+from tests.faults.missions import write_mission
+from tests.faults.signals import Outcome, SignalFault, draw, shown_by_none
+from tests.faults.socket_relay import CaptureRelay, MavlinkRelay, PictureRelay
+from tests.orchestrator.campaign.test_attached_run import free_port
+from tests.orchestrator.wall_runs import ROOT, stages
+from vehicles.autopilots.failsafes import SILENCE_PARAMETERS
+from vehicles.embedded.process.process_settings import ProcessSettings
+
+_SIGNALS = (
+    *("position",) * 5,
+    *("mocap",) * 7,
+    *("picture",) * 4,
+    *("attitude", "heartbeat", "landed_state", "link", "process", "timesync"),
+)
+_ENDS_WITHIN_S = 150.0
+_SIZE_PX = (96, 72)
+_PATIENT = {f"max_{what}_skew_s": 10 for what in ("command", "takeoff", "t0")}
+
+
+@dataclass(frozen=True, slots=True)
+class _Result:
+    verdict: str
+    reason: str
+    decided_by: str
+
+
+def draw_on_sockets(seed: int) -> SignalFault:
+    """Return the fault of a seed; what is judged is attached, and nothing else knows it."""
+    rng = np.random.default_rng([seed, 37])
+    signal_ = _SIGNALS[int(rng.integers(len(_SIGNALS)))]
+    kinds = POSSIBLE[signal_]
+    pair = signal_ == "picture" or rng.random() < 0.2
+    drawn = draw(seed + 1_000_000)
+    kind = kinds[seed % len(kinds)]
+    return replace(
+        drawn,
+        seed=seed,
+        mode="wil" if pair else "sim",
+        vehicle=("twin" if signal_ == "picture" else "real") if pair else "twin",
+        signal=signal_,
+        judged_by="mocap" if signal_ == "mocap" or rng.random() < 0.3 else "mavlink",
+        lone=True,
+        alteration=replace(drawn.alteration, kind=kind),
+    )
+
+
+async def inject(fault: SignalFault, folder: Path, *, disturbed: bool = True) -> Outcome:
+    """Fly a flight that must fail with a fault in it, or without; the folder is there."""
+    flight = _Flight(fault, folder, disturbed=disturbed)
+    result = await flight.fly()
+    exempt = disturbed and shown_by_none(fault)
+    wrong = result.verdict == "PASS" and not exempt
+    return Outcome(fault, result.verdict, result.reason, result.decided_by, exempt, wrong)
+
+
+class _Flight:
+    """One flight: relays, the vehicle behind them, and the program before them."""
+
+    def __init__(self, fault: SignalFault, folder: Path, *, disturbed: bool) -> None:
+        self._fault, self._folder, self._disturbed = fault, folder, disturbed
+        self._active = False
+        self._vehicle: asyncio.subprocess.Process | None = None
+
+    async def fly(self) -> _Result:
+        """Fly it to its end."""
+        async with AsyncExitStack() as stack:
+            campaign = await self._surroundings(stack)
+            program = await stack.enter_async_context(self._program(campaign))
+            begin = asyncio.create_task(self._begin(), name="begin")
+            try:
+                async with asyncio.timeout(_ENDS_WITHIN_S):
+                    out, err = await program.communicate()
+            except TimeoutError:
+                return _Result("ERROR", f"the program had not ended after {_ENDS_WITHIN_S} s", "")
+            finally:
+                begin.cancel()
+        try:
+            (run,) = json.loads(out)["runs"]
+        except (ValueError, KeyError):
+            return _Result("ERROR", f"no summary: {err.decode()[-400:]}", "")
+        return _Result(run["verdict"], run["reason"], run.get("decided_by", ""))
+
+    async def _surroundings(self, stack: AsyncExitStack) -> Path:
+        """Start relays, vehicle and simulator; return the campaign that uses them."""
+        fault, subject = self._fault, self._fault.subject
+        mavlink_port, capture_port = free_port(), free_port()
+        ids = MESSAGES.get(fault.signal, ()) or None
+        mavlink = MavlinkRelay(
+            frame_change(fault.alteration), ids, lambda: self._is(*MESSAGES.keys())
+        )
+        capture = CaptureRelay(
+            reading_change(fault.alteration), lambda: self._is("mocap"), body=subject
+        )
+        await stack.enter_async_context(mavlink.running(mavlink_port))
+        await stack.enter_async_context(capture.running(capture_port))
+        keys: dict[str, Any] = {"seed": 1 + fault.seed}
+        vehicle: dict[str, Any] = {"link": f"udpin://127.0.0.1:{mavlink_port}"}
+        if fault.judged_by == "mocap":
+            vehicle["mocap"] = {"address": f"udp://127.0.0.1:{capture_port}"}
+        path = write_mission(
+            self._folder,
+            fault.cause,
+            mode=fault.mode,
+            autopilot=fault.autopilot,
+            judged_by=fault.judged_by,
+            keys={**keys, "sync": _PATIENT},
+        )
+        sets = {f"vehicles.{subject}.{key}": value for key, value in vehicle.items()}
+        if fault.mode == "wil":
+            sets["vehicles.real.profile"] = "nominal"
+            sets["recipe.combine.0.max_skew_ms"] = 800
+            pictures = PictureRelay(fault.alteration, lambda: self._is("picture"), _SIZE_PX)
+            address = await stack.enter_async_context(_simulator(self._folder / "world.yaml"))
+            await stack.enter_async_context(pictures.running(address))
+            source = {"address": pictures.address, "answer_ms": 700}
+            sets["vehicles.twin.sensors.camera.source"] = source
+        self._sets = [
+            word for key, value in sets.items() for word in ("--set", f"{key}={json.dumps(value)}")
+        ]
+        self._vehicle = await stack.enter_async_context(
+            _vehicle(fault, mavlink_port=mavlink.port, feed_port=capture.port)
+        )
+        return path
+
+    @asynccontextmanager
+    async def _program(self, campaign: Path) -> AsyncIterator[asyncio.subprocess.Process]:
+        runtime = Path(tempfile.mkdtemp(prefix="wil-"))
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "orchestrator.cli", "run", str(campaign)),
+            *("--clock", "wall", "--jobs", "1", "--json", "--arm-real"),
+            *("--out", str(self._folder / "out"), *self._sets),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            cwd=ROOT,
+            env={
+                **os.environ,
+                "PYTHONPATH": str(ROOT),
+                "XDG_RUNTIME_DIR": str(runtime),
+                "XDG_STATE_HOME": str(self._folder / "state"),
+            },
+            start_new_session=True,
+        )
+        try:
+            yield process
+        finally:
+            if process.returncode is None:
+                process.terminate()
+                await process.communicate()
+            shutil.rmtree(runtime)
+
+    def _is(self, *signals: str) -> bool:
+        return self._active and self._disturbed and self._fault.signal in signals
+
+    async def _begin(self) -> None:
+        """Begin the fault some time after its stage was entered."""
+        fault = self._fault
+        while not self._has_come():  # noqa: ASYNC110 - another process sets no event of ours
+            await asyncio.sleep(0.02)
+        await asyncio.sleep(fault.after_s)
+        self._active = True
+        if fault.signal != "process" or not self._disturbed or self._vehicle is None:
+            return
+        self._vehicle.send_signal(signal.SIGKILL if fault.kind == "stop" else signal.SIGSTOP)
+        await asyncio.sleep(abs(fault.alteration.step_s))
+        with contextlib.suppress(ProcessLookupError):
+            self._vehicle.send_signal(signal.SIGCONT)
+
+    def _has_come(self) -> bool:
+        for log in (self._folder / "out").glob("*/*/*/*/*/log.jsonl"):
+            with contextlib.suppress(OSError):
+                return self._fault.stage in stages(log.parent)
+        return False
+
+
+@asynccontextmanager
+async def _vehicle(
+    fault: SignalFault, *, mavlink_port: int, feed_port: int
+) -> AsyncIterator[asyncio.subprocess.Process]:
+    """Run the vehicle that is judged as a process of its own."""
+    is_real = fault.subject == "real"
+    settings = ProcessSettings(
+        autopilot=fault.autopilot,
+        link=f"udpout://127.0.0.1:{mavlink_port}",
+        seed=fault.seed,
+        source="real" if is_real else "twin",
+        system_id=1 if is_real else 2,
+        latitude_deg=47.4,
+        longitude_deg=8.5,
+        parameters=dict(SILENCE_PARAMETERS[fault.autopilot]),
+        feed_port=feed_port,
+    )
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+        await process.wait()
+
+
+@asynccontextmanager
+async def _simulator(world: Path) -> AsyncIterator[str]:
+    """Run the reference simulator; gives its address."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "vehicles.sources.reference_simulator"),
+        *("--world", str(world), "--bind", "tcp://127.0.0.1:*"),
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=asyncio.subprocess.PIPE,
+    )
+    try:
+        assert process.stdout is not None
+        yield (await process.stdout.readline()).decode().strip()
+    finally:
+        process.kill()
+        await process.wait()
+
+
+def main(arguments: list[str]) -> None:
+    first, count, folder = int(arguments[0]), int(arguments[1]), Path(arguments[2])
+    for seed in range(first, first + count):
+        (folder / str(seed)).mkdir(parents=True)
+        outcome = asyncio.run(inject(draw_on_sockets(seed), folder / str(seed)))
+        if not outcome.wrong:
+            shutil.rmtree(folder / str(seed))
+        sys.stdout.write(json.dumps(asdict(outcome)) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
