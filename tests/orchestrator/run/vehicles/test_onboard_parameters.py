@@ -64,7 +64,7 @@ class Rig:
     ) -> OnboardConfiguration:
         campaign = SimpleNamespace(preflight=preflight, fences=fences)
         setup = SimpleNamespace(vehicle=lambda _: self.setup, campaign=campaign)
-        run_state = SimpleNamespace(decide=lambda *said: self.decided.append(said))
+        run_state = SimpleNamespace(decide=lambda *said: self.decided.append(said), dropped_out={})
         return OnboardConfiguration(
             setup=cast("Any", setup),
             contexts=(self.context,),
