@@ -62,7 +62,7 @@ def test_controls_of_each_kind_end_as_they_must(
         "other-autonomy": True,
     }, {name: (run["verdict"], run["reason"]) for name, run in controls.items()}
     assert "no sample" in controls["positions-stop"]["reason"]
-    assert "does not change" in controls["positions-freeze"]["reason"]
+    assert "repeats one position" in controls["positions-freeze"]["reason"]
     assert controls["obstacle"]["reason"].startswith("twin touched wall")
     assert (code, summary["accepted"]) == (0, True)
     log = next((tmp_path / "out").glob("hover/*/positions-stop/sim/1/log.jsonl")).read_text()

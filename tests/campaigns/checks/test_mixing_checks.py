@@ -4,10 +4,6 @@ from typing import Any
 
 import pytest
 
-from recipes.language.recipe_document import load_recipe
-from recipes.pipeline.shape_check import shape_mismatch
-from worlds.files.documents import load
-
 SIZE = "camera: {type: camera, rate_hz: 15, width_px: 320, height_px: 240, fov_deg: 69}\n"
 MERGE = "    merge: {overlay: {priority: [twin, real]}}\n"
 
@@ -31,11 +27,11 @@ def transform(files: Any, steps: str) -> None:
         (
             {"width_px": 160, "height_px": 120},
             (
-                "overlay of 160x120 over 320x240: add a resize step "
+                "overlay of 160 x 120 (twin) over 320 x 240 (real): add a resize step "
                 "('camera' of real 320 x 240 and twin 160 x 120)"
             ),
         ),
-        ({"fov_deg": 40}, "camera"),
+        ({"fov_deg": 40}, "give both the same field of view, or add a camera_model step"),
     ],
 )
 def test_pictures_that_do_not_fit_each_other_are_reported(
@@ -71,7 +67,7 @@ def test_steps_that_make_them_fit_are_followed(
 def test_a_part_that_does_not_lie_in_the_picture_is_reported_at_its_step(files: Any) -> None:
     transform(files, "{crop: {width_px: 640, height_px: 480}}")
     (fault,) = files.faults()
-    assert fault.startswith("recipe.yaml:5:17: crop: ")
+    assert fault.startswith("recipe.yaml:5:18: crop: ")
     assert "('camera' of real 320 x 240 and twin 320 x 240)" in fault
 
 
@@ -137,8 +133,3 @@ def test_a_twin_that_is_asked_need_not_come_often(files: Any) -> None:
     assert len(files.faults()) == 1
     transform(files, "{register: {pose: real, align: interpolate}}")
     files.load()
-
-
-def test_readings_of_one_value_have_no_shape(files: Any) -> None:
-    recipe = load_recipe(load(files.folder / "recipe.yaml"))
-    assert shape_mismatch(recipe.combinations[0], {}, files.folder) is None
