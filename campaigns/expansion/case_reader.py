@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from campaigns.checks.autonomy_checks import IsolatedBuilds, autonomy_problems
+from campaigns.checks.case_warnings import case_warnings, document_warnings
 from campaigns.checks.cross_checks import cross_problems
 from campaigns.schema import (
     CampaignPart,
@@ -20,6 +21,7 @@ from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import GoalSetup, GuardingSetup, Setup, SyncSetup
 from campaigns.setup.external_reader import external_setup
+from campaigns.setup.fault_setups import fault_setups
 from campaigns.setup.link_setups import LinkSetup, link_setup
 from campaigns.setup.oracle_uses import oracle_uses
 from campaigns.setup.vehicle_fences import Drawing, fences_of
@@ -61,10 +63,11 @@ def read_setup(
         # It is said also where the world is missing.
         problems += autonomy_problems(files.campaign, _under_test(files, part), builds)
     if part is None or world is None or (files.recipe is not None and recipe is None):
-        raise BadInput(problems)
+        raise BadInput(problems, document_warnings(files))
     mqtt = part.operator.mqtt
+    vehicles = vehicle_setups(files.campaign, part.vehicles, problems)
     setup = Setup(
-        vehicles=vehicle_setups(files.campaign, part.vehicles, problems),
+        vehicles=vehicles,
         world=world,
         recipe=recipe,
         under_test=_under_test(files, part),
@@ -74,6 +77,7 @@ def read_setup(
         guarding=_guard_setup(part),
         oracles=uses,
         links=_links(part.links),
+        faults=fault_setups(files.campaign, part.faults, vehicles, problems),
         preflight=part.preflight,
         record=part.record,
         outside=external_setup(files.campaign, part, problems),
@@ -87,7 +91,7 @@ def read_setup(
         # Without the fence that it has, everything would be said to lack one.
         problems += cross_problems(files, setup, modes)
     if problems:
-        raise BadInput(problems)
+        raise BadInput(problems, case_warnings(files, setup, modes))
     return setup
 
 

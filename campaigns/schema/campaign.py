@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field, JsonValue, field_validator, model_va
 from campaigns.schema.between_runs import BetweenRunsPart
 from campaigns.schema.controls import ControlPart
 from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
+from campaigns.schema.faults import FaultsPart
 from campaigns.schema.fence import GeofencePart
 from campaigns.schema.limits import LimitsPart
 from campaigns.schema.links import LinksPart
@@ -195,6 +196,7 @@ class CampaignPart(Part):
     clock: ClockPart | None = None
     between_runs: BetweenRunsPart | None = None
     links: LinksPart = LinksPart()
+    faults: FaultsPart = FaultsPart()
     preflight: PreflightPart = PreflightPart()
     deliver: list[DeliverPart] = Field(default_factory=list)
     inject: InjectPart = InjectPart()

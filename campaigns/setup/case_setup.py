@@ -10,6 +10,7 @@ from campaigns.setup.link_setups import LinkSetup
 from campaigns.setup.vehicle_setups import VehicleSetup
 from campaigns.values.external_setups import ExternalSetup
 from campaigns.values.sensor_setups import CameraSetup, SensorSetup
+from campaigns.values.signal_faults import SignalFault
 from recipes.model.recipe import Recipe
 from safety.evaluation.judge import OracleUse
 from safety.fence.geofence import Fence
@@ -84,6 +85,7 @@ class Setup:
 
     recipe: None where no mode mixes. fences: of the vehicles that have one; guarding: how the guard
     keeps them. limits: of setpoints; None for none. links: those that are made worse than they are.
+    faults: injected into signals.
     collision_always: whether contacts are judged whatever the oracles say of `collision`.
     unsigned_commands: whether operators command by MQTT without a signature.
     gcs: link strings of ground station ports. speed: of the scaled clock, where no launched
@@ -99,6 +101,7 @@ class Setup:
     fences: Mapping[VehicleName, Fence]
     oracles: tuple[OracleUse, ...]
     links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
+    faults: tuple[SignalFault, ...] = ()
     preflight: PreflightPart = field(default_factory=PreflightPart)
     record: RecordPart = field(default_factory=RecordPart)
     guarding: GuardingSetup = GuardingSetup()

@@ -40,6 +40,7 @@ from orchestrator.run.vehicles.pair import Pair, open_pair
 from orchestrator.run.vehicles.preflight_checks import Preflight
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import FlightError, RunState, Stage
+from orchestrator.state.signal_faults import SignalFaults
 from orchestrator.state.vehicle_context import VehicleContext
 from recipes.working import StepError
 from safety.evaluation.judge import COLLISION_ALWAYS, Judge
@@ -266,6 +267,13 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
     subject = next(one for one in pair.contexts if one.name == setup.subject)
     run_state.last_note = lambda: subject.note
     ground.outside.attach(pair.contexts)
+    faults = SignalFaults(
+        setup.campaign.faults,
+        run_state=run_state,
+        note=lambda text: recorder.note("fault injected", fault=text),
+    )
+    for context in pair.contexts:
+        context.inject(faults)
     ground.perception = perception = build_perception(
         setup,
         pair=pair,
@@ -274,6 +282,7 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
         run_state=run_state,
         events=ground.events,
         watchers=_watchers(recorder, ground.outside),
+        faults=faults,
     )
     goal = GoalFlight(
         runners=perception.runners,

@@ -20,6 +20,7 @@ from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.mixtures import MixedFrame, PreviewImages
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import RunState
+from orchestrator.state.signal_faults import SignalFaults, restamp_reading
 from orchestrator.state.vehicle_context import VehicleContext
 from recipes.pipeline.autonomy_readings import without_knowledge
 from recipes.pipeline.pipeline import Mixer, compile_recipe
@@ -56,6 +57,7 @@ def build_perception(
     run_state: RunState,
     events: Mapping[str, float],
     watchers: PerceptionWatchers,
+    faults: SignalFaults,
 ) -> Perception:
     """Build a run's sensors and mixing loops for its runners, not started yet."""
 
@@ -71,7 +73,12 @@ def build_perception(
     if setup.placed is not None:
         contexts[setup.placed.name] = contexts[setup.subject]
     senses = SensorFactory(
-        setup=setup, contexts=contexts, feeds=pair.vehicles, events=events, outside=outside
+        setup=setup,
+        contexts=contexts,
+        feeds=pair.vehicles,
+        events=events,
+        outside=outside,
+        faults=faults,
     )
     perception.from_outside = outside.senses(budgets.doubted)
     arranger = _PerceptionBuilder(
@@ -84,6 +91,7 @@ def build_perception(
         probes=VisibilityProbes(
             setup=setup, contexts=contexts, events=events, outside=outside, run_state=run_state
         ),
+        faults=faults,
     )
     arranger.arrange()
     return perception
@@ -100,8 +108,10 @@ class _PerceptionBuilder:
         watchers: PerceptionWatchers,
         perception: Perception,
         probes: VisibilityProbes,
+        faults: SignalFaults,
     ) -> None:
         self._probes = probes
+        self._faults = faults
         self._setup = setup
         self._contexts = contexts
         self._senses = senses
@@ -219,7 +229,8 @@ class _PerceptionBuilder:
         key = (vehicle, sensor.name)
         if key not in self._sources:
             stream = self._senses.stream(self._setup.vehicle(vehicle), sensor)
-            source = SensorSource(vehicle, sensor.name, stream, [self._watchers.reading])
+            fault = self._faults.signal(vehicle, sensor.name, restamp_reading)
+            source = SensorSource(vehicle, sensor.name, stream, [self._watchers.reading], fault)
             self._sources[key] = source
         return self._sources[key]
 

@@ -25,6 +25,7 @@ from campaigns.values.sensor_setups import (
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.run.vehicles.vehicle_backends import Feed, vehicle_seed
 from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.signal_faults import FaultyOnDemand, SignalFaults, restamp_reading
 from orchestrator.state.vehicle_context import VehicleContext
 from safety.model.samples import PoseSample
 from vehicles.cameras.camera_effects import CameraQuality
@@ -96,8 +97,10 @@ class SensorFactory:
         feeds: Mapping[str, Feed],
         events: Mapping[str, float],
         outside: ExternalIo,
+        faults: SignalFaults,
     ) -> None:
         self._outside = outside
+        self._faults = faults
         self._setup = setup
         self._contexts = contexts
         self._feeds = feeds
@@ -128,7 +131,9 @@ class SensorFactory:
         same one, so that its numbers are told once.
         """
         if sensor.name not in self._asked:
-            self._asked[sensor.name] = self._asked_sensor(sensor, like)
+            asked = self._asked_sensor(sensor, like)
+            fault = self._faults.signal("twin", sensor.name, restamp_reading)
+            self._asked[sensor.name] = asked if fault is None else FaultyOnDemand(asked, fault)
         return self._asked[sensor.name]
 
     def _asked_sensor(self, sensor: SensorSetup, like: SensorSetup) -> OnDemand:

@@ -260,6 +260,8 @@ def test_a_camera_may_be_given_by_its_focal_length(files: Any) -> None:
     text = files.path.read_text()
     mount = "mount: {forward_m: 0.1, down_m: -0.02, pitch_deg: -10}, stabilized: true"
     files.path.write_text(text.replace("fov_deg: 69", f"fx_px: 300, cy_px: 100, {mount}", 1))
+    steps = "    transform: [{camera_model: real}]\n    filter:"
+    files.change("    filter:", steps, file="recipe.yaml")
     (camera,) = files.load().runs[0].setup().vehicles["real"].cameras
     intrinsics = camera.intrinsics
     assert (intrinsics.fx_px, intrinsics.fy_px) == (300, 300)

@@ -121,6 +121,12 @@ WRONG = [
     ("clearance_m @+ speed_m_s > 1", "m cannot be added to m/s"),
     ("clearance_m / speed_m_s @>= up_m", "s cannot be compared with m"),
     ("2 @> 1", "compares two numbers: name a signal"),
+    ("up_m * 0 @>= -1", "compares two numbers: name a signal"),
+    ("up_m @/ 0 >= 1", "divides by 0, so it has no value"),
+    ("always not (up_m @/ (2 - 2) <= 1)", "divides by 0"),
+    ("up_m @/ abs(0 * speed_m_s) >= 1", "divides by 0"),
+    ("0 @/ 0 <= up_m", "divides by 0"),
+    ("up_m <= 1e300 @* 1e300", "is not finite"),
     ("@armed > 0.5", "'armed' is true or false: write it by itself"),
     ("@up_m", "is a value, not a statement"),
 ]

@@ -95,7 +95,9 @@ def test_a_signal_to_the_whole_group_lands_what_flies(
     assert (run["verdict"], run["reason"]) == ("ABORTED", f"aborted by {name}")
     (landed,) = [oracle for oracle in run["oracles"] if oracle["name"] == "landed"]
     assert landed["verdict"] == "PASS"
-    assert "not accepted" in said
+    assert summary_of(campaign)["not_flown"] == ["default/sim/2"]
+    assert "never flown: default/sim/2\n" in said
+    assert "not accepted; never flown: 1 of 2" in said
 
 
 def test_before_it_flies_a_document_says_that_nothing_has_passed(
