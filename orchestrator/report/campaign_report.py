@@ -13,11 +13,11 @@ from pathlib import Path
 
 from orchestrator.model.document_writer import write_whole
 from orchestrator.recording.timestamps import utc_text
-from orchestrator.report.model import RunEntry
+from orchestrator.report.model import RunEntry, RunReport
 from orchestrator.report.reading.results_folder import read_campaign
 from orchestrator.report.reading.run_reader import read_run
 from orchestrator.report.reading.sight_decoding import ImageSize
-from orchestrator.report.rendering.page import RunPage, anchors, render_page, render_run
+from orchestrator.report.rendering.page import RunPage, anchors, render_page, render_run, went_wrong
 
 FILE_NAME = "report.html"
 _ALONE = 8
@@ -71,7 +71,7 @@ def _embedded(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]:
     room = _VIDEO_BYTES
     for entry in entries:
         with suppress(OSError):
-            if entry.result is not None and entry.result.verdict != "PASS":
+            if went_wrong(entry.result):
                 size_bytes = (folder / entry.name / "mixed.mp4").stat().st_size
                 if size_bytes <= room:
                     room -= size_bytes
@@ -93,6 +93,23 @@ def _pages(orders: Sequence[_Order]) -> Iterable[RunPage]:
 
 
 def _page(order: _Order) -> RunPage:
+    try:
+        return _whole_page(order)
+    except Exception as error:  # noqa: BLE001 - what a file can make of us is not known to its end
+        entry = order.entry
+        why = f"the run cannot be shown: {type(error).__name__}: {error}"
+        run = RunReport(
+            name=entry.name,
+            case=entry.case,
+            mode=entry.mode,
+            rep=entry.rep,
+            result=entry.result,
+            problems=(*entry.problems, why),
+        )
+        return render_run(run, anchor=order.anchor)
+
+
+def _whole_page(order: _Order) -> RunPage:
     run = read_run(order.folder, order.entry, order.size)
     video = None
     if order.embeds and run.video is not None:

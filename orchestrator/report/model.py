@@ -108,7 +108,7 @@ class Outline:
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class DrawnWorld:
     """What stands round the vehicles. side_axis: what a view from the side has to the right."""
 
     outlines: tuple[Outline, ...] = ()
@@ -203,7 +203,7 @@ class RunReport:
     stages: tuple[tuple[str, float], ...] = ()
     tracks: tuple[Track, ...] = ()
     commands: tuple[Commanded, ...] = ()
-    surroundings: Surroundings = field(default_factory=Surroundings)
+    world: DrawnWorld = field(default_factory=DrawnWorld)
     sight: Sight | None = None
     strip: tuple[Sight, ...] = ()
     plots: tuple[Plot, ...] = ()

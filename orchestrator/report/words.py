@@ -14,10 +14,10 @@ def number_text(value: float | None, unit: str = "", digits: int = 3) -> str:
         return NOTHING
     if abs(value) >= 1e6 or 0.0 < abs(value) < 10.0**-digits:
         text = f"{value:.3g}"
-    elif abs(value) >= 100.0:
-        text = f"{value:.1f}".removesuffix(".0")
     else:
-        text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
+        text = f"{value:.{1 if abs(value) >= 100.0 and digits else digits}f}"
+        if "." in text:
+            text = text.rstrip("0").rstrip(".")
     return f"{text} {unit}".rstrip()
 
 
@@ -67,7 +67,8 @@ def place_text(position_ned_m: Vec3 | None) -> str:
     if position_ned_m is None:
         return NOTHING
     north_m, east_m, down_m = position_ned_m
-    return f"north {north_m:.2f} m, east {east_m:.2f} m, up {-down_m:.2f} m"
+    axes = (("north", north_m), ("east", east_m), ("up", -down_m))
+    return ", ".join(f"{name} {_whole_zero(value):.2f} m" for name, value in axes)
 
 
 def velocity_text(velocity_ned_m_s: Vec3 | None) -> str:
@@ -75,4 +76,10 @@ def velocity_text(velocity_ned_m_s: Vec3 | None) -> str:
     if velocity_ned_m_s is None:
         return NOTHING
     north, east, down = velocity_ned_m_s
-    return f"north {north:+.2f}, east {east:+.2f}, up {-down:+.2f} m/s"
+    axes = (("north", north), ("east", east), ("up", -down))
+    return ", ".join(f"{name} {_whole_zero(value):+.2f}" for name, value in axes) + " m/s"
+
+
+def _whole_zero(value: float) -> float:
+    """Return a number in which what is shown as zero has no sign."""
+    return 0.0 if abs(value) < 0.005 else value

@@ -22,9 +22,9 @@ def cause_of(
     facts = [] if oracle is None else _oracle_facts(oracle)
     facts.append(("when", time_text(at_s, goal_s) if at_s is not None else "at the end of the run"))
     if at_s is None and passed_s is not None:
-        facts.append(("nearest to the goal", time_text(passed_s, goal_s)))
+        facts.append(("nearest", time_text(passed_s, goal_s)))
     if result.note:
-        facts.append(("the autonomy noted last", result.note))
+        facts.append(("last note", result.note))
     facts += [("also", f"{one.verdict}: {one.reason}") for one in result.also[:3]]
     return Cause(
         violated=_violated(result, oracle),
@@ -49,8 +49,8 @@ def deciding_oracle(result: RunResult) -> OracleResult | None:
 
 def _violated(result: RunResult, oracle: OracleResult | None) -> str:
     if oracle is not None:
-        word = "cannot be judged" if oracle.verdict == "INVALID" else "violated"
-        return f"{oracle.name} of {oracle.vehicle} {word}"
+        word = ": cannot be judged" if oracle.verdict == "INVALID" else ""
+        return f"{oracle.name} of {oracle.vehicle}{word}"
     source = f" ({result.decided_by})" if result.decided_by else ""
     return {
         "FAIL": f"the run failed{source}",

@@ -35,12 +35,13 @@ class EvenTimes:
 
 
 def even_poses(poses: Sequence[TimedPose], times: EvenTimes) -> list[TimedPose]:
-    """Return the newest pose at each time, the first one before that."""
+    """Return the newest pose at each time, the first one before that, none after the last."""
     if not poses:
         return []
     stamps = [t_s for t_s, _ in poses]
-    newest = (max(0, bisect.bisect_right(stamps, t_s) - 1) for t_s in times.times())
-    return [(t_s, poses[index][1]) for t_s, index in zip(times.times(), newest, strict=True)]
+    shown = [t_s for t_s in times.times() if t_s <= stamps[-1] + times.step_s]
+    newest = (max(0, bisect.bisect_right(stamps, t_s) - 1) for t_s in shown)
+    return [(t_s, poses[index][1]) for t_s, index in zip(shown, newest, strict=True)]
 
 
 def track_of(vehicle: str, source: str, poses: Sequence[TimedPose], times: EvenTimes) -> Track:

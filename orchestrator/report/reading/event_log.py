@@ -35,6 +35,8 @@ def read_event_log(path: Path) -> EventLog:
     told = [event for event in found if event is not None]
     damaged = len(found) - len(told)
     problems = (f"{path.name}: {damaged} lines are no events",) if damaged else ()
+    if not found:
+        problems = (f"{path.name} is empty",)
     events = [event for event in told if event.kind != "preflight"]
     stages: dict[str, float] = {}
     for event in events:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from orchestrator.report.model import (
     Commanded,
+    DrawnWorld,
     Point,
     RunEntry,
     RunReport,
     Sight,
-    Surroundings,
     Track,
     VehicleAtMoment,
 )
@@ -23,7 +23,7 @@ from orchestrator.report.reading.outlines import outlines_of
 from orchestrator.report.reading.recorded_sights import read_facts, read_sights
 from orchestrator.report.reading.sight_decoding import ImageSize, decode_sights, video_sights
 from orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
-from orchestrator.report.reading.trajectory_file import read_trajectory
+from orchestrator.report.reading.trajectory_file import Row, read_trajectory
 from orchestrator.report.reading.world_facts import RecordedWorld, recorded_world
 from orchestrator.report.words import place_text, velocity_text
 from worlds.frames import Pose, quat_from_euler
@@ -39,7 +39,7 @@ class _Parts:
 
     log: EventLog
     motion: JudgedMotion
-    commands: tuple[Commanded, ...]
+    commands: tuple[Row, ...]
     world: RecordedWorld
     problems: list[str]
     stages: dict[str, float] = field(default_factory=dict)
@@ -100,7 +100,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         stages=tuple(stages.items()),
         tracks=tuple(_tracks(parts, poses, times)),
         commands=_thinned(parts.commands, parts.span_s),
-        surroundings=_surroundings(parts, poses, None if moment is None else moment.t_s),
+        world=_drawn_world(parts, poses, None if moment is None else moment.t_s),
         sight=_nearest(shown, None if moment is None else moment.t_s),
         strip=tuple(shown),
         plots=(
@@ -141,6 +141,9 @@ def _read_parts(place: Path, entry: RunEntry) -> _Parts:
     world = recorded_world(read_facts(place / "run.mcap"), entry.case, entry.mode)
     problems = [*log.problems, *motion.problems, *trajectory.problems, *world.problems]
     stages = dict(log.stages) or dict(motion.stages)
+    if entry.result is not None and motion.poses and "end" not in motion.stages:
+        last_s = max(t_s for poses in motion.poses.values() for t_s, _ in poses[-1:])
+        problems.append(f"judged.msgpack ends at {last_s:.2f} s, before the end of the run")
     return _Parts(log, motion, trajectory.rows, world, problems, stages)
 
 
@@ -149,7 +152,8 @@ def _poses(parts: _Parts) -> dict[str, list[TimedPose]]:
     if parts.motion.poses:
         return parts.motion.poses
     found: dict[str, list[TimedPose]] = {}
-    for row in parts.commands:
+    for raw in parts.commands:
+        row = raw.decoded()
         place = row.truth_ned_m or row.position_ned_m
         if place is not None:
             upright = quat_from_euler(0.0, 0.0, 0.0)
@@ -175,9 +179,9 @@ def _nearest_pass_s(parts: _Parts, poses: Sequence[TimedPose]) -> float | None:
     return min(flown, key=lambda one: math.dist(one[1].position_ned_m, targets[0]))[0]
 
 
-def _surroundings(
+def _drawn_world(
     parts: _Parts, poses: Mapping[str, list[TimedPose]], at_s: float | None
-) -> Surroundings:
+) -> DrawnWorld:
     places = [pose.position_ned_m for found in poses.values() for _, pose in found]
     side_axis = "north"
     if places:
@@ -192,16 +196,16 @@ def _surroundings(
         events=parts.motion.world_events,
         span_s=parts.span_s,
     )
-    return Surroundings(outlines, {**world.fences, **parts.motion.fences}, side_axis)
+    return DrawnWorld(outlines, {**world.fences, **parts.motion.fences}, side_axis)
 
 
-def _at_moment(commands: Sequence[Commanded], t_s: float) -> list[VehicleAtMoment]:
+def _at_moment(commands: Sequence[Row], t_s: float) -> list[VehicleAtMoment]:
     """Return what each vehicle was and was asked for at a time."""
-    newest: dict[str, Commanded] = {}
+    newest: dict[str, Row] = {}
     for row in commands:
         if row.t_s <= t_s or row.vehicle not in newest:
             newest[row.vehicle] = row
-    return [VehicleAtMoment(name, tuple(_facts(row))) for name, row in newest.items()]
+    return [VehicleAtMoment(name, tuple(_facts(row.decoded()))) for name, row in newest.items()]
 
 
 def _facts(row: Commanded) -> list[tuple[str, str]]:
@@ -210,7 +214,7 @@ def _facts(row: Commanded) -> list[tuple[str, str]]:
         told = velocity_text if row.setpoint_kind == "velocity" else place_text
         commanded = f"{row.setpoint_kind}: {told(row.setpoint)}"
         if row.setpoint_yaw_rad is not None:
-            commanded += f", heading {math.degrees(row.setpoint_yaw_rad):.0f}°"
+            commanded += f", heading {round(math.degrees(row.setpoint_yaw_rad))}°"
     facts = [("commanded", commanded), ("noted", row.note)]
     facts.append(("was at", place_text(row.truth_ned_m or row.position_ned_m)))
     facts.append(("flew", velocity_text(row.velocity_ned_m_s)))
@@ -219,15 +223,18 @@ def _facts(row: Commanded) -> list[tuple[str, str]]:
     return [(name, text) for name, text in facts if text]
 
 
-def _thinned(commands: Sequence[Commanded], span_s: Point) -> tuple[Commanded, ...]:
+def _thinned(commands: Sequence[Row], span_s: Point) -> tuple[Commanded, ...]:
     """Return half a second apart what each vehicle was asked for, for the map."""
     step_s = max(0.5, (span_s[1] - span_s[0]) / 60)
     due: dict[str, float] = {}
     kept = []
     for row in commands:
-        if row.setpoint is not None and row.t_s >= due.get(row.vehicle, span_s[0]):
+        if row.t_s < due.get(row.vehicle, span_s[0]):
+            continue
+        found = row.decoded()
+        if found.setpoint is not None:
             due[row.vehicle] = row.t_s + step_s
-            kept.append(row)
+            kept.append(found)
     return tuple(kept)
 
 

@@ -14,10 +14,37 @@ _NEEDED = frozenset({"t_s", "vehicle", "stage"})
 
 
 @dataclass(frozen=True, slots=True)
+class Row:
+    """A row whose cells are decoded when they are asked for: few of them are shown."""
+
+    t_s: float
+    vehicle: str
+    cells: Mapping[str, str | None]
+
+    def decoded(self) -> Commanded:
+        """Return all that the row tells."""
+        cells = self.cells
+        return Commanded(
+            t_s=self.t_s,
+            vehicle=self.vehicle,
+            stage=cells.get("stage") or "",
+            mode=cells.get("mode") or "",
+            is_armed=cells.get("armed") == "1",
+            position_ned_m=_vector(cells, "est_north_m", "est_east_m", "est_down_m"),
+            velocity_ned_m_s=_vector(cells, "est_v_north_m_s", "est_v_east_m_s", "est_v_down_m_s"),
+            truth_ned_m=_vector(cells, "true_north_m", "true_east_m", "true_down_m"),
+            setpoint_kind=cells.get("sp_kind") or "",
+            setpoint=_vector(cells, "sp_north", "sp_east", "sp_down"),
+            setpoint_yaw_rad=_number(cells, "sp_yaw_rad"),
+            note=cells.get("note") or "",
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class TrajectoryRows:
     """The rows in the order of the file."""
 
-    rows: tuple[Commanded, ...] = ()
+    rows: tuple[Row, ...] = ()
     problems: tuple[str, ...] = ()
 
 
@@ -27,7 +54,8 @@ def read_trajectory(path: Path) -> TrajectoryRows:
         lines = read_text(path).replace("\0", "").splitlines(keepends=True)
     except UnreadableError as error:
         return TrajectoryRows(problems=(str(error),))
-    reader = csv.DictReader(lines)
+    is_cut = bool(lines) and not lines[-1].endswith("\n")
+    reader = csv.DictReader(lines[:-1] if is_cut else lines)
     try:
         if not set(reader.fieldnames or ()) >= _NEEDED:
             return TrajectoryRows(
@@ -38,29 +66,15 @@ def read_trajectory(path: Path) -> TrajectoryRows:
         return TrajectoryRows(problems=(f"{path.name} is damaged: {error}",))
     rows = tuple(row for row in found if row is not None)
     damaged = len(found) - len(rows)
-    # The last line of a run that was killed may be cut.
-    problems = (f"{path.name}: {damaged} rows cannot be read",) if damaged else ()
-    return TrajectoryRows(rows, problems)
+    problems = [f"{path.name}: {damaged} rows cannot be read"] if damaged else []
+    if is_cut:
+        problems.append(f"{path.name} is cut off in the middle of a row")
+    return TrajectoryRows(rows, tuple(problems))
 
 
-def _row(cells: Mapping[str, str | None]) -> Commanded | None:
-    t_s = _number(cells, "t_s")
-    if t_s is None or not cells.get("vehicle"):
-        return None
-    return Commanded(
-        t_s=t_s,
-        vehicle=cells["vehicle"] or "",
-        stage=cells.get("stage") or "",
-        mode=cells.get("mode") or "",
-        is_armed=cells.get("armed") == "1",
-        position_ned_m=_vector(cells, "est_north_m", "est_east_m", "est_down_m"),
-        velocity_ned_m_s=_vector(cells, "est_v_north_m_s", "est_v_east_m_s", "est_v_down_m_s"),
-        truth_ned_m=_vector(cells, "true_north_m", "true_east_m", "true_down_m"),
-        setpoint_kind=cells.get("sp_kind") or "",
-        setpoint=_vector(cells, "sp_north", "sp_east", "sp_down"),
-        setpoint_yaw_rad=_number(cells, "sp_yaw_rad"),
-        note=cells.get("note") or "",
-    )
+def _row(cells: Mapping[str, str | None]) -> Row | None:
+    t_s, vehicle = _number(cells, "t_s"), cells.get("vehicle")
+    return None if t_s is None or not vehicle else Row(t_s, vehicle, cells)
 
 
 def _number(cells: Mapping[str, str | None], name: str) -> float | None:

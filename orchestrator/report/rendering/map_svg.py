@@ -7,7 +7,7 @@ from typing import Literal
 
 from markupsafe import Markup
 
-from orchestrator.report.model import Commanded, Outline, Point, RunReport, Surroundings, Track
+from orchestrator.report.model import Commanded, DrawnWorld, Outline, Point, RunReport, Track
 from orchestrator.report.rendering.markup import element, points_text
 from orchestrator.report.rendering.scales import ticks_within
 from safety.fence.areas import Area, Circle
@@ -20,6 +20,8 @@ _WIDTH = 420.0
 _HEIGHTS = (150.0, 460.0)
 _MARGIN = 24.0
 _PAD_M = 0.4
+_NAME_ROOM = 60.0
+"""At the right end of the lower axis, for its name."""
 _REACH = 4.0
 """How many times farther than the path the world and the fence may widen a map."""
 _ARROW_S = 0.5
@@ -52,21 +54,21 @@ def map_svg(run: RunReport, view: View) -> Markup | None:
     """Return a map of a run; None where no vehicle's path is known."""
     if not any(track.positions_ned_m for track in run.tracks):
         return None
-    side_axis = 1 if run.surroundings.side_axis == "east" else 0
+    side_axis = 1 if run.world.side_axis == "east" else 0
     canvas = _canvas(run, view, side_axis)
     at_s = None if run.moment is None else run.moment.t_s
     children = [
         *_grid(canvas),
-        *(_outline(one, view, canvas) for one in run.surroundings.outlines),
-        *_fences(run.surroundings, view, side_axis, canvas),
+        *(_outline(one, view, canvas) for one in run.world.outlines),
+        *_fences(run.world, view, side_axis, canvas),
         *(_setpoint(one, run.tracks, view, side_axis, canvas) for one in run.commands),
         *(_track(track, view, side_axis, canvas) for track in run.tracks),
+        *_labels(run.world.outlines, view, canvas),
         *_markers(run.tracks, at_s, view, side_axis, canvas),
-        *_labels(run.surroundings.outlines, view, canvas),
         *_axis_names(run, view, canvas),
     ]
     box = f"0 0 {_WIDTH:g} {canvas.height:g}"
-    what = "above" if view == "above" else f"the side, {run.surroundings.side_axis} to the right"
+    what = "above" if view == "above" else f"the side, {run.world.side_axis} to the right"
     label = f"path of the vehicles from {what}"
     return element(
         "svg", {"class": "map", "viewBox": box, "role": "img", "aria-label": label}, children
@@ -82,8 +84,8 @@ def _canvas(run: RunReport, view: View, side_axis: int) -> _Canvas:
     path = [_flat(p, view, side_axis) for track in run.tracks for p in track.positions_ned_m]
     low, high = _bounds(path)
     reach = [_REACH * max(high[axis] - low[axis], 1.0) for axis in (0, 1)]
-    more = [*_fence_corners(run.surroundings, view, side_axis)]
-    for outline in run.surroundings.outlines:
+    more = [*_fence_corners(run.world, view, side_axis)]
+    for outline in run.world.outlines:
         if not outline.is_room:
             more += [p for polygon in _polygons(outline, view) for p in polygon]
     near = [
@@ -110,7 +112,8 @@ def _grid(canvas: _Canvas) -> Iterator[Markup]:
     for x in ticks_within(canvas.low[0], canvas.high[0], 7):
         low, high = canvas.at((x, canvas.low[1])), canvas.at((x, canvas.high[1]))
         yield _line("grid", low, high)
-        yield _text(f"{x:g}", (low[0], canvas.height - 8), anchor="middle", kind="tick")
+        if low[0] < _WIDTH - _NAME_ROOM:
+            yield _text(f"{x:g}", (low[0], canvas.height - 8), anchor="middle", kind="tick")
     for y in ticks_within(canvas.low[1], canvas.high[1], 5):
         low, high = canvas.at((canvas.low[0], y)), canvas.at((canvas.high[0], y))
         yield _line("grid", low, high)
@@ -158,8 +161,8 @@ def _labels(outlines: Iterable[Outline], view: View, canvas: _Canvas) -> Iterato
             yield _text(outline.name, (x, max(10.0, y - 5.0)), anchor="middle", kind="name")
 
 
-def _fence_corners(surroundings: Surroundings, view: View, side_axis: int) -> Iterator[Point]:
-    for fence in surroundings.fences.values():
+def _fence_corners(world: DrawnWorld, view: View, side_axis: int) -> Iterator[Point]:
+    for fence in world.fences.values():
         for area in fence.inclusions:
             (south, west), (north, east) = _area_bounds(area)
             if view == "above":
@@ -177,11 +180,9 @@ def _area_bounds(area: Area) -> tuple[Point, Point]:
     return _bounds(area.corners_m)
 
 
-def _fences(
-    surroundings: Surroundings, view: View, side_axis: int, canvas: _Canvas
-) -> Iterator[Markup]:
+def _fences(world: DrawnWorld, view: View, side_axis: int, canvas: _Canvas) -> Iterator[Markup]:
     drawn: set[str] = set()
-    for vehicle, fence in surroundings.fences.items():
+    for vehicle, fence in world.fences.items():
         shapes = Markup("").join(
             _fence_above(fence, canvas)
             if view == "above"
@@ -281,7 +282,7 @@ def _markers(
 
 
 def _axis_names(run: RunReport, view: View, canvas: _Canvas) -> Iterator[Markup]:
-    right = "east m" if view == "above" else f"{run.surroundings.side_axis} m"
+    right = "east m" if view == "above" else f"{run.world.side_axis} m"
     up = "north m" if view == "above" else "up m"
     yield _text(f"{right} →", (_WIDTH - 4, canvas.height - 8), anchor="end", kind="axis-name")
     yield _text(f"↑ {up}", (4.0, 12.0), anchor="start", kind="axis-name")

@@ -63,13 +63,12 @@ def grounds(campaign: CampaignReport) -> list[tuple[str, str]]:
     summary = campaign.summary
     if summary is None:
         return []
-    runs = (*summary.runs, *summary.controls)
     found = [("real vehicle", _real_text(summary)), ("clock", summary.clock)]
     if summary.sensors:
         shown = ", ".join(f"{name}: {kind}" for name, kind in summary.sensors.items())
         found.append(("sensors", shown))
-    found += [("evidence", text) for text in _evidence_texts(runs)]
-    found += [("mixture", text) for text in _mixture_texts(runs)]
+    found += [("evidence", text) for text in _evidence_texts(summary.runs)]
+    found += [("mixture", text) for text in _mixture_texts(summary.runs)]
     found += [("control", text) for text in _control_texts(summary.controls)]
     return found
 
@@ -170,19 +169,25 @@ def _real_text(summary: Summary) -> str:
 
 
 def _evidence_texts(runs: Iterable[RunResult]) -> Iterator[str]:
-    """Yield one text for each signal that a required oracle rests on, its worst run in it."""
-    groups: dict[tuple[str, str, str], list[EvidenceResult]] = {}
+    """Yield one text for each vehicle: the signals of required oracles, each in its worst run."""
+    groups: dict[str, dict[tuple[str, str], list[EvidenceResult]]] = {}
     for run in runs:
         for one in run.evidence:
             if one.required:
-                groups.setdefault((one.signal, one.vehicle, one.source), []).append(one)
-    for (signal, vehicle, source), results in groups.items():
-        worst = max(results, key=lambda one: one.largest_gap_s)
-        bad = sum(one.verdict != "PASS" for one in results)
-        by = f" from {source}" if source else ""
-        gap = f"{number_text(worst.largest_gap_s, 's')} of {number_text(worst.limit_s, 's')}"
-        text = f"{signal} of {vehicle}{by}: {len(results)} runs, longest gap {gap} allowed"
-        yield text + (f"; cannot be judged by in {bad} runs" if bad else "")
+                signals = groups.setdefault(one.vehicle, {})
+                signals.setdefault((one.signal, one.source), []).append(one)
+    for vehicle, signals in groups.items():
+        count = max(len(results) for results in signals.values())
+        texts = [_signal_text(*key, results) for key, results in signals.items()]
+        yield f"{vehicle} in {count} runs, longest gap of those allowed: {'; '.join(texts)}"
+
+
+def _signal_text(signal: str, source: str, results: Sequence[EvidenceResult]) -> str:
+    worst = max(results, key=lambda one: one.largest_gap_s)
+    bad = sum(one.verdict != "PASS" for one in results)
+    by = f" ({source})" if source else ""
+    text = f"{signal}{by} {number_text(worst.largest_gap_s)} of {number_text(worst.limit_s, 's')}"
+    return text + (f", NOT ENOUGH to judge by in {bad}" if bad else "")
 
 
 def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:

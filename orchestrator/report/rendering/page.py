@@ -14,6 +14,7 @@ import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from orchestrator.model.results import RunResult
 from orchestrator.report.model import CampaignReport, Frame, RunReport, Sight
 from orchestrator.report.rendering import overview
 from orchestrator.report.rendering.map_svg import map_svg
@@ -72,6 +73,7 @@ def render_run(run: RunReport, *, anchor: str, video: str | None = None) -> RunP
             result=result,
             anchor=anchor,
             verdict=verdict,
+            is_bad=went_wrong(result),
             role=role_of(run),
             subject="twin" if run.mode == "sim" else "real",
             maps=[found for view in ("above", "side") if (found := map_svg(run, view))],
@@ -97,7 +99,7 @@ def render_run(run: RunReport, *, anchor: str, video: str | None = None) -> RunP
         reason="" if result is None else result.reason,
         duration_s=number_text(None if result is None else result.duration_s, digits=1),
         margin=overview.margin_text(result),
-        is_bad=_is_bad(run),
+        is_bad=went_wrong(result),
         html=Markup(html),  # noqa: S704 - made by the template above, which escapes
         problems=run.problems,
     )
@@ -147,8 +149,8 @@ def role_of(run: RunReport) -> str:
     return "required" if result.required else "reported only"
 
 
-def _is_bad(run: RunReport) -> bool:
-    result = run.result
+def went_wrong(result: RunResult | None) -> bool:
+    """Return whether a run did not end as it should; a control should not pass."""
     if result is None:
         return True
     if result.control is not None:
