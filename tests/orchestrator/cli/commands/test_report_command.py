@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from orchestrator.campaign.campaign_runner import CampaignOutcome
 from orchestrator.cli import main
+from orchestrator.cli.commands import run as run_command
 from orchestrator.report import campaign_report
 from tests.orchestrator.hover import write_hover
-from tests.orchestrator.report.recorded_campaign import write_campaign
+from tests.orchestrator.report.recorded_campaign import summary_of_campaign, write_campaign
 
 Capture = pytest.CaptureFixture[str]
 
@@ -38,25 +40,31 @@ def test_a_whole_folder_is_0_a_damaged_one_3_and_a_foreign_one_2(
 def test_run_writes_a_report_and_one_that_fails_changes_nothing(
     tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    campaign = write_hover(tmp_path)
-    command = ["run", str(campaign), "--repetitions", "1", "--jobs", "1", "--out"]
+    folder = write_campaign(tmp_path / "flown")
+    result = CampaignOutcome(summary=summary_of_campaign(), folder=folder, exit_code=1)
+    monkeypatch.setattr(run_command, "fly_campaign", lambda *_: result)
+    command = ["run", str(write_hover(tmp_path)), "--out", str(tmp_path / "out")]
 
-    assert main([*command, str(tmp_path / "a")]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    (page,) = (tmp_path / "a").glob("hover/*/report.html")
-    assert lines[-2:] == [f"report: {page}", f"results: {page.parent}"]
-    assert 'id="run-default-sim-1"' in page.read_text()
+    assert main(command) == 1
+    assert capsys.readouterr().out.splitlines()[-2:] == [
+        f"report: {folder / 'report.html'}",
+        f"results: {folder}",
+    ]
+    page = folder / "report.html"
+    assert "real touched gate.left" in page.read_text()
 
-    def broken(*_: object) -> None:
-        raise RuntimeError("out of ink")
-
-    monkeypatch.setattr(campaign_report, "render_page", broken)
-    assert main([*command, str(tmp_path / "b"), "--json"]) == 0
+    page.unlink()
+    monkeypatch.setattr(campaign_report, "render_page", out_of_ink)
+    assert main([*command, "--json"]) == 1
     outcome = capsys.readouterr()
-    assert json.loads(outcome.out)["accepted"] is True
+    assert json.loads(outcome.out)["accepted"] is False
     assert outcome.err.startswith("ERROR: report.html was not written (RuntimeError: out of ink)")
-    assert main([*command, str(tmp_path / "c")]) == 0
+    assert main(command) == 1
     outcome = capsys.readouterr()
-    assert outcome.out.splitlines()[-1].startswith("results: ")
+    assert outcome.out.splitlines()[-1] == f"results: {folder}"
     assert "report:" not in outcome.out
-    assert not list((tmp_path / "c").glob("hover/*/report.html"))
+    assert not page.exists()
+
+
+def out_of_ink(*_: object, **__: object) -> str:
+    raise RuntimeError("out of ink")
