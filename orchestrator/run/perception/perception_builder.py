@@ -204,7 +204,7 @@ class _PerceptionBuilder:
     def _show(self, frame: MixedFrame) -> None:
         if isinstance(frame.mixed.reading, CameraReading):
             self._watchers.shown(
-                PreviewImages(frame.mixed.reading, _camera(frame.real), _camera_image(frame.twin))
+                PreviewImages(frame.mixed.reading, _camera(frame.real), _camera(frame.twin))
             )
 
     def _direct(self, vehicle: VehicleSetup, sensor: SensorSetup) -> None:

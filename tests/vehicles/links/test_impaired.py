@@ -227,7 +227,7 @@ def test_impossible_settings_are_refused(fields: dict[str, Any], words: str) -> 
         Impairment(**fields)
 
 
-def test_impossible_bursts_and_blackouts_are_refused() -> None:
+def test_impossible_bursts_and_outages_are_refused() -> None:
     with pytest.raises(ValueError, match="length_s is 0"):
         Bursts(length_s=0.0, gap_s=1.0)
     with pytest.raises(ValueError, match=r"blackout from 1\.0 s for 0\.0 s"):
