@@ -190,7 +190,7 @@ class ExternalIo:
         return ExternalResult(
             sources=(
                 *(camera.result for camera in self.cameras.values()),
-                *(_is_simulated(*key, one) for key, one in self.simulators.items()),
+                *(_simulated_source_result(*key, one) for key, one in self.simulators.items()),
             ),
             captures=self.captures.results,
             outlets=self.outlets.results,
@@ -291,7 +291,7 @@ class ExternalIo:
         return GroundStation(link=link, system_id=system_id, cameras=components)
 
 
-def _is_simulated(vehicle: str, sensor: str, simulator: ZmqImageSource) -> SourceResult:
+def _simulated_source_result(vehicle: str, sensor: str, simulator: ZmqImageSource) -> SourceResult:
     """Return the result of a camera rendered by an external simulator."""
     counts = simulator.counts
     return SourceResult(

@@ -219,7 +219,7 @@ def inject(fault: Fault, folder: Path) -> Aftermath:
             stack.enter_context(signing_vehicles())
         stack.callback(_undo, flight)
         result = loop.run_until_complete(flight.fly(setup_of(fault, folder)))
-    lost = [*_found(flight, result, loop), *unreadable(folder), *_unsaid(flight, result)]
+    lost = [*_findings_of(flight, result, loop), *unreadable(folder), *_unsaid(flight, result)]
     for task in asyncio.all_tasks(loop):
         task._log_destroy_pending = False  # type: ignore[attr-defined]
     _GRAVEYARD.append((loop, asyncio.all_tasks(loop), flight))
@@ -234,7 +234,7 @@ def inject(fault: Fault, folder: Path) -> Aftermath:
     )
 
 
-def _found(flight: _Flight, result: RunResult | None, loop: MortalLoop) -> list[str]:
+def _findings_of(flight: _Flight, result: RunResult | None, loop: MortalLoop) -> list[str]:
     """Return what must not be after a fault."""
     found, fault = [], flight.fault
     dead = fault.victim if fault.kind == "kill" else ""

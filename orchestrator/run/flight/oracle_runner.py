@@ -60,7 +60,7 @@ class OracleRunner:
         self._heard_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
         self._reported_s: dict[tuple[str, str], float] = {}
-        self._told = 0
+        self._events_passed_on = 0
         self.fence_changes: list[FenceChange] = []
         run_state.on_stage(self._stage)
 
@@ -183,8 +183,8 @@ class OracleRunner:
         for flag in flags:
             for watch in self._watch:
                 watch(flag)
-        for event in self._judge.decisive[self._told :]:
-            self._told += 1
+        for event in self._judge.decisive[self._events_passed_on :]:
+            self._events_passed_on += 1
             self._run_state.decide(
                 event.kind,
                 event.text,

@@ -153,8 +153,8 @@ class _PerceptionBuilder:
         )
 
     def _mix(self, mixer: Mixer, name: str) -> None:
-        real = _named_combinations(self._setup.vehicle("real"), mixer.sensor)
-        twin = _named_combinations(self._setup.vehicle("twin"), mixer.sensor)
+        real = _sensor_setup(self._setup.vehicle("real"), mixer.sensor)
+        twin = _sensor_setup(self._setup.vehicle("twin"), mixer.sensor)
         request, perception = mixer.pose_request, self._perception
         rate_hz = mixer.combination.sensor.rate_hz
         period_s = 1.0 / _rate_hz(real)
@@ -185,7 +185,7 @@ class _PerceptionBuilder:
         runners = [self._perception.runners[vehicle] for vehicle in receivers]
         raw = mixer.combination.publish_raw
         subject = self._setup.subject in mixer.publish
-        filmed = subject and mixer.combination.sensor.kind == "camera" and self._film(name)
+        filmed = subject and mixer.combination.sensor.kind == "camera" and self._is_filmed(name)
 
         def deliver(frame: MixedFrame) -> None:
             if frame.name != name:
@@ -206,7 +206,7 @@ class _PerceptionBuilder:
         """Return whose autonomies perceive a mixture: nobody perceives for a placed twin."""
         return tuple(one for one in mixer.publish if one in self._perception.runners)
 
-    def _film(self, name: str) -> bool:
+    def _is_filmed(self, name: str) -> bool:
         """Return whether the run's video shows this: the subject's first image."""
         self._video = self._video or name
         return self._video == name
@@ -214,13 +214,13 @@ class _PerceptionBuilder:
     def _show(self, frame: MixedFrame) -> None:
         if isinstance(frame.mixed.reading, CameraReading):
             self._watchers.shown(
-                PreviewImages(frame.mixed.reading, _is_image(frame.real), _is_image(frame.twin))
+                PreviewImages(frame.mixed.reading, _camera(frame.real), _camera(frame.twin))
             )
 
     def _direct(self, vehicle: VehicleSetup, sensor: SensorSetup) -> None:
         """Build the direct delivery of a vehicle's own sensor to its runner."""
         subject = vehicle.name == self._setup.subject
-        filmed = subject and isinstance(sensor, CameraSetup) and self._film(sensor.name)
+        filmed = subject and isinstance(sensor, CameraSetup) and self._is_filmed(sensor.name)
         self._source(vehicle.name, sensor).takers.append(
             _perception_users(self._perception.runners[vehicle.name], self._watchers, filmed=filmed)
         )
@@ -263,12 +263,12 @@ def _hand_over(runner: AnyRunner, frame: MixedFrame, *, raw: bool) -> None:
         runner.perceive(frame.mixed.reading)
 
 
-def _is_image(reading: Reading | None) -> CameraReading | None:
+def _camera(reading: Reading | None) -> CameraReading | None:
     """Return the reading if it is a camera image; else None."""
     return reading if isinstance(reading, CameraReading) else None
 
 
-def _named_combinations(vehicle: VehicleSetup, name: str) -> SensorSetup:
+def _sensor_setup(vehicle: VehicleSetup, name: str) -> SensorSetup:
     """Return a vehicle's sensor setup by its name."""
     return next(sensor for sensor in vehicle.sensors if sensor.name == name)
 

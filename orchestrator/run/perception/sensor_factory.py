@@ -274,7 +274,7 @@ class SensorFactory:
             if self._has_truth(self._setup.vehicle(name)):
                 self._feeds[name].on_truth(self._tracks[name].add, FELT_TRUTH_HZ)
             else:
-                self._contexts[name].on_pose(partial(_trust_profile, self._tracks[name]))
+                self._contexts[name].on_pose(partial(_add_pose_as_truth, self._tracks[name]))
         return self._tracks[name]
 
     def _rng(self, vehicle: VehicleSetup, sensor: SensorSetup) -> np.random.Generator:
@@ -287,7 +287,7 @@ class SensorFactory:
         return in_thread if heavy and self._setup.clock != "virtual" else inline
 
 
-def _trust_profile(track: TruthHistory, sample: PoseSample) -> None:
+def _add_pose_as_truth(track: TruthHistory, sample: PoseSample) -> None:
     """Take a pose as the truth for sensors: no better source is there."""
     track.add(
         TruthSample(

@@ -342,14 +342,14 @@ class GuardProcess:
         since_s = loop.time()
         self._shell.orchestrator_ended()
         while busy := self._shell.core.may_be_armed(loop.time()):
-            if loop.time() - since_s > self._guard_config.patience_s and not self._await_vehicles(
+            if loop.time() - since_s > self._guard_config.patience_s and not self._may_do_harm(
                 busy
             ):
                 self._note("given up", text=f"{', '.join(busy)} did not land")
                 return
             await asyncio.sleep(_LAST_POLL_S)
 
-    def _await_vehicles(self, busy: tuple[str, ...]) -> bool:
+    def _may_do_harm(self, busy: tuple[str, ...]) -> bool:
         """Return whether an armed vehicle that may do harm was received lately."""
         now_s, core = asyncio.get_running_loop().time(), self._shell.core
         return any(

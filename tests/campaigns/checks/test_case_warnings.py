@@ -116,7 +116,7 @@ def test_warnings_are_reported_beside_faults(files: Any, capsys: Any) -> None:
     assert "wrld.yaml" in said
 
 
-def test_all_missing_files_and_the_autonomys_are_told_at_once(files: Any, capsys: Any) -> None:
+def test_all_missing_files_and_the_autonomys_are_reported_at_once(files: Any, capsys: Any) -> None:
     files.change("world: world.yaml", "world: wrld.yaml")
     files.change("recipe: recipe.yaml", "recipe: nowhere.yaml")
     files.change("use: pilot.py:Pilot", "use: pilt.py:Pilot")
@@ -146,7 +146,7 @@ def test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault(
     assert time.monotonic() - began_s < 60.0
 
 
-def test_a_rate_that_the_cameras_do_not_reach_is_told_with_what_is_asked(files: Any) -> None:
+def test_a_rate_that_the_cameras_do_not_reach_is_reported_with_what_is_asked(files: Any) -> None:
     files.change("rate_hz: 15", "rate_hz: 30", file="recipe.yaml")
     (fault,) = files.faults()
     assert "comes 15 times a second, the recipe asks for 30" in fault

@@ -34,7 +34,7 @@ def transform(files: Any, steps: str) -> None:
         ({"fov_deg": 40}, "give both the same field of view, or add a camera_model step"),
     ],
 )
-def test_pictures_that_do_not_fit_each_other_are_reported(
+def test_images_that_do_not_fit_each_other_are_reported(
     files: Any, twin: dict[str, float], said: str
 ) -> None:
     change_twin(files, **twin)

@@ -131,7 +131,7 @@ def test_what_is_required_and_not_in_the_folder_was_not_flown(recorded: Path, ca
     assert "left out: large/wil" in last
 
 
-def test_what_is_no_recording_is_told(recorded: Path, tmp_path: Path, capsys: Any) -> None:
+def test_what_is_no_recording_is_reported(recorded: Path, tmp_path: Path, capsys: Any) -> None:
     assert judge(tmp_path) == 3
     assert "has no run of this campaign, such as large/sim/1" in capsys.readouterr().err
 

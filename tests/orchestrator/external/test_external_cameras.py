@@ -46,7 +46,7 @@ def images(folder: Path, count: int, size: tuple[int, int] = (160, 120)) -> Sour
     return SourceSetup(kind="images", address=str(folder))
 
 
-def test_a_recording_begins_when_it_is_needed_and_its_end_is_told(tmp_path: Path) -> None:
+def test_a_recording_begins_when_it_is_needed_and_its_end_is_reported(tmp_path: Path) -> None:
     async def play() -> tuple[list[Reading], ExternalCamera]:
         one, seen = camera(images(tmp_path / "i", 5)), list[Reading]()
         async with AsyncExitStack() as stack:

@@ -23,7 +23,7 @@ from orchestrator.operator.errors import OperatingError
 from orchestrator.operator.message_signing import signed_command, status_key, verified
 from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
 from orchestrator.operator.operator_channels import open_operator_channels
-from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 
 TOKEN = "of the test"  # noqa: S105 - opens nothing
 ACCESS = BrokerAccess.new("wil/gate")
@@ -102,7 +102,7 @@ class Scene:
         address = BrokerAddress("127.0.0.1", self.port, embedded=True)
         self.setup = MqttSetup(broker=address, **{"user": "wil", **setup})
         self.fleet = FakeFleet()
-        self.controller = make_desk(folder, self.fleet)
+        self.controller = make_controller(folder, self.fleet)
         self.broker = AsyncExitStack()
 
     async def start_broker(self) -> None:
@@ -223,7 +223,7 @@ async def test_what_happens_is_published_at_once(scene: Scene) -> None:
     assert (touch["vehicle"], verdict["verdict"], verdict["final"]) == ("real", "FAIL", False)
 
 
-async def test_the_end_is_told_and_a_death_as_well(tmp_path: Path) -> None:
+async def test_the_end_is_reported_and_a_death_as_well(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     await scene.start_broker()
     async with Person(scene.port, scene.controller) as person:
@@ -415,7 +415,7 @@ async def test_users_of_the_embedded_broker_keep_to_their_topics(scene: Scene) -
 
 
 @pytest.mark.usefixtures("runtime")
-async def test_a_secret_that_is_not_set_is_said(tmp_path: Path) -> None:
+async def test_a_secret_that_is_not_set_is_reported(tmp_path: Path) -> None:
     scene = Scene(tmp_path, token_env="WIL_NOT_SET")  # noqa: S106
     with pytest.raises(OperatingError, match="the variable WIL_NOT_SET is not set"):
         async with open_operator_channels(scene.controller, scene.setup):

@@ -58,7 +58,7 @@ def test_a_required_oracle_fails_the_run_at_its_moment() -> None:
     ]
 
 
-def test_a_flag_is_not_told_twice() -> None:
+def test_a_flag_is_not_reported_twice() -> None:
     flag = DecisiveEvent(2.0, "FAIL", "real touched gate.left", "collision/real")
     decision = decide([flag], [result("collision", passed=False, at_s=3.0)], end_s=9)
     assert (decision.reason, decision.also) == ("real touched gate.left", ())
@@ -80,7 +80,7 @@ events = st.builds(
 
 
 @given(st.lists(events, min_size=1, max_size=6), st.randoms(use_true_random=False))
-def test_the_order_in_which_events_are_told_does_not_matter(
+def test_the_order_in_which_events_are_reported_does_not_matter(
     told: list[DecisiveEvent], shuffler: object
 ) -> None:
     shuffled = list(told)

@@ -139,7 +139,7 @@ def checked(text: str) -> Formula:
 
 
 @pytest.mark.parametrize(("marked", "said"), WRONG)
-def test_a_mistake_is_told_with_its_place(marked: str, said: str) -> None:
+def test_a_mistake_is_reported_with_its_place(marked: str, said: str) -> None:
     at = marked.index("@")
     with pytest.raises(StlError) as caught:
         checked(marked.replace("@", ""))
@@ -220,7 +220,7 @@ words = st.sampled_from(
 
 @settings(max_examples=500)
 @given(st.one_of(st.text(max_size=30), st.lists(words, max_size=15).map(" ".join)))
-def test_any_text_is_a_formula_or_told_to_be_none(text: str) -> None:
+def test_any_text_is_a_formula_or_refused(text: str) -> None:
     offset, formula = 0, None
     try:
         formula = parse_stl(text)

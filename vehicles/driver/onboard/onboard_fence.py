@@ -96,7 +96,7 @@ class OnboardFence:
         """
         if self._own is None:
             self._own = await self._fences.items()
-            self._stack.push_async_callback(self._give_back, self._own)
+            self._stack.push_async_callback(self._restore_fence, self._own)
         present = {} if self.fence is None else fence_parameters(self._autopilot, self.fence)
         wanted = {**fence_parameters(self._autopilot, fence), **(also or {})}
         changes = {name: value for name, value in wanted.items() if present.get(name) != value}
@@ -130,7 +130,7 @@ class OnboardFence:
             await self._fences.restore(self._own)
         self._offered = None
 
-    async def _give_back(self, own: tuple[MissionItem, ...]) -> None:
+    async def _restore_fence(self, own: tuple[MissionItem, ...]) -> None:
         """Restore the autopilot's fence; on failure the backup stays for the next start."""
         try:
             await self._fences.restore(own)

@@ -146,7 +146,7 @@ def test_touching_the_virtual_gate_fails_and_the_flight_goes_on(fly_run: Fly) ->
     ("start", "stage", "waits_s"),
     [("{on: at_height, delay_s: 0.5}", "at_height", 0.5), ("{at_s: 0.7}", "goal", 0.7)],
 )
-def test_a_thing_that_moves_starts_when_it_was_told_to(
+def test_a_thing_that_moves_starts_at_its_event(
     fly_run: Fly, start: str, stage: Stage, waits_s: float
 ) -> None:
     """A ball-like box comes down on the twin where it hovers, or flies slowly: 2.1 m at 30 m/s."""

@@ -125,7 +125,7 @@ def knows_nothing(reading: Any) -> bool:
     return not beside and all(getattr(reading, name, None) is None for name in names)
 
 
-def test_every_sensor_is_mixed_told_and_recorded(
+def test_every_sensor_is_mixed_delivered_and_recorded(
     fly_run: Fly, tmp_path: Path, listening: list[Listening]
 ) -> None:
     free = "vehicles.twin.coupling=free"

@@ -165,7 +165,7 @@ def garbage() -> list[tuple[str, Answer, str]]:
 @pytest.mark.parametrize(
     ("answer", "words"), [g[1:] for g in garbage()], ids=[g[0] for g in garbage()]
 )
-async def test_garbage_is_counted_said_and_never_a_picture(answer: Answer, words: str) -> None:
+async def test_garbage_is_counted_reported_and_never_an_image(answer: Answer, words: str) -> None:
     good = [False]
     with Simulator(lambda a: right(a) if good[0] else answer(a)) as simulator:
         async with ZmqImageSource(address=simulator.address, timeout_s=20.0) as source:
@@ -219,7 +219,7 @@ async def test_after_closing_there_is_nobody_to_ask() -> None:
             await ask(source)
 
 
-async def test_nobody_there_is_said_at_the_start() -> None:
+async def test_nobody_there_is_reported_at_the_start() -> None:
     with pytest.raises(SimulatorTimeoutError, match="no simulator is connected; start it"):
         async with ZmqImageSource(address="tcp://127.0.0.1:9", open_timeout_s=0.2):
             pass
@@ -239,7 +239,7 @@ async def test_a_peer_that_greets_wrong_is_refused() -> None:
             pass
 
 
-async def test_events_and_objects_are_told() -> None:
+async def test_events_and_objects_are_sent() -> None:
     asked: list[dict[str, Any]] = []
 
     def note(question: dict[str, Any]) -> list[bytes]:

@@ -136,7 +136,7 @@ def test_wrong_arrays_are_refused() -> None:
             image_of([header] * count, ASK)
 
 
-def test_late_answers_and_refusals_are_told_apart() -> None:
+def test_late_answers_and_refusals_are_distinguished() -> None:
     with pytest.raises(LateAnswerError, match="question 4"):
         image_of(answer(right(seq=4, t_s=0.0)), ASK)
     refusal = pack({"protocol": PROTOCOL, "type": "error", "seq": 5, "message": "no such map"})
