@@ -134,9 +134,9 @@ def test_a_flown_campaign_says_what_failed_and_was_only_reported(
     assert "reported only, and failed: low (default sim, 2 runs) accepted; reported only" in said
 
 
-def test_a_twin_that_dropped_out_is_told_of_what_passed() -> None:
+def test_a_twin_that_dropped_out_is_reported_with_what_passed() -> None:
     left = TwinResult("free", 0.1, 0.2, 0.3, 10.0, DropOut(17.5, "twin was not heard for 3 s"))
     runs = [run(twin=left), run(2), run(3, verdict="FAIL", twin=left)]
     text = "twin was not heard for 3 s (large wil, 1 run)"
-    assert f"the twin dropped out: {text}" in told(*runs)
+    assert f"the twin dropped out: {text}" in caveat_lines(*runs)
     assert properties(*runs)["twin_dropped_out"] == text
