@@ -39,7 +39,7 @@ def test_the_shipped_world_agrees_with_itself() -> None:
     assert disagreements(asked_world(scene, world="gate", case="large"), shown) == ()
 
 
-def test_what_is_not_said_agrees() -> None:
+def test_what_is_left_out_agrees() -> None:
     assert disagreements(ASKED, shown_world(Header.unpack(pack({})))) == ()
 
 
@@ -66,7 +66,7 @@ def test_what_is_not_said_agrees() -> None:
         (answered(case="small"), ("it shows the case 'small', and 'large' is flown",)),
     ],
 )
-def test_another_world_is_said(shown: ShownWorld, said: tuple[str, ...]) -> None:
+def test_another_world_is_a_disagreement(shown: ShownWorld, said: tuple[str, ...]) -> None:
     assert disagreements(ASKED, shown) == said
 
 
