@@ -73,7 +73,7 @@ def test_a_good_command_is_obeyed(kind: str) -> None:
         (command_bytes(id=7), "id is a text of 1 to 64"),
         (command_bytes(who="x\n"), "who is a name of 1 to 64"),
         (command_bytes(more=1), "unknown keys: more"),
-        (command_bytes("abort", **{"\ud800": 1}), "unknown keys: \\ud800"),
+        (command_bytes("abort", **dict[str, Any]({"\ud800": 1})), "unknown keys: \\ud800"),
         (command_bytes(at=...), "at is the time in seconds"),
         (command_bytes(at="now"), "at is the time in seconds"),
         (command_bytes(at=True), "at is the time in seconds"),

@@ -21,9 +21,10 @@ from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.embedded_broker import embedded_broker
 from orchestrator.operator.errors import OperatingError
 from orchestrator.operator.message_signing import signed_command, status_key, verified
-from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
+from orchestrator.operator.mqtt import MqttOperator, MqttSecrets, mqtt_operating
 from orchestrator.operator.operator_channels import open_operator_channels
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from vehicles.tasks import TaskAccount
 
 TOKEN = "of the test"  # noqa: S105 - opens nothing
 ACCESS = BrokerAccess.new("wil/gate")
@@ -251,6 +252,36 @@ async def test_a_broker_that_comes_back_finds_us_again(tmp_path: Path) -> None:
         assert notes[0].startswith("the MQTT broker is disconnected: ")
         assert notes[1:] == ["reconnected to the MQTT broker"]
     await scene.stop_broker()
+
+
+async def test_a_broker_that_goes_is_no_fault_of_ours(tmp_path: Path) -> None:
+    faulty: list[str] = []
+    loop = asyncio.get_running_loop()
+    account = TaskAccount(
+        fault=lambda _, where: faulty.append(where), expected=(OperatingError, OSError)
+    )
+    scene = Scene(tmp_path)
+    with account.of(loop):
+        await scene.start_broker()
+        async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+            await scene.stop_broker()
+            async with asyncio.timeout(10.0):
+                while not log_or_none(tmp_path):  # noqa: ASYNC110 - a file sets no event
+                    await asyncio.sleep(0.01)
+    assert faulty == []
+
+
+async def test_a_client_that_fails_before_it_is_connected_keeps_nobody_waiting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(_: MqttOperator) -> None:
+        raise RuntimeError("a fault of ours")
+
+    monkeypatch.setattr(MqttOperator, "run", fail)
+    scene = Scene(tmp_path)
+    with pytest.raises(RuntimeError, match="a fault of ours"):
+        async with asyncio.timeout(5.0), mqtt_operating(scene.setup, SECRETS, scene.controller):
+            pass
 
 
 @pytest.mark.parametrize("policy", ["continue", "hold", "abort"])

@@ -105,3 +105,17 @@ def test_what_was_not_reached_comes_before_the_time_out_that_it_led_to() -> None
     touched = DecisiveEvent(30.0, "FAIL", "real touched gate.left", "collision/real")
     first = decide([touched, timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
     assert first.source == "collision/real"
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "silent_s", "verdict"),
+    [("real", 16.1, "ERROR"), ("real", 12.0, "INVALID"), ("twin", 16.1, "INVALID")],
+)
+def test_signals_of_a_vehicle_that_is_being_lost_are_part_of_its_loss(
+    vehicle: str, silent_s: float, verdict: str
+) -> None:
+    lost = DecisiveEvent(19.0, "ERROR", "real was not heard for 3 s", "guard.lost/real")
+    silent = DecisiveEvent(silent_s, "INVALID", "no sample", f"evidence/pose/{vehicle}")
+    decision = decide([silent, lost], [], end_s=60.0)
+    assert decision.verdict == verdict
+    assert len(decision.also) == 1

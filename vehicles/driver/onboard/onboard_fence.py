@@ -8,7 +8,6 @@ its home out. In neither half a list ever counts, so either the old areas hold o
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from vehicles.autopilots.autopilot import AutopilotName
@@ -62,12 +61,7 @@ class OnboardFence:
         """Do nothing yet: `keep` uploads the onboard fence."""
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Restore the autopilot's fence and parameters. Raises VehicleError."""
         if self._offered is not None:
             self._stack.push_async_exit(self._offered[1])
