@@ -27,8 +27,8 @@ from orchestrator.operator.message_signing import signed_command
 from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
 from safety.guard.process.remote_guard import RemoteGuard
 from safety.model.samples import PoseSample
-from tests.faults.surroundings import broker_process
-from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+from tests.faults.environment import broker_process
+from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from tests.orchestrator.operator.mosquitto import free_port
 from tests.orchestrator.wall_runs import ROOT, Program, lines
 from tests.safety.conftest import FakeVehicle
@@ -134,7 +134,7 @@ async def by_mqtt(folder: Path, port: int) -> float:
     token = secrets.token_hex(8)
     setup = MqttSetup(broker=BrokerAddress("127.0.0.1", port))
     fleet = FakeFleet()
-    controller = make_desk(folder, fleet)
+    controller = make_controller(folder, fleet)
 
     def guards() -> tuple[Place, ...]:
         return places().beneath(folder).guards

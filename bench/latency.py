@@ -86,7 +86,7 @@ class Ticker:
             k += 1
 
 
-class Bench:
+class Rig:
     """One scene at one size and rate."""
 
     def __init__(self, scene: Scene, size: tuple[int, int], delivery: Delivery | None) -> None:
@@ -113,7 +113,7 @@ class Bench:
             period_s=1.0 / 60.0,
             rate_hz=None,
             registration=None,
-            tell=self._told,
+            tell=self._report_mixture,
             trouble=print,
         )
 
@@ -133,7 +133,7 @@ class Bench:
         self.taken_ms.clear()
         self.offered = 0
 
-    def _told(self, frame: MixedFrame) -> None:
+    def _report_mixture(self, frame: MixedFrame) -> None:
         reading = frame.mixed.reading
         if not isinstance(reading, CameraReading) or frame.real is None:
             return
@@ -142,7 +142,7 @@ class Bench:
         self.taken_ms.append(1e3 * (asyncio.get_running_loop().time() - frame.real.t_s))
 
 
-async def measure(bench: Bench, hz: float, seconds: float) -> None:
+async def measure(bench: Rig, hz: float, seconds: float) -> None:
     """Run the bench."""
     mixing = start(bench.mixing.run(), name="mixing")
     poses, camera = Ticker(POSE_HZ, bench.pose), Ticker(hz, bench.exposed)
@@ -170,7 +170,7 @@ async def run(name: str, scene: Scene, arguments: argparse.Namespace) -> None:
                     address=RtpAddress("127.0.0.1", 5600),
                 )
             )
-        bench = Bench(scene, size, delivery)
+        bench = Rig(scene, size, delivery)
         await measure(bench, arguments.hz, arguments.seconds)
     taken = np.array(bench.taken_ms)
     lost = max(0, bench.offered - len(taken)) / bench.offered

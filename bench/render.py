@@ -127,7 +127,7 @@ def timed_ms(work: Callable[[], object]) -> tuple[float, float]:
     return (time.perf_counter() - start) * 1e3, (time.thread_time() - busy) * 1e3
 
 
-def compare_pictures(scene: Scene, frames: int) -> list[RenderOutput]:
+def compare_images(scene: Scene, frames: int) -> list[RenderOutput]:
     """Print the times of rendering and of casting, frame by frame in turns."""
     renderer, cast = Renderer(scene), embree(scene)
     way = flight(frames)
@@ -203,7 +203,7 @@ def main() -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     cv2.setNumThreads(1)
     scene = cage()
-    pictures = compare_pictures(scene, arguments.frames)
+    pictures = compare_images(scene, arguments.frames)
     compare_clearance(scene, 20.0)
     if arguments.pictures:
         arguments.pictures.mkdir(parents=True, exist_ok=True)

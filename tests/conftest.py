@@ -20,6 +20,8 @@ FAST = (
     "orchestrator/cli/test_external_lines.py",
     "orchestrator/delivery",
     "orchestrator/model",
+    "orchestrator/report/test_report_page.py",
+    "orchestrator/report/test_report_reading.py",
     "orchestrator/state",
     "recipes",
     "safety/evaluation",

@@ -13,7 +13,7 @@ BENCH = Path(__file__).parents[1] / "bench"
 
 
 @pytest.fixture
-def bench(request: pytest.FixtureRequest) -> Iterator[Any]:
+def benchmark(request: pytest.FixtureRequest) -> Iterator[Any]:
     name = f"bench_{request.param}"
     spec = importlib.util.spec_from_file_location(name, BENCH / f"{request.param}.py")
     assert spec is not None
@@ -25,10 +25,12 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Any]:
     del sys.modules[name]
 
 
-@pytest.mark.parametrize("bench", ["registration"], indirect=True)
-def test_what_is_virtual_is_drawn_within_a_pixel_when_poses_are_interpolated(bench: Any) -> None:
+@pytest.mark.parametrize("benchmark", ["registration"], indirect=True)
+def test_overlays_are_within_a_pixel_when_poses_are_interpolated(
+    benchmark: Any,
+) -> None:
     """1 m/s sideways, 3 m away, 100 ms of camera latency, motion capture of 100 Hz and 1 mm."""
-    interpolated, latest = (bench.fly(align, 1.5) for align in ("interpolate", "latest"))
+    interpolated, latest = (benchmark.fly(align, 1.5) for align in ("interpolate", "latest"))
     assert interpolated.dropped == latest.dropped == 0
     assert len(interpolated.errors_px) > 20
     assert np.median(interpolated.errors_px) < 0.5
@@ -38,14 +40,14 @@ def test_what_is_virtual_is_drawn_within_a_pixel_when_poses_are_interpolated(ben
     assert np.median(latest.moved_px) == pytest.approx(np.median(latest.errors_px), abs=1.5)
 
 
-@pytest.mark.parametrize("bench", ["memory"], indirect=True)
-def test_the_mixtures_of_the_memory_bench_come_about(bench: Any) -> None:
-    mixers = bench.mixers_of_all_kinds()
-    made = bench.mix_some(mixers, bench.Readings(), 0, 1)
+@pytest.mark.parametrize("benchmark", ["memory"], indirect=True)
+def test_the_mixtures_of_the_memory_benchmark_come_about(benchmark: Any) -> None:
+    mixers = benchmark.mixers_of_all_kinds()
+    made = benchmark.mix_some(mixers, benchmark.Readings(), 0, 1)
     assert made == sum(
-        rate * (2 if name == "camera" else 1) for name, rate in bench.RATES_HZ.items()
+        rate * (2 if name == "camera" else 1) for name, rate in benchmark.RATES_HZ.items()
     )
     late = {mixer.sensor: mixer.counts() for mixer in mixers if mixer.sensor != "camera"}
     assert late["imu"].mixed == 200
     assert late["sound"].mixed == 20
-    assert bench.resident_mb() > 10.0
+    assert benchmark.resident_mb() > 10.0

@@ -7,10 +7,13 @@ from campaigns.checks.place_checks import judged_world
 from campaigns.schema import Mode
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import FLIES, Setup
+from safety.evaluation.judge import OracleUse
 from safety.fence.areas import Area, Polygon
 from safety.fence.geofence import Fence
+from safety.oracles import registry
 from safety.oracles.contact import ContactParameters
 from safety.oracles.goal import ReachedPositionParameters, TimeLimitParameters
+from safety.oracles.oracle_terms import Window, Windowed
 from safety.oracles.reached import ReachedParameters
 from worlds.files.documents import Data, Document, Path, Problem
 from worlds.frames import norm, subtract
@@ -25,18 +28,30 @@ _FENCE_PER_ROOM = 10.0
 _FENCE_M = 100.0
 """A fence that is so many times as wide as the room, and so wide, was typed in another unit."""
 
+_SHOWN_WITHIN = (ReachedParameters, ReachedPositionParameters, TimeLimitParameters)
+"""What these ask for has to happen within their window: in an empty one they fail."""
+
 
 def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
-    """Yield warnings of a case for the flown modes: what is valid but probably not meant."""
-    for document in (files.campaign, files.world, files.recipe):
-        if document is not None:
-            yield from _radians(document, document.data)
+    """Yield warnings of a case for the flown modes: what is valid but probably not meant.
+
+    A case with problems of its own may be given as well.
+    """
+    yield from document_warnings(files)
     for mode in modes:
         scene = setup.world.scene(mode, judged_world(mode))
         yield from _wide_fences(files.campaign, setup, mode, scene)
         yield from _near_goals(files.campaign, setup, mode, scene)
         yield from _without_objects(files.campaign, setup, scene)
+        yield from _momentary_windows(files.campaign, setup, mode)
     yield from _long_limits(files.campaign, setup)
+
+
+def document_warnings(files: CaseFiles) -> Iterator[Problem]:
+    """Yield warnings of the files of a case that need no setup: angles that look like radians."""
+    for document in (files.campaign, files.world, files.recipe):
+        if document is not None:
+            yield from _radians(document, document.data)
 
 
 def unasked_gates(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
@@ -123,17 +138,46 @@ def _without_objects(campaign: Document, setup: Setup, scene: Scene) -> Iterator
             yield campaign.problem(("oracles", use.name, "exclude"), said)
 
 
+def _momentary_windows(campaign: Document, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield warnings for windows that close when they open: from done to land, with one vehicle."""
+    for use in setup.oracles:
+        if isinstance(use.parameters, _SHOWN_WITHIN):
+            continue
+        if len(FLIES[mode]) == 1 and _window_of(use) == Window("done", "land"):
+            said = f"in mode {mode} the window of '{use.name}' closes when it opens: it cannot fail"
+            yield campaign.problem(("oracles", use.name), said, key=True)
+
+
 def _long_limits(campaign: Document, setup: Setup) -> Iterator[Problem]:
-    """Yield warnings for time limits beyond the goal's time-out: they never apply."""
-    longest_s = setup.sync.goal_timeout_s
+    """Yield warnings for time limits beyond the time-out of their stage: they never apply."""
     for use in setup.oracles:
         given = use.parameters
         if not isinstance(given, TimeLimitParameters):
             continue
-        usual = given.from_ in {None, "goal"} and given.to in {None, "done"}
-        if usual and given.limit_s >= longest_s:
-            said = f"the goal times out after {longest_s:g} s (sync.goal_timeout_s): it cannot fail"
+        longest_s, key = _longest_s(setup, _window_of(use))
+        if given.limit_s >= longest_s:
+            said = f"{key} ends the stage after {longest_s:g} s: it cannot fail"
             yield campaign.problem(("oracles", use.name, "limit_s"), said)
+
+
+def _window_of(use: OracleUse) -> Window | None:
+    """Return from when to when an oracle judges; None where that is no window."""
+    usual = registry[use.kind].window
+    try:
+        return use.parameters.window(usual) if isinstance(use.parameters, Windowed) else usual
+    except ValueError:
+        return None
+
+
+def _longest_s(setup: Setup, window: Window | None) -> tuple[float, str]:
+    """Return how long a run is between two stages at most, and what ends it then."""
+    sync = setup.sync
+    bounded: dict[Window | None, tuple[float, str]] = {
+        Window("takeoff", "at_height"): (sync.takeoff_timeout_s, "sync.takeoff_timeout_s"),
+        Window("goal", "done"): (sync.goal_timeout_s, "sync.goal_timeout_s"),
+        Window("land", "landed"): (sync.landing_timeout_s, "sync.landing_timeout_s"),
+    }
+    return bounded.get(window, (math.inf, ""))
 
 
 def _room_size_m(scene: Scene) -> tuple[float, float] | None:

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Iterable, Iterator, Sized
 
 from campaigns.checks.external_checks import external_problems
+from campaigns.checks.mixing_checks import mixing_problems
 from campaigns.checks.place_checks import judged_world, place_problems
 from campaigns.checks.vehicle_checks import vehicle_problems
 from campaigns.schema import Mode
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import FLIES, Setup
-from recipes.model.recipe import Recipe
 from safety.evaluation.judge import OracleUse, build_oracles
 from safety.oracles import Oracle, OracleContext, OracleError
 from worlds.files.documents import Document, Path, Problem, closest
@@ -37,46 +37,6 @@ def _missing_vehicles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pr
         if name not in setup.vehicles:
             path = ("vehicles", name)
             yield files.campaign.problem(path, f"mode {mode} needs a vehicle '{name}'", key=True)
-
-
-def _mixing_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield what a mode's mixture lacks: a recipe, its sensors on a vehicle, world objects."""
-    if mode != "wil":
-        return
-    recipe = setup.recipe
-    if recipe is None or files.recipe is None:
-        if files.campaign.get(("recipe",)) is None:
-            yield files.campaign.problem(("recipe",), "mode wil needs a recipe")
-        return
-    for name, vehicle in setup.vehicles.items():
-        carried = {sensor.name: sensor.kind for sensor in vehicle.sensors}
-        for sensor in recipe.sensors:
-            kind = sensor.kind_of(name)
-            if carried.get(sensor.name) != kind:
-                said = f"vehicle '{name}' has no {kind} '{sensor.name}'"
-                meant = closest(sensor.name, carried)
-                yield files.recipe.problem(("sensors", sensor.name), said, meant, key=True)
-    yield from _rates(files.recipe, recipe, setup)
-    yield from recipe.unknown_objects(frozenset(setup.world.objects))
-
-
-def _rates(document: Document, recipe: Recipe, setup: Setup) -> Iterator[Problem]:
-    """Yield mixtures whose rate exceeds the rate of the sensors of the vehicles."""
-    carried = {sensor.name: sensor.rate_hz for sensor in setup.vehicles["real"].sensors}
-    for sensor in recipe.sensors:
-        real_hz = carried.get(sensor.name)
-        if sensor.rate_hz is not None and real_hz is not None and sensor.rate_hz > real_hz * 1.001:
-            said = f"the real vehicle's '{sensor.name}' comes {real_hz:g} times a second"
-            asked = f"the recipe asks for {sensor.rate_hz:g}"
-            yield document.problem(("sensors", sensor.name, "rate_hz"), f"{said}, {asked}")
-    for index, combination in enumerate(recipe.combinations):
-        least_hz, real_hz = combination.budget.min_rate_hz, carried.get(combination.sensor.name)
-        if least_hz is not None and real_hz is not None and least_hz > real_hz * 1.001:
-            said = (
-                f"the real vehicle's '{combination.sensor.name}' comes {real_hz:g} times a second"
-            )
-            path = ("combine", index, "min_rate_hz")
-            yield document.problem(path, f"{said}, the recipe asks for at least {least_hz:g}")
 
 
 def _gates(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
@@ -227,7 +187,7 @@ class _AnyGate:
 
 _CHECKS: tuple[Check, ...] = (
     vehicle_problems,
-    _mixing_problems,
+    mixing_problems,
     _gates,
     place_problems,
     _oracles,

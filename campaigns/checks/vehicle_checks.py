@@ -9,6 +9,9 @@ from vehicles.launch.px4 import Px4Launch
 from vehicles.mavsdk.ids import OWN_SYSTEM
 from worlds.files.documents import Problem
 
+_FELT = frozenset({"imu", "microphone", "pose"})
+"""Types of sensors that tell of a vehicle's own motion, not of a place."""
+
 
 def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
     """Yield the problems of the vehicles: unequal simulation paces, a pair of one vehicle."""
@@ -61,6 +64,15 @@ def _pace_key(vehicle: VehicleSetup) -> str:
 def _pair_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
     """Yield real and twin vehicles that share a system id or an address."""
     real, twin = setup.vehicles["real"], setup.vehicles["twin"]
+    if twin.coupling == "placed":
+        yield from _placed_problems(files, twin)
+        return
+    if twin.coupling == "shadow" and setup.under_test.program is not None:
+        said = (
+            "shadow needs an autonomy of `use`: the setpoints of a program are in the real "
+            "vehicle's own frame; write follow or free"
+        )
+        yield files.campaign.problem(("vehicles", "twin", "coupling"), said)
     if real.system_id == twin.system_id:
         said = f"both vehicles have system id {real.system_id}; give them different ones"
         path = ("vehicles", "twin", "system_id")
@@ -70,6 +82,14 @@ def _pair_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
         said = f"both vehicles are on {shared}; each needs its own link"
         key = "link" if shared == twin.attached else "spare_links"
         yield files.campaign.problem(("vehicles", "twin", key), said)
+
+
+def _placed_problems(files: CaseFiles, twin: VehicleSetup) -> Iterator[Problem]:
+    """Yield sensors that feel a flight, of a twin that nothing flies."""
+    for sensor in twin.sensors:
+        if sensor.kind in _FELT:
+            said = f"nothing flies a placed twin, and {sensor.kind} is of a flight; write follow"
+            yield files.campaign.problem(("vehicles", "twin", "sensors", sensor.name), said)
 
 
 def _spare_problems(files: CaseFiles, vehicle: VehicleSetup) -> Iterator[Problem]:

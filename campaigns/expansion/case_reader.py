@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from campaigns.checks.autonomy_checks import IsolatedBuilds, autonomy_problems
+from campaigns.checks.case_warnings import case_warnings, document_warnings
 from campaigns.checks.cross_checks import cross_problems
 from campaigns.schema import (
     CampaignPart,
     GoalPart,
     Mode,
-    SyncPart,
     VehicleName,
 )
 from campaigns.schema.links import LinkPart, LinksPart
@@ -21,6 +21,7 @@ from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import GoalSetup, GuardingSetup, Setup, SyncSetup
 from campaigns.setup.external_reader import external_setup
+from campaigns.setup.fault_setups import fault_setups
 from campaigns.setup.link_setups import LinkSetup, link_setup
 from campaigns.setup.oracle_uses import oracle_uses
 from campaigns.setup.vehicle_fences import Drawing, fences_of
@@ -29,6 +30,7 @@ from recipes.language.recipe_document import load_recipe
 from safety.evaluation.judge import OracleUse
 from safety.fence.geofence import Fence
 from safety.oracles.goal import TimeLimitParameters
+from vehicles.coupling import LIMITS_M
 from worlds.files.documents import BadInput, Document, Problem, check
 from worlds.world_file.world import World
 
@@ -61,19 +63,21 @@ def read_setup(
         # It is said also where the world is missing.
         problems += autonomy_problems(files.campaign, _under_test(files, part), builds)
     if part is None or world is None or (files.recipe is not None and recipe is None):
-        raise BadInput(problems)
+        raise BadInput(problems, document_warnings(files))
     mqtt = part.operator.mqtt
+    vehicles = vehicle_setups(files.campaign, part.vehicles, problems)
     setup = Setup(
-        vehicles=vehicle_setups(files.campaign, part.vehicles, problems),
+        vehicles=vehicles,
         world=world,
         recipe=recipe,
         under_test=_under_test(files, part),
         goal=_goal(part.goal),
-        sync=_sync(part.sync, uses),
+        sync=_sync(part, uses),
         fences=_fences(files, part, world, problems),
         guarding=_guard_setup(part),
         oracles=uses,
         links=_links(part.links),
+        faults=fault_setups(files.campaign, part.faults, vehicles, problems),
         preflight=part.preflight,
         record=part.record,
         outside=external_setup(files.campaign, part, problems),
@@ -87,7 +91,7 @@ def read_setup(
         # Without the fence that it has, everything would be said to lack one.
         problems += cross_problems(files, setup, modes)
     if problems:
-        raise BadInput(problems)
+        raise BadInput(problems, case_warnings(files, setup, modes))
     return setup
 
 
@@ -148,8 +152,9 @@ def _goal(part: GoalPart) -> GoalSetup:
     )
 
 
-def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
-    """Return the time-outs and skew limits of a case; the goal time-out covers its time limits."""
+def _sync(campaign: CampaignPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
+    """Return the time-outs and limits of a pair; the goal time-out covers its time limits."""
+    part, twin = campaign.sync, campaign.vehicles.twin
     limits = [use.parameters for use in uses if isinstance(use.parameters, TimeLimitParameters)]
     longest_s = max([_GOAL_S, *(limit.limit_s + _GRACE_S for limit in limits)])
     return SyncSetup(
@@ -162,6 +167,9 @@ def _sync(part: SyncPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
         max_command_skew_s=part.max_command_skew_s,
         max_takeoff_skew_s=part.max_takeoff_skew_s,
         max_t0_skew_s=part.max_t0_skew_s,
+        takeoff=part.takeoff,
+        max_twin_distance_m=part.max_twin_distance_m
+        or LIMITS_M["follow" if twin is None else twin.coupling],
     )
 
 

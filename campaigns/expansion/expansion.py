@@ -1,6 +1,6 @@
 """A campaign file into runs: cases x modes x repetitions, each with its seed and its files."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
@@ -126,6 +126,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     overrides = _option_overrides(options)
     base = _with_overrides(original, overrides)
     problems: list[Problem] = []
+    warnings: list[Problem] = []
     part = gathered(problems, partial(check, base, CampaignPart))
     files = _files_of_cases(base, overrides, problems)
     of_controls = files_of_controls(base, part, overrides, problems)
@@ -134,13 +135,15 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         builds=IsolatedBuilds() if options.is_autonomy_isolated else None,
         loads_code=options.loads_code,
     )
-    setups = _setups(read, files, tuple(part.modes) if part is not None else (), problems)
+    modes = tuple(part.modes) if part is not None else ()
+    setups = _setups(read, files, modes, problems, warnings)
     if part is not None:
         for name, one in of_controls.items():
-            setups |= _setups(read, {name: one}, modes_of(part, part.controls[name]), problems)
+            flown = modes_of(part, part.controls[name])
+            setups |= _setups(read, {name: one}, flown, problems, warnings)
         problems += control_problems(base, part, setups)
     if part is None or problems:
-        raise BadInput(unique(problems))
+        raise BadInput(unique(problems), unique(warnings))
     names = _select_cases("--case", options.cases, (*part.cases, *part.controls), problems)
     case_names = tuple(name for name in names if name in part.cases)
     mode_names = _select_cases("--mode", options.modes, tuple(part.modes), problems)
@@ -149,11 +152,8 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     if problems:
         raise BadInput(unique(problems))
     unasked = [one for name in case_names for one in unasked_gates(files[name], setups[name])]
-    odd = [
-        one
-        for name in case_names
-        for one in case_warnings(files[name], setups[name], tuple(part.modes))
-    ]
+    injected = [f"fault injected: {one}" for name in case_names for one in setups[name].faults]
+    odd = list(_odd(part, {name: (files | of_controls)[name] for name in names}, setups))
     modes = tuple(mode for mode in part.modes if mode in mode_names)
     chosen = [(case, mode) for case in case_names for mode in modes]
     controls = tuple(
@@ -161,7 +161,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         for plan in _controls(part, of_controls, options)
         if plan.case in names and plan.mode in mode_names
     )
-    flown = {*chosen, *((plan.case, plan.mode) for plan in controls)}
+    selected = {*chosen, *((plan.case, plan.mode) for plan in controls)}
     files |= of_controls
     return Campaign(
         name=part.campaign,
@@ -179,15 +179,25 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
             for case, mode in chosen
             if (case, mode) in shares
         ),
-        left_out=left_out(original, part, flown, shares),
+        left_out=left_out(original, part, selected, shares),
         mqtt=mqtt,
         retries=part.retries,
         between=part.between_runs,
         controls=controls,
         warnings=unique([*unasked, *odd]),
-        caveats=tuple(dict.fromkeys(one.message for one in unasked)),
+        caveats=tuple(dict.fromkeys([one.message for one in unasked] + injected)),
         options=options,
     )
+
+
+def _odd(
+    part: CampaignPart, files: Mapping[str, CaseFiles], setups: Mapping[str, Setup]
+) -> Iterator[Problem]:
+    """Yield what is probably not meant in cases and controls."""
+    for name, one in files.items():
+        control = part.controls.get(name)
+        modes = tuple(part.modes) if control is None else modes_of(part, control)
+        yield from case_warnings(one, setups[name], modes)
 
 
 def _option_overrides(options: Options) -> tuple[Override, ...]:
@@ -232,13 +242,16 @@ def _setups(
     files: Mapping[str, CaseFiles],
     modes: tuple[Mode, ...],
     problems: list[Problem],
+    warnings: list[Problem],
 ) -> dict[str, Setup]:
     """Return the setup of every expanded case; problems are collected."""
     found: dict[str, Setup] = {}
     for name, one in files.items():
-        setup = gathered(problems, partial(read, one, modes))
-        if setup is not None:
-            found[name] = setup
+        try:
+            found[name] = read(one, modes)
+        except BadInput as error:
+            problems += error.problems
+            warnings += error.warnings
     return found
 
 

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field, JsonValue, field_validator, model_va
 from campaigns.schema.between_runs import BetweenRunsPart
 from campaigns.schema.controls import ControlPart
 from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
+from campaigns.schema.faults import FaultsPart
 from campaigns.schema.fence import GeofencePart
 from campaigns.schema.limits import LimitsPart
 from campaigns.schema.links import LinksPart
@@ -18,6 +19,7 @@ from campaigns.values.acceptance import parse_share
 from worlds.files.documents import KeyFaultError, Part
 
 Mode = Literal["sim", "wil", "real"]
+Takeoff = Literal["liftoff", "command"]
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
 MATRIX_KEYS = frozenset(
@@ -124,7 +126,11 @@ class GoalPart(Part):
 
 
 class SyncPart(Part):
-    """The campaign's `sync`: allowed skews of the pair; a run that exceeds one is INVALID."""
+    """The campaign's `sync`: allowed skews and distance of the pair; a run beyond one is INVALID.
+
+    takeoff: whether the vehicles leave the ground together, or get their commands together.
+    max_twin_distance_m: None: by the twin's coupling.
+    """
 
     identify_timeout_s: Seconds = 5.0
     ready_timeout_s: Seconds = 90.0
@@ -135,6 +141,8 @@ class SyncPart(Part):
     max_command_skew_s: Seconds = 0.1
     max_takeoff_skew_s: Seconds = 1.0
     max_t0_skew_s: Seconds = 0.1
+    takeoff: Takeoff = "liftoff"
+    max_twin_distance_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
 
 
 class ClockPart(Part):
@@ -188,6 +196,7 @@ class CampaignPart(Part):
     clock: ClockPart | None = None
     between_runs: BetweenRunsPart | None = None
     links: LinksPart = LinksPart()
+    faults: FaultsPart = FaultsPart()
     preflight: PreflightPart = PreflightPart()
     deliver: list[DeliverPart] = Field(default_factory=list)
     inject: InjectPart = InjectPart()

@@ -10,6 +10,7 @@ from campaigns.schema.sources import MocapPart
 from campaigns.values.external_setups import PoseAccuracy
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.command_backends import DriverName
+from vehicles.coupling import Coupling
 from vehicles.links.link_strings import LinkAddressError, parse_link
 from worlds.files.documents import KeyFaultError, Part
 from worlds.frames import Pose
@@ -137,6 +138,7 @@ class VehiclePart(Part):
     system_id: 1 for the real vehicle and 2 for the twin without. anchor: what says where it stands
     before arming: `start`, or motion capture. mocap: where that comes from; None: the surrogate's.
     spare_links: more links to the same vehicle, flown by when those before them fall silent.
+    coupling: of the twin, how it is kept with the real vehicle in mode wil.
     """
 
     link: Annotated[str, AfterValidator(_link)] | LaunchPart
@@ -154,6 +156,7 @@ class VehiclePart(Part):
     mocap: MocapPart | None = None
     pose_accuracy: PoseAccuracyPart | None = None
     sensors: dict[str, SensorPart] = Field(default_factory=dict)
+    coupling: Coupling = "follow"
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -187,3 +190,9 @@ class VehiclesPart(Part):
 
     real: VehiclePart | None = None
     twin: VehiclePart | None = None
+
+    @model_validator(mode="after")
+    def _coupled(self) -> Self:
+        if self.real is not None and "coupling" in self.real.model_fields_set:
+            raise KeyFaultError(("real", "coupling"), "is of the twin; write it there")
+        return self

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from campaigns.schema import Mode, PreflightPart, RecordPart, VehicleName
 from campaigns.setup.autonomy_under_test import UnderTest
@@ -9,11 +10,13 @@ from campaigns.setup.link_setups import LinkSetup
 from campaigns.setup.vehicle_setups import VehicleSetup
 from campaigns.values.external_setups import ExternalSetup
 from campaigns.values.sensor_setups import CameraSetup, SensorSetup
+from campaigns.values.signal_faults import SignalFault
 from recipes.model.recipe import Recipe
 from safety.evaluation.judge import OracleUse
 from safety.fence.geofence import Fence
 from safety.guard.core.events import GuardSettings
 from safety.guard.core.setpoint_limits import SetpointLimits
+from vehicles.coupling import LIMITS_M
 from worlds.files.documents import Path
 from worlds.frames import Vec3
 from worlds.world_file.world import World
@@ -37,7 +40,8 @@ FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
     "wil": ("real", "twin"),
     "real": ("real",),
 }
-"""Whose vehicles fly in a mode; the first is the subject, the one that is judged."""
+"""Whose vehicles there are in a mode; the first is the subject, the one that is judged. All of them
+fly, but for a twin that is placed (`Setup.flying`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +57,8 @@ class SyncSetup:
     max_command_skew_s: float
     max_takeoff_skew_s: float
     max_t0_skew_s: float
+    max_twin_distance_m: float = LIMITS_M["follow"]
+    takeoff: Literal["liftoff", "command"] = "liftoff"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,6 +85,7 @@ class Setup:
 
     recipe: None where no mode mixes. fences: of the vehicles that have one; guarding: how the guard
     keeps them. limits: of setpoints; None for none. links: those that are made worse than they are.
+    faults: injected into signals.
     collision_always: whether contacts are judged whatever the oracles say of `collision`.
     unsigned_commands: whether operators command by MQTT without a signature.
     gcs: link strings of ground station ports. speed: of the scaled clock, where no launched
@@ -94,6 +101,7 @@ class Setup:
     fences: Mapping[VehicleName, Fence]
     oracles: tuple[OracleUse, ...]
     links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
+    faults: tuple[SignalFault, ...] = ()
     preflight: PreflightPart = field(default_factory=PreflightPart)
     record: RecordPart = field(default_factory=RecordPart)
     guarding: GuardingSetup = GuardingSetup()
@@ -103,6 +111,14 @@ class Setup:
     speed: float | None = None
     collision_always: bool = True
     unsigned_commands: bool = False
+
+    def flying(self, mode: Mode) -> tuple[VehicleName, ...]:
+        """Return whose vehicles fly in a mode, the subject first: nothing flies a placed twin."""
+        return tuple(
+            name
+            for name in FLIES[mode]
+            if mode != "wil" or name != "twin" or self.vehicles[name].coupling != "placed"
+        )
 
     def pace(self, names: Iterable[VehicleName]) -> float | None:
         """Return how many times real time a case's vehicles fly (scaled clock); None: not given."""

@@ -22,6 +22,7 @@ from campaigns.values.sensor_setups import CameraSetup, SensorSetup
 from vehicles.autopilots.autopilot import AutopilotName, TelemetryRates
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.command_backends import DriverName
+from vehicles.coupling import Coupling
 from vehicles.embedded.autopilot.known_parameters import known_parameters
 from vehicles.embedded.profile import ProfileError, load_profile
 from vehicles.launch.ardupilot import ArduPilotLaunch
@@ -51,7 +52,7 @@ class VehicleSetup:
     motion capture. pose_accuracy: of its pose source. signing: where its key is. rates:
     of telemetry, as its slowest radio carries them. max_gap_s: the longest gap that is accepted
     between its positions; None: what their rate gives. spares: of an attached one, more links to
-    it.
+    it. coupling: of the twin, how it is kept with the real vehicle.
     """
 
     name: VehicleName
@@ -71,6 +72,7 @@ class VehicleSetup:
     rates: TelemetryRates = field(default_factory=TelemetryRates)
     max_gap_s: float | None = None
     spares: tuple[LinkAddress, ...] = ()
+    coupling: Coupling = "follow"
 
     @property
     def embedded(self) -> bool:
@@ -143,6 +145,7 @@ def _vehicle(
         rates=_rates(campaign, name, part, problems),
         max_gap_s=part.telemetry.max_gap_s,
         spares=tuple(parse_link(one) for one in part.spare_links),
+        coupling=part.coupling,
     )
 
 

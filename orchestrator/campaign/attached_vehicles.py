@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from campaigns.expansion.expansion import Campaign
-from campaigns.setup.case_setup import FLIES, VehicleSetup
+from campaigns.setup.case_setup import VehicleSetup
 from orchestrator.model.results import VehicleKind
 from vehicles.driver import Driver
 from vehicles.driver.session.identity import Identity, same_vehicle
@@ -62,11 +62,11 @@ class AttachedVehicle:
 
 def flown_vehicles(campaign: Campaign) -> tuple[VehicleSetup, ...]:
     """Return the vehicles that fly in the campaign's modes, in any of its cases, each once."""
-    flown = {name: None for mode in campaign.modes for name in FLIES[mode]}
     found: dict[tuple[str, object], VehicleSetup] = {}
-    for setup, name in itertools.product(campaign.setups.values(), flown):
-        vehicle = setup.vehicles[name]
-        found.setdefault((name, vehicle.link), vehicle)
+    for setup in campaign.setups.values():
+        for name in dict.fromkeys(name for mode in campaign.modes for name in setup.flying(mode)):
+            vehicle = setup.vehicles[name]
+            found.setdefault((name, vehicle.link), vehicle)
     return tuple(found.values())
 
 

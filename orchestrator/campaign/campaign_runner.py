@@ -19,6 +19,7 @@ from orchestrator.campaign.campaign_folder import (
     make_folder,
     set_aside,
 )
+from orchestrator.campaign.liftoff_learning import LiftoffLearning
 from orchestrator.campaign.manifest import manifest
 from orchestrator.campaign.repositioning import Repositioning
 from orchestrator.campaign.resumption import (
@@ -190,12 +191,14 @@ class _Flight:
             log=fault_log(folder / "log.jsonl"),
             take=lambda fault: watcher.say(f"internal error: {fault.text}; see log.jsonl"),
         )
+        self._learning = LiftoffLearning(campaign, settings.clock)
         self._pool = Pool[RunOrder, RunResult](
             jobs=settings.jobs,
             fly=fly_order,
             report=self._report,
             done=self._finish_run,
             ended_badly=lambda how: self._faults.take(RuntimeError(how), "a worker process"),
+            ready=self._learning.ready,
         )
         self._controller = CampaignController(
             campaign=campaign.name,
@@ -301,6 +304,7 @@ class _Flight:
         else:
             result = outcome
         self._results[order.plan.name] = result
+        self._learning.learn(order.plan, result)
         self.write_summary()
         # With hardware a person looks first what went wrong.
         alone = not self._settings.hardware and self._campaign.between is None

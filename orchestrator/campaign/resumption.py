@@ -98,7 +98,7 @@ def resume_campaign(
         earlier = [_attempt(folder, place) for place in earlier_folders(folder, plan.name)]
         found = _find_results(home, plan)
         if isinstance(found, RunResult) and not (
-            may_repeat and _require_equal_manifest(found, retries)
+            may_repeat and _needs_another_flight(found, retries)
         ):
             results[plan.name] = found
             continue
@@ -115,7 +115,7 @@ def resume_campaign(
     return ResumedCampaign(results=results, attempts=attempts)
 
 
-def _require_equal_manifest(result: RunResult, retries: int) -> bool:
+def _needs_another_flight(result: RunResult, retries: int) -> bool:
     """Return whether a result of the resumed campaign has to be flown again."""
     # Whose parent died, or whose operator pressed Ctrl-C, was not tried to its end.
     return result.verdict == "ABORTED" or retry_due(result, retries=retries)

@@ -132,7 +132,8 @@ class _Worker:
 class Pool(Generic[Order, Outcome]):
     """A pool of up to `jobs` worker processes that fly orders; outcomes come when done.
 
-    done: takes an order's outcome; what it returns is flown next.
+    done: takes an order's outcome; what it returns is flown next. ready: takes an order when its
+    turn has come, and returns it with what is known by then.
 
     stall_s: a worker that has reported and then says nothing for so long is killed: it hangs, or
     was stopped. Its guard brings its vehicles down. ended_badly: told of a worker that had done all
@@ -148,7 +149,9 @@ class Pool(Generic[Order, Outcome]):
         done: Callable[[Order, Outcome | WorkerLost], Order | None],
         stall_s: float = 60.0,
         ended_badly: Callable[[str], None] = lambda _: None,
+        ready: Callable[[Order], Order] = lambda order: order,
     ) -> None:
+        self._ready = ready
         self._ended_badly = ended_badly
         self._jobs = jobs
         self._fly = fly
@@ -198,7 +201,7 @@ class Pool(Generic[Order, Outcome]):
                 await self._going.wait()
                 if self._stopped is not None or not waiting:
                     break
-                order = waiting.popleft()
+                order = self._ready(waiting.popleft())
                 worker = worker or self._start()
                 outcome = await self._fly_one(worker, order)
                 if not worker.process.is_alive() or isinstance(outcome, WorkerLost):

@@ -29,6 +29,11 @@ _COMMANDS = (
     ("plan", "orchestrator.cli.commands.plan:plan", "Show the runs of a campaign; nothing flies."),
     ("judge", "orchestrator.cli.commands.judge:judge", "Judge recorded runs again; nothing flies."),
     (
+        "report",
+        "orchestrator.cli.commands.report:report",
+        "Write one page of a campaign that was flown.",
+    ),
+    (
         "abort",
         "orchestrator.cli.commands.operate:abort",
         "Land all vehicles of this machine's campaigns at once.",

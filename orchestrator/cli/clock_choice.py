@@ -51,7 +51,7 @@ def shared_of(campaign: Campaign) -> tuple[str, ...]:
 def clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
     """Return the chosen clock. Raises BadInput when the wanted one is impossible."""
     outside = external_needs(campaign)
-    paced = _require_pace(campaign)
+    paced = _own_paces(campaign)
     clock = wanted or ("scaled" if paced else "wall" if outside else "virtual")
     if clock != "wall" and outside:
         raise _refuse_clock(campaign, ((one.path, _REAL_TIME.format(one.name)) for one in outside))
@@ -62,7 +62,7 @@ def clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
     return clock
 
 
-def _require_pace(campaign: Campaign) -> list[tuple[Path, float]]:
+def _own_paces(campaign: Campaign) -> list[tuple[Path, float]]:
     """Return the launched simulations that do not run in real time: where, and their pace."""
     return [
         (("vehicles", one.name, "link"), pace)

@@ -1,7 +1,6 @@
 """What every delivery of pictures is: one protocol, its counts, its errors."""
 
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
 from vehicles.errors import VehicleError
@@ -52,10 +51,5 @@ class Delivery(Protocol):
     async def __aenter__(self) -> Self:
         """Open the image delivery. Raises DeliveryError."""
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Deliver images that still wait, and close."""

@@ -3,7 +3,6 @@
 import asyncio
 import threading
 from collections import deque
-from types import TracebackType
 from typing import Protocol, Self
 
 from orchestrator.delivery.image_delivery import DeliveryCounts, DeliveryError
@@ -94,12 +93,7 @@ class ThreadedDelivery:
             raise
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Send images that still wait, and end the thread."""
         await self._close()
 

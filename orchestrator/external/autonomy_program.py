@@ -11,7 +11,6 @@ import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from vehicles.errors import VehicleError
@@ -126,12 +125,7 @@ class ExternalAutonomy:
             ) from error
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """End the autonomy program's process group: SIGTERM, then SIGKILL."""
         child = self._child
         if child is None:

@@ -3,13 +3,19 @@
 import asyncio
 from collections.abc import Callable
 from contextlib import AsyncExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from campaigns.values.external_setups import SourceSetup
 from campaigns.values.sensor_setups import CameraSetup
 from orchestrator.model.external_results import SourceResult
 from vehicles.readings import Reading, Source
-from vehicles.sources.camera_source import CameraSource, SourceError, SourceStalledError
+from vehicles.sources.camera_source import (
+    CameraSource,
+    SourceCounts,
+    SourceError,
+    SourceStalledError,
+)
 from vehicles.sources.cameras.camera_factory import live_camera
 from vehicles.sources.cameras.image_files import ImageFolder, VideoFile
 from vehicles.sources.cameras.mcap_images import McapFile
@@ -33,6 +39,8 @@ class ExternalCamera:
         self._stalled: Callable[[str], None] = lambda _: None
         self._stalls = 0
         self._trouble = ""
+        self._before = SourceCounts()
+        self._has_begun = False
 
     async def open(self, stack: AsyncExitStack) -> None:
         """Open an external camera, live or recorded. Raises SourceError."""
@@ -62,16 +70,16 @@ class ExternalCamera:
 
     @property
     def result(self) -> SourceResult:
-        """Return the counts of the external camera's exposures."""
-        counts = None if self._source is None else self._source.counts
+        """Return the counts of the external camera's exposures since `run` began."""
+        counts = self._counts()
         return SourceResult(
             vehicle=str(self._side),
             sensor=self._camera.name,
             source=self._setup.shown_as,
-            delivered=0 if counts is None else counts.delivered,
-            dropped=0 if counts is None else counts.dropped,
-            missed=0 if counts is None else counts.missed,
-            damaged=0 if counts is None else counts.damaged,
+            delivered=counts.delivered,
+            dropped=counts.dropped,
+            missed=counts.missed,
+            damaged=counts.damaged,
             stalls=self._stalls,
             trouble=self._trouble,
         )
@@ -81,14 +89,33 @@ class ExternalCamera:
         while True:
             try:
                 async for reading in source:
-                    if reading.arrived_s >= since_s:
-                        deliver(reading)
+                    if reading.arrived_s < since_s:
+                        continue
+                    self._begin_counting(source.counts)
+                    deliver(reading)
             except SourceStalledError as error:
                 self._stalls += 1
                 self._trouble = str(error)
                 self._stalled(f"{self._side} {self._camera.name}: {error}")
             else:
                 raise SourceError(f"{source.name}: the recording is over")
+
+    def _begin_counting(self, counts: SourceCounts) -> None:
+        """Leave out what came before the first image that is handed on: nobody wanted those."""
+        if not self._has_begun:
+            self._has_begun = True
+            self._before = replace(counts, delivered=counts.delivered - 1)
+
+    def _counts(self) -> SourceCounts:
+        if self._source is None or not self._has_begun:
+            return SourceCounts()
+        counts, before = self._source.counts, self._before
+        return SourceCounts(
+            delivered=counts.delivered - before.delivered,
+            dropped=counts.dropped - before.dropped,
+            missed=counts.missed - before.missed,
+            damaged=counts.damaged - before.damaged,
+        )
 
     def _make_source(self) -> CameraSource:
         setup, intrinsics = self._setup, self._camera.intrinsics

@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
-from types import TracebackType
 from typing import Self
 
 from campaigns.values.external_setups import MocapSetup
@@ -23,6 +22,7 @@ from safety.model.oracle_results import Flag
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
 from vehicles.readings import CameraReading, Reading, Source
+from vehicles.sources.simulator.shown_world import asked_world
 from vehicles.sources.simulator.simulator_camera import ZmqImageSource
 
 _WATCH_S = 0.1
@@ -52,7 +52,7 @@ class ExternalIo:
         self._proofs: tuple[InjectionProof, ...] = ()
         self.cameras: dict[Key, ExternalCamera] = {}
         self.simulators: dict[Key, ZmqImageSource] = {}
-        for vehicle in setup.vehicles:
+        for vehicle in setup.with_sensors:
             for camera in vehicle.cameras:
                 self._add(vehicle.name, camera)
         captured: dict[Source, MocapSetup] = {
@@ -69,6 +69,7 @@ class ExternalIo:
                 await camera.open(stack)
             for simulator in self.simulators.values():
                 await stack.enter_async_context(simulator)
+            await self._warm_up_simulators()
             await self.captures.open(stack)
             await self.outlets.open(stack)
             if self._ground is not None:
@@ -76,14 +77,18 @@ class ExternalIo:
             self._stack = stack.pop_all()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close all external I/O."""
         await self._stack.aclose()
+
+    @property
+    def disagreements(self) -> tuple[str, ...]:
+        """Return in words where a simulator shows another world than the one that is judged."""
+        return tuple(
+            f"{' '.join(key)} at {simulator.name}: {text}"
+            for key, simulator in self.simulators.items()
+            for text in simulator.disagreements
+        )
 
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
         """Attach the vehicles whose autopilots receive injections."""
@@ -179,7 +184,7 @@ class ExternalIo:
         return ExternalResult(
             sources=(
                 *(camera.result for camera in self.cameras.values()),
-                *(_is_simulated(*key, one) for key, one in self.simulators.items()),
+                *(_simulated_source_result(*key, one) for key, one in self.simulators.items()),
             ),
             captures=self.captures.results,
             outlets=self.outlets.results,
@@ -213,6 +218,15 @@ class ExternalIo:
                 return
             before = said
 
+    async def _warm_up_simulators(self) -> None:
+        """Have each simulator draw once, from where its vehicle stands. Raises SourceError."""
+        now_s = asyncio.get_running_loop().time()
+        for (name, sensor), simulator in self.simulators.items():
+            vehicle = self._setup.vehicle(name)
+            camera = next(one for one in vehicle.cameras if one.name == sensor)
+            pose = camera.mount.camera_pose(vehicle.start)
+            await simulator.warm_up(pose, camera.intrinsics, now_s)
+
     def _add(self, vehicle: Source, camera: CameraSetup) -> None:
         source, key = camera.source, (str(vehicle), camera.name)
         if source is None:
@@ -225,19 +239,23 @@ class ExternalIo:
             address=source.address,
             timeout_s=source.answer_s,
             open_timeout_s=source.open_s,
-            objects={thing.name: thing.object_id for thing in scene.objects},
+            world=asked_world(scene, world=self._world_name(), case=self._setup.order.plan.case),
             events=lambda: dict(self._events),
         )
 
+    def _world_name(self) -> str:
+        document = self._setup.order.plan.files.world
+        return "" if document is None else document.path.stem
+
     def _outlets(self) -> Iterable[Outlet]:
-        flying = {vehicle.name: vehicle for vehicle in self._setup.vehicles}
+        there = {vehicle.name: vehicle for vehicle in self._setup.with_sensors}
         for outlet in self._setup.campaign.outside.pictures:
             perceived = outlet.of == "perceived"
             name = (outlet.vehicle or self._setup.subject) if perceived else outlet.of
-            if name not in flying:
+            if name not in there:
                 continue
             # The mixed picture is as large as that of the real vehicle, whose it replaces.
-            owner = flying.get("real", flying[name]) if perceived else flying[name]
+            owner = there.get("real", there[name]) if perceived else there[name]
             camera = next(one for one in owner.cameras if one.name == outlet.sensor)
             sdp = self._setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"
             delivery = image_delivery(outlet, camera, sdp_path=sdp)
@@ -267,7 +285,7 @@ class ExternalIo:
         return GroundStation(link=link, system_id=system_id, cameras=components)
 
 
-def _is_simulated(vehicle: str, sensor: str, simulator: ZmqImageSource) -> SourceResult:
+def _simulated_source_result(vehicle: str, sensor: str, simulator: ZmqImageSource) -> SourceResult:
     """Return the result of a camera rendered by an external simulator."""
     counts = simulator.counts
     return SourceResult(

@@ -64,7 +64,7 @@ class MotionCaptures:
         for vehicle, feed in self._feeds.items():
             while feed.last_s is None:
                 if loop.time() > deadline_s:
-                    raise SourceError(_unseen_bodies(vehicle, feed, within_s))
+                    raise SourceError(_unseen_text(vehicle, feed, within_s))
                 await asyncio.sleep(_POLL_S)
 
     def silent(self, now_s: float) -> str:
@@ -128,7 +128,7 @@ class MotionCaptures:
             listener(reading)
 
 
-def _unseen_bodies(vehicle: Source, feed: _Feed, within_s: float) -> str:
+def _unseen_text(vehicle: Source, feed: _Feed, within_s: float) -> str:
     """Return why motion capture has not seen a vehicle's body, in words."""
     setup, capture = feed.setup, feed.capture
     figures = capture.statistics(setup.body)

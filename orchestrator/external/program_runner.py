@@ -6,7 +6,6 @@ import socket
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from campaigns.setup.autonomy_under_test import UnderTest
@@ -98,12 +97,7 @@ class ProgramRunner:
             self._stack = stack.pop_all()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """End the program and all processes that it started."""
         if self._ending is not None:
             self._ending.remove_done_callback(self._on_program_end)

@@ -16,6 +16,7 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"fence changed in flight: {text}" for text in fence_texts(runs)]
     lines += [f"reported only, and failed: {text}" for text in reported_texts(runs)]
     lines += [f"not judged: {text}" for text in unjudged_texts(runs)]
+    lines += [f"the twin dropped out: {text}" for text in dropped_out_texts(runs)]
     lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
     return lines
 
@@ -29,6 +30,15 @@ def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
         and run.mixing is not None
         and run.mixing.not_measured
         and not any(one.frames_measured for one in run.mixing.combinations)
+    )
+
+
+def dropped_out_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return why the twin of a passed run did not fly to its end, and in which runs."""
+    return _in_runs(
+        (run.twin.dropped_out.reason, run)
+        for run in runs
+        if run.verdict == "PASS" and run.twin is not None and run.twin.dropped_out is not None
     )
 
 

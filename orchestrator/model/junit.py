@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.model.attempts import attempt_text
 from orchestrator.model.caveats import (
+    dropped_out_texts,
     fence_texts,
     overridden_texts,
     reported_texts,
@@ -45,6 +46,7 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
         "not_judged": unjudged_texts(summary.runs),
         "caveats": summary.caveats,
         "mixture_not_measured": unmeasured_texts(summary.runs),
+        "twin_dropped_out": dropped_out_texts(summary.runs),
     }
     if any(said.values()):
         properties = ET.SubElement(suite, "properties")

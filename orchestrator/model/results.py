@@ -11,6 +11,7 @@ from typing import Literal
 from campaigns.values.acceptance import Requirement, Share, Standing, standings
 from orchestrator.model.control_results import ControlResult, control_faults
 from orchestrator.model.external_results import ExternalResult
+from orchestrator.model.twin_results import TwinResult
 from safety.model.oracle_results import EvidenceResult, Flag, OracleResult, Verdict
 from safety.preflight import Item
 
@@ -40,12 +41,14 @@ class SyncResult:
     """The result of synchronisation: skews in seconds, None when unknown or for one vehicle.
 
     command: between the takeoff commands on the wire. takeoff: between the times off the ground,
-    by mapped clocks. t0: between the times at which each was given its goal.
+    by mapped clocks. t0: between the times at which each was given its goal. liftoff_delays_s: of
+    each vehicle, from its takeoff command on the wire to its liftoff.
     """
 
     command_skew_s: float | None = None
     takeoff_skew_s: float | None = None
     t0_skew_s: float | None = None
+    liftoff_delays_s: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +75,8 @@ class CombinationResult:
 
     name: of its sensor; with its receivers where a sensor is mixed several times. sensor: its type.
     publish: who perceives it. frames: mixtures delivered. dropped: why something of the twin, or
-    all, is missing, and how often; "replaced" made way for newer readings. faults: readings that
-    were refused, as "twin not_finite".
+    all, is missing, and how often; "replaced" made way for newer readings, "missed" got no image of
+    the twin's source in time. faults: readings that were refused, as "twin not_finite".
     """
 
     name: str
@@ -162,6 +165,7 @@ class RunResult:
     always, and was switched off by the campaign. note: what the judged vehicle's autonomy noted
     last before that. trace: the traceback of an autonomy that crashed.
     exceptions: of ours, each in a line: then it is no PASS, and the program's exit code never 0.
+    twin: what the twin did beside the real vehicle; None but in mode wil.
     """
 
     case: str
@@ -190,6 +194,7 @@ class RunResult:
     note: str = ""
     trace: str = ""
     exceptions: tuple[str, ...] = ()
+    twin: TwinResult | None = None
 
     @property
     def subject(self) -> str:

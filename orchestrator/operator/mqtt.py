@@ -6,8 +6,8 @@ import re
 import secrets
 import ssl
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 
 import aiomqtt
@@ -32,8 +32,17 @@ _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 15.0
 _FLUSH_S = 3.0
 _MOST_REFUSALS_A_SECOND = 10
 _LOSS = "mqtt (the broker is away)"
-_OF_THE_CONNECTION = (aiomqtt.MqttError, OSError, UnicodeError)
+_OF_THE_CONNECTION = (aiomqtt.MqttError, OperatingError, OSError, UnicodeError)
 """What a broker, or the way to it, makes aiomqtt raise; anything else is a fault of ours."""
+
+
+@contextmanager
+def _connected() -> Iterator[None]:
+    """Raise OperatingError for the end of a connection: who accounts for tasks expects it."""
+    try:
+        yield
+    except aiomqtt.MqttError as error:
+        raise OperatingError(_error_text(error)) from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +68,7 @@ async def mqtt_operating(
     client = MqttOperator(setup=setup, secrets_=secrets_, controller=controller)
     running = start(client.run(), name="mqtt")
     try:
-        await client.first_connection()
+        await client.first_connection(running)
         yield
         await client.finish()
     finally:
@@ -103,8 +112,14 @@ class MqttOperator:
         self._connected = False
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
 
-    async def first_connection(self) -> None:
-        """Wait for the first connection to the broker. Raises OperatingError."""
+    async def first_connection(self, running: asyncio.Task[None]) -> None:
+        """Wait for the first connection to the broker. Raises OperatingError.
+
+        running: the task of `run`, which may end before that.
+        """
+        await asyncio.wait({running, self._first}, return_when=asyncio.FIRST_COMPLETED)
+        if not self._first.done():
+            raise OperatingError("the MQTT client ended before it was connected; see log.jsonl")
         await self._first
         self._controller.follow(self)
 
@@ -213,22 +228,24 @@ class MqttOperator:
             publication = await self._outbox.take()
             topic = f"{self._base}/{publication.topic}"
             try:
-                await client.publish(
-                    topic,
-                    self._sign(topic, publication.payload),
-                    qos=1 if publication.important else 0,
-                    retain=publication.retain,
-                )
-            except aiomqtt.MqttError:
+                with _connected():
+                    await client.publish(
+                        topic,
+                        self._sign(topic, publication.payload),
+                        qos=1 if publication.important else 0,
+                        retain=publication.retain,
+                    )
+            except OperatingError:
                 self._outbox.put_back(publication)
                 raise
 
     async def _receive_commands(self, client: aiomqtt.Client) -> None:
-        async for message in client.messages:
-            kind = str(message.topic).rpartition("/")[2]
-            if kind != "ack":
-                payload = message.payload if isinstance(message.payload, bytes) else b""
-                self._take(kind, payload, retained=bool(message.retain))
+        with _connected():
+            async for message in client.messages:
+                kind = str(message.topic).rpartition("/")[2]
+                if kind != "ack":
+                    payload = message.payload if isinstance(message.payload, bytes) else b""
+                    self._take(kind, payload, retained=bool(message.retain))
 
     def _take(self, kind: str, payload: bytes, *, retained: bool) -> None:
         try:

@@ -1,7 +1,6 @@
 """judged.msgpack: everything that the oracles of a run judged, so that it can be judged again."""
 
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from safety.evaluation.judge_log import JudgeLogPacker, LoggedSample
@@ -29,10 +28,5 @@ class JudgeLogWriter:
             self._last_flush_s = sample.t_s
             self._file.flush()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._file.close()

@@ -7,11 +7,17 @@ from pathlib import Path
 from orchestrator.state.run_setup import RunSetup
 from recipes.language.recipe_document import load_recipe
 from recipes.model.recipe import Recipe
-from worlds.files.documents import parse
+from safety.fence.fence_values import fence_of_plain, plain_fence
+from safety.fence.geofence import Fence
+from worlds.files.documents import Data, parse
+from worlds.world_file.world import World
 
 
 def facts_of(setup: RunSetup) -> dict[str, str]:
-    """Return a run's facts for its recording: its name, recipe, ids of the twin's objects."""
+    """Return a run's facts for its recording: its name, files as flown, ids of the twin's objects.
+
+    Files are recorded with the overrides of the case and of the command line.
+    """
     plan = setup.order.plan
     objects = {thing.name: thing.object_id for thing in setup.virtual_scene.objects}
     facts = {
@@ -20,10 +26,17 @@ def facts_of(setup: RunSetup) -> dict[str, str]:
         "rep": str(plan.repetition),
         "seed": str(plan.seed),
         "objects": json.dumps(objects),
+        "campaign": json.dumps(plan.files.campaign.data, default=str),
+        "fences": json.dumps(
+            {vehicle: plain_fence(fence) for vehicle, fence in setup.campaign.fences.items()}
+        ),
     }
+    if plan.files.world is not None:
+        facts["world"] = json.dumps(plan.files.world.data, default=str)
+        facts["world_file"] = str(plan.files.world.path)
     latencies = {
         f"{vehicle.name} {camera.name}": camera.source.latency_s
-        for vehicle in setup.vehicles
+        for vehicle in setup.with_sensors
         for camera in vehicle.cameras
         if camera.source is not None
     }
@@ -49,6 +62,27 @@ def recipe_in(facts: Mapping[str, str], *, loads_code: bool) -> Recipe | None:
     name = f"{file} (as recorded)"
     document = parse(text.encode(), name=name, path=Path(file))
     return load_recipe(document, loads_code=loads_code)
+
+
+def world_in(facts: Mapping[str, str]) -> World | None:
+    """Return a recording's world as flown; None in older recordings. Raises BadInput."""
+    text = facts.get("world")
+    if text is None:
+        return None
+    file = facts.get("world_file", "world.yaml")
+    return World.parse(parse(text.encode(), name=f"{file} (as recorded)", path=Path(file)))
+
+
+def campaign_in(facts: Mapping[str, str]) -> dict[str, Data]:
+    """Return a recording's campaign file as flown; empty in older recordings."""
+    found: dict[str, Data] = json.loads(facts.get("campaign", "{}"))
+    return found
+
+
+def fences_in(facts: Mapping[str, str]) -> dict[str, Fence]:
+    """Return a recording's fences by vehicle, as at the start. Raises FenceError, ValueError."""
+    found = json.loads(facts.get("fences", "{}"))
+    return {vehicle: fence_of_plain(plain) for vehicle, plain in found.items()}
 
 
 def latencies_in(facts: Mapping[str, str]) -> dict[str, float]:

@@ -1,7 +1,6 @@
 """trajectory.csv: where both vehicles were, thought they were, and were asked to be."""
 
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple, Self
 
 from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
@@ -75,12 +74,7 @@ class TrajectoryWriter:
             self._last_flush_s = row.t_s
             self._file.flush()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._file.close()
 
 

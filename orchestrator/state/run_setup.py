@@ -1,7 +1,7 @@
 """What one run is given: its plan resolved, its folder, its clock."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
@@ -11,6 +11,7 @@ from campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
 from orchestrator.model.clock import Clock
 from orchestrator.model.results import Attempt
 from orchestrator.model.return_path import ReturnPath
+from vehicles.autopilots.registry import autopilot_named
 from vehicles.embedded.profile import Profile, load_profile
 from worlds.scene.scene import Scene
 
@@ -19,6 +20,7 @@ from worlds.scene.scene import Scene
 class RunOrder:
     """An order to fly a run; picklable. folder: for its files; it exists and is empty.
 
+    liftoff_delays_s: by vehicle, from takeoff command to liftoff, as runs before this one measured;
     attempts: those at this run that do not count. arm: False for everything up to arming. back: not
     the run, but the flight back to the start after it.
     """
@@ -29,13 +31,15 @@ class RunOrder:
     attempts: tuple[Attempt, ...] = ()
     arm: bool = True
     back: ReturnPath | None = None
+    liftoff_delays_s: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSetup:
     """The setup of a run: an order with all that it names resolved.
 
-    vehicles: those that fly. real_scene, virtual_scene: what stands in W and in Wv in this mode.
+    vehicles: those that fly. placed: a twin that does not, and has sensors where the real vehicle
+    is. real_scene, virtual_scene: what stands in W and in Wv in this mode.
     """
 
     order: RunOrder
@@ -44,17 +48,20 @@ class RunSetup:
     profiles: Mapping[VehicleName, Profile]
     real_scene: Scene
     virtual_scene: Scene
+    placed: VehicleSetup | None = None
 
     @classmethod
     def of(cls, order: RunOrder) -> Self:
         """Return the setup of an order. Raises BadInput, ProfileError."""
         campaign, mode = order.plan.setup(), order.plan.mode
-        vehicles = tuple(campaign.vehicles[name] for name in FLIES[mode])
+        there = tuple(campaign.vehicles[name] for name in FLIES[mode])
+        flying = campaign.flying(mode)
         return cls(
             order=order,
             campaign=campaign,
-            vehicles=vehicles,
-            profiles={vehicle.name: load_profile(vehicle.profile) for vehicle in vehicles},
+            vehicles=tuple(one for one in there if one.name in flying),
+            placed=next((one for one in there if one.name not in flying), None),
+            profiles={vehicle.name: load_profile(vehicle.profile) for vehicle in there},
             real_scene=campaign.world.scene(mode, "W"),
             virtual_scene=campaign.world.scene(mode, "Wv"),
         )
@@ -77,7 +84,9 @@ class RunSetup:
     @property
     def pace(self) -> float:
         """Return the pace of the run's clock in times real time; 1 for what is not scaled."""
-        asked = self.campaign.pace(FLIES[self.mode]) if self.clock == "scaled" else None
+        asked = (
+            self.campaign.pace(self.campaign.flying(self.mode)) if self.clock == "scaled" else None
+        )
         return asked or 1.0
 
     @property
@@ -86,13 +95,35 @@ class RunSetup:
         return "twin" if self.mode == "sim" else "real"
 
     @property
+    def companion(self) -> VehicleName | None:
+        """Return who flies beside the subject, and is judged by nobody; None where nobody does."""
+        return "twin" if self.mode == "wil" and self.placed is None else None
+
+    @property
+    def with_sensors(self) -> tuple[VehicleSetup, ...]:
+        """Return the vehicles that have sensors: those that fly, and a placed twin."""
+        return self.vehicles if self.placed is None else (*self.vehicles, self.placed)
+
+    @property
     def judged_scene(self) -> Scene:
         """Return the scene against which the run's poses are judged."""
         return self.real_scene if self.mode == "real" else self.virtual_scene
 
     def vehicle(self, name: str) -> VehicleSetup:
-        """Return a vehicle that flies in the run. Raises StopIteration for another."""
-        return next(one for one in self.vehicles if one.name == name)
+        """Return a vehicle of the run that flies or is placed. Raises StopIteration for another."""
+        return next(one for one in self.with_sensors if one.name == name)
+
+    @property
+    def liftoff_delays_s(self) -> Mapping[str, float]:
+        """Return how long each vehicle takes from its takeoff command to its liftoff.
+
+        As it was measured in earlier runs, else as its autopilot is known for; nothing where the
+        commands are to be given together.
+        """
+        if self.campaign.sync.takeoff == "command":
+            return {}
+        known = {one.name: autopilot_named(one.autopilot).liftoff_s for one in self.vehicles}
+        return {**known, **self.order.liftoff_delays_s}
 
     def height_m(self, vehicle: VehicleSetup) -> float:
         """Return how far above its start a vehicle of the run takes off to."""

@@ -1,11 +1,12 @@
 """The course of a run: its stages, what decided it, and whether the flight is over."""
 
 import asyncio
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from typing import Literal
 
 from orchestrator.model.faults import Fault, FaultLog, Faults
+from orchestrator.model.twin_results import DropOut
 from safety.model.verdict import DecisiveEvent, DecisiveKind
 
 Stage = Literal[
@@ -23,6 +24,7 @@ Stage = Literal[
 ]
 StageWatcher = Callable[[Stage, float], None]
 DecisiveWatcher = Callable[[DecisiveEvent], None]
+DropOutWatcher = Callable[[str, DropOut], None]
 
 
 class FlightError(Exception):
@@ -53,6 +55,9 @@ class RunState:
         self._stage_watchers: list[StageWatcher] = []
         self._entries: dict[Stage, asyncio.Event] = {}
         self._decisive_watchers: list[DecisiveWatcher] = []
+        self.dropped_out: dict[str, DropOut] = {}
+        """Vehicles whose flight has ended, and with it nobody else's: by name."""
+        self._drop_out_watchers: list[DropOutWatcher] = []
 
     def on_stage(self, watcher: StageWatcher) -> None:
         """Call `watcher(stage, t_s)` at each entry of the run into a stage."""
@@ -61,6 +66,33 @@ class RunState:
     def on_decisive(self, watcher: DecisiveWatcher) -> None:
         """Call `watcher(event)` at each decisive event of the run."""
         self._decisive_watchers.append(watcher)
+
+    def on_drop_out(self, watcher: DropOutWatcher) -> None:
+        """Call `watcher(vehicle, drop_out)` when a vehicle drops out from now on."""
+        self._drop_out_watchers.append(watcher)
+
+    def drop_out(self, vehicle: str, reason: str) -> None:
+        """Take that the flight of one vehicle is over, and the others fly on; the first counts."""
+        if vehicle in self.dropped_out:
+            return
+        self.dropped_out[vehicle] = left = DropOut(self._time(), reason)
+        for watcher in tuple(self._drop_out_watchers):
+            with self.taking(f"the end of the flight of {vehicle}"):
+                watcher(vehicle, left)
+
+    @contextmanager
+    def watching_drop_out(self, vehicle: str, end: Callable[[], None]) -> Iterator[None]:
+        """Call `end` when a vehicle drops out meanwhile."""
+
+        def watcher(name: str, _: DropOut) -> None:
+            if name == vehicle:
+                end()
+
+        self._drop_out_watchers.append(watcher)
+        try:
+            yield
+        finally:
+            self._drop_out_watchers.remove(watcher)
 
     def enter(self, stage: Stage) -> float:
         """Enter a stage of the run now; return the time."""

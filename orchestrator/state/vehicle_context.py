@@ -4,6 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from orchestrator.state.liftoff_detector import LiftoffDetector
+from orchestrator.state.signal_faults import (
+    FaultySignal,
+    SignalFaults,
+    restamp_estimate,
+    restamp_pose,
+)
 from safety.model.samples import PoseSample, ReferenceSample
 from vehicles.autonomy import Telemetry
 from vehicles.autopilots.injection_support.rules import Setpoints
@@ -35,8 +41,9 @@ class VehicleContext:
 
     poses: by the campaign's pose source, world frame; what judging and rendering use. truth:
     where it truly is; empty for vehicles that are not embedded. setpoint, note: the newest of its
-    autonomy; program_setpoints: of which kind a program's newest was. lift: when it left the
-    ground by the vehicle's own clock, mapped.
+    autonomy; program_setpoints: of which kind a program's newest was. liftoff: when it left the
+    ground by the vehicle's own clock, mapped. may_drop_out: from the takeoff on the run goes on
+    without it.
     """
 
     name: str
@@ -50,6 +57,9 @@ class VehicleContext:
     note: str = ""
     liftoff: LiftoffDetector = field(default_factory=LiftoffDetector)
     contact: str | None = None
+    may_drop_out: bool = False
+    _faulty_estimate: FaultySignal[EstimateSample] | None = None
+    _faulty_mocap: FaultySignal[PoseReading] | None = None
     _listeners: list[PoseListener] = field(default_factory=list)
     _reference_listeners: list[ReferenceListener] = field(default_factory=list)
     _contact_listeners: list[ContactListener] = field(default_factory=list)
@@ -62,6 +72,13 @@ class VehicleContext:
         if self.setpoint is None:
             return self.program_setpoints
         return "position" if isinstance(self.setpoint, PositionSetpoint) else "velocity"
+
+    def inject(self, faults: SignalFaults) -> None:
+        """Have its pose source stop or freeze where the campaign says so."""
+        if self.pose_source == "mocap":
+            self._faulty_mocap = faults.signal(self.name, None, restamp_pose)
+        else:
+            self._faulty_estimate = faults.signal(self.name, None, restamp_estimate)
 
     def on_pose(self, listener: PoseListener) -> None:
         """Call `listener` with each pose of the vehicle's pose source."""
@@ -97,6 +114,11 @@ class VehicleContext:
         """Take an estimate of the vehicle's autopilot."""
         if self.driver.state.armed:
             self._lift(sample)
+        if self._faulty_estimate is not None:
+            passed = self._faulty_estimate.passed(sample)
+            if passed is None:
+                return
+            sample = passed
         if self.pose_source == "mavlink":
             self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
         else:
@@ -104,6 +126,11 @@ class VehicleContext:
 
     def take_mocap(self, reading: PoseReading) -> None:
         """Take a motion capture pose of the vehicle."""
+        if self._faulty_mocap is not None:
+            passed = self._faulty_mocap.passed(reading)
+            if passed is None:
+                return
+            reading = passed
         for listener in self._mocap_listeners:
             with _LISTENER:
                 listener(reading)

@@ -276,7 +276,7 @@ class _Reader:
             return self._bare(at, kind) if kind is not None else []
         if isinstance(given, dict) and "use" in given:
             own = find("use", stage)
-            return self._check_recipe(own, at, shorthand=False) if own is not None else []
+            return self._step_with_parameters(own, at, shorthand=False) if own is not None else []
         if not isinstance(given, dict) or len(given) != 1:
             example = next(kind.name for kind in steps() if kind.stage == stage)
             self.note(at, f"a step is a name, or one mapping {{{example}: parameters}}")
@@ -285,9 +285,9 @@ class _Reader:
         kind = self._kind((*at, name), name, stage)
         if kind is None:
             return []
-        return self._check_recipe(kind, (*at, name), shorthand=not isinstance(value, dict))
+        return self._step_with_parameters(kind, (*at, name), shorthand=not isinstance(value, dict))
 
-    def _check_recipe(self, kind: StepType, at: Path, *, shorthand: bool) -> list[Step]:
+    def _step_with_parameters(self, kind: StepType, at: Path, *, shorthand: bool) -> list[Step]:
         """Return the recipe's step with the parameters at a path; none when they are wrong."""
         try:
             parameters = check(self.document, kind.parameters, at)

@@ -36,13 +36,15 @@ class StepParameters(Part):
     shorthand: the parameter that a value stands for which is no mapping: `resize: real`.
     needs: what the step needs of a side's readings beside their values. tolerates: which faults of
     a reading (vehicles.readings.checks) the step is there to mend. timed: whether the step chooses
-    among a side's readings by time; it then stands before all others of that side.
+    among a side's readings by time; it then stands before all others of that side. reshapes:
+    whether an image has another size after it, or a scan other beams.
     """
 
     shorthand: ClassVar[str] = ""
     needs: ClassVar[frozenset[Need]] = frozenset()
     tolerates: ClassVar[frozenset[str]] = frozenset()
     timed: ClassVar[bool] = False
+    reshapes: ClassVar[bool] = False
 
     @model_validator(mode="before")
     @classmethod

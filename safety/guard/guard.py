@@ -1,7 +1,6 @@
 """What a guard is, in this process or in one of its own."""
 
 from collections.abc import Callable, Mapping, Sequence
-from types import TracebackType
 from typing import Protocol, Self
 
 from safety.fence.geofence import Fence
@@ -29,12 +28,7 @@ class Guard(Protocol):
     async def __aenter__(self) -> Self:
         """Open the guard's links. Raises LinkError."""
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the guard's links."""
 
     def on_event(self, listener: Callable[[GuardEvent], None]) -> None:

@@ -7,7 +7,6 @@ import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Self
 
 from safety.fence.geofence import Fence
@@ -103,12 +102,7 @@ class LocalGuard:
         self._schedule(1)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Stop the local guard's ticks and close its links; land before that."""
         if self._timer is not None:
             self._timer.cancel()

@@ -1,7 +1,7 @@
 """The verdict of a run, from what happened to it and from what its oracles say."""
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,6 +9,9 @@ from safety.model.oracle_results import OracleResult, Verdict
 
 GOAL_TIMEOUT = "goal"
 """The source of the event that the autonomy was not done within the time of its goal."""
+
+_LOSS_S = 4.0
+"""A guard takes a vehicle for lost 3 s after its last heartbeat, which comes once a second."""
 
 DecisiveKind = Literal["ERROR", "INVALID", "FAIL", "ABORTED"]
 
@@ -78,7 +81,8 @@ def decide(
         return Decision("PASS", "")
     # What only the end shows of an oracle is later than what happened at that instant.
     at_end = {source_of(one.name, one.vehicle) for one in failed if one.at_s is None} - told
-    ordered = sorted(known, key=lambda event: _rank(event, event.source in at_end))
+    losses = {event.source: event.t_s for event in known if event.source.startswith("guard.lost/")}
+    ordered = sorted(known, key=lambda event: _rank(event, event.source in at_end, losses))
     if ordered[0].source in timeouts and (cause := _first_unreached(failed, timeouts)):
         ordered.sort(key=lambda event: event.source != cause)
     first, *later = ordered
@@ -92,10 +96,19 @@ def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) 
     return next((source for source in sources if source not in timeouts), None)
 
 
-def _rank(event: DecisiveEvent, is_of_the_end: bool) -> tuple[float, bool, int]:
-    """Return the rank of a decisive event for the verdict: time, end, kind."""
+def _rank(
+    event: DecisiveEvent, is_of_the_end: bool, losses: Mapping[str, float]
+) -> tuple[float, bool, int]:
+    """Return the rank of a decisive event for the verdict: time, end, kind.
+
+    losses: when each lost vehicle was taken for lost, by the source of that event.
+    """
     # A time that is not a number must not make the order depend on where it stood.
     at_s = math.inf if math.isnan(event.t_s) else event.t_s
+    if event.source.startswith("evidence/"):
+        lost_s = losses.get(f"guard.lost/{event.source.rpartition('/')[2]}", -math.inf)
+        if lost_s - _LOSS_S <= at_s <= lost_s:
+            at_s = lost_s
     return (at_s, is_of_the_end, _ORDER[event.kind])
 
 

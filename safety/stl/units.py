@@ -1,6 +1,8 @@
 """Whether a formula's signals are there and its units fit together."""
 
-from collections.abc import Iterator, Mapping
+import math
+import operator as arithmetic
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from safety.stl.formula import (
@@ -22,6 +24,14 @@ Dimension = Mapping[str, int]
 """Base units with their powers: m/s is {m: 1, s: -1}. None stands for a bare number."""
 
 
+_ARITHMETIC: Mapping[str, Callable[[float, float], float]] = {
+    "+": arithmetic.add,
+    "-": arithmetic.sub,
+    "*": arithmetic.mul,
+    "/": arithmetic.truediv,
+}
+
+
 @dataclass(frozen=True, slots=True)
 class SignalKind:
     """The kind of an STL signal. unit: "m/s"; "" for a boolean one."""
@@ -31,10 +41,10 @@ class SignalKind:
 
 
 def require_sound(formula: Formula, signals: Mapping[str, SignalKind]) -> None:
-    """Raise StlError for an unknown signal, or units that do not fit together."""
+    """Raise StlError for an unknown signal, units that do not fit, or a side without a value."""
     if isinstance(formula, Comparison):
         left, right = _dimension(formula.left, signals), _dimension(formula.right, signals)
-        if left is None and right is None:
+        if None not in {_constant(formula.left), _constant(formula.right)}:
             raise StlError("compares two numbers: name a signal", formula.at)
         _require_same(left, right, formula.at, "compared with")
         return
@@ -87,6 +97,33 @@ def _dimension(term: Term, signals: Mapping[str, SignalKind]) -> Dimension | Non
             if left is None and right is None:
                 return None
             return _product(left or {}, right or {}, 1 if operator == "*" else -1)
+
+
+def _constant(term: Term) -> float | None:
+    """Return the value of a term that has the same one whatever its signals do; None for others.
+
+    Raises StlError where it has no finite value.
+    """
+    match term:
+        case Number(value):
+            return value
+        case Name():
+            return None
+        case Absolute(inner):
+            value_inside = _constant(inner)
+            return None if value_inside is None else abs(value_inside)
+        case Calculation(operator, left_term, right_term, at):
+            left, right = _constant(left_term), _constant(right_term)
+            if operator == "/" and right == 0.0:
+                raise StlError("divides by 0, so it has no value", at)
+            if operator in {"*", "/"} and (left == 0.0 or (operator == "*" and right == 0.0)):
+                return 0.0
+            if left is None or right is None:
+                return None
+            found = _ARITHMETIC[operator](left, right)
+            if not math.isfinite(found):
+                raise StlError("is not finite", at)
+            return found
 
 
 def _kind(name: Name, signals: Mapping[str, SignalKind]) -> SignalKind:

@@ -44,14 +44,14 @@ def test_every_example_is_good(files: Any, example: str) -> None:
     assert files.load().runs
 
 
-def test_every_check_of_the_preflight_is_told() -> None:
+def test_every_check_of_the_preflight_is_documented() -> None:
     page = (DOCS / "preflight.md").read_text("utf-8")
     assert all(f"| `{check}` |" in page for check in get_args(Check))
     for rules in FAILSAFES.values():
         assert all(f"`{name}`" in page for rule in rules for name in rule.names)
 
 
-def test_every_oracle_its_keys_and_every_signal_are_told() -> None:
+def test_every_oracle_its_keys_and_every_signal_are_documented() -> None:
     page = (DOCS / "oracles.md").read_text("utf-8")
     rows = {row.split("|")[1].strip(): row for row in page.splitlines() if row.startswith("| `")}
     for kind, spec in registry.items():

@@ -33,6 +33,7 @@ from tests.faults.alterations import (
     frame_change,
     reading_change,
 )
+from tests.faults.images import altered_images
 from tests.faults.missions import (
     CAUSES,
     MISSIONS,
@@ -43,7 +44,6 @@ from tests.faults.missions import (
     write_mission,
 )
 from tests.faults.motion_capture import captured
-from tests.faults.pictures import altered_images
 from tests.faults.relay import relay
 
 _STAGES: tuple[Stage, ...] = ("takeoff", "at_height", "goal", "land")

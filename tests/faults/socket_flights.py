@@ -92,7 +92,7 @@ class _Flight:
     async def fly(self) -> _Result:
         """Fly it to its end."""
         async with AsyncExitStack() as stack:
-            campaign = await self._surroundings(stack)
+            campaign = await self._open_environment(stack)
             program = await stack.enter_async_context(self._program(campaign))
             begin = asyncio.create_task(self._begin(), name="begin")
             try:
@@ -108,7 +108,7 @@ class _Flight:
             return _Result("ERROR", f"no summary: {err.decode()[-400:]}", "")
         return _Result(run["verdict"], run["reason"], run.get("decided_by", ""))
 
-    async def _surroundings(self, stack: AsyncExitStack) -> Path:
+    async def _open_environment(self, stack: AsyncExitStack) -> Path:
         """Start relays, vehicle and simulator; return the campaign that uses them."""
         fault, subject = self._fault, self._fault.subject
         mavlink_port, capture_port = free_port(), free_port()

@@ -16,8 +16,8 @@ import zmq
 import zmq.asyncio
 
 from tests.faults.alterations import Alteration
+from tests.faults.images import AlteredImage, altered_image
 from tests.faults.motion_capture import Alter
-from tests.faults.pictures import AlteredImage, altered_image
 from tests.faults.relay import Change
 from vehicles.embedded.process.feed import Mocap, from_vehicle
 from vehicles.mavlink.framing import FrameSplitter

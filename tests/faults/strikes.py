@@ -68,7 +68,7 @@ class Strike:
             for link in (ends.vehicle, ends.orchestrator):
                 _hold_back(link, kept)
         for name in _ORDERS:
-            setattr(guard, name, _keeper(getattr(guard, name), kept))
+            setattr(guard, name, _keep_call(getattr(guard, name), kept))
         self._later(lambda: _revive_guard(guard, kept))
 
     def orchestrator(self, loop: MortalLoop, spared: set[asyncio.Task[Any]]) -> None:
@@ -256,7 +256,9 @@ def _hold_back(link: Any, kept: list[Callable[[], object]]) -> None:
     )
 
 
-def _keeper(call: Callable[..., object], kept: list[Callable[[], object]]) -> Callable[..., None]:
+def _keep_call(
+    call: Callable[..., object], kept: list[Callable[[], object]]
+) -> Callable[..., None]:
     return lambda *args: kept.append(lambda: call(*args))
 
 

@@ -39,6 +39,8 @@ _HARMLESS = frozenset(
         *("guided after a hold", "perception without sensors"),
         # They wait for the tasks that expose, deliver and mix.
         *("real camera sensor", "perception"),
+        # The real flight is flown, and judged, without it.
+        *("twin", "twin autonomy"),
     }
 )
 """Who has nothing to do in these flights, or neither judges nor records."""
@@ -53,7 +55,7 @@ _SMALL = tuple(
     for name in ("real", "twin")
     for key, value in (("width_px", 160), ("height_px", 120))
 )
-_ACTS_WITHIN_S = {"orchestrator": 0.5, "real": 3.2, "twin": 3.2}
+_ACTS_WITHIN_S = {"orchestrator": 0.5, "real": 3.2}
 """After whose end in the air the guard has to take over, and how soon."""
 _ENDS_WITHIN_S = 900.0
 _DOWN_WITHIN_S = 120.0
@@ -154,7 +156,7 @@ class _Flight:
             case "stages":
                 wanted = [task for task in tasks if task.get_name() == "flight"]
             case "autonomy":
-                wanted = [task for task in tasks if task.get_name().endswith(" pilot")]
+                wanted = [task for task in tasks if task.get_name().endswith(" autonomy")]
             case "source":
                 wanted = [task for task in tasks if " camera " in task.get_name()]
             case "mixing":
@@ -217,7 +219,7 @@ def inject(fault: Fault, folder: Path) -> Aftermath:
             stack.enter_context(signing_vehicles())
         stack.callback(_undo, flight)
         result = loop.run_until_complete(flight.fly(setup_of(fault, folder)))
-    lost = [*_found(flight, result, loop), *unreadable(folder), *_unsaid(flight, result)]
+    lost = [*_findings_of(flight, result, loop), *unreadable(folder), *_unsaid(flight, result)]
     for task in asyncio.all_tasks(loop):
         task._log_destroy_pending = False  # type: ignore[attr-defined]
     _GRAVEYARD.append((loop, asyncio.all_tasks(loop), flight))
@@ -232,7 +234,7 @@ def inject(fault: Fault, folder: Path) -> Aftermath:
     )
 
 
-def _found(flight: _Flight, result: RunResult | None, loop: MortalLoop) -> list[str]:
+def _findings_of(flight: _Flight, result: RunResult | None, loop: MortalLoop) -> list[str]:
     """Return what must not be after a fault."""
     found, fault = [], flight.fault
     dead = fault.victim if fault.kind == "kill" else ""
@@ -247,10 +249,15 @@ def _found(flight: _Flight, result: RunResult | None, loop: MortalLoop) -> list[
     if result is not None and result.verdict != "PASS" and fault.victim in UNDISTURBED:
         found.append("it should not have disturbed the flight")
     if result is not None and result.verdict == "PASS":
-        found += [f"PASS, though {what}" for what in flight.witness.not_completed()]
+        found += [f"PASS, though {what}" for what in flight.witness.not_completed(but=_gone(fault))]
         if _was_needed(flight, loop):
             found.append(f"PASS, though {flight.hit} was hit in stage {flight.stage}")
     return found
+
+
+def _gone(fault: Fault) -> str:
+    """Return the vehicle of which a PASS says nothing, for it is what was hit."""
+    return "twin" if "twin" in fault.victim or fault.victim == "any task" else ""
 
 
 def _acted_s(flight: _Flight) -> float | None:

@@ -105,7 +105,7 @@ class Program:
 
         await until(there, timeout_s)
 
-    async def said(self, kind: str, mode: str = "wil", timeout_s: float = 20.0) -> None:
+    async def await_event(self, kind: str, mode: str = "wil", timeout_s: float = 20.0) -> None:
         """Wait until the guard of a run has told an event of this kind."""
         path = self.run_folder(mode) / "guard.jsonl"
         await until(lambda: kind in [line.get("kind") for line in lines(path)], timeout_s)

@@ -75,7 +75,7 @@ class FakeVehicle:
             self.heard.append((t_s, "ZERO" if velocity == (0.0, 0.0) else kind))
             return
         if message.command == mavlink.MAV_CMD_DO_SET_MODE:
-            asked = self._asked(message)
+            asked = self._requested_mode(message)
             self.heard.append((t_s, asked.name))
             if asked not in self.ignores:
                 self.mode = asked
@@ -88,7 +88,7 @@ class FakeVehicle:
             self.heard.append((t_s, "TERMINATE"))
             self.armed = False
 
-    def _asked(self, message: Any) -> Mode:
+    def _requested_mode(self, message: Any) -> Mode:
         custom = int(message.param2)
         if isinstance(self.autopilot, Px4):
             custom = px4_custom_mode(int(message.param2), int(message.param3))

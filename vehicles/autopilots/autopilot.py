@@ -97,6 +97,8 @@ class Autopilot(ABC):
     """The modes that it goes through by itself after a takeoff command."""
     spool_s: ClassVar[float]
     """How long after arming its motors are not yet up to take off at once."""
+    liftoff_s: ClassVar[float]
+    """How long it takes, its motors being up, from the takeoff command until it begins to climb."""
     takeoff_needs_amsl: ClassVar[bool]
     """Whether the takeoff command carries a height above mean sea level."""
     parameters_bytewise: ClassVar[bool]
@@ -106,6 +108,8 @@ class Autopilot(ABC):
     refusal_prefixes: ClassVar[tuple[str, ...]]
     """How a STATUSTEXT begins that says why it does not arm."""
     readiness_rules: ClassVar[ReadinessRules]
+    estimator_message_id: ClassVar[int]
+    """Of the message that says whether its estimator is ready."""
 
     @abstractmethod
     def mode_of(self, custom_mode: int) -> Mode:
@@ -131,10 +135,26 @@ class Autopilot(ABC):
         """
 
     @abstractmethod
+    def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
+        """Return which of yaw and yaw rate a setpoint has it ignore; with neither it does not turn.
+
+        yaw_rad, yaw_rate_rad_s: None for what the setpoint does not say; never both given.
+        """
+
     def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
         """Return the messages to request from the autopilot, and how often."""
+        return (
+            MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, rates.state_hz),
+            MessageRate(mavlink.MAVLINK_MSG_ID_SYS_STATUS, rates.status_hz),
+            MessageRate(self.estimator_message_id, rates.status_hz),
+            MessageRate(
+                mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, rates.status_hz, required=False
+            ),
+            MessageRate(mavlink.MAVLINK_MSG_ID_HOME_POSITION, rates.home_hz, required=False),
+        )
 
-    @abstractmethod
     def velocity_setpoint(
         self,
         target: Target,
@@ -148,12 +168,29 @@ class Autopilot(ABC):
 
         Neither yaw nor yaw rate keeps the present heading. Raises ValueError for both.
         """
+        if yaw_rad is not None and yaw_rate_rad_s is not None:
+            raise ValueError("a setpoint has a heading or a heading rate, not both")
+        heading_mask = self._heading_mask(yaw_rad, yaw_rate_rad_s)
+        return local_target(
+            target,
+            t_boot_ms=t_boot_ms,
+            type_mask=IGNORE_POSITION | IGNORE_ACCELERATION | heading_mask,
+            velocity_ned_m_s=velocity_ned_m_s,
+            yaw_rad=yaw_rad or 0.0,
+            yaw_rate_rad_s=yaw_rate_rad_s or 0.0,
+        )
 
-    @abstractmethod
     def position_setpoint(
         self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
     ) -> Any:
         """Return the autopilot's SET_POSITION_TARGET_LOCAL_NED of a position."""
+        return local_target(
+            target,
+            t_boot_ms=t_boot_ms,
+            type_mask=IGNORE_VELOCITY | IGNORE_ACCELERATION | self._heading_mask(yaw_rad, None),
+            position_ned_m=position_ned_m,
+            yaw_rad=yaw_rad or 0.0,
+        )
 
     def arm(self, target: Target) -> Any:
         """Return the command that arms, with all of the autopilot's checks."""

@@ -9,22 +9,15 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.autopilots.autopilot import (
-    IGNORE_ACCELERATION,
-    IGNORE_POSITION,
-    IGNORE_VELOCITY,
     IGNORE_YAW,
     IGNORE_YAW_RATE,
     Autopilot,
     AutopilotName,
-    MessageRate,
     Mode,
     Target,
-    TelemetryRates,
     command_long,
-    local_target,
 )
 from vehicles.autopilots.readiness import ReadinessRules
-from worlds.frames import Vec3
 
 _AUTO = 4
 _ASKED: dict[Mode, tuple[int, int]] = {
@@ -84,6 +77,8 @@ class Px4(Autopilot):
     takeoff_modes: ClassVar[tuple[Mode, ...]] = (Mode.TAKEOFF, Mode.HOLD)
     spool_s: ClassVar[float] = 1.0
     """COM_SPOOLUP_TIME's default."""
+    # MPC_TKO_RAMP_T is 3 s. Measured with the embedded vehicle, held against a trace of 1.18.
+    liftoff_s: ClassVar[float] = 2.9
     takeoff_needs_amsl: ClassVar[bool] = True
     parameters_bytewise: ClassVar[bool] = True
     changes_mode_on_disarm: ClassVar[bool] = True
@@ -97,6 +92,7 @@ class Px4(Autopilot):
     readiness_rules: ClassVar[ReadinessRules] = ReadinessRules(
         estimator_message="ESTIMATOR_STATUS", forbidden_flags=0, needs_home=True
     )
+    estimator_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
 
     def mode_of(self, custom_mode: int) -> Mode:
         """Return our mode for a PX4 HEARTBEAT."""
@@ -120,55 +116,7 @@ class Px4(Autopilot):
         unused = (math.nan,) * 6
         return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, amsl_m)
 
-    def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
-        """Return the messages to request from PX4, and how often."""
-        return (
-            MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
-            MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
-            MessageRate(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, rates.state_hz),
-            MessageRate(mavlink.MAVLINK_MSG_ID_SYS_STATUS, rates.status_hz),
-            MessageRate(mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, rates.status_hz),
-            MessageRate(
-                mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, rates.status_hz, required=False
-            ),
-            MessageRate(mavlink.MAVLINK_MSG_ID_HOME_POSITION, rates.home_hz, required=False),
-        )
-
-    def velocity_setpoint(
-        self,
-        target: Target,
-        *,
-        t_boot_ms: int,
-        velocity_ned_m_s: Vec3,
-        yaw_rad: float | None = None,
-        yaw_rate_rad_s: float | None = None,
-    ) -> Any:
-        """Return PX4's SET_POSITION_TARGET_LOCAL_NED of a velocity."""
-        if yaw_rad is not None and yaw_rate_rad_s is not None:
-            raise ValueError("a setpoint has a heading or a heading rate, not both")
-        mask = IGNORE_POSITION | IGNORE_ACCELERATION
+    def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
         # With neither it keeps the heading it has: PositionControl takes the present yaw.
-        mask |= IGNORE_YAW if yaw_rad is None else 0
-        mask |= IGNORE_YAW_RATE if yaw_rate_rad_s is None else 0
-        return local_target(
-            target,
-            t_boot_ms=t_boot_ms,
-            type_mask=mask,
-            velocity_ned_m_s=velocity_ned_m_s,
-            yaw_rad=yaw_rad or 0.0,
-            yaw_rate_rad_s=yaw_rate_rad_s or 0.0,
-        )
-
-    def position_setpoint(
-        self, target: Target, *, t_boot_ms: int, position_ned_m: Vec3, yaw_rad: float | None = None
-    ) -> Any:
-        """Return PX4's SET_POSITION_TARGET_LOCAL_NED of a position."""
-        mask = IGNORE_VELOCITY | IGNORE_ACCELERATION | IGNORE_YAW_RATE
-        mask |= IGNORE_YAW if yaw_rad is None else 0
-        return local_target(
-            target,
-            t_boot_ms=t_boot_ms,
-            type_mask=mask,
-            position_ned_m=position_ned_m,
-            yaw_rad=yaw_rad or 0.0,
-        )
+        mask = IGNORE_YAW if yaw_rad is None else 0
+        return mask | (IGNORE_YAW_RATE if yaw_rate_rad_s is None else 0)

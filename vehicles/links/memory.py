@@ -2,7 +2,6 @@
 
 import asyncio
 from collections import deque
-from types import TracebackType
 from typing import Self
 
 from vehicles.links.link import Link, Receiver
@@ -43,12 +42,7 @@ class MemoryLink:
         self._loop = asyncio.get_running_loop()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close this end of the memory link; delayed bytes to it are lost."""
         self._loop = None
         self._under_way.clear()

@@ -3,7 +3,6 @@
 import asyncio
 import errno
 import os
-from types import TracebackType
 from typing import Self
 
 from vehicles.links.link import LinkError, Receiver
@@ -66,12 +65,7 @@ class SerialLink:
         self._open(self._loop)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the serial port."""
         self._receiver = None
         await self._recovery.stop()

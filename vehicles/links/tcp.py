@@ -4,7 +4,6 @@ import asyncio
 import errno
 import socket
 import sys
-from types import TracebackType
 from typing import Self
 
 from vehicles.links.byte_stream import StreamPeer
@@ -67,12 +66,7 @@ class TcpOutLink:
             self._recovery.lost(str(error).removeprefix(f"{self.name}: "))
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the TCP connection."""
         self._receiver = None
         await self._recovery.stop()
@@ -161,12 +155,7 @@ class TcpInLink:
             raise LinkError(f"{self.name}: {_remedy(error, self._address)}") from error
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the TCP server and all connections."""
         self._receiver = None
         if self._server is not None:

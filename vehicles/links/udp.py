@@ -4,7 +4,6 @@ import asyncio
 import errno
 import socket
 from collections.abc import Callable
-from types import TracebackType
 from typing import NamedTuple, Self, cast
 
 from vehicles.links.link import LinkError, Receiver
@@ -100,12 +99,7 @@ class UdpLink(asyncio.DatagramProtocol):
             raise LinkError(f"{self.name}: {_remedy(error, self._address)}") from error
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the UDP socket."""
         self._receiver = None
         if self._transport is not None:

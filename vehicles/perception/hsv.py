@@ -90,7 +90,7 @@ class HsvMask:
         kernel = _kernel()
         for index, colors in enumerate(self.ranges):
             target = self._mask if index == 0 else self._more
-            kernel(planes, *_compile_kernel(colors), target.reshape(-1))
+            kernel(planes, *_kernel_arguments(colors), target.reshape(-1))
             if index:
                 cv2.bitwise_or(self._mask, self._more, dst=self._mask)
         return self._mask
@@ -104,7 +104,7 @@ def _kernel() -> Any:
     return mark
 
 
-def _compile_kernel(colors: HsvRange) -> tuple[tuple[np.float32, ...], bool, bool]:
+def _kernel_arguments(colors: HsvRange) -> tuple[tuple[np.float32, ...], bool, bool]:
     """Return an HSV range as arguments of the compiled kernel."""
     (hue_low, hue_high) = colors.hue_deg
     limits = (

@@ -2,7 +2,6 @@
 
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Literal, Protocol, Self, runtime_checkable
 
 from vehicles.errors import VehicleError
@@ -71,12 +70,7 @@ class CameraSource(Protocol):
     async def __aenter__(self) -> Self:
         """Open the camera source. Raises SourceError."""
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the camera source: device, port and thread."""
 
     def __aiter__(self) -> AsyncIterator[CameraReading]:

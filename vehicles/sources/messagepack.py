@@ -41,6 +41,11 @@ class Header:
             raise BadMessageError(f"the header is not a map but {type(values).__name__}")
         return cls(values)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the keys."""
+        return tuple(map(str, self._values))
+
     def __contains__(self, key: str) -> bool:
         return self._values.get(key) is not None
 

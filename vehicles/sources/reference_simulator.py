@@ -16,22 +16,30 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import zmq
 
+from vehicles.sources.simulator.shown_world import packed_objects, shown_objects
 from worlds.camera import Intrinsics
 from worlds.files.documents import BadInput, load
 from worlds.frames import Pose
 from worlds.render.renderer import Renderer
+from worlds.scene.scene import Scene
 from worlds.world_file.world import World
 
 PROTOCOL = "wil/pictures/1"
 
 
-def welcome(names: list[str]) -> list[bytes]:
-    """Return the reference simulator's reply to `hello`: its name, and known objects."""
+def welcome(scene: Scene, world: str) -> list[bytes]:
+    """Return the reference simulator's reply to `hello`: its name, known objects and what it shows.
+
+    `hello` says which case of the world is flown. This simulator knows one world file as it is, and
+    says so by the sizes of what it draws; yours may load the case that is asked for.
+    """
     answer = {
         "protocol": PROTOCOL,
         "type": "welcome",
         "simulator": "wil reference simulator",
-        "objects": names,
+        "objects": list(scene.names),
+        "world": world,
+        "shapes": packed_objects(shown_objects(scene)),
     }
     return [msgpack.packb(answer)]
 
@@ -77,7 +85,7 @@ def refusal(seq: int, message: str) -> list[bytes]:
     return [msgpack.packb(answer)]
 
 
-def answer(renderer: Renderer, names: list[str], question: bytes) -> list[bytes]:
+def answer(renderer: Renderer, scene: Scene, world: str, question: bytes) -> list[bytes]:
     """Return the reference simulator's reply to any message, since REP sockets must reply."""
     seq = 0
     try:
@@ -85,7 +93,7 @@ def answer(renderer: Renderer, names: list[str], question: bytes) -> list[bytes]
         if ask["protocol"] != PROTOCOL:
             return refusal(seq, f"this simulator speaks {PROTOCOL}")
         if ask["type"] == "hello":
-            return welcome(names)
+            return welcome(scene, world)
         seq = ask["seq"]
         return picture(renderer, ask)
     except (ValueError, TypeError, KeyError) as error:
@@ -104,7 +112,7 @@ def main(arguments: list[str] | None = None) -> int:
     except BadInput as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    renderer, names = Renderer(scene), list(scene.names)
+    renderer, world = Renderer(scene), chosen.world.stem
     # The first picture takes long, as with every engine: be ready before anybody can ask.
     renderer.render(Pose((0.0, 0.0, 0.0)), Intrinsics.from_fov(16, 12, 1.0), 0.0)
     with zmq.Context() as context, context.socket(zmq.REP) as socket:
@@ -114,7 +122,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
         while True:
             parts = socket.recv_multipart()
-            socket.send_multipart(answer(renderer, names, parts[0]))
+            socket.send_multipart(answer(renderer, scene, world, parts[0]))
 
 
 if __name__ == "__main__":

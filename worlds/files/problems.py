@@ -49,10 +49,14 @@ class Problem:
 
 
 class BadInput(Exception):  # noqa: N818 - it is what the user gave, not an error of ours
-    """Input files that a user must correct, with every problem found in them."""
+    """Input files that a user must correct, with every problem found in them.
 
-    def __init__(self, problems: Iterable[Problem]) -> None:
+    warnings: what is legal in them and probably not meant.
+    """
+
+    def __init__(self, problems: Iterable[Problem], warnings: Iterable[Problem] = ()) -> None:
         self.problems = tuple(problems)
+        self.warnings = tuple(warnings)
         super().__init__(self.problems)
 
     def __str__(self) -> str:

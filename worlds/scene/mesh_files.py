@@ -137,13 +137,13 @@ def _check_companions(path: Path) -> None:
     """Refuse an .obj mesh file whose materials or textures are missing."""
     if path.suffix.lower() != ".obj":
         return
-    for library in _material_name(path, "mtllib"):
-        for picture in _material_name(library, "map_Kd"):
+    for library in _named_files(path, "mtllib"):
+        for picture in _named_files(library, "map_Kd"):
             if not picture.is_file():
                 raise MeshFileError(f"'{library.name}' names the picture '{picture.name}': no file")
 
 
-def _material_name(path: Path, keyword: str) -> list[Path]:
+def _named_files(path: Path, keyword: str) -> list[Path]:
     """Return the files that lines of a text file name; options before the name are skipped."""
     if not path.is_file():
         raise MeshFileError(f"it refers to the materials '{path.name}': no such file")

@@ -19,7 +19,7 @@ from worlds.frames import AT_ORIGIN, Pose
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UntoldLatency:
+class InputOptics:
     """What the files of `mix` do not tell of their images.
 
     Parameters
@@ -43,7 +43,7 @@ class UntoldLatency:
     place: str | None = None
 
 
-_USUAL = UntoldLatency()
+_USUAL = InputOptics()
 
 
 def mix(
@@ -55,7 +55,7 @@ def mix(
     stages: Path | None = None,
     frame: int = 0,
     sensor: str | None = None,
-    untold: UntoldLatency = _USUAL,
+    untold: InputOptics = _USUAL,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Mix pictures, videos or recordings by a recipe, without a flight.
@@ -99,10 +99,10 @@ def mix(
     except (StepError, OSError) as error:
         err(error)
         return 3
-    return _parse_option(reports, json=json_)
+    return _print_reports(reports, json=json_)
 
 
-def _parse_option(reports: Sequence[CombinationReport], *, json: bool) -> int:
+def _print_reports(reports: Sequence[CombinationReport], *, json: bool) -> int:
     """Print the reports of `mix`; return its exit code."""
     if json:
         out(_as_json(reports))

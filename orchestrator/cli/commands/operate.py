@@ -87,7 +87,7 @@ def _command(kind: OperatorKind, folder: Path | None, who: str | None) -> int:
     if flying is None:
         return NOBODY
     name = f"cli:{who or account()}"
-    answers = _abort(flying, name) if kind == "abort" else list(_by_campaigns(flying, kind, name))
+    answers = _abort(flying, name) if kind == "abort" else list(_to_campaigns(flying, kind, name))
     return 0 if any(answers) else NOBODY
 
 
@@ -95,7 +95,7 @@ def _abort(flying: Places, who: str) -> list[bool]:
     """Ask all sockets at once, so that none which hangs delays another; then signal those."""
     everyone = (*flying.guards, *flying.campaigns)
     with ThreadPoolExecutor(len(everyone)) as threads:
-        answers = list(threads.map(lambda one: _ask_sockets(one, "abort", who), everyone))
+        answers = list(threads.map(lambda one: _send_to_socket(one, "abort", who), everyone))
     for place, obeyed in zip(everyone, answers, strict=True):
         if not obeyed:
             _signal(place)
@@ -115,31 +115,31 @@ def _signal(place: Place) -> None:
     err(f"{place.name}: SIGTERM is sent to process {process.pid}; watch shows whether it lands")
 
 
-def _by_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterable[bool]:
+def _to_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterable[bool]:
     """Send an operator's command to campaigns; to guards only where no campaign is left."""
     orphans = list(flying.guards)
     for campaign in flying.campaigns:
         own = flying.guards_of(campaign)
         try:
-            yield _describe_answers(campaign, ask(campaign.socket, kind, who=who))
+            yield _print_reply(campaign, ask(campaign.socket, kind, who=who))
         except NoAnswerError as error:
             err(error)
         else:
             orphans = [one for one in orphans if one not in own]
     for guard in orphans:
-        yield _ask_sockets(guard, kind, who)
+        yield _send_to_socket(guard, kind, who)
 
 
-def _ask_sockets(place: Place, kind: OperatorKind, who: str) -> bool:
+def _send_to_socket(place: Place, kind: OperatorKind, who: str) -> bool:
     """Send an operator's command to a socket; return whether it was executed."""
     try:
-        return _describe_answers(place, ask(place.socket, kind, who=who))
+        return _print_reply(place, ask(place.socket, kind, who=who))
     except NoAnswerError as error:
         err(error)
         return False
 
 
-def _describe_answers(place: Place, answer: dict[str, Any]) -> bool:
+def _print_reply(place: Place, answer: dict[str, Any]) -> bool:
     """Print the reply to an operator's command; return whether it was executed."""
     obeyed = answer.get("ok") is True
     (out if obeyed else err)(f"{place.name}: {answer.get('text', '')}")

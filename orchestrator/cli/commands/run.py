@@ -18,6 +18,7 @@ from orchestrator.campaign.campaign_runner import (
 )
 from orchestrator.campaign.resumption import ResumeError
 from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
+from orchestrator.cli.final_report import write_final_report
 from orchestrator.cli.progress_display import Display, LineDisplay, SilentDisplay, TerminalDisplay
 from orchestrator.cli.run_selection import ALL, Choice
 from orchestrator.cli.standard_streams import err, ignore_broken_pipe, out
@@ -150,10 +151,11 @@ def _fly_selected(campaign: Campaign, settings: FlyingSettings, *, json: bool) -
     except ResumeError as error:
         err(error)
         return 2
+    report = write_final_report(outcome.folder)
     if json:
         out(to_json(outcome.summary).rstrip())
     else:
-        _print_verdicts(outcome, campaign)
+        _print_verdicts(outcome, campaign, report)
     return outcome.exit_code
 
 
@@ -176,8 +178,8 @@ def _announcement(campaign: Campaign, settings: FlyingSettings) -> str:
     return f"{campaign.name}: {runs} to fly, {at_once} at a time, {settings.clock} clock"
 
 
-def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign) -> None:
-    """Print the verdict table of `run`."""
+def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign, report: Path | None) -> None:
+    """Print the verdict table of `run`, and where its report and its results are."""
     console = Console(file=ignore_broken_pipe())
     table = verdict_table(outcome.summary, campaign.requirements)
     # Where the terminal is narrower it wraps the lines: cells that were cut off would tell nothing.
@@ -186,6 +188,8 @@ def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign) -> None:
     Console(file=ignore_broken_pipe(), width=width).print(table)
     for line in conclusions(outcome.summary):
         console.print(line, soft_wrap=True)
+    if report is not None:
+        console.print(f"report: {report}", highlight=False, soft_wrap=True)
     console.print(f"results: {outcome.folder}", highlight=False, soft_wrap=True)
 
 

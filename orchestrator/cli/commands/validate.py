@@ -40,6 +40,8 @@ def validate(
             out(_check_case(file, clock, set_))
         except BadInput as error:
             problems += error.problems
+            for warning in error.warnings:
+                err(f"warning: {warning}")
     if not problems:
         return 0
     found = list(dict.fromkeys(problems))

@@ -84,7 +84,7 @@ class Encoder:
             "twin": settings.twin,
             "mixed": settings.mixed,
         }
-        self._told: dict[tuple[str, str], Intrinsics] = {}
+        self._known_intrinsics: dict[tuple[str, str], Intrinsics] = {}
 
     def encode(self, sensor: str, reading: Reading) -> list[Message]:
         """Return a reading's encoded messages; parts of an image come before the image."""
@@ -120,9 +120,9 @@ class Encoder:
 
     def _calibration(self, sensor: str, reading: CameraReading | DepthReading) -> list[Message]:
         key = (reading.source, sensor)
-        if self._told.get(key) == reading.intrinsics:
+        if self._known_intrinsics.get(key) == reading.intrinsics:
             return []
-        self._told[key] = reading.intrinsics
+        self._known_intrinsics[key] = reading.intrinsics
         return [self._message(sensor, reading, calibration_body(reading.intrinsics), "calibration")]
 
     def _transform(self, reading: PoseReading) -> Message:

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from types import TracebackType
 from typing import Any, Literal, Self
 
 from orchestrator.model.clock import Clock
@@ -171,12 +170,7 @@ class McapRecorder:
         """Close the MCAP writer without blocking the loop."""
         return await asyncio.get_running_loop().run_in_executor(None, self.close)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _note(

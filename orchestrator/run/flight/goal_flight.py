@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from orchestrator.run.flight.drop_outs import unless_out
 from orchestrator.run.perception.runner_factory import AnyRunner
 from orchestrator.state.run_state import RunState
 from safety.model.verdict import GOAL_TIMEOUT
@@ -18,7 +19,8 @@ class GoalFlight:
     """Flies the goal with the autonomy runner of every vehicle.
 
     events: learns of t0 as the world's event "goal"; notify: told of it as well. started: told
-    when each vehicle got its first setpoint. within_s: how long the subject is given.
+    when each vehicle got its first setpoint. within_s: how long the subject is given. companion: a
+    vehicle that flies beside it, and may drop out.
     """
 
     runners: Mapping[str, AnyRunner]
@@ -28,6 +30,7 @@ class GoalFlight:
     started: Callable[[str, float], None]
     notify: Callable[[str, float], None]
     within_s: float
+    companion: str | None = None
 
     async def fly(self, t0_s: float) -> None:
         """Fly the goal; return when the subject's autonomy is done, and the other's awaited.
@@ -41,7 +44,7 @@ class GoalFlight:
         try:
             async with asyncio.timeout(self.within_s), together() as tasks:
                 flying = [
-                    tasks.create_task(runner.fly(), name=f"{name} pilot")
+                    tasks.create_task(self._fly_vehicle(name, runner), name=f"{name} autonomy")
                     for name, runner in self.runners.items()
                 ]
                 await self._is_done()
@@ -50,10 +53,17 @@ class GoalFlight:
             said = f"the autonomy of {self.subject} was not done {self.within_s:g} s after its goal"
             self.run_state.decide("FAIL", f"{said} (sync.goal_timeout_s)", source=GOAL_TIMEOUT)
 
+    async def _fly_vehicle(self, name: str, runner: AnyRunner) -> None:
+        if name == self.companion:
+            await unless_out(name, self.run_state, runner.fly)
+        else:
+            await runner.fly()
+
     async def _is_done(self) -> None:
         await self.runners[self.subject].done.wait()
         self.run_state.enter("done")
-        others = [p.done.wait() for name, p in self.runners.items() if name != self.subject]
+        gone = {self.subject, *self.run_state.dropped_out}
+        others = [one.done.wait() for name, one in self.runners.items() if name not in gone]
         try:
             async with asyncio.timeout(_OTHERS_S):
                 await asyncio.gather(*others)

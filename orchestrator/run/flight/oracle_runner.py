@@ -60,7 +60,7 @@ class OracleRunner:
         self._heard_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
         self._reported_s: dict[tuple[str, str], float] = {}
-        self._told = 0
+        self._events_passed_on = 0
         self.fence_changes: list[FenceChange] = []
         run_state.on_stage(self._stage)
 
@@ -70,7 +70,7 @@ class OracleRunner:
         context.on_pose(self._pose)
         context.on_reference(self._reference)
         context.driver.on_event(lambda event: self._event(context, event))
-        context.driver.on_failure(lambda error: self._run_state.decide("ERROR", str(error)))
+        context.driver.on_failure(lambda error: self._failure(context, str(error)))
         context.on_contact(lambda truth: self._contact(context, truth))
 
     async def run(self, alive: Callable[[], None]) -> None:
@@ -158,6 +158,12 @@ class OracleRunner:
         if event.kind != "text":
             self._judge_state(state_sample(context.name, context.driver.state, event.t_s))
 
+    def _failure(self, context: VehicleContext, reason: str) -> None:
+        if context.may_drop_out and self._run_state.reached("takeoff"):
+            self._run_state.drop_out(context.name, reason)
+        else:
+            self._run_state.decide("ERROR", reason)
+
     def _contact(self, context: VehicleContext, truth: TruthSample) -> None:
         """Report a vehicle's physical contact: a broken drone, whatever the oracles judge."""
         self._run_state.decide(
@@ -177,8 +183,8 @@ class OracleRunner:
         for flag in flags:
             for watch in self._watch:
                 watch(flag)
-        for event in self._judge.decisive[self._told :]:
-            self._told += 1
+        for event in self._judge.decisive[self._events_passed_on :]:
+            self._events_passed_on += 1
             self._run_state.decide(
                 event.kind,
                 event.text,

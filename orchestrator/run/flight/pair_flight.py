@@ -5,11 +5,14 @@ import itertools
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 
 from campaigns.setup.case_setup import SyncSetup
+from orchestrator.model.liftoff_delays import staggers_s
 from orchestrator.model.results import NOT_ARMED
+from orchestrator.run.flight.drop_outs import unless_out
 from orchestrator.run.flight.operator_hold import OperatorHold
 from orchestrator.state.run_state import FlightError, RunState
 from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.autopilots.registry import autopilot_named
+from vehicles.cameras.rendered_cameras import sleep_until
 from vehicles.driver.session.identity import same_vehicle
 from vehicles.errors import VehicleError
 from vehicles.setpoints import PositionSetpoint
@@ -19,6 +22,8 @@ _SETTLED_S = 0.5
 """How long a vehicle has to be at height before it counts: not merely passing through."""
 _POLL_S = 0.02
 _CLIMB_HZ = 10.0
+_SILENT_S = 3.0
+"""A vehicle that dropped out and is silent for so long is not waited for."""
 
 
 async def fly_together(
@@ -28,6 +33,8 @@ async def fly_together(
     holding: OperatorHold,
     sync: SyncSetup,
     heights_m: Mapping[str, float],
+    liftoff_delays_s: Mapping[str, float],
+    stagger: Callable[[Mapping[str, float]], None],
     before_arming: Callable[[], Awaitable[None]],
     barrier: Callable[[], None],
     goal: Callable[[float], Awaitable[None]],
@@ -37,14 +44,17 @@ async def fly_together(
 ) -> None:
     """Fly all vehicles of the pair through the stages up to landed; `goal(t0_s)` flies the goal.
 
-    heights_m: to which height above its start each takes off, by name. prepare: puts aboard a
+    heights_m: to which height above its start each takes off, by name. liftoff_delays_s: how long
+    each takes from its command to its liftoff; whose is shorter gets its command later. stagger: is
+    told by how much. prepare: puts aboard a
     ready vehicle what it needs. before_arming: what has to be proven when all have it. preflight:
     raises what speaks against arming. arm: False stops there. barrier: called when all are at
     height, before the goal.
 
     Every barrier waits for all, and for an operator who holds. An error at any stage is raised to
-    the caller, who brings everything down; so does `course.over` when it is set before the goal is
-    given.
+    the caller, who brings everything down; so does `run_state.over` when it is set before the goal
+    is given. From the takeoff on a vehicle that may drop out does so by its errors, and the others
+    fly on without it.
     """
     run_state.enter("identify")
     await _each(contexts, lambda context: context.driver.identify(sync.identify_timeout_s))
@@ -61,18 +71,20 @@ async def fly_together(
         return
     run_state.enter("arm")
     await holding.through(lambda: _arm(contexts))
+    stagger(staggers_s(liftoff_delays_s, [context.name for context in contexts]))
     run_state.enter("takeoff")
+    delays_s = liftoff_delays_s
     await holding.through(
-        lambda: _take_off(contexts, heights_m, sync),
-        again=lambda: _go_on_taking_off(contexts, heights_m, sync),
+        lambda: _take_off(contexts, heights_m, sync, run_state, delays_s),
+        again=lambda: _go_on_taking_off(contexts, heights_m, sync, run_state, delays_s),
     )
     run_state.enter("at_height")
     barrier()
-    await holding.through(lambda: _guide(contexts))
+    await holding.through(lambda: _guide(contexts, run_state))
     t0_s = run_state.enter("goal")
-    await _with_operator_holds(contexts, holding, goal(t0_s))
+    await _with_operator_holds(contexts, holding, goal(t0_s), run_state)
     run_state.enter("land")
-    await holding.through(lambda: _land(contexts, sync))
+    await holding.through(lambda: _land(contexts, sync, run_state))
     run_state.enter("landed")
 
 
@@ -86,28 +98,55 @@ async def _arm(contexts: tuple[VehicleContext, ...]) -> None:
 
 
 async def _take_off(
-    contexts: Iterable[VehicleContext], heights_m: Mapping[str, float], sync: SyncSetup
+    contexts: Iterable[VehicleContext],
+    heights_m: Mapping[str, float],
+    sync: SyncSetup,
+    run_state: RunState,
+    delays_s: Mapping[str, float],
 ) -> None:
-    """Send the pair's takeoff commands in one turn of the loop, and wait until they are up."""
-    acknowledged = [one.driver.begin_takeoff(heights_m[one.name]) for one in contexts]
-    await asyncio.gather(*acknowledged)
-    await _each(contexts, lambda one: _at_height(one, heights_m[one.name], sync))
+    """Send the pair's takeoff commands, so that all lift together, and wait until they are up."""
+    await _command_takeoff(contexts, heights_m, run_state, delays_s)
+    await _each_left(contexts, run_state, lambda one: _at_height(one, heights_m[one.name], sync))
 
 
 async def _go_on_taking_off(
-    contexts: Iterable[VehicleContext], heights_m: Mapping[str, float], sync: SyncSetup
+    contexts: Iterable[VehicleContext],
+    heights_m: Mapping[str, float],
+    sync: SyncSetup,
+    run_state: RunState,
+    delays_s: Mapping[str, float],
 ) -> None:
     """Continue the pair's takeoff after a hold: again from the ground, climbing in the air."""
     grounded = [one for one in contexts if one.driver.state.landed in {"on_ground", "unknown"}]
-    await _each(grounded, lambda one: one.driver.arm())
-    acknowledged = [one.driver.begin_takeoff(heights_m[one.name]) for one in grounded]
-    await asyncio.gather(*acknowledged)
+    await _each_left(grounded, run_state, lambda one: one.driver.arm())
+    await _command_takeoff(grounded, heights_m, run_state, delays_s)
 
     async def go_up(context: VehicleContext) -> None:
         up = _at_height if context in grounded else _climb
         await up(context, heights_m[context.name], sync)
 
-    await _each(contexts, go_up)
+    await _each_left(contexts, run_state, go_up)
+
+
+async def _command_takeoff(
+    contexts: Iterable[VehicleContext],
+    heights_m: Mapping[str, float],
+    run_state: RunState,
+    delays_s: Mapping[str, float],
+) -> None:
+    """Send the slowest vehicle's takeoff command at once, in one turn; the others' later."""
+    left = [one for one in contexts if one.name not in run_state.dropped_out]
+    waits_s = staggers_s(delays_s, [one.name for one in left])
+    at_once = [one for one in left if waits_s[one.name] == 0.0]
+    acknowledged = {one.name: one.driver.begin_takeoff(heights_m[one.name]) for one in at_once}
+
+    async def command(context: VehicleContext) -> None:
+        if context.name not in acknowledged:
+            await asyncio.sleep(waits_s[context.name])
+            acknowledged[context.name] = context.driver.begin_takeoff(heights_m[context.name])
+        await acknowledged[context.name]
+
+    await _each_left(left, run_state, command)
 
 
 async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> None:
@@ -124,19 +163,39 @@ async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> N
             await asyncio.wait([there], timeout=1.0 / _CLIMB_HZ)
 
 
-async def _guide(contexts: Iterable[VehicleContext]) -> None:
+async def _guide(contexts: Iterable[VehicleContext], run_state: RunState) -> None:
     """Bring the pair into the mode that follows setpoints."""
-    await _each(contexts, lambda context: context.driver.enter_guided())
+    await _each_left(contexts, run_state, lambda context: context.driver.enter_guided())
 
 
-async def _land(contexts: Iterable[VehicleContext], sync: SyncSetup) -> None:
+async def _land(contexts: tuple[VehicleContext, ...], sync: SyncSetup, run_state: RunState) -> None:
     """Land the pair and wait until both are disarmed."""
-    await _each(contexts, lambda context: context.driver.land())
-    await _each(contexts, lambda context: context.driver.disarmed(sync.landing_timeout_s))
+    await _each_left(contexts, run_state, lambda context: context.driver.land())
+    await _each_left(
+        contexts, run_state, lambda context: context.driver.disarmed(sync.landing_timeout_s)
+    )
+    await _grounded([one for one in contexts if one.name in run_state.dropped_out], sync)
+
+
+async def _grounded(dropped_out: Iterable[VehicleContext], sync: SyncSetup) -> None:
+    """Wait until dropped-out vehicles are disarmed, as long as they are received."""
+    loop = asyncio.get_running_loop()
+
+    def is_coming_down(context: VehicleContext) -> bool:
+        state = context.driver.state
+        heard_s = state.last_heard_s
+        return state.armed and heard_s is not None and loop.time() - heard_s < _SILENT_S
+
+    until_s = loop.time() + sync.landing_timeout_s
+    while loop.time() < until_s and any(map(is_coming_down, dropped_out)):
+        await sleep_until(loop.time() + _POLL_S)
 
 
 async def _with_operator_holds(
-    contexts: Iterable[VehicleContext], holding: OperatorHold, goal: Awaitable[None]
+    contexts: Iterable[VehicleContext],
+    holding: OperatorHold,
+    goal: Awaitable[None],
+    run_state: RunState,
 ) -> None:
     """Fly the pair's goal; after each operator hold return to the guided mode."""
 
@@ -144,7 +203,7 @@ async def _with_operator_holds(
         while True:
             count = holding.count
             await holding.resumed(after=count)
-            await holding.through(lambda: _guide(contexts))
+            await holding.through(lambda: _guide(contexts, run_state))
 
     async with together() as tasks:
         guiding = tasks.create_task(guide_again(), name="guided after a hold")
@@ -176,6 +235,22 @@ async def _each(
                 group.create_task(one(context), name=f"{context.name} stage")
     except* (VehicleError, FlightError) as errors:
         raise errors.exceptions[0] from None
+
+
+async def _each_left(
+    contexts: Iterable[VehicleContext],
+    run_state: RunState,
+    do: Callable[[VehicleContext], Awaitable[object]],
+) -> None:
+    """Do something with each vehicle of the pair that has not dropped out, until it does."""
+
+    async def one(context: VehicleContext) -> None:
+        if not context.may_drop_out:
+            await do(context)
+        else:
+            await unless_out(context.name, run_state, lambda: do(context))
+
+    await _each(contexts, one)
 
 
 async def _at_height(context: VehicleContext, altitude_m: float, sync: SyncSetup) -> None:

@@ -27,6 +27,7 @@ from orchestrator.run.flight.recorder_factory import recorder_of
 from orchestrator.run.flight.run_oracles import build_judge
 from orchestrator.run.flight.run_outcome import broken_result, external_result, result_of
 from orchestrator.run.flight.synchronisation import Synchronisation
+from orchestrator.run.flight.twin_monitor import TwinMonitor
 from orchestrator.run.flight.watchdog import Watchdog
 from orchestrator.run.perception.autonomy_calls import AutonomyFault
 from orchestrator.run.perception.perception import Perception
@@ -39,6 +40,7 @@ from orchestrator.run.vehicles.pair import Pair, open_pair
 from orchestrator.run.vehicles.preflight_checks import Preflight
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import FlightError, RunState, Stage
+from orchestrator.state.signal_faults import SignalFaults
 from orchestrator.state.vehicle_context import VehicleContext
 from recipes.working import StepError
 from safety.evaluation.judge import COLLISION_ALWAYS, Judge
@@ -92,6 +94,7 @@ class _Run:
     recorder: RunRecorder
     goal: GoalFlight
     sync: Synchronisation
+    twin: TwinMonitor | None
     holding: OperatorHold
     reporter: ProgressReporter
     aboard: OnboardConfiguration
@@ -112,6 +115,7 @@ class _Ground:
     outside: ExternalIo
     recorder: RunRecorder
     sync: Synchronisation
+    twin: TwinMonitor | None
     reporter: ProgressReporter
     preflight: Preflight
     perception: Perception | None = None
@@ -178,6 +182,7 @@ class Flown:
                     artifacts=ground.recorder.artifacts,
                     preflight=ground.preflight.items,
                     fence_changes=tuple(ground.bench.fence_changes),
+                    twin=None if ground.twin is None else ground.twin.result(),
                     end_s=end_s,
                     wall_s=wall_s,
                 )
@@ -212,17 +217,39 @@ def _ground_of(setup: RunSetup, run_state: RunState, report: Report, streams: Ex
         outside=outside,
         recorder=recorder,
         sync=Synchronisation(setup=setup.campaign.sync, run_state=run_state),
+        twin=_twin_monitor(setup, run_state),
         reporter=reporter,
         preflight=Preflight(setup=setup),
     )
 
 
+def _twin_monitor(setup: RunSetup, run_state: RunState) -> TwinMonitor | None:
+    """Return what watches the twin beside the judged vehicle; None where there is none."""
+    if setup.mode != "wil":
+        return None
+    return TwinMonitor(
+        coupling=setup.vehicle("twin").coupling,
+        limit_m=setup.campaign.sync.max_twin_distance_m,
+        run_state=run_state,
+    )
+
+
 async def _fly_pair(ground: _Ground, inbox: Inbox, disturb: Disturb | None) -> None:
+    """Start the vehicles, fly them, and have them down and gone before this returns."""
+    async with ground.outside as outside:
+        if outside.disagreements:
+            # What is mixed in would not be what is judged: nothing has to be flown to know that.
+            text = "; ".join(outside.disagreements)
+            ground.run_state.decide("INVALID", text, source="simulator")
+            return
+        await _fly_in_world(ground, inbox, disturb)
+
+
+async def _fly_in_world(ground: _Ground, inbox: Inbox, disturb: Disturb | None) -> None:
     """Start the run's vehicles, fly them, and end them before this returns."""
     setup, outside, run_state = ground.setup, ground.outside, ground.run_state
     record = ground.sync.recording(ground.recorder.frame)
     async with (
-        outside,
         open_pair(setup, record=record, captures=outside.captures) as pair,
         open_runners(setup, pair, run_state) as runners,
     ):
@@ -240,6 +267,13 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
     subject = next(one for one in pair.contexts if one.name == setup.subject)
     run_state.last_note = lambda: subject.note
     ground.outside.attach(pair.contexts)
+    faults = SignalFaults(
+        setup.campaign.faults,
+        run_state=run_state,
+        note=lambda text: recorder.note("fault injected", fault=text),
+    )
+    for context in pair.contexts:
+        context.inject(faults)
     ground.perception = perception = build_perception(
         setup,
         pair=pair,
@@ -248,6 +282,7 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
         run_state=run_state,
         events=ground.events,
         watchers=_watchers(recorder, ground.outside),
+        faults=faults,
     )
     goal = GoalFlight(
         runners=perception.runners,
@@ -256,10 +291,13 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
         events=ground.events,
         started=sync.goal_given,
         within_s=setup.campaign.sync.goal_timeout_s,
+        companion=setup.companion,
         notify=partial(_world_event, recorder, pair),
     )
     run_state.on_stage(partial(_moment, ground.events, goal.notify))
     sync.attach(pair.contexts)
+    if ground.twin is not None and setup.companion is not None:
+        ground.twin.attach(setup.companion, needed_by=perception.bound_to_twin)
     pair.begin_outage(setup.campaign.links, run_state)
     aboard = OnboardConfiguration(
         setup=setup, contexts=pair.contexts, run_state=run_state, note=recorder.note
@@ -274,6 +312,7 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
         recorder=recorder,
         goal=goal,
         sync=sync,
+        twin=ground.twin,
         holding=OperatorHold(run_state=run_state),
         reporter=reporter,
         aboard=aboard,
@@ -319,6 +358,9 @@ async def _conduct(run: _Run) -> None:
         ("outside", lambda: run.outside.run(run_state)),
         ("watchdog", watchdog.run),
     )
+    if (twin := run.twin) is not None and run.setup.companion is not None:
+        sign = watchdog.watch("twin distance")
+        lasting += (("twin distance", lambda: twin.run(run.pair.contexts, sign)),)
     async with together() as tasks:
         background = [
             tasks.create_task(_last(run_state, name, begin), name=name) for name, begin in lasting
@@ -432,6 +474,8 @@ async def _fly_stages(run: _Run) -> None:
         holding=run.holding,
         sync=setup.campaign.sync,
         heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
+        liftoff_delays_s=setup.liftoff_delays_s,
+        stagger=run.sync.stagger,
         before_arming=partial(prove_and_anchor, setup, run.pair.contexts, run.outside, run.aboard),
         barrier=run.sync.check_takeoff,
         goal=run.goal.fly,
@@ -446,10 +490,22 @@ def _guard_event(run: _Run, event: GuardEvent) -> None:
     run.recorder.guard_event(event)
     run.holding.take(event)
     run.reporter.guard(event)
+    if event.kind == "alone":
+        _drop_out(run, event)
     settled = decisive(event)
     if settled is not None:
         text = settled.text + last_statustext(run.pair, event)
         run.run_state.decide(settled.kind, text, t_s=settled.t_s, source=settled.source)
+
+
+def _drop_out(run: _Run, event: GuardEvent) -> None:
+    """Take that the guard lands a vehicle alone; before the takeoff there is no flight to go on."""
+    text = event.text + last_statustext(run.pair, event)
+    if run.run_state.reached("takeoff"):
+        run.run_state.drop_out(event.vehicle, text)
+    else:
+        source = f"guard.{event.kind}/{event.vehicle}"
+        run.run_state.decide("ERROR", text, t_s=event.t_s, source=source)
 
 
 async def _record(run: _Run) -> None:

@@ -16,6 +16,7 @@ from orchestrator.model.results import (
     SyncResult,
     percentiles,
 )
+from orchestrator.model.twin_results import TwinResult
 from orchestrator.run.perception.mixing_loop import MixingLoop
 from orchestrator.run.perception.perception import Perception
 from orchestrator.state.run_setup import RunSetup
@@ -39,6 +40,7 @@ def result_of(
     artifacts: tuple[str, ...],
     preflight: tuple[Item, ...],
     fence_changes: tuple[FenceChange, ...],
+    twin: TwinResult | None,
     end_s: float,
     wall_s: float,
 ) -> RunResult:
@@ -85,6 +87,7 @@ def result_of(
             subject=setup.subject,
         ),
         exceptions=exceptions_of(run_state),
+        twin=twin,
     )
 
 
@@ -171,14 +174,15 @@ def _combination_result(mixing: MixingLoop) -> CombinationResult:
     statistics, counts = mixing.statistics, mixing.mixer.counts()
     error = statistics.registration_error_px.percentiles()
     bound = statistics.registration_bound_px.percentiles()
-    replaced = {"replaced": statistics.replaced} if statistics.replaced else {}
+    never = {"replaced": statistics.replaced, "missed": statistics.missed}
+    unmixed = {reason: count for reason, count in never.items() if count}
     coverage = None if mixing.probe is None else mixing.probe.coverage
     return CombinationResult(
         name=mixing.name,
         sensor=mixing.mixer.combination.sensor.kind,
         publish=mixing.mixer.publish,
         frames=statistics.frames,
-        dropped={**dict(counts.dropped), **replaced},
+        dropped={**dict(counts.dropped), **unmixed},
         faults=dict(counts.faults),
         rate_hz=statistics.rate_hz or 0.0,
         skew_ms=statistics.skew_ms.percentiles(),

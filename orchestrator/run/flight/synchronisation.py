@@ -1,6 +1,6 @@
 """How well the pair kept together: the skews of a run, measured and held to their limits."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from campaigns.setup.case_setup import SyncSetup
 from orchestrator.model.results import SyncResult
@@ -22,11 +22,16 @@ class Synchronisation:
         self._contexts: tuple[VehicleContext, ...] = ()
         self._command_s: dict[str, float] = {}
         self._goal_s: dict[str, float] = {}
+        self._waited_s: Mapping[str, float] = {}
 
     def attach(self, contexts: tuple[VehicleContext, ...]) -> None:
         """Attach the pair whose synchronisation is measured."""
         self._contexts = contexts
         self._run_state.on_stage(self._on_stage)
+
+    def stagger(self, waited_s: Mapping[str, float]) -> None:
+        """Take how long each vehicle's takeoff command is held back, so that all lift together."""
+        self._waited_s = waited_s
 
     def recording(self, record: Record) -> Record:
         """Return a frame recorder that also notes the pair's takeoff command times."""
@@ -46,14 +51,18 @@ class Synchronisation:
     def check_takeoff(self) -> None:
         """Check the pair's takeoff skew against its limits, once both are at height.
 
-        A skew that was not measured is not shown to be small: INVALID too.
+        A skew that was not measured is not shown to be small: INVALID too. There is none to a
+        vehicle that dropped out meanwhile.
         """
+        if any(context.name in self._run_state.dropped_out for context in self._contexts):
+            return
         result = self.result()
         lifted = [
             context.name for context in self._contexts if context.liftoff.liftoff_s is not None
         ]
         self._require("command", self._command_s, "takeoff command to")
-        self._check("command", result.command_skew_s, self._setup.max_command_skew_s)
+        due_s = {n: t_s - self._waited_s.get(n, 0.0) for n, t_s in self._command_s.items()}
+        self._check("command", self._skew(due_s), self._setup.max_command_skew_s)
         self._require("takeoff", lifted, "liftoff of")
         self._check("takeoff", result.takeoff_skew_s, self._setup.max_takeoff_skew_s)
 
@@ -65,6 +74,11 @@ class Synchronisation:
             command_skew_s=self._skew(self._command_s),
             takeoff_skew_s=self._skew(lifted),
             t0_skew_s=self._skew(self._goal_s),
+            liftoff_delays_s={
+                name: lifted[name] - command_s
+                for name, command_s in sorted(self._command_s.items())
+                if name in lifted
+            },
         )
 
     def _on_stage(self, stage: Stage, _: float) -> None:

@@ -9,6 +9,9 @@ from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.autonomy import Autonomy, PerceivesRaw
 from vehicles.cameras.rendered_cameras import sleep_until
 from vehicles.readings import Reading
+from vehicles.setpoints import Setpoint
+
+SetpointListener = Callable[[Setpoint, float], None]
 
 
 class AutonomyRunner:
@@ -26,7 +29,12 @@ class AutonomyRunner:
         self._rate_hz = rate_hz
         self._crashed = False
         self._started: Callable[[str, float], None] | None = None
+        self._setpoint_listeners: list[SetpointListener] = []
         self.done = asyncio.Event()
+
+    def on_setpoint(self, listener: SetpointListener) -> None:
+        """Call `listener(setpoint, t_s)` with each setpoint, once it is on its way."""
+        self._setpoint_listeners.append(listener)
 
     def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
         """Call `started(name, t_s)` once, when the autonomy's next setpoint is sent."""
@@ -70,6 +78,8 @@ class AutonomyRunner:
         self.context.driver.send(command.setpoint)
         self.context.setpoint = command.setpoint
         self.context.note = command.note
+        for listener in self._setpoint_listeners:
+            listener(command.setpoint, now_s)
         if self._started is not None:
             self._started(self.context.name, now_s)
             self._started = None

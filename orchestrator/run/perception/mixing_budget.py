@@ -109,6 +109,8 @@ class MixingBudgetWatch:
         since_s = max(last_s, self._run_state.entered_s["goal"])
         if now_s - since_s > watched.stalled_s:
             said = f"no mixed reading for more than {watched.stalled_s:g} s"
+            if why := watched.loop.statistics.last_miss:
+                said += f": {why}"
             self.spoiled(watched.loop.name, said)
         breach = watched.rate.breach(now_s)
         if breach is not None:

@@ -29,6 +29,14 @@ _KEPT_SMALL = 64
 _EARLY_S = 1e-6
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Waiting:
+    """A real reading in the order of its arrival. is_due: it is mixed; others are but offered."""
+
+    reading: Reading
+    is_due: bool
+
+
 @dataclass(frozen=True, slots=True)
 class RegistrationError:
     """A mixture's registration error, RMS in pixels; None: nothing virtual in view.
@@ -52,11 +60,14 @@ class MixingLoop:
     `register` wants; None where the twin's readings come by themselves (`twin_reading`). poses: of
     the vehicle from whose place it is asked. wait_s: how long a pose for the exposure is waited
     for. period_s: of the real readings; none waits longer for the twin's. rate_hz: at most so
-    many mixtures; None for each real reading. registration: tells how far off a twin's picture is;
+    many mixtures on average, each of the reading that is nearest to its time; None for each real
+    reading. registration: tells how far off a twin's picture is;
     None for sensors without pixels. probe: measures what a mixture shows; None where
     that cannot be, and `unmeasured` says why. tell: takes each mixture, also
     one that is none. trouble: told what is wrong with a reading. A real reading that finds too
-    many waiting replaces the oldest, which counts as dropped. Ends by StepError when a step fails.
+    many waiting replaces the oldest, which counts as dropped; so does one for which the twin's
+    source gives no image, or gives it later than the recipe's max_latency_ms: a camera, too, loses
+    a frame here and there. Ends by StepError when a step fails.
     """
 
     def __init__(
@@ -83,6 +94,7 @@ class MixingLoop:
         self._wait_s = wait_s
         self._pair_wait_s = min(_PAIR_WAIT_S, period_s)
         self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
+        self._early_s = max(_EARLY_S, min(period_s, self._period_s) / 2.0 - _EARLY_S)
         self._due_s = 0.0
         self._drawn_s = 0.0
         self._registration = registration
@@ -90,26 +102,42 @@ class MixingLoop:
         self.unmeasured = unmeasured
         self._tell = tell
         self._trouble = trouble
-        self._waiting: deque[Reading] = deque()
+        self._waiting: deque[_Waiting] = deque()
+        self._is_mixing = False
         self._twins: deque[Reading] = deque(maxlen=_KEPT_SMALL)
         self._arrived = asyncio.Event()
 
     def real_reading(self, reading: Reading) -> None:
         """Take the real sensor's reading into the mixing loop."""
-        if not self._is_due(reading):
+        is_due = self._is_due(reading)
+        if not (is_due or self._is_mixing or self._waiting):
             self.mixer.offer("real", reading)
             return
-        if len(self._waiting) >= (_WAITING_BIG if _is_big(reading) else _WAITING_SMALL):
-            self._waiting.popleft()
-            self.statistics.replaced += 1
-        self._waiting.append(reading)
+        # Behind those that wait: a step that chooses by time sees all in their order.
+        self._make_way(is_due=is_due, is_big=_is_big(reading))
+        self._waiting.append(_Waiting(reading, is_due))
         self._arrived.set()
 
+    def _make_way(self, *, is_due: bool, is_big: bool) -> None:
+        """Let the oldest reading of a kind go where as many wait as may."""
+        if is_due:
+            most = _WAITING_BIG if is_big else _WAITING_SMALL
+        else:
+            most = _KEPT_BIG if is_big else _KEPT_SMALL
+        alike = [one for one in self._waiting if one.is_due is is_due]
+        if len(alike) >= most:
+            self._waiting.remove(alike[0])
+            self.statistics.replaced += is_due
+
     def _is_due(self, reading: Reading) -> bool:
-        """Return whether a reading is due for mixing: on average at the recipe's rate."""
+        """Return whether a reading is due for mixing: on average at the recipe's rate.
+
+        One that is nearer to its time than the next would be counts, so that a camera at the
+        recipe's own rate loses nothing by the jitter of its stamps.
+        """
         if self._period_s == 0.0:
             return True
-        if reading.t_s < self._due_s - _EARLY_S:
+        if reading.t_s < self._due_s - self._early_s:
             return False
         behind = reading.t_s - self._due_s >= self._period_s
         self._due_s = (reading.t_s if behind else self._due_s) + self._period_s
@@ -131,17 +159,33 @@ class MixingLoop:
         while True:
             await self._arrived.wait()
             self._arrived.clear()
-            while self._waiting:
+            self._is_mixing = True
+            while self._offer_readings_before_due():
                 await self._mix()
+            self._is_mixing = False
+
+    def _offer_readings_before_due(self) -> bool:
+        """Offer what waits before the next reading that is due; return whether there is one."""
+        while self._waiting and not self._waiting[0].is_due:
+            self.mixer.offer("real", self._waiting.popleft().reading)
+        return bool(self._waiting)
+
+    def _next_due(self) -> Reading:
+        self._offer_readings_before_due()
+        return self._waiting.popleft().reading
 
     async def _mix(self) -> None:
         if self._twin is None:
             await self._twin_has_come()
-            real = self._waiting.popleft()
+            real = self._next_due()
             twin, alignment = self._nearest(real.t_s), "as it came"
         else:
-            real = self._waiting.popleft()
-            twin, alignment = await self._ask_twin(self._twin, real)
+            real = self._next_due()
+            try:
+                twin, alignment = await self._ask_twin(self._twin, real)
+            except NoImageError as error:
+                self.statistics.miss(str(error))
+                return
         now_s = asyncio.get_running_loop().time()
         if self.probe is not None:
             self.probe.begin()
@@ -178,13 +222,17 @@ class MixingLoop:
             return
 
     def _twin_is_there(self) -> bool:
-        return bool(self._twins) and self._twins[-1].t_s >= self._waiting[0].t_s - _EARLY_S
+        oldest_s = next(one.reading.t_s for one in self._waiting if one.is_due)
+        return bool(self._twins) and self._twins[-1].t_s >= oldest_s - _EARLY_S
 
     def _nearest(self, t_s: float) -> Reading | None:
         return min(self._twins, key=lambda reading: abs(reading.t_s - t_s), default=None)
 
     async def _ask_twin(self, twin: OnDemand, real: Reading) -> tuple[Reading | None, str]:
-        """Return the twin's reading at the recipe's pose to mix, and how that was found."""
+        """Return the twin's reading at the recipe's pose to mix, and how that was found.
+
+        Raises NoImageError when its source gives none, or gives it too late.
+        """
         request = self.mixer.pose_request
         assert request is not None  # noqa: S101 - who asks has a request
         if request.align == "interpolate":
@@ -195,17 +243,22 @@ class MixingLoop:
             # A silent vehicle's last pose is older than what was predicted from it meanwhile.
             return None, "no pose for the exposure"
         self._drawn_s = found.t_s
-        try:
-            reading = await twin.ask(
-                found.pose,
-                found.t_s,
-                want_ids="ids" in self.mixer.needs,
-                want_depth="depth" in self.mixer.needs,
-            )
-        except NoImageError as error:
-            self._trouble(str(error))
-            return None, "no picture of its world"
+        reading = await twin.ask(
+            found.pose,
+            found.t_s,
+            want_ids="ids" in self.mixer.needs,
+            want_depth="depth" in self.mixer.needs,
+        )
+        self._require_in_time(asyncio.get_running_loop().time() - real.t_s)
         return replace(reading, sensor=self.mixer.sensor), found.how
+
+    def _require_in_time(self, age_s: float) -> None:
+        limit_s = self.mixer.combination.budget.max_latency_s
+        if limit_s is not None and age_s > limit_s + _EARLY_S:
+            raise NoImageError(
+                f"the twin's image came {age_s * 1e3:.0f} ms after the exposure, more than "
+                f"max_latency_ms: {limit_s * 1e3:.0f}"
+            )
 
     async def _pose_has_come(self, t_s: float) -> None:
         """Wait briefly until the pose source has passed t_s, so that mixing can align."""

@@ -28,13 +28,16 @@ class Samples:
 class MixingStatistics:
     """Statistics of mixed readings: rate, skew, latency, registration error.
 
-    replaced: readings that made way for newer ones before they were mixed; what the mixer left
-    out it counts itself.
+    replaced: readings that made way for newer ones before they were mixed. missed: readings that
+    were not mixed, for the twin's source gave no image in time; last_miss: why the newest of them
+    was. What the mixer left out it counts itself.
     """
 
     def __init__(self) -> None:
         self.frames = 0
         self.replaced = 0
+        self.missed = 0
+        self.last_miss = ""
         self.skew_ms = Samples()
         self.latency_ms = Samples()
         self.registration_error_px = Samples()
@@ -48,6 +51,11 @@ class MixingStatistics:
         if self._first_s is None:
             self._first_s = t_s
         self._last_s = t_s
+
+    def miss(self, reason: str) -> None:
+        """Count a reading that was not mixed."""
+        self.missed += 1
+        self.last_miss = reason
 
     @property
     def last_delivery_s(self) -> float | None:

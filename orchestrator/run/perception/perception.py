@@ -10,6 +10,7 @@ from orchestrator.run.perception.mixing_statistics import MixingStatistics
 from orchestrator.run.perception.runner_factory import AnyRunner
 from orchestrator.state.mixtures import MixedFrame
 from orchestrator.state.run_state import RunState
+from orchestrator.state.signal_faults import FaultySignal
 from recipes.working import StepError
 from vehicles.errors import VehicleError
 from vehicles.readings import Reading
@@ -20,12 +21,16 @@ Take = Callable[[Reading], None]
 
 @dataclass(slots=True)
 class SensorSource:
-    """A vehicle's sensor in perception, and all that take its readings. vehicle, sensor: names."""
+    """A vehicle's sensor in perception, and all that take its readings.
+
+    vehicle, sensor: names. fault: what is injected into its readings; None for nothing.
+    """
 
     vehicle: str
     sensor: str
     stream: Stream
     takers: list[Take] = field(default_factory=list)
+    fault: FaultySignal[Reading] | None = None
 
     async def run(self) -> None:
         """Deliver the sensor's readings until cancelled."""
@@ -35,6 +40,11 @@ class SensorSource:
         """Deliver a reading under the sensor's name to all that take it."""
         if reading.sensor != self.sensor:
             reading = replace(reading, sensor=self.sensor)
+        if self.fault is not None:
+            passed = self.fault.passed(reading)
+            if passed is None:
+                return
+            reading = passed
         for take in self.takers:
             take(reading)
 
@@ -58,6 +68,11 @@ class Perception:
     def mixings(self) -> tuple[MixingLoop, ...]:
         """Return perception's mixing loops, in the order of the recipe."""
         return tuple(self.budgets.loops)
+
+    @property
+    def bound_to_twin(self) -> tuple[str, ...]:
+        """Return the mixings that take the twin's readings from wherever the twin is."""
+        return tuple(one.name for one in self.mixings if one.mixer.pose_request is None)
 
     @property
     def statistics(self) -> MixingStatistics | None:

@@ -20,6 +20,7 @@ from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.mixtures import MixedFrame, PreviewImages
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import RunState
+from orchestrator.state.signal_faults import SignalFaults, restamp_reading
 from orchestrator.state.vehicle_context import VehicleContext
 from recipes.pipeline.autonomy_readings import without_knowledge
 from recipes.pipeline.pipeline import Mixer, compile_recipe
@@ -56,19 +57,28 @@ def build_perception(
     run_state: RunState,
     events: Mapping[str, float],
     watchers: PerceptionWatchers,
+    faults: SignalFaults,
 ) -> Perception:
     """Build a run's sensors and mixing loops for its runners, not started yet."""
 
     def someone_is_silent() -> bool:
         now_s = asyncio.get_running_loop().time()
-        heard_s = [context.driver.state.last_heard_s for context in pair.contexts]
+        awaited = [one for one in pair.contexts if one.name not in run_state.dropped_out]
+        heard_s = [context.driver.state.last_heard_s for context in awaited]
         return any(t_s is None or now_s - t_s > _SILENT_S for t_s in heard_s)
 
     budgets = MixingBudgetWatch(run_state=run_state, someone_is_silent=someone_is_silent)
     perception = Perception(runners, run_state, budgets)
     contexts = {context.name: context for context in pair.contexts}
+    if setup.placed is not None:
+        contexts[setup.placed.name] = contexts[setup.subject]
     senses = SensorFactory(
-        setup=setup, contexts=contexts, feeds=pair.vehicles, events=events, outside=outside
+        setup=setup,
+        contexts=contexts,
+        feeds=pair.vehicles,
+        events=events,
+        outside=outside,
+        faults=faults,
     )
     perception.from_outside = outside.senses(budgets.doubted)
     arranger = _PerceptionBuilder(
@@ -81,6 +91,7 @@ def build_perception(
         probes=VisibilityProbes(
             setup=setup, contexts=contexts, events=events, outside=outside, run_state=run_state
         ),
+        faults=faults,
     )
     arranger.arrange()
     return perception
@@ -97,8 +108,10 @@ class _PerceptionBuilder:
         watchers: PerceptionWatchers,
         perception: Perception,
         probes: VisibilityProbes,
+        faults: SignalFaults,
     ) -> None:
         self._probes = probes
+        self._faults = faults
         self._setup = setup
         self._contexts = contexts
         self._senses = senses
@@ -114,6 +127,8 @@ class _PerceptionBuilder:
         mixers = self._mixers() if self._setup.mode == "wil" else ()
         combined = Counter(mixer.sensor for mixer in mixers)
         for mixer in mixers:
+            if not self._receivers(mixer):
+                continue
             name = mixer.sensor
             if combined[name] > 1:
                 name = f"{name}.{'_'.join(mixer.publish)}"
@@ -138,8 +153,8 @@ class _PerceptionBuilder:
         )
 
     def _mix(self, mixer: Mixer, name: str) -> None:
-        real = _named_combinations(self._setup.vehicle("real"), mixer.sensor)
-        twin = _named_combinations(self._setup.vehicle("twin"), mixer.sensor)
+        real = _sensor_setup(self._setup.vehicle("real"), mixer.sensor)
+        twin = _sensor_setup(self._setup.vehicle("twin"), mixer.sensor)
         request, perception = mixer.pose_request, self._perception
         rate_hz = mixer.combination.sensor.rate_hz
         period_s = 1.0 / _rate_hz(real)
@@ -166,10 +181,11 @@ class _PerceptionBuilder:
 
     def _delivery(self, mixer: Mixer, name: str, *, asked: bool) -> Callable[[MixedFrame], None]:
         """Build what records a mixture and hands it to its autonomy runners."""
-        runners = [self._perception.runners[vehicle] for vehicle in mixer.publish]
+        receivers = self._receivers(mixer)
+        runners = [self._perception.runners[vehicle] for vehicle in receivers]
         raw = mixer.combination.publish_raw
         subject = self._setup.subject in mixer.publish
-        filmed = subject and mixer.combination.sensor.kind == "camera" and self._film(name)
+        filmed = subject and mixer.combination.sensor.kind == "camera" and self._is_filmed(name)
 
         def deliver(frame: MixedFrame) -> None:
             if frame.name != name:
@@ -178,7 +194,7 @@ class _PerceptionBuilder:
                 self._watchers.reading(frame.twin)
             self._watchers.frame(frame)
             if frame.mixed.reading is not None:
-                self._watchers.perceived(frame.mixed.reading, mixer.publish)
+                self._watchers.perceived(frame.mixed.reading, receivers)
             if filmed:
                 self._show(frame)
             for runner in runners:
@@ -186,7 +202,11 @@ class _PerceptionBuilder:
 
         return deliver
 
-    def _film(self, name: str) -> bool:
+    def _receivers(self, mixer: Mixer) -> tuple[str, ...]:
+        """Return whose autonomies perceive a mixture: nobody perceives for a placed twin."""
+        return tuple(one for one in mixer.publish if one in self._perception.runners)
+
+    def _is_filmed(self, name: str) -> bool:
         """Return whether the run's video shows this: the subject's first image."""
         self._video = self._video or name
         return self._video == name
@@ -194,13 +214,13 @@ class _PerceptionBuilder:
     def _show(self, frame: MixedFrame) -> None:
         if isinstance(frame.mixed.reading, CameraReading):
             self._watchers.shown(
-                PreviewImages(frame.mixed.reading, _is_image(frame.real), _is_image(frame.twin))
+                PreviewImages(frame.mixed.reading, _camera(frame.real), _camera(frame.twin))
             )
 
     def _direct(self, vehicle: VehicleSetup, sensor: SensorSetup) -> None:
         """Build the direct delivery of a vehicle's own sensor to its runner."""
         subject = vehicle.name == self._setup.subject
-        filmed = subject and isinstance(sensor, CameraSetup) and self._film(sensor.name)
+        filmed = subject and isinstance(sensor, CameraSetup) and self._is_filmed(sensor.name)
         self._source(vehicle.name, sensor).takers.append(
             _perception_users(self._perception.runners[vehicle.name], self._watchers, filmed=filmed)
         )
@@ -209,7 +229,8 @@ class _PerceptionBuilder:
         key = (vehicle, sensor.name)
         if key not in self._sources:
             stream = self._senses.stream(self._setup.vehicle(vehicle), sensor)
-            source = SensorSource(vehicle, sensor.name, stream, [self._watchers.reading])
+            fault = self._faults.signal(vehicle, sensor.name, restamp_reading)
+            source = SensorSource(vehicle, sensor.name, stream, [self._watchers.reading], fault)
             self._sources[key] = source
         return self._sources[key]
 
@@ -242,12 +263,12 @@ def _hand_over(runner: AnyRunner, frame: MixedFrame, *, raw: bool) -> None:
         runner.perceive(frame.mixed.reading)
 
 
-def _is_image(reading: Reading | None) -> CameraReading | None:
+def _camera(reading: Reading | None) -> CameraReading | None:
     """Return the reading if it is a camera image; else None."""
     return reading if isinstance(reading, CameraReading) else None
 
 
-def _named_combinations(vehicle: VehicleSetup, name: str) -> SensorSetup:
+def _sensor_setup(vehicle: VehicleSetup, name: str) -> SensorSetup:
     """Return a vehicle's sensor setup by its name."""
     return next(sensor for sensor in vehicle.sensors if sensor.name == name)
 

@@ -44,9 +44,9 @@ class Registrar:
         It tells nothing of a picture of unknown place, nor where nothing virtual is in sight. The
         truth of a vehicle of ours is no reference for pictures that come from outside.
         """
-        twin_camera = _projected_corners(self._setup.vehicle("twin"), camera.name)
+        twin_camera = _camera_setup(self._setup.vehicle("twin"), camera.name)
         accuracy = self._setup.vehicle("real").pose_accuracy
-        real, shown_as = self._contexts["real"], _drawn_objects(camera)
+        real, shown_as = self._contexts["real"], _image_source_name(camera)
 
         def registered(twin: Reading, exposed_s: float) -> RegistrationError:
             drawn_from = self._drawn_from(twin, twin_camera)
@@ -74,7 +74,7 @@ class Registrar:
         """Return the pose a twin's image was rendered from; a live one does not say."""
         if not isinstance(twin, CameraReading | DepthReading):
             return None
-        if twin.camera_pose is not None or camera is None or _drawn_objects(camera) != "live":
+        if twin.camera_pose is not None or camera is None or _image_source_name(camera) != "live":
             return twin.camera_pose
         body = self._contexts["twin"].poses.at(twin.t_s).pose
         return None if body is None else camera.mount.camera_pose(body)
@@ -88,13 +88,13 @@ class Registrar:
         ]
 
 
-def _projected_corners(vehicle: VehicleSetup, name: str) -> Pictured | None:
+def _camera_setup(vehicle: VehicleSetup, name: str) -> Pictured | None:
     """Return the setup of a vehicle's camera whose registration is measured."""
     found = (one for one in vehicle.sensors if one.name == name)
     return next((one for one in found if isinstance(one, CameraSetup | DepthSetup)), None)
 
 
-def _drawn_objects(camera: Pictured) -> ShownAs:
+def _image_source_name(camera: Pictured) -> ShownAs:
     """Return the source of a camera's images as results name it."""
     source = camera.source if isinstance(camera, CameraSetup) else None
     return "rendered" if source is None else source.shown_as

@@ -10,6 +10,7 @@ from orchestrator.run.perception.autonomy_calls import (
     call_autonomy,
 )
 from orchestrator.run.perception.autonomy_runner import AutonomyRunner
+from orchestrator.run.perception.coupled_runners import FollowRunner, ShadowRunner
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import RunState
@@ -17,7 +18,7 @@ from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.autonomy import Autonomy
 from vehicles.autopilots.autopilot import Target
 
-AnyRunner = AutonomyRunner | ProgramRunner
+AnyRunner = AutonomyRunner | ProgramRunner | FollowRunner | ShadowRunner
 
 
 @asynccontextmanager
@@ -32,7 +33,10 @@ async def open_runners(
     runners: dict[str, AnyRunner] = {}
     async with AsyncExitStack() as stack:
         for context in pair.contexts:
-            if setup.campaign.under_test.program is None:
+            coupled = _coupled_runner(setup, pair, context, runners)
+            if coupled is not None:
+                runners[context.name] = coupled
+            elif setup.campaign.under_test.program is None:
                 runners[context.name] = AutonomyRunner(
                     autonomy=_build_autonomy(setup, context.name),
                     context=context,
@@ -43,6 +47,22 @@ async def open_runners(
                 program = _program_runner(setup, pair, context, run_state)
                 runners[context.name] = await stack.enter_async_context(program)
         yield runners
+
+
+def _coupled_runner(
+    setup: RunSetup, pair: Pair, context: VehicleContext, runners: Mapping[str, AnyRunner]
+) -> FollowRunner | ShadowRunner | None:
+    """Return what flies a twin that has no autonomy of its own; None for any other vehicle."""
+    if context.name != setup.companion:
+        return None
+    coupling = setup.vehicle(context.name).coupling
+    if coupling == "follow":
+        leader = next(one for one in pair.contexts if one.name == setup.subject)
+        return FollowRunner(context=context, leader=leader)
+    autonomy = runners.get(setup.subject)
+    if coupling == "shadow" and isinstance(autonomy, AutonomyRunner):
+        return ShadowRunner(context=context, leader=autonomy)
+    return None
 
 
 def _build_autonomy(setup: RunSetup, name: str) -> Autonomy:

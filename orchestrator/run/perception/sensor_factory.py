@@ -25,6 +25,7 @@ from campaigns.values.sensor_setups import (
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.run.vehicles.vehicle_backends import Feed, vehicle_seed
 from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.signal_faults import FaultyOnDemand, SignalFaults, restamp_reading
 from orchestrator.state.vehicle_context import VehicleContext
 from safety.model.samples import PoseSample
 from vehicles.cameras.camera_effects import CameraQuality
@@ -96,8 +97,10 @@ class SensorFactory:
         feeds: Mapping[str, Feed],
         events: Mapping[str, float],
         outside: ExternalIo,
+        faults: SignalFaults,
     ) -> None:
         self._outside = outside
+        self._faults = faults
         self._setup = setup
         self._contexts = contexts
         self._feeds = feeds
@@ -128,7 +131,9 @@ class SensorFactory:
         same one, so that its numbers are told once.
         """
         if sensor.name not in self._asked:
-            self._asked[sensor.name] = self._asked_sensor(sensor, like)
+            asked = self._asked_sensor(sensor, like)
+            fault = self._faults.signal("twin", sensor.name, restamp_reading)
+            self._asked[sensor.name] = asked if fault is None else FaultyOnDemand(asked, fault)
         return self._asked[sensor.name]
 
     def _asked_sensor(self, sensor: SensorSetup, like: SensorSetup) -> OnDemand:
@@ -155,7 +160,7 @@ class SensorFactory:
             source=self._image_source(*key),
             on_missing=lambda reason: self._outside.missing(key, reason),
             # Where nobody knows the truth, it stands where its pose source says.
-            history=context.truth if vehicle.embedded else context.poses,
+            history=context.truth if self._has_truth(vehicle) else context.poses,
             intrinsics=camera.intrinsics,
             rate_hz=camera.rate_hz,
             side=vehicle.name,
@@ -163,7 +168,7 @@ class SensorFactory:
             mount=camera.mount,
             quality=CameraQuality.of_profile(self._setup.profiles[vehicle.name].camera),
             compute=self._compute(camera),
-            pose_delay_s=POSE_DELAY_S if vehicle.embedded else _TELEMETRY_DELAY_S,
+            pose_delay_s=POSE_DELAY_S if self._has_truth(vehicle) else _TELEMETRY_DELAY_S,
         )
 
     def _model(self, vehicle: VehicleSetup, sensor: SensorSetup, *, like: SensorSetup) -> Sensor:
@@ -244,6 +249,10 @@ class SensorFactory:
         late_s = 1.0 / rate_hz if datasheet.latency_s == turn_s else datasheet.latency_s
         return Timing(rate_hz, late_s, datasheet.jitter_s)
 
+    def _has_truth(self, vehicle: VehicleSetup) -> bool:
+        """Return whether it is a simulation of ours that flies: a placed twin has the real's."""
+        return vehicle.embedded and vehicle != self._setup.placed
+
     def _scene(self, name: str) -> Scene:
         return self._setup.real_scene if name == "real" else self._setup.virtual_scene
 
@@ -262,10 +271,10 @@ class SensorFactory:
     def _track(self, name: str) -> TruthHistory:
         if name not in self._tracks:
             self._tracks[name] = TruthHistory()
-            if self._setup.vehicle(name).embedded:
+            if self._has_truth(self._setup.vehicle(name)):
                 self._feeds[name].on_truth(self._tracks[name].add, FELT_TRUTH_HZ)
             else:
-                self._contexts[name].on_pose(partial(_trust_profile, self._tracks[name]))
+                self._contexts[name].on_pose(partial(_add_pose_as_truth, self._tracks[name]))
         return self._tracks[name]
 
     def _rng(self, vehicle: VehicleSetup, sensor: SensorSetup) -> np.random.Generator:
@@ -278,7 +287,7 @@ class SensorFactory:
         return in_thread if heavy and self._setup.clock != "virtual" else inline
 
 
-def _trust_profile(track: TruthHistory, sample: PoseSample) -> None:
+def _add_pose_as_truth(track: TruthHistory, sample: PoseSample) -> None:
     """Take a pose as the truth for sensors: no better source is there."""
     track.add(
         TruthSample(

@@ -45,6 +45,9 @@ def guard_of(
     time; under the wall clock the guard's process writes the logs of frames, and it gets the
     commands that went out.
     """
+    pace = _pace_of(setup)
+    # Without the simulation that leads it the run clock is nobody's: then all have to come down.
+    leader = None if pace is None or pace.follows_us else pace.leader
     guarded: dict[str, GuardedVehicle] = {
         vehicle.name: GuardedVehicle(
             autopilot=autopilot_named(vehicle.autopilot),
@@ -53,6 +56,7 @@ def guard_of(
             attached=vehicle.attached is not None,
             gcs=setup.clock != "virtual" and vehicle.name in setup.campaign.gcs,
             fence=setup.campaign.fences.get(vehicle.name),
+            lands_alone=vehicle.name == setup.companion and vehicle.name != leader,
         )
         for vehicle in setup.vehicles
     }
@@ -78,7 +82,7 @@ def guard_of(
             for one in setup.vehicles
         },
         settings=replace(settings, orchestrator_silent_s=HANGING_S * setup.pace),
-        pace=_pace_of(setup),
+        pace=pace,
     )
     guard = RemoteGuard(guard_config=guard_config, record=record)
     backend = SubprocessBackend(setup, guard, prepared)

@@ -117,9 +117,11 @@ class OnboardConfiguration:
         try:
             await stack.aclose()
         except VehicleError as error:
-            self._run_state.decide(
-                "ERROR", f"{name} keeps the onboard configuration of this run: {error}"
-            )
+            said = f"{name} keeps the onboard configuration of this run: {error}"
+            if name in self._run_state.dropped_out:
+                self._note("parameter", vehicle=name, text=said)
+            else:
+                self._run_state.decide("ERROR", said)
 
     async def _fetch_log(self, context: VehicleContext) -> None:
         logs, folder = context.driver.onboard.logs, self._setup.order.folder

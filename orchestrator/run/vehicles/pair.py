@@ -115,7 +115,13 @@ def _vehicle_context(setup: RunSetup, vehicle: VehicleSetup, link: TappedLink) -
         voice=command_backend_of(vehicle.driver, name=vehicle.name),
         max_clock_drift=_clock_drift(setup, vehicle),
     )
-    return VehicleContext(vehicle.name, driver, vehicle.start, vehicle.pose_source)
+    return VehicleContext(
+        vehicle.name,
+        driver,
+        vehicle.start,
+        vehicle.pose_source,
+        may_drop_out=vehicle.name == setup.companion,
+    )
 
 
 def _clock_drift(setup: RunSetup, vehicle: VehicleSetup) -> float:

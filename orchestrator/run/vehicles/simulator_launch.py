@@ -29,7 +29,7 @@ def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, Pre
         if vehicle.launch is None:
             continue
         one = PreparedLaunch(
-            launch=_await_home(vehicle.launch, setup, vehicle),
+            launch=_at_start(vehicle.launch, setup, vehicle),
             folder=(setup.order.folder / f"{vehicle.name}-sitl").absolute(),
             system_id=vehicle.system_id,
         )
@@ -51,7 +51,7 @@ async def start_simulators(name: str, prepared: PreparedLaunch, guard: RemoteGua
         await stop(end)
 
 
-def _await_home(launch: SitlLaunch, setup: RunSetup, vehicle: VehicleSetup) -> SitlLaunch:
+def _at_start(launch: SitlLaunch, setup: RunSetup, vehicle: VehicleSetup) -> SitlLaunch:
     """Return the simulator's launch at the vehicle's start in the world."""
     place = setup.campaign.world.frame.to_geodetic(vehicle.start.position_ned_m)
     home = Home(

@@ -28,6 +28,7 @@ class ResampleBeamsParameters(SidedParameters):
     """to: the other side, whose beams to take, or beams."""
 
     shorthand = "to"
+    reshapes = True
 
     to: Literal["real", "twin"] | BeamsPart
 

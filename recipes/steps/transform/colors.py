@@ -119,7 +119,7 @@ class _Matcher:
                 f"match_photometry: there is no image of {missing}",
             )
         if self._now is None or self._frame % self._p.measure_every == 0:
-            wanted = self._wanted_look(work, other)
+            wanted = self._wanted_correction(work, other)
             share = 1.0 - self._p.smoothing
             self._now = wanted if self._now is None else self._now.towards(wanted, share)
         self._frame += 1
@@ -127,7 +127,7 @@ class _Matcher:
         image = self._corrector.applied(reading.image_bgr, work.mask, self._now, reading.seq)
         return work if image is reading.image_bgr else _with_image(work, image)
 
-    def _wanted_look(self, work: Work, other: Work) -> Correction:
+    def _wanted_correction(self, work: Work, other: Work) -> Correction:
         """Return the correction that matches this side's colours to the other camera's."""
         p = self._p
         theirs = with_known(

@@ -42,6 +42,8 @@ _FRD_FROM_FLU: Quat = (0.0, 1.0, 0.0, 0.0)
 class AxesParameters(SidedParameters):
     """world, body: the axes of a source's frames; they become NED and FRD."""
 
+    reshapes = True
+
     world: Literal["ned", "enu"] = "ned"
     body: Literal["frd", "flu"] = "frd"
 

@@ -39,6 +39,7 @@ class ResizeParameters(SidedParameters):
     """to: the image size: the other side's, or one given."""
 
     shorthand = "to"
+    reshapes = True
 
     to: Literal["real", "twin"] | Size
 
@@ -67,6 +68,8 @@ def resize(parameters: ResizeParameters, context: Context) -> Operator:  # noqa:
 
 class CropParameters(SidedParameters):
     """left_px, top_px: of the image part's first pixel; None puts the part into the middle."""
+
+    reshapes = True
 
     width_px: SizePx
     height_px: SizePx
@@ -102,6 +105,7 @@ class CameraModelParameters(SidedParameters):
     """
 
     shorthand = "to"
+    reshapes = True
 
     to: Literal["real", "twin"] | IntrinsicsPart
     turn: RotationPart = RotationPart()

@@ -76,10 +76,10 @@ class _Remembering(TimedOperator):
 
     def offer(self, reading: Reading) -> Reading | None:
         """Remember a reading of this side; the step after this one gets the same."""
-        self._is_filled(reading)
+        self._remember(reading)
         return reading
 
-    def _is_filled(self, reading: Reading) -> _Memory:
+    def _remember(self, reading: Reading) -> _Memory:
         """Return the timing memory with the reading added."""
         if self._memory is None:
             self._memory = _memory(reading, self._span_s, self._kept_big)
@@ -127,7 +127,7 @@ class _Resample(_Remembering):
         self._max_gap_s = max_gap_s
 
     def __call__(self, work: AnyMasked, other: AnyMasked | None) -> AnyMasked:
-        memory = self._is_filled(work.reading)
+        memory = self._remember(work.reading)
         if other is None:
             return work
         t_s: float = other.reading.t_s
@@ -187,7 +187,7 @@ class _Delay(_Remembering):
 
     def offer(self, reading: Reading) -> Reading | None:
         """Remember a reading; the step after this one gets the newest that is old enough."""
-        return self._is_filled(reading).around(reading.t_s - self._by_s + 1e-9)[0]
+        return self._remember(reading).around(reading.t_s - self._by_s + 1e-9)[0]
 
     def __call__(self, work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG002 - the interface
         found = self.offer(work.reading)

@@ -35,6 +35,7 @@ EventKind = Literal[
     "pose",
     "record",
     "guard",
+    "alone",
 ]
 """A cause; hold, resume: the operator's; proposed: fences could be changed, and are to be uploaded
 first; geofence: they were changed in flight; refused: a command that cannot be followed now;
@@ -42,7 +43,8 @@ action: a step of a contingency; dropped: frames of the orchestrator that were n
 setpoints were more than the campaign's limits, told at the first and after the last of them; heard:
 a lost vehicle or orchestrator is back; link: a vehicle is flown by another of its links now; pose:
 a position that is not finite was let go; record: the log of frames cannot be written any more;
-guard: the guard's own process ended, or erred."""
+guard: the guard's own process ended, or erred; alone: a cause that brings down this one vehicle
+and settles nothing for the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,9 @@ class GuardedVehicle:
     attached: it came from outside, so that it may be hardware. landing: LAND, or RTL where the
     campaign asks for it and preflight allowed it. terminate: the campaign opted in to cutting the
     motors of this vehicle as the last resort. gcs: a ground station port is open for it. limits:
-    of the setpoints that it is given; None passes all.
+    of the setpoints that it is given; None passes all. lands_alone: what happens to this vehicle
+    brings it down and no other, and nobody waits for it once it is silent: the simulated twin of a
+    vehicle that flies on.
     """
 
     autopilot: Autopilot
@@ -101,6 +105,7 @@ class GuardedVehicle:
     terminate: bool = False
     gcs: bool = False
     limits: SetpointLimits | None = None
+    lands_alone: bool = False
 
     def __post_init__(self) -> None:
         require_landing(self.landing)

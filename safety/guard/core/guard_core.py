@@ -87,7 +87,7 @@ class GuardCore:
         """Return whether the guard latched and every vehicle is disarmed or ended."""
         return self.latched is not None and all(
             supervised.contingency.down
-            or supervised.gone
+            or supervised.is_out_of_reach
             or supervised.seen.last_received_s is None
             for supervised in self._supervised_vehicles.values()
         )
@@ -97,7 +97,7 @@ class GuardCore:
         return tuple(
             name
             for name, supervised in self._supervised_vehicles.items()
-            if not supervised.gone and supervised.seen.may_be_armed(t_s)
+            if not supervised.is_out_of_reach and supervised.seen.may_be_armed(t_s)
         )
 
     def last_received_s(self, name: str) -> float | None:
@@ -338,11 +338,12 @@ class GuardCore:
         return tuple(self._latch("fence", supervised.name, f"{supervised.name} {breach}", t_s))
 
     def _passes(self, supervised: SupervisedVehicle, frame: Frame, t_s: float) -> bool:
-        if self.latched is not None or self.paused:
+        lands = self.latched is not None or supervised.contingency.started
+        if lands or self.paused:
             seen = supervised.seen
             parameters = not seen.taken_over
             # Held vehicles may be given another fence; it moves none of them.
-            plans = parameters and (self.latched is None or not seen.may_be_armed(t_s))
+            plans = parameters and (not lands or not seen.may_be_armed(t_s))
             return is_harmless(frame, parameters=parameters, plans=plans)
         if frame.message_id not in _COMMANDS:
             return True
@@ -381,16 +382,32 @@ class GuardCore:
         return (self._event(t_s, "dropped", supervised.name, f"{key[1]} was not forwarded"),)
 
     def _latch(self, cause: Cause, name: str, text: str, t_s: float) -> list[Output]:
-        """Latch the guard: take over, and say why; a later cause is only reported."""
+        """Latch the guard: take over, and say why; a later cause is only reported.
+
+        A vehicle that lands alone is taken over alone. Clocks that came apart are of both.
+        """
+        about = self._supervised_vehicles.get(name)
+        if about is not None and about.vehicle.lands_alone and cause != "clock":
+            return self._land_alone(about, cause, text, t_s)
         if self.latched is not None:
-            return self._report_once(self._supervised_vehicles.get(name), cause, text, t_s)
+            return self._report_once(about, cause, text, t_s)
         self.latched, self.paused = cause, False
         out: list[Output] = []
         for supervised in self._supervised_vehicles.values():
             actions = supervised.contingency.start(supervised.seen.facts(t_s), t_s)
             out += self._send(supervised, actions, t_s)
         # What brakes goes out first; the words follow.
-        return [*out, *self._report_once(self._supervised_vehicles.get(name), cause, text, t_s)]
+        return [*out, *self._report_once(about, cause, text, t_s)]
+
+    def _land_alone(
+        self, supervised: SupervisedVehicle, cause: Cause, text: str, t_s: float
+    ) -> list[Output]:
+        actions = supervised.contingency.start(supervised.seen.facts(t_s), t_s)
+        if cause in supervised.told:
+            return []
+        supervised.told.add(cause)
+        event = self._event(t_s, "alone", supervised.name, text)
+        return [*self._send(supervised, actions, t_s), event]
 
     def _report_once(
         self, supervised: SupervisedVehicle | None, kind: EventKind, text: str, t_s: float

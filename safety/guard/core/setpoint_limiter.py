@@ -125,9 +125,9 @@ class SetpointLimiter:
         if motion is not None:
             up_m = -motion.position_ned_m[2]
             if ceiling is not None:
-                high = self._stopping_setpoint(ceiling - self.limits.keep_m - up_m)
+                high = self._stopping_speed(ceiling - self.limits.keep_m - up_m)
             if floor is not None:
-                low = -self._stopping_setpoint(up_m - floor - self.limits.keep_m)
+                low = -self._stopping_speed(up_m - floor - self.limits.keep_m)
         else:
             high = math.inf if ceiling is None else 0.0
             low = -math.inf if floor is None else 0.0
@@ -137,7 +137,7 @@ class SetpointLimiter:
         found.append(LimitReport("climb", climb, given, "m/s"))
         return (velocity[0], velocity[1], -given)
 
-    def _stopping_setpoint(self, room_m: float) -> float:
+    def _stopping_speed(self, room_m: float) -> float:
         """Return the speed from which a vehicle stops within `room_m`; 0 without."""
         if room_m <= 0.0:
             return 0.0

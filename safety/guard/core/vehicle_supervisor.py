@@ -44,6 +44,11 @@ class SupervisedVehicle:
         self.heartbeat_s: float | None = None
 
     @property
+    def is_out_of_reach(self) -> bool:
+        """Return whether nothing can be done for it, and nobody has to wait for it."""
+        return self.gone or (self.lost and self.vehicle.lands_alone)
+
+    @property
     def commanded(self) -> frozenset[Mode] | None:
         """Return the modes the supervisor requests; None under the orchestrator."""
         if self.contingency.phase is Phase.IDLE:

@@ -12,7 +12,6 @@ import socket
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from safety.guard.core.operator_command import OperatorCommand
@@ -89,12 +88,7 @@ class OperatorSocket:
             write_private(self._pointer, json.dumps(said) + "\n")
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Stop listening, and remove the operator's socket and its pointer."""
         if self._server is not None:
             self._server.close()

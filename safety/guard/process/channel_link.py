@@ -1,7 +1,6 @@
 """One vehicle's MAVLink over the packet socket, as a link: the same at both of its ends."""
 
 import asyncio
-from types import TracebackType
 from typing import Any, Self
 
 from safety.guard.process.channel import Channel
@@ -50,11 +49,6 @@ class ChannelLink:
         self._open = True
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close this end of the channel's link."""
         self._open = False

@@ -85,7 +85,7 @@ class ClockFollower:
             name: self._steering.track if name == setup.leader else BootTrack() for name in systems
         }
         self._apart = {name: ClockDivergence() for name in systems if name != setup.leader}
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._begun: Segment | None = None
 
     def tap(self, name: str, link: Link) -> Link:
@@ -153,8 +153,8 @@ class ClockFollower:
         )
 
     def _publish_pace(self, name: str, trouble: Trouble, text: str) -> None:
-        if name not in self._told:
-            self._told.add(name)
+        if name not in self._reported:
+            self._reported.add(name)
             self._trouble(name, trouble, text)
 
 

@@ -74,7 +74,7 @@ from vehicles.mavlink.tlog import TlogWriter
 from vehicles.poses.anchor import Anchor
 from vehicles.processes.child import ChildProcess, how_it_ended
 from vehicles.processes.identity import ProcessId
-from vehicles.tasks import TaskAccount, start
+from vehicles.tasks import FAULTS, TaskAccount, start
 from worlds.frames import Pose
 
 STATUS_S = 0.1
@@ -94,7 +94,7 @@ class GuardProcess:
         self._chartered: asyncio.Future[ConfigMessage | None]
         self._over = asyncio.Event()
         self._ending = False
-        self._faults = 0
+        self._faults: list[BaseException] = []
         self._guarding = False
         self._lost = False
         self._children: dict[str, ChildProcess] = {}
@@ -103,11 +103,13 @@ class GuardProcess:
         self._links: list[ChannelLink] = []
         self._tlogs: dict[str, TlogWriter] = {}
         self._following: ClockFollower | None = None
+        self._journal: GuardLog | None = None
 
     async def run(self) -> int:
         """Run the guard process until the orchestrator ends it, or is gone and all are down."""
         loop = asyncio.get_running_loop()
         self._chartered = loop.create_future()
+        loop.set_exception_handler(self._on_task_error)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             loop.add_signal_handler(number, self._on_end_request, number)
         self._channel.open()
@@ -131,7 +133,7 @@ class GuardProcess:
         self._guard_config = guard_config
         self._names = tuple(guard_config.vehicles)
         folder = Path(guard_config.folder)
-        self._journal = GuardLog(path=folder / JOURNAL)
+        self._journal = journal = GuardLog(path=folder / JOURNAL)
         try:
             with ExitStack() as logs:
                 for name in self._names:
@@ -140,7 +142,11 @@ class GuardProcess:
                     logs.callback(close_quietly, log)
                 async with AsyncExitStack() as stack:
                     await self._open(stack, guard_config)
-                    await self._over.wait()
+                    try:
+                        await self._over.wait()
+                    except FAULTS as error:
+                        # Nothing of ours ends a guard before all are down.
+                        self._fault(error, "the guard")
                     await self._last()
                     self._guarding = False
         finally:
@@ -148,7 +154,7 @@ class GuardProcess:
             if pace is not None:
                 self._note("paced", times_real_time=round(pace, 2))
             self._note("end", dropped=self._channel.dropped, garbage=self._channel.garbage)
-            self._journal.close()
+            journal.close()
 
     async def _open(self, stack: AsyncExitStack, guard_config: GuardConfig) -> None:
         opened = open_runtime_folder()
@@ -185,7 +191,6 @@ class GuardProcess:
             record=self._record_frame,
         )
         self._shell.on_event(self._event)
-        asyncio.get_running_loop().set_exception_handler(self._on_task_error)
         await stack.enter_async_context(self._shell)
         self._guarding = True
         stack.push_async_callback(self._reap)
@@ -334,7 +339,12 @@ class GuardProcess:
         self._ending = True
         for task in tuple(self._starts):
             await asyncio.wait([task])
-        await asyncio.gather(*(child.end() for child in self._children.values()))
+        children = tuple(self._children.values())
+        ends = await asyncio.gather(*(child.end() for child in children), return_exceptions=True)
+        for child, error in zip(children, ends, strict=True):
+            if error is not None:
+                child.kill()
+                self._fault(error, "the end of a vehicle's process")
 
     async def _last(self) -> None:
         """Without an orchestrator: bring all down before the guard process ends."""
@@ -342,14 +352,14 @@ class GuardProcess:
         since_s = loop.time()
         self._shell.orchestrator_ended()
         while busy := self._shell.core.may_be_armed(loop.time()):
-            if loop.time() - since_s > self._guard_config.patience_s and not self._await_vehicles(
+            if loop.time() - since_s > self._guard_config.patience_s and not self._may_do_harm(
                 busy
             ):
                 self._note("given up", text=f"{', '.join(busy)} did not land")
                 return
             await asyncio.sleep(_LAST_POLL_S)
 
-    def _await_vehicles(self, busy: tuple[str, ...]) -> bool:
+    def _may_do_harm(self, busy: tuple[str, ...]) -> bool:
         """Return whether an armed vehicle that may do harm was received lately."""
         now_s, core = asyncio.get_running_loop().time(), self._shell.core
         return any(
@@ -378,14 +388,16 @@ class GuardProcess:
         self._fault(error if isinstance(error, BaseException) else RuntimeError(where), where)
 
     def _fault(self, error: BaseException, where: str) -> None:
-        self._faults += 1
+        if any(error is known for known in self._faults):
+            return
+        self._faults.append(error)
         said, trace = f"{type(error).__name__}: {error}", "".join(format_exception(error))
         print(trace, file=sys.stderr, flush=True)  # noqa: T201 - the file of its last words
         self._note("error", where=where, type=type(error).__name__, message=str(error), trace=trace)
+        now_s = asyncio.get_running_loop().time()
+        event = GuardEvent(now_s, "guard", "", f"in the guard: {said}")
+        self._event(event)
         if self._guarding:
-            now_s = asyncio.get_running_loop().time()
-            event = GuardEvent(now_s, "guard", "", f"in the guard: {said}")
-            self._event(event)
             self._shell.bring_down(event.text)
 
     def _record_frame(self, name: str, t_s: float, frame: bytes) -> None:
@@ -397,13 +409,15 @@ class GuardProcess:
     def _event(self, event: GuardEvent) -> None:
         self._channel.send(EventMessage(event))
         details = {"kind": event.kind, "vehicle": event.vehicle, "text": event.text}
-        self._journal.write(event.t_s, "guard", **details)
+        if self._journal is not None:
+            self._journal.write(event.t_s, "guard", **details)
 
     def _link_changed(self, name: str, text: str) -> None:
         self._event(GuardEvent(asyncio.get_running_loop().time(), "link", name, text))
 
     def _note(self, event: str, **details: str | float | bool | None) -> None:
-        self._journal.write(asyncio.get_running_loop().time(), event, **details)
+        if self._journal is not None:
+            self._journal.write(asyncio.get_running_loop().time(), event, **details)
 
 
 def main(arguments: list[str]) -> int:

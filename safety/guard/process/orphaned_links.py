@@ -6,7 +6,6 @@ The autopilots' own failsafes must act then, and they act on silence.
 import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
-from types import TracebackType
 from typing import Self
 
 from safety.guard.core.mavlink_fields import HEARTBEAT, read_heartbeat
@@ -51,12 +50,7 @@ class OrphanedLinks:
             await self._open(name, make)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the orphaned links."""
         await self._stack.aclose()
 

@@ -4,7 +4,6 @@ import asyncio
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from types import TracebackType
 from typing import Self
 
 from safety.fence.geofence import Fence
@@ -162,12 +161,7 @@ class RemoteGuard:
         self._check()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """End the vehicles, then the remote guard."""
         self._ending = True
         for timer in (self._beating, self._checking):

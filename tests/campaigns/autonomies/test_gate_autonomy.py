@@ -157,7 +157,7 @@ def test_it_flies_through_the_middle_and_stops_behind(inner_m: float, start: Vec
     ]
 
 
-def test_it_is_not_told_the_way_to_the_gate_nor_which_way_north_is() -> None:
+def test_it_does_not_know_the_way_to_the_gate_nor_which_way_north_is() -> None:
     """A flight elsewhere, on another heading, goes through the gate as well.
 
     The gate is drawn north of the vehicle, so the telemetry is turned instead.
@@ -252,7 +252,7 @@ def test_it_is_an_autonomy() -> None:
     assert isinstance(make(), Autonomy)
 
 
-def test_faults_of_parameters_are_told_by_name() -> None:
+def test_faults_of_parameters_are_reported_by_name() -> None:
     with pytest.raises(ValueError, match=r"unknown parameter 'sped_m_s'.*speed_m_s"):
         make(sped_m_s=1.0)
     with pytest.raises(ValueError, match=r"speed_m_s must be greater than 0.*color must be one of"):

@@ -16,6 +16,21 @@ ONE_PLACE = [
     ("profile: cage", "profile: @caeg", "no profile 'caeg'"),
     ("pose_source: mocap", "pose_source: @vicon", "must be mavlink or mocap, is 'vicon'"),
     (
+        "pose_source: mocap",
+        "pose_source: mocap\n    coupling: @free",
+        "is of the twin; write it there",
+    ),
+    (
+        "autopilot: ardupilot",
+        "autopilot: ardupilot\n    coupling: @fallow",
+        "must be follow, free, shadow or placed, is 'fallow'; did you mean 'follow'?",
+    ),
+    (
+        "autopilot: ardupilot\n    sensors:\n",
+        "autopilot: ardupilot\n    coupling: placed\n    sensors:\n      imu: @{type: imu}\n",
+        "nothing flies a placed twin, and imu is of a flight; write follow",
+    ),
+    (
         "start: {north_m: 0, east_m: 0}",
         "start: {@north_ft: 0, east_m: 0}",
         "unknown key 'north_ft'; did you mean 'north_m'?",
@@ -145,7 +160,7 @@ def place_of(path: Path, marked: str, plain: str) -> str:
 
 
 @pytest.mark.parametrize(("old", "marked", "said"), ONE_PLACE)
-def test_one_fault_is_told_once_and_at_its_place(
+def test_one_fault_is_reported_once_and_at_its_place(
     files: Any, old: str, marked: str, said: str
 ) -> None:
     plain = marked.replace("@", "")
@@ -166,7 +181,7 @@ def test_one_fault_is_told_once_and_at_its_place(
         ("recipe.yaml", "sensor: camera", "sensor: @camra", "no sensor 'camra' is declared"),
     ],
 )
-def test_faults_of_the_other_files_are_told_in_them(
+def test_faults_of_the_other_files_are_reported_in_them(
     files: Any, file: str, old: str, marked: str, said: str
 ) -> None:
     plain = marked.replace("@", "")
@@ -177,7 +192,7 @@ def test_faults_of_the_other_files_are_told_in_them(
     assert found[0].startswith(f"{file}:{place}: {said}")
 
 
-def test_impossible_geometry_of_the_world_is_told_in_it(files: Any) -> None:
+def test_impossible_geometry_of_the_world_is_reported_in_it(files: Any) -> None:
     files.change("up_m: 1.2", "up_m: 0.2", "world.yaml")
     found = files.faults()
     assert found  # one for each case, as its size says how deep it stands in the floor
@@ -244,21 +259,21 @@ def test_a_gate_must_stand_in_the_world_that_is_judged(files: Any) -> None:
     ]
 
 
-def test_a_gate_outside_of_the_fence_is_told(files: Any) -> None:
+def test_a_gate_outside_of_the_fence_is_reported(files: Any) -> None:
     files.change("pose: {north_m: 3.0,", "pose: {north_m: 4.1,", "world.yaml")
     assert files.faults() == [
         "campaign.yaml:20:33: 'gate' stands 0.10 m outside of the geofence's side"
     ]
 
 
-def test_a_start_outside_of_the_room_is_told(files: Any) -> None:
+def test_a_start_outside_of_the_room_is_reported(files: Any) -> None:
     files.change("pose: {north_m: 1.5}", "pose: {north_m: 3.5}", "world.yaml")
     found = files.faults()
     assert "campaign.yaml:8:5: 'real' starts outside room 'cage'" in found
     assert any("'twin' starts outside room 'cage'" in fault for fault in found)
 
 
-def test_a_start_inside_of_a_thing_is_told(files: Any) -> None:
+def test_a_start_inside_of_a_thing_is_reported(files: Any) -> None:
     box = "  crate:\n    shape: {box: {size_m: [1, 1, 0.5]}}\n    pose: {up_m: 0.25}\n"
     files.append(box + "    exists_in: {sim: none, wil: W}\n", "world.yaml")
     assert files.faults() == ["campaign.yaml:8:5: 'real' starts inside 'crate'"]
@@ -271,7 +286,7 @@ def test_a_start_on_top_of_a_thing_is_good(files: Any) -> None:
     assert files.load().runs
 
 
-def test_a_goal_above_the_ceiling_of_the_room_is_told(files: Any) -> None:
+def test_a_goal_above_the_ceiling_of_the_room_is_reported(files: Any) -> None:
     files.change("height_m: 2.5", "height_m: 1.1", "world.yaml")
     assert any(
         "is not below the ceiling of room 'cage', 1.1 m up" in fault for fault in files.faults()
@@ -288,34 +303,34 @@ def test_an_oracle_of_a_fence_needs_one(files: Any) -> None:
     ]
 
 
-def test_an_empty_matrix_is_told(files: Any) -> None:
+def test_an_empty_matrix_is_reported(files: Any) -> None:
     text = files.path.read_text()
     start, end = text.index("  large: {}"), text.index("modes:")
     files.path.write_text((text[:start] + text[end:]).replace("cases:\n", "cases: {}\n"))
     assert "campaign.yaml:21:8: must have at least 1 entries, has 0" in files.faults()
 
 
-def test_code_of_the_user_that_fails_is_told_with_its_line(files: Any) -> None:
+def test_code_of_the_user_that_fails_is_reported_with_its_line(files: Any) -> None:
     files.append("\nraise RuntimeError('no GPU')\n", "pilot.py")
     (fault,) = files.faults()
     line = len((files.folder / "pilot.py").read_text().splitlines())
     assert f"'pilot.py' cannot be loaded: line {line}: RuntimeError: no GPU" in fault
 
 
-def test_code_of_the_user_that_exits_or_is_none_is_told(files: Any) -> None:
+def test_code_of_the_user_that_exits_or_is_none_is_reported(files: Any) -> None:
     files.append("\nimport sys; sys.exit(0)\n", "pilot.py")
     assert "SystemExit" in files.faults()[0]
     (files.folder / "pilot.py").write_text("def :")
     assert "SyntaxError" in files.faults()[0]
 
 
-def test_a_constructor_that_raises_is_told(files: Any) -> None:
+def test_a_constructor_that_raises_is_reported(files: Any) -> None:
     files.change("pilot.py:Pilot", "pilot.py:Broken")
     (fault,) = files.faults()
     assert "'pilot.py:Broken' cannot be built: KeyError: 'speed'" in fault
 
 
-def test_a_constructor_that_exits_is_told(files: Any) -> None:
+def test_a_constructor_that_exits_is_reported(files: Any) -> None:
     files.append(
         "\nclass Gone(Pilot):\n    def __init__(self, **_):\n        raise SystemExit(0)\n",
         "pilot.py",
@@ -347,7 +362,7 @@ def test_nothing_is_written_beside_the_files(files: Any) -> None:
     assert sorted(files.folder.rglob("*")) == before
 
 
-def test_a_fault_in_every_case_is_told_once(files: Any) -> None:
+def test_a_fault_in_every_case_is_reported_once(files: Any) -> None:
     files.change("modes: [sim, wil]", "modes: [wil]")
     files.change("sim: 3/3, ", "")
     files.change("altitude_m: 1.2", "altitude_m: 2.4")

@@ -29,14 +29,19 @@ def test_a_good_campaign_is_not_warned_of(files: Any) -> None:
             "east_m: 0, yaw_deg: 1.5708}",
             "1.5708 degrees? in radians that would be 90",
         ),
-        (
-            "fov_deg: 69}\n  twin",
-            "fov_deg: 1.2}\n  twin",
-            "1.2 degrees? in radians that would be 68.7",
-        ),
         ("east_m: [-2, 2]", "east_m: [-2000, 2000]", "the fence is 4000 m wide, and the room 6 m"),
         ("collision: {}", "collision: {exclude: [cage, gate]}", "it cannot fail"),
         ("limit_s: 40", "limit_s: 40}\n  late: {use: time_limit, limit_s: 90", "it cannot fail"),
+        (
+            "limit_s: 40",
+            "limit_s: 40}\n  late: {use: time_limit, from: land, to: landed, limit_s: 60",
+            "sync.landing_timeout_s ends the stage after 60 s: it cannot fail",
+        ),
+        (
+            "collision: {}",
+            "altitude: {max_m: 2, from: done, to: land}",
+            "in mode sim the window of 'altitude' closes when it opens: it cannot fail",
+        ),
     ],
 )
 def test_what_is_probably_not_meant_is_warned_of(files: Any, old: str, new: str, said: str) -> None:
@@ -67,6 +72,19 @@ def test_a_goal_that_nearly_any_flight_reaches_is_warned_of(
     assert found == [] if said is None else any(said in one for one in found)
 
 
+def test_a_control_that_its_oracle_cannot_fail_is_warned_of(files: Any) -> None:
+    files.append(
+        "sync: {goal_timeout_s: 60}\n"
+        "controls:\n"
+        "  slow:\n"
+        "    set: {oracles.time_limit.limit_s: 90}\n"
+        "    expect: {oracle: time_limit}\n"
+    )
+    (found,) = warned(files)
+    assert found.startswith("campaign.yaml:38:39: ")
+    assert "sync.goal_timeout_s ends the stage after 60 s: it cannot fail" in found
+
+
 def test_a_gate_that_no_required_oracle_asks_for_is_a_caveat(files: Any) -> None:
     files.change("  reached: {}\n", "  reached: {required: false}\n")
     text = "no required oracle asks whether gate 'gate' of the goal is flown through"
@@ -82,7 +100,23 @@ def test_validate_takes_set_and_warns_without_failing(files: Any, capsys: Any) -
     assert "ceiling" in capsys.readouterr().err
 
 
-def test_all_missing_files_and_the_autonomys_are_told_at_once(files: Any, capsys: Any) -> None:
+def test_warnings_are_reported_beside_faults(files: Any, capsys: Any) -> None:
+    """Another view than the twin's is a fault, and radians are probably why."""
+    files.change("fov_deg: 69}\n  twin", "fov_deg: 1.2}\n  twin")
+    files.change("east_m: [-2, 2]", "east_m: [-2000, 2000]")
+    assert main(["validate", str(files.path)]) == 2
+    said = capsys.readouterr().err
+    assert "1.2 degrees? in radians that would be 68.7" in said
+    assert "the fence is 4000 m wide, and the room 6 m" in said
+    assert "give both the same field of view" in said
+    files.change("world: world.yaml", "world: wrld.yaml")
+    assert main(["validate", str(files.path)]) == 2
+    said = capsys.readouterr().err
+    assert "1.2 degrees? in radians that would be 68.7" in said
+    assert "wrld.yaml" in said
+
+
+def test_all_missing_files_and_the_autonomys_are_reported_at_once(files: Any, capsys: Any) -> None:
     files.change("world: world.yaml", "world: wrld.yaml")
     files.change("recipe: recipe.yaml", "recipe: nowhere.yaml")
     files.change("use: pilot.py:Pilot", "use: pilt.py:Pilot")
@@ -112,7 +146,7 @@ def test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault(
     assert time.monotonic() - began_s < 60.0
 
 
-def test_a_rate_that_the_cameras_do_not_reach_is_told_with_what_is_asked(files: Any) -> None:
+def test_a_rate_that_the_cameras_do_not_reach_is_reported_with_what_is_asked(files: Any) -> None:
     files.change("rate_hz: 15", "rate_hz: 30", file="recipe.yaml")
     (fault,) = files.faults()
     assert "comes 15 times a second, the recipe asks for 30" in fault

@@ -13,7 +13,7 @@ def asking(files: Any, oracles: str) -> list[str]:
     return found
 
 
-def test_a_mode_that_no_required_oracle_judges_is_told(files: Any) -> None:
+def test_a_mode_that_no_required_oracle_judges_is_reported(files: Any) -> None:
     goal, oracles = asking(files, "{reached: {vehicle: real}}")
     assert goal.startswith("campaign.yaml:20:25: in mode sim no oracle judges whether 'twin' gets")
     assert "ask for 'reached: {}', with 'required: false' to have it reported only" in goal
@@ -57,7 +57,7 @@ def test_a_misspelt_oracle_is_one_fault(files: Any) -> None:
 
 
 @pytest.mark.parametrize("tolerance_m", [1.2, 1.5, 50])
-def test_a_tolerance_within_which_a_vehicle_never_took_off_is_told(
+def test_a_tolerance_within_which_a_vehicle_never_took_off_is_reported(
     files: Any, tolerance_m: float
 ) -> None:
     files.change("seed: 7\n", f"seed: 7\nsync: {{takeoff_tolerance_m: {tolerance_m}}}\n")
@@ -68,7 +68,7 @@ def test_a_tolerance_within_which_a_vehicle_never_took_off_is_told(
     ]
 
 
-def test_a_goal_beneath_the_start_is_told(files: Any) -> None:
+def test_a_goal_beneath_the_start_is_reported(files: Any) -> None:
     files.change("start: {north_m: 0, east_m: 0}", "start: {north_m: 0, east_m: 0, up_m: 1.5}")
     assert "campaign.yaml:20:20: is not above the start of 'real', 1.5 m up" in files.faults()
 

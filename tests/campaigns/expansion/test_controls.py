@@ -57,7 +57,7 @@ def test_what_a_control_sets_wins_over_the_command_line(files: Any) -> None:
     assert speeds["large/sim/1"] == speeds["empty/wil/1"] == 0.3
 
 
-def test_controls_that_the_command_line_leaves_out_are_told(files: Any) -> None:
+def test_controls_that_the_command_line_leaves_out_are_reported(files: Any) -> None:
     with_controls(files)
     assert files.load().left_out == ()
     large = files.load(cases=("large",))
@@ -96,7 +96,7 @@ def test_controls_that_the_command_line_leaves_out_are_told(files: Any) -> None:
         ("with: {speed_m_s: 1.5}", "with: {sped_m_s: 1.5}", "unknown parameter 'sped_m_s'"),
     ],
 )
-def test_what_is_wrong_with_a_control_is_told_with_its_line(
+def test_what_is_wrong_with_a_control_is_reported_with_its_line(
     files: Any, old: str, new: str, said: str
 ) -> None:
     assert CONTROLS.count(old) == 1

@@ -111,7 +111,7 @@ def test_set_is_stronger_than_a_case(files: Any) -> None:
         ({"modes": ("real",)}, "--mode real: matches none of sim, wil"),
     ],
 )
-def test_options_that_cannot_be_are_told(files: Any, options: Any, said: str) -> None:
+def test_options_that_cannot_be_are_reported(files: Any, options: Any, said: str) -> None:
     found = files.faults(**options)
     assert len(found) == 1, found
     assert found[0].startswith(said)
@@ -130,7 +130,7 @@ def test_options_select(files: Any) -> None:
     ]
 
 
-def test_what_is_required_and_left_out_is_told(files: Any) -> None:
+def test_what_is_required_and_left_out_is_reported(files: Any) -> None:
     assert files.load().left_out == ()
     assert files.load(cases=("large",), repetitions=6).left_out == ()
     assert files.load(modes=("sim",)).left_out == ("large/wil",)
@@ -223,7 +223,7 @@ def test_the_setup_is_what_the_file_says(files: Any) -> None:
     assert setup.fences["twin"].margin_m((0.0, 0.0, 0.0)) == pytest.approx(0.5)
 
 
-def test_the_autonomy_is_told_of_the_goal_but_not_where_the_gates_are(files: Any) -> None:
+def test_the_autonomy_gets_the_goal_but_not_where_the_gates_are(files: Any) -> None:
     under_test = files.load().runs[0].setup().under_test
     assert under_test.build(seed=1).goal == {"altitude_m": 1.2, "gate_count": 1}
     assert under_test.parameters == {"speed_m_s": 0.8}
@@ -243,7 +243,7 @@ def test_an_oracle_may_be_used_twice_by_different_names(files: Any) -> None:
     ]
 
 
-def test_a_pose_source_is_as_exact_as_its_kind_or_as_it_is_said_to_be(files: Any) -> None:
+def test_a_pose_source_is_as_exact_as_its_kind_or_as_given(files: Any) -> None:
     def accuracies() -> list[float]:
         setup = files.load().runs[0].setup()
         return [one.pose_accuracy.position_m for one in setup.vehicles.values()]
@@ -260,6 +260,8 @@ def test_a_camera_may_be_given_by_its_focal_length(files: Any) -> None:
     text = files.path.read_text()
     mount = "mount: {forward_m: 0.1, down_m: -0.02, pitch_deg: -10}, stabilized: true"
     files.path.write_text(text.replace("fov_deg: 69", f"fx_px: 300, cy_px: 100, {mount}", 1))
+    steps = "    transform: [{camera_model: real}]\n    filter:"
+    files.change("    filter:", steps, file="recipe.yaml")
     (camera,) = files.load().runs[0].setup().vehicles["real"].cameras
     intrinsics = camera.intrinsics
     assert (intrinsics.fx_px, intrinsics.fy_px) == (300, 300)

@@ -108,6 +108,8 @@ def test_a_calibration_gives_optics_mounting_and_latency(files: Files) -> None:
     (files.folder / "cam.yaml").write_text(CALIBRATION)
     text = REAL.replace("fov_deg: 69", "calibration: cam.yaml, source: 'rtp://127.0.0.1:5600'")
     files.change(REAL, text)
+    steps = "    transform: [{camera_model: real}]\n    filter:"
+    files.change("    filter:", steps, file="recipe.yaml")
     (camera,) = setup(files).vehicles["real"].cameras
     assert (camera.intrinsics.fx_px, camera.intrinsics.cy_px) == (250.0, 119.0)
     assert camera.intrinsics.distortion == (-0.1, 0.01, 0.0, 0.0, 0.0)
@@ -123,6 +125,8 @@ def test_what_a_campaign_says_itself_wins_over_the_calibration(files: Files) -> 
     more = "{address: 'rtp://h:5600', latency_ms: 5}"
     text = f"calibration: cam.yaml, mount: {{down_m: 0.2}}, source: {more}"
     files.change(REAL, REAL.replace("fov_deg: 69", text))
+    steps = "    transform: [{camera_model: real}]\n    filter:"
+    files.change("    filter:", steps, file="recipe.yaml")
     (camera,) = setup(files).vehicles["real"].cameras
     assert camera.mount.pose.position_ned_m == (0.0, 0.0, 0.2)
     assert camera.source is not None

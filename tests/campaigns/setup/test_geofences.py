@@ -186,7 +186,7 @@ def test_a_fault_of_the_fence_is_shown_where_it_is(files: Any, marked: str, said
         assert fault.startswith(f"campaign.yaml:{line}:{column}: ")
 
 
-def test_a_fence_far_from_the_world_is_said_with_what_was_probably_meant(files: Any) -> None:
+def test_a_fence_far_from_the_world_is_reported_with_what_was_probably_meant(files: Any) -> None:
     corners = [[lon, lat] for lat, lon in CORNERS]
     files.change(BOX, f"  include: [{{polygon_deg: {corners}}}]\n  up_m: [-0.5, 2.3]\n")
     (fault,) = files.faults()
@@ -325,7 +325,7 @@ def test_what_is_on_earth_needs_a_world() -> None:
         part.fence()
 
 
-def test_a_fence_file_that_cannot_be_read_is_told(files: Any) -> None:
+def test_a_fence_file_that_cannot_be_read_is_reported(files: Any) -> None:
     Path(files.folder / "drawn.plan").write_bytes(b"\x00\x01")
     files.change(BOX, "  file: drawn.plan\n  up_m: [-0.5, 2.3]\n")
     assert "drawn.plan: is not text (it has NUL bytes)" in files.faults()[0]

@@ -47,7 +47,7 @@ def test_without_a_broker_there_is_no_setup(files: Files) -> None:
     assert files.load().mqtt is None
 
 
-def test_all_that_can_be_said_is_read(files: Files) -> None:
+def test_every_key_is_read(files: Files) -> None:
     for name in ("ca.pem", "me.pem", "me.key"):
         (files.folder / name).write_text("")
     found = operator(
@@ -84,7 +84,7 @@ def test_all_that_can_be_said_is_read(files: Files) -> None:
         ("{lost_after_s: 0}", "greater than 0"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(files: Files, text: str, said: str) -> None:
+def test_what_is_wrong_is_reported_with_its_place(files: Files, text: str, said: str) -> None:
     files.change("seed: 7", f"seed: 7\noperator: {text}")
     (problem,) = files.faults()
     assert said in problem

@@ -65,7 +65,7 @@ def test_telemetry_fits_the_radio(files: Any) -> None:
     assert 15.0 <= real(files).rates.position_hz < 30.0
 
 
-def test_a_radio_too_slow_is_told_where_its_link_is(files: Any) -> None:
+def test_a_radio_too_slow_is_reported_where_its_link_is(files: Any) -> None:
     outside(files, "serial:///dev/ttyUSB0:9600")
     (found,) = files.faults()
     assert "a radio of 7.68 kbit/s carries" in found
@@ -265,7 +265,7 @@ def test_the_embedded_vehicle_has_one_link(files: Any) -> None:
     assert "only a vehicle with its own link can have more" in fault
 
 
-def test_the_fence_aboard(files: Any) -> None:
+def test_the_onboard_fence(files: Any) -> None:
     preflight = next(iter(files.load().setups.values())).preflight
     assert preflight.fence is not None
     assert preflight.fence.margin_m == 1.0

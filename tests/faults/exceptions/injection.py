@@ -9,13 +9,14 @@ import asyncio
 import inspect
 import sys
 from collections.abc import Callable, Coroutine, Generator, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from contextvars import Context
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any, Literal, TypeVarTuple
+from unittest import mock
 
 from orchestrator.model.clock import VirtualLoop
 
@@ -25,6 +26,14 @@ ROOT = Path(__file__).parents[3]
 PACKAGES = ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
 _OURS = tuple(f"{ROOT / name}/" for name in PACKAGES)
 _ASYNC = inspect.CO_COROUTINE | inspect.CO_GENERATOR | inspect.CO_ASYNC_GENERATOR
+
+_OF_PROTOCOLS = {
+    "connection_made",
+    "connection_lost",
+    "data_received",
+    "datagram_received",
+    "error_received",
+}
 
 Kind = Literal["await", "callback", "call"]
 
@@ -110,9 +119,14 @@ class _Stepped(Coroutine[Any, Any, Any]):
     def __await__(self) -> Generator[Any, Any, Any]:
         raise NotImplementedError
 
+    @property
+    def cr_code(self) -> CodeType | None:
+        """What it runs: who accounts for tasks tells those of libraries by it."""
+        return getattr(self._inner, "cr_code", None)
 
-class InjectingLoop(VirtualLoop):
-    """Virtual time in which tasks and callbacks pass by a probe."""
+
+class _Injecting(asyncio.BaseEventLoop):
+    """What makes the tasks and callbacks of a loop pass by a probe."""
 
     def __init__(self, probe: Probe) -> None:
         self._probe = probe
@@ -137,19 +151,52 @@ class InjectingLoop(VirtualLoop):
         return super().call_at(when, self._passing(callback), *args, context=context)
 
     def _passing(self, callback: Any) -> Any:
-        code = _code_of(callback)
-        if code is None or not code.co_filename.startswith(_OURS):
-            return callback
-        where = _place(code, code.co_firstlineno)
+        return _passing(callback, self._probe)
 
-        def called(*args: Any) -> None:
-            callback(*args)
-            point = Point("callback", "loop", where, self._probe.stage())
-            error = self._probe.pass_by(point)
-            if error is not None:
-                raise error
 
-        return called
+class InjectingLoop(_Injecting, VirtualLoop):
+    """Virtual time in which tasks and callbacks pass by a probe."""
+
+
+class InjectingWallLoop(_Injecting, asyncio.SelectorEventLoop):
+    """The wall's time; what is called for a socket, a pipe or a process passes by too."""
+
+    def _add_reader(self, fd: Any, callback: Any, *args: Any) -> asyncio.Handle:
+        added: asyncio.Handle = super()._add_reader(fd, self._passing(callback), *args)  # type: ignore[misc]  # asyncio's own
+        return added
+
+
+def _passing(callback: Any, probe: Probe) -> Any:
+    """Return a callback of ours that raises when it has done its work, where that is wanted."""
+    code = _code_of(callback)
+    if code is None or not code.co_filename.startswith(_OURS):
+        return callback
+    where = _place(code, code.co_firstlineno)
+
+    def called(*args: Any) -> None:
+        callback(*args)
+        error = probe.pass_by(Point("callback", "loop", where, probe.stage()))
+        if error is not None:
+            raise error
+
+    return called
+
+
+@contextmanager
+def protocols_pass_by(probe: Probe) -> Iterator[None]:
+    """Have what asyncio calls of our protocols, for bytes that came, pass by the probe."""
+    with ExitStack() as stack:
+        for kind in _protocols(asyncio.BaseProtocol):
+            for name in _OF_PROTOCOLS & vars(kind).keys():
+                method = _passing(vars(kind)[name], probe)
+                stack.enter_context(mock.patch.object(kind, name, method))
+        yield
+
+
+def _protocols(kind: type[Any]) -> Iterator[type[Any]]:
+    for one in kind.__subclasses__():
+        yield one
+        yield from _protocols(one)
 
 
 def waiting_at(coroutine: Any) -> str:

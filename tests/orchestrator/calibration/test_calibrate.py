@@ -16,7 +16,7 @@ from orchestrator.recording.judge_log_file import JudgeLogWriter
 from orchestrator.recording.mcap.mcap_writer import McapRecorder
 from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from safety.model.samples import PoseSample
-from tests.vehicles.calibration.board_pictures import CHARUCO, LENS, Hand, picture, pictures
+from tests.vehicles.calibration.board_images import CHARUCO, LENS, Hand, board_views, picture
 from vehicles.calibration.boards import CharucoBoard
 from vehicles.readings import CameraReading
 from worlds.files.documents import load
@@ -34,7 +34,7 @@ Images = list[NDArray[np.uint8]]
 @pytest.fixture(scope="module")
 def views(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Images of a board from many sides."""
-    return written(tmp_path_factory.mktemp("views"), pictures(CHARUCO))
+    return written(tmp_path_factory.mktemp("views"), board_views(CHARUCO))
 
 
 @pytest.fixture(scope="module")
@@ -124,9 +124,7 @@ def test_mounting_and_latency_by_a_video_and_the_poses_of_its_body(
     assert "latency: 8" in capsys.readouterr().out
 
 
-def test_a_recorded_run_has_pictures_and_poses(
-    moving: Images, optics: Path, tmp_path: Path
-) -> None:
+def test_a_recorded_run_has_images_and_poses(moving: Images, optics: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     run.mkdir()
     facts = {"latency_s": json.dumps({"real camera": 0.03})}
@@ -176,7 +174,7 @@ GREY = [np.full((480, 640, 3), 90, np.uint8)] * 12
         (lambda views: [*views[:9], views[9][:240]], "picture 10 has 640x240, those before it"),
     ],
 )
-def test_pictures_that_tell_too_little(
+def test_images_that_show_too_little(
     images: object,
     said: str,
     views: Path,

@@ -14,7 +14,7 @@ from campaigns.values.external_setups import MocapSetup, SourceSetup
 from orchestrator.calibration import live_search
 from orchestrator.calibration.live_search import LiveOrder, search_live
 from orchestrator.external.motion_captures import MotionCaptures
-from tests.vehicles.calibration.board_pictures import CHARUCO, LENS, pictures
+from tests.vehicles.calibration.board_images import CHARUCO, LENS, board_views
 from vehicles.calibration.boards import CalibrationError
 from vehicles.readings import CameraReading
 from vehicles.sources.camera_source import SourceError
@@ -86,7 +86,7 @@ def through(monkeypatch: pytest.MonkeyPatch, image: np.ndarray) -> list[dict[str
 
 
 async def test_board_and_poses_come_together(monkeypatch: pytest.MonkeyPatch, port: int) -> None:
-    asked = through(monkeypatch, pictures(CHARUCO)[0])
+    asked = through(monkeypatch, board_views(CHARUCO)[0])
     mocap = MocapSetup(kind="udp", host=HOST, port=port, body="drone")
     async with capture(port):
         order = LiveOrder(camera=CAMERA, size=SIZE, for_s=1.0, mocap=mocap)
@@ -107,12 +107,12 @@ async def test_without_motion_capture_there_is_no_path(monkeypatch: pytest.Monke
     through(monkeypatch, np.full((480, 640, 3), 90, np.uint8))
     with pytest.raises(CalibrationError, match="was seen in none of"):
         await search_live(LiveOrder(camera=CAMERA, size=SIZE, for_s=0.2), CHARUCO)
-    through(monkeypatch, pictures(CHARUCO)[0])
+    through(monkeypatch, board_views(CHARUCO)[0])
     _, path = await search_live(LiveOrder(camera=CAMERA, size=SIZE, for_s=0.3), CHARUCO)
     assert path is None
 
 
-async def test_motion_capture_that_says_nothing_is_told(
+async def test_motion_capture_that_says_nothing_is_reported(
     monkeypatch: pytest.MonkeyPatch, port: int
 ) -> None:
     through(monkeypatch, np.zeros((480, 640, 3), np.uint8))

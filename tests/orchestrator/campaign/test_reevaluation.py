@@ -122,7 +122,16 @@ def test_no_code_that_the_files_name_is_run(recorded: Path, tmp_path: Path, caps
     assert marker.exists()
 
 
-def test_what_is_no_recording_is_told(recorded: Path, tmp_path: Path, capsys: Any) -> None:
+def test_what_is_required_and_not_in_the_folder_was_not_flown(recorded: Path, capsys: Any) -> None:
+    given = ("--case", "large", "--mode", "sim", "--repetitions", "4")
+    assert main(["judge", str(GATE), str(recorded), *given]) == 3
+    *_, missing, last = capsys.readouterr().out.splitlines()
+    assert missing == "never flown: large/sim/2, large/sim/3, large/sim/4"
+    assert last.startswith("not accepted of what was flown; never flown: 3 of 4; required, and")
+    assert "left out: large/wil" in last
+
+
+def test_what_is_no_recording_is_reported(recorded: Path, tmp_path: Path, capsys: Any) -> None:
     assert judge(tmp_path) == 3
     assert "has no run of this campaign, such as large/sim/1" in capsys.readouterr().err
 

@@ -10,12 +10,12 @@ import pytest
 from orchestrator.campaign.repositioning import Repositioning
 from orchestrator.model.clock import run_virtual
 from safety.guard.core.operator_command import OperatorCommand
-from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 
 
 def test_nothing_is_begun_until_somebody_resumes(tmp_path: Path) -> None:
     fleet, said = FakeFleet(flying=0), list[str]()
-    controller = make_desk(tmp_path, fleet)
+    controller = make_controller(tmp_path, fleet)
 
     async def scenario() -> None:
         between = Repositioning(
@@ -37,7 +37,7 @@ def test_nothing_is_begun_until_somebody_resumes(tmp_path: Path) -> None:
 
 def test_when_nobody_comes_the_campaign_ends(tmp_path: Path) -> None:
     fleet, said = FakeFleet(flying=0), list[str]()
-    controller = make_desk(tmp_path, fleet)
+    controller = make_controller(tmp_path, fleet)
 
     async def scenario() -> None:
         Repositioning(vehicles="real", controller=controller, say=said.append, wait_s=100.0).ask()
@@ -50,7 +50,7 @@ def test_when_nobody_comes_the_campaign_ends(tmp_path: Path) -> None:
 
 def test_a_campaign_that_ends_asks_for_nothing(tmp_path: Path) -> None:
     said = list[str]()
-    controller = make_desk(tmp_path, FakeFleet())
+    controller = make_controller(tmp_path, FakeFleet())
     controller.obey(OperatorCommand("abort", "anna"))
     Repositioning(vehicles="real", controller=controller, say=said.append).ask()
     assert (said, controller.held) == ([], False)
@@ -61,7 +61,7 @@ async def test_enter_on_the_terminal_is_enough(
 ) -> None:
     leader, follower = os.openpty()
     fleet, said = FakeFleet(flying=0), list[str]()
-    controller = make_desk(tmp_path, fleet)
+    controller = make_controller(tmp_path, fleet)
     with os.fdopen(follower, encoding="utf-8") as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
         Repositioning(vehicles="real", controller=controller, say=said.append).ask()

@@ -93,7 +93,7 @@ def summary_of(folder: Path) -> dict[str, Any]:
     return document
 
 
-def taken_up(
+def resume(
     folder: Path, campaign: Campaign, *, retries: int = 0, may_repeat: bool = True
 ) -> tuple[resumption.ResumedCampaign, list[str]]:
     said: list[str] = []
@@ -113,7 +113,7 @@ def write_result(folder: Path, plan: RunPlan, verdict: Verdict, reason: str = ""
 def test_what_is_finished_is_kept(campaign: Path, tmp_path: Path, verdict: Verdict) -> None:
     loaded = load_campaign(campaign)
     write_result(tmp_path, loaded.runs[0], verdict, "why")
-    found, said = taken_up(tmp_path, loaded)
+    found, said = resume(tmp_path, loaded)
     assert set(found.results) == {"default/sim/1"}
     assert found.attempts == {"default/sim/2": ()}
     assert said == []
@@ -128,7 +128,7 @@ def test_what_is_finished_is_kept(campaign: Path, tmp_path: Path, verdict: Verdi
         ("other", "is of another run"),
     ],
 )
-def test_half_a_run_is_set_aside_and_told(
+def test_half_a_run_is_set_aside_and_reported(
     campaign: Path, tmp_path: Path, content: str | None, said: str
 ) -> None:
     loaded = load_campaign(campaign)
@@ -140,7 +140,7 @@ def test_half_a_run_is_set_aside_and_told(
     written = {"": "", "half": text[:100], "other": text}
     if content is not None:
         (home / "result.json").write_text(written[content])
-    found, told = taken_up(tmp_path, loaded)
+    found, told = resume(tmp_path, loaded)
     assert found.results == {}
     (attempt,) = found.attempts[plan.name]
     assert (attempt.verdict, attempt.folder) == (None, "earlier/default/sim/2-1")
@@ -148,14 +148,14 @@ def test_half_a_run_is_set_aside_and_told(
     assert told == [f"default/sim/2: cut off, {attempt.reason}; kept in {attempt.folder}"]
     assert not home.exists()
     assert (tmp_path / attempt.folder / "log.jsonl").exists()
-    again, _ = taken_up(tmp_path, loaded)
+    again, _ = resume(tmp_path, loaded)
     assert [one.folder for one in again.attempts[plan.name]] == [attempt.folder]
 
 
 def test_a_folder_in_which_nothing_was_flown_is_no_attempt(campaign: Path, tmp_path: Path) -> None:
     loaded = load_campaign(campaign)
     (tmp_path / loaded.runs[0].name).mkdir(parents=True)
-    assert taken_up(tmp_path, loaded)[0].attempts["default/sim/1"] == ()
+    assert resume(tmp_path, loaded)[0].attempts["default/sim/1"] == ()
 
 
 @pytest.mark.parametrize(
@@ -182,14 +182,14 @@ def test_what_is_flown_again(
     loaded = load_campaign(campaign)
     plan = loaded.runs[0]
     write_result(tmp_path, plan, verdict, "why")
-    found, _ = taken_up(tmp_path, loaded, retries=retries, may_repeat=may_repeat)
+    found, _ = resume(tmp_path, loaded, retries=retries, may_repeat=may_repeat)
     assert (plan.name in found.results) is kept
     if not kept:
         place = "earlier/default/sim/1-1"
         assert found.attempts[plan.name] == (Attempt(verdict, "why", place),)
 
 
-def test_retries_are_counted_over_the_times_it_was_taken_up(campaign: Path, tmp_path: Path) -> None:
+def test_retries_are_counted_over_the_times_it_was_resumed(campaign: Path, tmp_path: Path) -> None:
     loaded = load_campaign(campaign)
     plan = loaded.runs[0]
     for count in (1, 2, 3):
@@ -197,7 +197,7 @@ def test_retries_are_counted_over_the_times_it_was_taken_up(campaign: Path, tmp_
         (tmp_path / plan.name).mkdir(parents=True)
         result = after_attempts(result_of(plan, "ERROR", "why"), attempts)
         write_whole(tmp_path / plan.name / "result.json", to_json(result))
-        found, _ = taken_up(tmp_path, loaded, retries=2)
+        found, _ = resume(tmp_path, loaded, retries=2)
         assert (plan.name in found.results) is (count == 3)
 
 
@@ -211,12 +211,12 @@ def test_a_run_that_still_lands_is_waited_for(
     with held(home):
         monkeypatch.setattr(time, "sleep", waited.append)
         with pytest.raises(OutputError, match="is being flown still, after 120 s"):
-            taken_up(tmp_path, loaded)
+            resume(tmp_path, loaded)
         assert len(waited) == 600
-    assert taken_up(tmp_path, loaded)[1] == []
+    assert resume(tmp_path, loaded)[1] == []
 
 
-def test_the_newest_folder_is_taken_up(tmp_path: Path) -> None:
+def test_the_newest_folder_is_resumed(tmp_path: Path) -> None:
     with pytest.raises(ResumeError, match="there is nothing to resume"):
         resumed_folder(tmp_path, "hover")
     names = ["20260101T000000Z-2", "20260101T000000Z-10", "20260101T000000Z", "20251231T235959Z"]
@@ -266,7 +266,7 @@ CHANGES: tuple[tuple[str | None, tuple[str, ...], str], ...] = (
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_campaign_that_has_changed_is_not_taken_up(
+def test_a_campaign_that_has_changed_is_not_resumed(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(campaign) == 0
@@ -287,7 +287,7 @@ def test_a_campaign_that_has_changed_is_not_taken_up(
 
 
 @pytest.mark.usefixtures("quick")
-def test_other_versions_and_spoilt_manifests_are_not_taken_up(
+def test_other_versions_and_spoilt_manifests_are_not_resumed(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(campaign) == 0
@@ -371,7 +371,7 @@ def test_attempts_are_numbered_as_they_come(tmp_path: Path) -> None:
         assert (place / "log.jsonl").read_text() == str(number)
 
 
-def test_a_finished_run_is_on_the_disk_before_its_result_is_told(
+def test_a_finished_run_is_on_the_disk_before_its_result_is_reported(
     campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced: list[str] = []

@@ -125,7 +125,7 @@ def test_a_vehicle_that_does_not_fly_is_not_asked_for() -> None:
     assert cleared.clock == "virtual"
 
 
-def test_a_port_where_nobody_speaks_is_told_within_seconds() -> None:
+def test_a_port_where_nobody_speaks_is_reported_within_seconds() -> None:
     port = free_port()
     began_s = time.monotonic()
     error = refused(LINK % port)
@@ -171,7 +171,7 @@ def _armed(speaker: Speaker) -> None:
         (1, _armed, "real is armed already"),
     ],
 )
-def test_who_answers_instead_is_said(
+def test_who_answers_instead_is_named(
     system: int, make: Callable[[Speaker], None], said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(arming_consent, "_IDENTIFY_S", 1.5)
@@ -227,7 +227,7 @@ def test_the_program_says_it_in_one_line(
     assert "--arm-real" in capsys.readouterr().err
 
 
-def test_the_driver_may_be_told_whose_link_it_is() -> None:
+def test_the_driver_may_be_given_whose_link_it_is() -> None:
     """Two vehicles on one link: the one that was asked for is found."""
     from orchestrator.model.clock import run_virtual
     from tests.vehicles.links.test_redundant import TwoRadios

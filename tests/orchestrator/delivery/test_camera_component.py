@@ -40,7 +40,7 @@ def answers(camera: CameraComponent, message: Any, t_s: float = 3.0) -> list[Any
     ]
 
 
-def test_it_is_heard_once_a_second() -> None:
+def test_it_sends_a_heartbeat_once_a_second() -> None:
     camera = component(start_s=10.0)
     beats = [t for t in range(3000) if camera.tick(10.0 + t / 1000)]
     assert beats == [0, 1000, 2000]
@@ -96,7 +96,7 @@ def test_it_says_where_the_stream_is(ask: tuple[float, ...]) -> None:
         ((512, 0.0), "HEARTBEAT"),
     ],
 )
-def test_what_ground_stations_ask_besides_is_answered(ask: tuple[int, float], name: str) -> None:
+def test_what_a_ground_station_asks_besides_is_answered(ask: tuple[int, float], name: str) -> None:
     ack, answer = answers(component(), command(*ask))
     assert ack.result == mavlink.MAV_RESULT_ACCEPTED
     assert answer.get_type() == name

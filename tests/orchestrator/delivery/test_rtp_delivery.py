@@ -86,7 +86,7 @@ async def published(delivery: ThreadedDelivery, receiving: Callable[[], bool]) -
     return k
 
 
-async def test_a_second_process_sees_the_pictures_that_were_published(
+async def test_a_second_process_sees_the_images_that_were_published(
     port: int, tmp_path: Path
 ) -> None:
     sdp, out = tmp_path / "mixed.sdp", tmp_path / "seen.npz"
@@ -173,7 +173,7 @@ def test_colours_come_back() -> None:
     assert np.abs(image.astype(int) - flat.astype(int)).max() <= 4
 
 
-async def test_pictures_that_do_not_fit_are_not_sent(port: int) -> None:
+async def test_images_that_do_not_fit_are_not_sent(port: int) -> None:
     async with rtp_delivery(
         width_px=WIDTH, height_px=HEIGHT, rate_hz=30.0, address=RtpAddress(port=port)
     ) as delivery:
@@ -199,14 +199,14 @@ async def settled(delivery: ThreadedDelivery, count: int) -> None:
     pytest.fail("the thread does not come on")
 
 
-async def test_a_host_that_is_none_is_said() -> None:
+async def test_a_host_that_is_none_is_reported() -> None:
     address = RtpAddress("no.such.host.invalid", 5600)
     with pytest.raises(DeliveryError, match=r"no\.such\.host\.invalid:5600: cannot be opened"):
         async with rtp_delivery(width_px=64, height_px=48, rate_hz=10.0, address=address):
             pass
 
 
-async def test_an_sdp_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+async def test_an_sdp_file_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "no_folder" / "mixed.sdp"
     with pytest.raises(DeliveryError, match="cannot be opened"):
         async with rtp_delivery(width_px=64, height_px=48, rate_hz=10.0, sdp_path=path):

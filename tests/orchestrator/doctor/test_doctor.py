@@ -27,7 +27,7 @@ def only(findings: Iterable[Finding]) -> Finding:
     return one
 
 
-def test_findings_are_told_by_topic_each_with_its_remedy() -> None:
+def test_findings_are_reported_by_topic_each_with_its_remedy() -> None:
     findings = [
         Finding("ports", "good", "free"),
         Finding("ports", "note", "taken", "end it"),

@@ -52,7 +52,7 @@ def runs(pid: int) -> bool:
     return state != "Z"
 
 
-async def test_it_is_told_where_to_fly_and_see_and_its_log_is_kept(tmp_path: Path) -> None:
+async def test_it_gets_where_to_fly_and_see_and_its_log_is_kept(tmp_path: Path) -> None:
     code = (
         "import os, sys\n"
         "for k in ('MAVLINK_URL', 'VIDEO_URL', 'GOAL'): print(os.environ['WIL_' + k])\n"
@@ -70,7 +70,7 @@ async def test_it_is_told_where_to_fly_and_see_and_its_log_is_kept(tmp_path: Pat
     assert "to stderr" in running.exit.tail
 
 
-async def test_a_crash_is_told_with_what_it_said(tmp_path: Path) -> None:
+async def test_a_crash_is_reported_with_its_output(tmp_path: Path) -> None:
     async with program("raise RuntimeError('no gate in sight')", tmp_path) as running:
         ended = await running.ended()
     assert ended.crashed

@@ -45,7 +45,7 @@ def test_its_setpoints_pass_from_the_goal_on() -> None:
     assert gate.refused == 2
 
 
-def test_setpoints_for_another_vehicle_are_not_passed_and_told() -> None:
+def test_setpoints_for_another_vehicle_are_not_passed_and_reported() -> None:
     gate = CommandFilter(target=Target(2))
     gate.flying = True
     assert gate.judge(setpoint()) == "never"
@@ -105,7 +105,7 @@ def test_a_command_that_comes_too_early_may_be_sent_again() -> None:
     assert ack.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 
 
-def steering(type_mask: int) -> Any:
+def setpoint_message(type_mask: int) -> Any:
     return frame(
         mavlink.MAVLink_set_position_target_local_ned_message(
             0, 1, 1, 1, type_mask, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0
@@ -115,13 +115,13 @@ def steering(type_mask: int) -> Any:
 
 def test_what_it_steers_by_is_known_from_what_passed() -> None:
     gate = CommandFilter(target=Target(1))
-    gate.judge(steering(0b110111111000))
+    gate.judge(setpoint_message(0b110111111000))
     assert gate.steers_by is None  # it was not its turn
     gate.flying = True
     for message, expected in (
-        (steering(0b110111000111), "velocity"),
-        (steering(0b110111111000), "position"),
-        (steering(0b110111000000), "position"),
+        (setpoint_message(0b110111000111), "velocity"),
+        (setpoint_message(0b110111111000), "position"),
+        (setpoint_message(0b110111000000), "position"),
         (
             frame(
                 mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, [1, 0, 0, 0], 0, 0, 0, 1)

@@ -44,7 +44,7 @@ def reading(source: Source) -> CameraReading:
     return CameraReading(1.0, 1.0, 0, source, np.zeros((12, 16, 3), np.uint8), SMALL)
 
 
-def test_each_way_out_gets_its_own_pictures() -> None:
+def test_each_way_out_gets_its_own_images() -> None:
     mixed, twins, raw = Kept("mixed"), Kept("twins"), Kept("raw")
     outlets = Outlets(
         [
@@ -97,7 +97,7 @@ class Screen:
         self._waiting: list[Any] = []
         self.peer: Any = None
 
-    def heard(self, name: str) -> Any:
+    def received(self, name: str) -> Any:
         """Return the next message of a name."""
         while True:
             while self._waiting:
@@ -123,12 +123,12 @@ async def test_a_ground_station_finds_the_stream_and_hears_of_contacts() -> None
         context = GroundStation(link=link, system_id=1, cameras=(camera,))
         async with link:
             running = asyncio.create_task(context.run())
-            beat = await asyncio.to_thread(screen.heard, "HEARTBEAT")
+            beat = await asyncio.to_thread(screen.received, "HEARTBEAT")
             screen.ask(mavlink.MAVLink_command_long_message(1, 100, 512, 0, 269, *[0] * 6))
-            stream = await asyncio.to_thread(screen.heard, "VIDEO_STREAM_INFORMATION")
+            stream = await asyncio.to_thread(screen.received, "VIDEO_STREAM_INFORMATION")
             context.contact("real touched gate.left", thing_id=7)
-            contact = await asyncio.to_thread(screen.heard, "COLLISION")
-            text = await asyncio.to_thread(screen.heard, "STATUSTEXT")
+            contact = await asyncio.to_thread(screen.received, "COLLISION")
+            text = await asyncio.to_thread(screen.received, "STATUSTEXT")
             running.cancel()
             await asyncio.wait([running])
     assert (beat.type, beat.get_srcComponent()) == (mavlink.MAV_TYPE_CAMERA, 100)

@@ -46,7 +46,7 @@ def test_the_real_autopilot_stops_before_a_wall_that_is_not_there(fly_run: Fly) 
     assert all(one.sent > 100 and one.stale == 0 for one in result.outside.injected)
 
 
-def test_in_mode_sim_the_twin_is_told_by_its_own_lidar(fly_run: Fly) -> None:
+def test_in_mode_sim_the_twin_gets_its_own_lidar(fly_run: Fly) -> None:
     result, folder = flown(fly_run, mode="sim")
     assert (result.verdict, result.reason) == ("PASS", "")
     farthest_m = farthest_north_m(folder, "twin")
@@ -66,7 +66,7 @@ def test_an_autopilot_that_would_not_listen_is_not_even_armed(fly_run: Fly) -> N
 @pytest.mark.parametrize(
     ("autopilot", "parameter"), [("px4", "EKF2_EV_CTRL"), ("ardupilot", "VISO_TYPE")]
 )
-def test_a_feature_that_the_vehicle_lacks_is_told_by_its_parameter(
+def test_a_feature_that_the_vehicle_lacks_is_reported_by_its_parameter(
     fly_run: Fly, autopilot: str, parameter: str
 ) -> None:
     result, _ = flown(

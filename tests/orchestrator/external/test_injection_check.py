@@ -72,7 +72,7 @@ def test_a_parameter_that_does_not_exist_is_a_feature_that_is_not_there() -> Non
         proven({}, vision)
 
 
-def test_whom_nothing_is_told_is_asked_nothing() -> None:
+def test_a_vehicle_without_injection_is_asked_nothing() -> None:
     other = InjectionSetup(thing="obstacle_distance", to=("twin",), sensor="lidar")
     assert proven({}, other).asked == []
 
@@ -105,7 +105,7 @@ WHAT_TO_SET = {
 
 @pytest.mark.parametrize("thing", INJECTED)
 @pytest.mark.parametrize("autopilot", typing.get_args(AutopilotName))
-def test_each_thing_on_each_autopilot_is_refused_until_what_is_said_is_set(
+def test_each_thing_on_each_autopilot_is_refused_until_the_remedy_is_set(
     autopilot: AutopilotName, thing: Injected
 ) -> None:
     setup = vehicle(autopilot)

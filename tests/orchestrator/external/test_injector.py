@@ -174,7 +174,7 @@ def test_ardupilot_gets_no_odometry_without_a_velocity() -> None:
     assert run_virtual(feed()).driver.told == []
 
 
-def test_an_intruder_is_told_of_once_a_second_where_it_is() -> None:
+def test_an_intruder_is_sent_once_a_second_where_it_is() -> None:
     async def feed() -> FakeStation:
         real = FakeStation()
         told = injector(

@@ -60,11 +60,11 @@ async def test_two_vehicles_share_one_port(port: int) -> None:
     assert captures.results[0].address == f"udp://127.0.0.1:{port}"
 
 
-def test_a_vehicle_without_motion_capture_from_outside_is_told_so(port: int) -> None:
+def test_a_vehicle_without_motion_capture_from_outside_is_reported(port: int) -> None:
     assert not MotionCaptures({}).listen("real", print)
 
 
-async def test_a_port_where_nothing_comes_is_said_before_anything_flies(port: int) -> None:
+async def test_a_port_where_nothing_comes_is_reported_before_anything_flies(port: int) -> None:
     async with AsyncExitStack() as stack:
         captures = MotionCaptures(wanted(port))
         await captures.open(stack)
@@ -74,7 +74,7 @@ async def test_a_port_where_nothing_comes_is_said_before_anything_flies(port: in
             await captures.ready(0.2)
 
 
-async def test_a_body_that_is_not_among_those_that_come_is_said(port: int) -> None:
+async def test_a_body_that_is_not_among_those_that_come_is_reported(port: int) -> None:
     async with AsyncExitStack() as stack:
         captures = MotionCaptures(wanted(port))
         await captures.open(stack)
@@ -84,7 +84,7 @@ async def test_a_body_that_is_not_among_those_that_come_is_said(port: int) -> No
             await captures.ready(0.2)
 
 
-async def test_what_cannot_be_read_is_said(port: int) -> None:
+async def test_what_cannot_be_read_is_reported(port: int) -> None:
     async with AsyncExitStack() as stack:
         captures = MotionCaptures(wanted(port))
         await captures.open(stack)

@@ -100,7 +100,7 @@ async def rig(folder: Path, *command: str) -> AsyncIterator[Rig]:
         yield one
 
 
-async def test_it_is_told_where_to_fly_what_to_see_and_what_for(tmp_path: Path) -> None:
+async def test_it_gets_where_to_fly_what_to_see_and_what_for(tmp_path: Path) -> None:
     async with rig(tmp_path, "-c", TELLS):
         await until((tmp_path / "env.json").exists)
         sdp = (tmp_path / "real-perceived.sdp").read_text()
@@ -137,7 +137,7 @@ async def test_its_setpoints_pass_from_the_goal_on_and_its_end_is_being_done(
     assert runner.result.exit == "ended by itself, exit code 0"
 
 
-async def test_a_crash_in_flight_fails_the_run_with_the_programs_last_words(
+async def test_a_crash_in_flight_fails_the_run_with_the_programs_last_output(
     tmp_path: Path,
 ) -> None:
     async with rig(tmp_path, "-c", "print('no such gate'); raise SystemExit(3)") as one:

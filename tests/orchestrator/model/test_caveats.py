@@ -13,6 +13,7 @@ from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.junit import junit_xml
 from orchestrator.model.results import FenceChange, RunResult, Summary, SyncResult, summarize
 from orchestrator.model.results_reader import read_result
+from orchestrator.model.twin_results import DropOut, TwinResult
 from safety.model.oracle_results import OracleResult, Verdict
 from tests.orchestrator.hover import write_hover
 
@@ -53,7 +54,7 @@ def summary(*runs: RunResult) -> Summary:
     )
 
 
-def told(*runs: RunResult) -> list[str]:
+def caveat_lines(*runs: RunResult) -> list[str]:
     return [line.plain for line in conclusions(summary(*runs))]
 
 
@@ -62,23 +63,25 @@ def properties(*runs: RunResult) -> dict[str, str]:
     return {one.attrib["name"]: one.attrib["value"] for one in root.iter("property")}
 
 
-def test_a_fence_changed_in_flight_is_told_with_the_verdict() -> None:
+def test_a_fence_changed_in_flight_is_reported_with_the_verdict() -> None:
     runs = [run(1, fence_changes=(CHANGED, CHANGED)), run(2), run(3, fence_changes=(CHANGED,))]
-    assert told(*runs) == [
+    assert caveat_lines(*runs) == [
         "fence changed in flight: real and twin by cli:anna (large wil, 2 runs)",
         "accepted; fence changed in flight by cli:anna",
     ]
     assert properties(*runs) == {"fence_changed": "real and twin by cli:anna (large wil, 2 runs)"}
 
 
-def test_it_is_told_where_a_campaign_is_not_accepted_too() -> None:
-    last = told(run(verdict="FAIL", fence_changes=(CHANGED,)))[-1]
+def test_it_is_reported_where_a_campaign_is_not_accepted_too() -> None:
+    last = caveat_lines(run(verdict="FAIL", fence_changes=(CHANGED,)))[-1]
     assert last == "not accepted; fence changed in flight by cli:anna"
 
 
-def test_who_changed_which_vehicles_fence_is_told_apart() -> None:
+def test_who_changed_which_vehicles_fence_is_distinguished() -> None:
     of_twin = FenceChange(3.0, "mqtt:ben", ("twin",))
-    assert told(run(fence_changes=(CHANGED,)), run(mode="sim", fence_changes=(of_twin,))) == [
+    assert caveat_lines(
+        run(fence_changes=(CHANGED,)), run(mode="sim", fence_changes=(of_twin,))
+    ) == [
         "fence changed in flight: real and twin by cli:anna (large wil, 1 run)",
         "fence changed in flight: twin by mqtt:ben (large sim, 1 run)",
         "accepted; fence changed in flight by cli:anna, mqtt:ben",
@@ -91,11 +94,11 @@ def test_a_result_with_a_changed_fence_is_read_back_as_written(tmp_path: Path) -
     assert read_result(tmp_path / "result.json") == result
 
 
-def test_an_oracle_that_only_reports_and_failed_is_told() -> None:
+def test_an_oracle_that_only_reports_and_failed_is_reported() -> None:
     failed = (oracle("real"), oracle("twin"))
     runs = [run(1, oracles=failed), run(2), run(1, mode="sim", oracles=(oracle("twin"),))]
     text = "reached (large wil, 1 run; large sim, 1 run)"
-    assert told(*runs) == [
+    assert caveat_lines(*runs) == [
         f"reported only, and failed: {text}",
         "accepted; reported only, and failed: reached",
     ]
@@ -103,7 +106,7 @@ def test_an_oracle_that_only_reports_and_failed_is_told() -> None:
 
 
 def test_a_campaign_that_is_not_accepted_tells_it_beneath_the_table_alone() -> None:
-    said = told(run(1, oracles=(oracle("real"),)), run(2, verdict="FAIL"))
+    said = caveat_lines(run(1, oracles=(oracle("real"),)), run(2, verdict="FAIL"))
     assert said[-2:] == ["reported only, and failed: reached (large wil, 1 run)", "not accepted"]
 
 
@@ -116,8 +119,8 @@ def test_a_campaign_that_is_not_accepted_tells_it_beneath_the_table_alone() -> N
     ],
     ids=["the twin beside the real one", "it passed", "the run failed anyway"],
 )
-def test_what_would_be_noise_is_not_told(silent: RunResult) -> None:
-    assert not [line for line in told(silent) if "reported only" in line]
+def test_what_would_be_noise_is_not_reported(silent: RunResult) -> None:
+    assert not [line for line in caveat_lines(silent) if "reported only" in line]
     assert properties(silent) == {}
 
 
@@ -129,3 +132,11 @@ def test_a_flown_campaign_says_what_failed_and_was_only_reported(
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--set", low]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "reported only, and failed: low (default sim, 2 runs) accepted; reported only" in said
+
+
+def test_a_twin_that_dropped_out_is_reported_with_what_passed() -> None:
+    left = TwinResult("free", 0.1, 0.2, 0.3, 10.0, DropOut(17.5, "twin was not heard for 3 s"))
+    runs = [run(twin=left), run(2), run(3, verdict="FAIL", twin=left)]
+    text = "twin was not heard for 3 s (large wil, 1 run)"
+    assert f"the twin dropped out: {text}" in caveat_lines(*runs)
+    assert properties(*runs)["twin_dropped_out"] == text

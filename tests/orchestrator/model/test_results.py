@@ -204,12 +204,12 @@ def test_the_summary_has_the_fields_of_the_design() -> None:
     assert fields(run) == (
         "case mode rep seed verdict reason also required duration_s wall_s oracles sync mixing"
         " collisions outside artifacts attempts preflight fence_changes evidence decided_by control"
-        " not_judged note trace exceptions"
+        " not_judged note trace exceptions twin"
     )
     assert fields(run["oracles"][0]) == (
         "name vehicle required verdict actual limit unit margin at_s detail"
     )
-    assert fields(run["sync"]) == "command_skew_s takeoff_skew_s t0_skew_s"
+    assert fields(run["sync"]) == "command_skew_s takeoff_skew_s t0_skew_s liftoff_delays_s"
     assert fields(run["mixing"]) == (
         "frames dropped rate_hz skew_ms latency_ms registration_error_px registration_bound_px"
         " combinations frames_measured shown not_measured"

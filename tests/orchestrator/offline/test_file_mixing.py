@@ -147,7 +147,7 @@ def test_videos_of_two_rates_are_paired_by_time(
         assert abs(int(image[45, 20 + 2 * k - 8, 2]) - 120) < 30
 
 
-def test_what_is_too_far_in_time_is_left_out_and_told(
+def test_what_is_too_far_in_time_is_left_out_and_reported(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     video(here / "real.mp4", 30, 30.0, lambda _: plain((120, 120, 120), WIDTH, HEIGHT))
@@ -211,7 +211,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("files", "code", "said"), BAD, ids=[bad[2] for bad in BAD])
-def test_bad_input_is_told_and_nothing_is_written(
+def test_bad_input_is_reported_and_nothing_is_written(
     here: Path,
     capsys: pytest.CaptureFixture[str],
     files: tuple[str, str, str, str],
@@ -254,7 +254,7 @@ def test_bad_input_is_told_and_nothing_is_written(
         (("--twin-depth", "PHOTO"), "is not a 16-bit image"),
     ],
 )
-def test_bad_options_are_told(
+def test_bad_options_are_reported(
     here: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], said: str
 ) -> None:
     np.save(here / "d.npy", np.ones((2, 3)))

@@ -116,7 +116,7 @@ def test_a_run_mixed_anew_is_what_it_was(
     assert 10 < report["combinations"][0]["frames"] < combinations["camera"]["frames"]
 
 
-def test_pictures_recorded_as_jpeg_are_replayed_within_what_jpeg_loses(
+def test_images_recorded_as_jpeg_are_replayed_within_what_jpeg_loses(
     run_of: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = run_of("jpeg")
@@ -142,7 +142,7 @@ def test_pictures_recorded_as_jpeg_are_replayed_within_what_jpeg_loses(
         (("sim.mcap",), "nothing was mixed in this run; give a --recipe"),
     ],
 )
-def test_what_cannot_be_replayed_is_told(
+def test_what_cannot_be_replayed_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
 ) -> None:
     (tmp_path / "text.mcap").write_text("none\n" * 100)

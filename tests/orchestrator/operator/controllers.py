@@ -30,7 +30,7 @@ class FakeFleet:
         self.going = True
 
 
-def make_desk(
+def make_controller(
     folder: Path, fleet: FakeFleet, *, said: list[str] | None = None
 ) -> CampaignController:
     say = (lambda _: None) if said is None else said.append

@@ -16,7 +16,7 @@ from orchestrator.operator.errors import OperatingError
 from orchestrator.operator.operator_channels import open_operator_channels
 from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.operator.operator_lines import RefusedLineError
-from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 
 ABORT = OperatorCommand("abort", "anna")
 HOLD = OperatorCommand("hold", "anna")
@@ -43,10 +43,10 @@ def log(folder: Path) -> list[tuple[str, str, bool]]:
     return [(line["command"], line["who"], line["ok"]) for line in lines]
 
 
-def test_abort_wins_and_is_told_once(tmp_path: Path) -> None:
+def test_abort_wins_and_is_reported_once(tmp_path: Path) -> None:
     fleet = FakeFleet()
     said: list[str] = []
-    controller = make_desk(tmp_path, fleet, said=said)
+    controller = make_controller(tmp_path, fleet, said=said)
     controller.obey(HOLD)
     controller.obey(ABORT)
     assert (controller.stopped, controller.held, fleet.aborted) == ("command", False, [ABORT])
@@ -66,7 +66,7 @@ def test_abort_wins_and_is_told_once(tmp_path: Path) -> None:
 
 def test_while_held_nothing_is_begun(tmp_path: Path) -> None:
     fleet = FakeFleet(flying=2)
-    controller = make_desk(tmp_path, fleet)
+    controller = make_controller(tmp_path, fleet)
     with pytest.raises(RefusedLineError, match="no vehicle holds"):
         controller.obey(RESUME)
     assert controller.obey(HOLD) == "held: 2 runs in flight; no run is started"
@@ -81,7 +81,7 @@ def test_while_held_nothing_is_begun(tmp_path: Path) -> None:
 def test_a_signal_aborts_and_counts_as_a_signal(tmp_path: Path) -> None:
     fleet = FakeFleet()
     said: list[str] = []
-    controller = make_desk(tmp_path, fleet, said=said)
+    controller = make_controller(tmp_path, fleet, said=said)
     controller.signal("Ctrl-C")
     controller.signal("Ctrl-C")
     assert controller.stopped == "signal"
@@ -91,7 +91,7 @@ def test_a_signal_aborts_and_counts_as_a_signal(tmp_path: Path) -> None:
 
 def test_a_run_that_a_pilot_ended_ends_the_campaign(tmp_path: Path) -> None:
     fleet = FakeFleet()
-    controller = make_desk(tmp_path, fleet)
+    controller = make_controller(tmp_path, fleet)
     controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
     assert list(controller.status()["flying"]) == ["large/wil/1"]
     controller.finished(RESULT)
@@ -105,7 +105,7 @@ def test_a_run_that_a_pilot_ended_ends_the_campaign(tmp_path: Path) -> None:
 
 def test_a_log_that_cannot_be_written_does_not_keep_an_abort(tmp_path: Path) -> None:
     fleet = FakeFleet()
-    make_desk(tmp_path / "gone", fleet).obey(ABORT)
+    make_controller(tmp_path / "gone", fleet).obey(ABORT)
     assert fleet.aborted == [ABORT]
 
 
@@ -120,7 +120,7 @@ def runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 async def test_a_campaign_says_on_its_machine_that_it_flies(tmp_path: Path, runtime: Path) -> None:
-    controller = make_desk(tmp_path, FakeFleet())
+    controller = make_controller(tmp_path, FakeFleet())
     async with open_operator_channels(controller):
         (place,) = places().campaigns
         assert (place.name, place.folder) == ("gate", tmp_path)
@@ -133,7 +133,7 @@ async def test_a_campaign_says_on_its_machine_that_it_flies(tmp_path: Path, runt
 
 
 async def test_what_a_killed_campaign_left_is_swept_away(tmp_path: Path, runtime: Path) -> None:
-    async with open_operator_channels(make_desk(tmp_path, FakeFleet())):
+    async with open_operator_channels(make_controller(tmp_path, FakeFleet())):
         record = runtime / f"campaign-{os.getpid()}.json"
         said = json.loads(record.read_text())
         said["process"]["started"] -= 1
@@ -152,10 +152,10 @@ def unsafe(runtime: Path, short_folder: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.usefixtures("unsafe")
-async def test_an_unsafe_folder_for_sockets_is_said(tmp_path: Path) -> None:
+async def test_an_unsafe_folder_for_sockets_is_reported(tmp_path: Path) -> None:
     said = r"the operator socket cannot be opened: no safe folder .* \(mode 0755\)"
     with pytest.raises(OperatingError, match=said):
-        async with open_operator_channels(make_desk(tmp_path, FakeFleet())):
+        async with open_operator_channels(make_controller(tmp_path, FakeFleet())):
             pass
 
 
@@ -189,7 +189,7 @@ def listener(short_folder: Path) -> Iterator[Listener]:
 def test_an_abort_goes_straight_to_the_guards(
     tmp_path: Path, short_folder: Path, listener: Listener
 ) -> None:
-    controller = make_desk(tmp_path, FakeFleet())
+    controller = make_controller(tmp_path, FakeFleet())
     gone = Place("gone", tmp_path, short_folder / "gone.sock")
     controller.guards = lambda: (gone, Place("large/wil/1", tmp_path, short_folder / "guard.sock"))
     controller.obey(ABORT)

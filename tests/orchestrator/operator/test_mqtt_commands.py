@@ -28,7 +28,7 @@ def make_reader() -> CommandReader:
     )
 
 
-def said(kind: str = "abort", *, token: str = TOKEN, **changes: Any) -> bytes:
+def command_bytes(kind: str = "abort", *, token: str = TOKEN, **changes: Any) -> bytes:
     body = {"session": SESSION, "id": "a1", "at": NOW_S, "who": "anna", **changes}
     kept = {key: value for key, value in body.items() if value is not ...}
     return signed(f"wil/gate/operator/{kind}", json.dumps(kept).encode(), token.encode())
@@ -40,7 +40,7 @@ def read(payload: bytes, kind: str = "abort", *, retained: bool = False) -> Any:
 
 @pytest.mark.parametrize("kind", ["abort", "hold", "resume"])
 def test_a_good_command_is_obeyed(kind: str) -> None:
-    asked = read(said(kind, reason="a bird", run="large/wil/1"), kind)
+    asked = read(command_bytes(kind, reason="a bird", run="large/wil/1"), kind)
     assert (asked.kind, asked.command_id) == (kind, "a1")
     assert asked == OperatorCommand(
         kind,  # type: ignore[arg-type]
@@ -48,7 +48,7 @@ def test_a_good_command_is_obeyed(kind: str) -> None:
         "a bird",
         command_id="a1",
     )
-    assert read(said(who=...)).who == "mqtt:operator"
+    assert read(command_bytes(who=...)).who == "mqtt:operator"
 
 
 @pytest.mark.parametrize(
@@ -61,32 +61,32 @@ def test_a_good_command_is_obeyed(kind: str) -> None:
         (b"{" + b" " * 66000 + b"}", "longer than 65536 bytes"),
         (b"{}", "a signature is needed"),
         (b'{"id": "a1", "signature": 5}', "a signature is needed"),
-        (said()[:-3] + b'"}', "a signature is needed"),
-        (said().replace(b'"}', b'", "x": 1}'), "a signature is needed"),
-        (said(token="guess"), "wrong signature"),  # noqa: S106
-        (said("hold"), "wrong signature"),
-        (said().replace(b"anna", b"eve!"), "wrong signature"),
-        (said(signature="x"), "unknown keys: signature"),
-        (said(token_="of the test"), "unknown keys: token_"),  # noqa: S106
-        (said(id=...), "id is a text of 1 to 64"),
-        (said(id="x" * 65), "id is a text of 1 to 64"),
-        (said(id=7), "id is a text of 1 to 64"),
-        (said(who="x\n"), "who is a name of 1 to 64"),
-        (said(more=1), "unknown keys: more"),
-        (said("abort", **{"\ud800": 1}), "unknown keys: \\ud800"),
-        (said(at=...), "at is the time in seconds"),
-        (said(at="now"), "at is the time in seconds"),
-        (said(at=True), "at is the time in seconds"),
-        (said(at=NOW_S - 5.1), "stale"),
-        (said(at=NOW_S + 5.1), "stale"),
-        (said(at=float("nan")), "stale"),
-        (said(at=float("inf")), "stale"),
-        (said(at=10**400), "stale"),
-        (said(session=...), "for another session of the campaign"),
-        (said(session="20261121T000000Z"), "for another session of the campaign"),
-        (said(run="large/wil/2"), "for a run that is not in flight"),
-        (said(run=["large"]), "for a run that is not in flight"),
-        (said(run=None), "for a run that is not in flight"),
+        (command_bytes()[:-3] + b'"}', "a signature is needed"),
+        (command_bytes().replace(b'"}', b'", "x": 1}'), "a signature is needed"),
+        (command_bytes(token="guess"), "wrong signature"),  # noqa: S106
+        (command_bytes("hold"), "wrong signature"),
+        (command_bytes().replace(b"anna", b"eve!"), "wrong signature"),
+        (command_bytes(signature="x"), "unknown keys: signature"),
+        (command_bytes(token_="of the test"), "unknown keys: token_"),  # noqa: S106
+        (command_bytes(id=...), "id is a text of 1 to 64"),
+        (command_bytes(id="x" * 65), "id is a text of 1 to 64"),
+        (command_bytes(id=7), "id is a text of 1 to 64"),
+        (command_bytes(who="x\n"), "who is a name of 1 to 64"),
+        (command_bytes(more=1), "unknown keys: more"),
+        (command_bytes("abort", **dict[str, Any]({"\ud800": 1})), "unknown keys: \\ud800"),
+        (command_bytes(at=...), "at is the time in seconds"),
+        (command_bytes(at="now"), "at is the time in seconds"),
+        (command_bytes(at=True), "at is the time in seconds"),
+        (command_bytes(at=NOW_S - 5.1), "stale"),
+        (command_bytes(at=NOW_S + 5.1), "stale"),
+        (command_bytes(at=float("nan")), "stale"),
+        (command_bytes(at=float("inf")), "stale"),
+        (command_bytes(at=10**400), "stale"),
+        (command_bytes(session=...), "for another session of the campaign"),
+        (command_bytes(session="20261121T000000Z"), "for another session of the campaign"),
+        (command_bytes(run="large/wil/2"), "for a run that is not in flight"),
+        (command_bytes(run=["large"]), "for a run that is not in flight"),
+        (command_bytes(run=None), "for a run that is not in flight"),
     ],
 )
 def test_what_is_wrong_is_refused_with_the_reason(payload: bytes, why: str) -> None:
@@ -97,36 +97,36 @@ def test_what_is_wrong_is_refused_with_the_reason(payload: bytes, why: str) -> N
 
 @pytest.mark.parametrize("given", ["box: {}", {"box": {"up_m": [0, 2]}}])
 def test_a_geofence_comes_as_text_or_as_an_object(given: Any) -> None:
-    command = read(said("geofence", geofence=given), "geofence")
+    command = read(command_bytes("geofence", geofence=given), "geofence")
     assert (command.kind, command.command_id) == ("geofence", "a1")
     assert given in (command.document, json.loads(command.document) if given != "box: {}" else "")
     with pytest.raises(RefusedCommandError, match="geofence is for"):
-        read(said("hold", geofence=given), "hold")
+        read(command_bytes("hold", geofence=given), "hold")
     with pytest.raises(RefusedCommandError, match="geofence is for"):
-        read(said("geofence"), "geofence")
+        read(command_bytes("geofence"), "geofence")
 
 
 def test_a_reason_that_is_fit_for_no_record_is_left_out() -> None:
     for reason in ("x" * 201, "\ud800", "a\nb", 7):
-        assert read(said(reason=reason)).reason == ""
+        assert read(command_bytes(reason=reason)).reason == ""
 
 
 def test_a_retained_command_and_an_unknown_one_are_refused() -> None:
     with pytest.raises(RefusedCommandError, match="retained"):
-        read(said(), retained=True)
+        read(command_bytes(), retained=True)
     with pytest.raises(RefusedCommandError, match="no command 'land'"):
-        read(said("land"), "land")
+        read(command_bytes("land"), "land")
 
 
 def test_no_id_is_obeyed_twice_while_it_is_fresh() -> None:
     reader = make_reader()
-    reader.read("hold", said("hold"), retained=False, now_s=NOW_S)
+    reader.read("hold", command_bytes("hold"), retained=False, now_s=NOW_S)
     with pytest.raises(RefusedCommandError, match="used already") as refused:
-        reader.read("hold", said("hold"), retained=False, now_s=NOW_S + 4.0)
+        reader.read("hold", command_bytes("hold"), retained=False, now_s=NOW_S + 4.0)
     assert (refused.value.command_id, refused.value.who) == ("a1", "anna")
     with pytest.raises(RefusedCommandError, match="stale"):
-        reader.read("hold", said("hold"), retained=False, now_s=NOW_S + 60.0)
-    later = said("hold", at=NOW_S + 60.0)
+        reader.read("hold", command_bytes("hold"), retained=False, now_s=NOW_S + 60.0)
+    later = command_bytes("hold", at=NOW_S + 60.0)
     assert reader.read("hold", later, retained=False, now_s=NOW_S + 60.0).command_id == "a1"
 
 
@@ -141,7 +141,7 @@ def test_an_unsigned_command_is_obeyed_where_a_campaign_has_no_key() -> None:
     assert reader.read("abort", payload, retained=False, now_s=NOW_S).kind == "abort"
 
 
-def test_a_signature_is_for_one_campaign_and_for_what_was_said() -> None:
+def test_a_signature_is_for_one_campaign_and_for_one_command() -> None:
     body = b'{"state": "ended", "at": 1.5}'
     message = signed("wil/gate/status", body, status_key(TOKEN))
     assert json.loads(message)["state"] == "ended"
@@ -151,7 +151,7 @@ def test_a_signature_is_for_one_campaign_and_for_what_was_said() -> None:
             verified(topic, message, key)
     # Who can only check statuses cannot command.
     topic = "wil/gate/operator/abort"
-    body = verified(topic, said(), TOKEN.encode())
+    body = verified(topic, command_bytes(), TOKEN.encode())
     forged = signed(topic, body, status_key(TOKEN))
     with pytest.raises(RefusedCommandError, match="wrong signature"):
         read(forged)
@@ -160,7 +160,7 @@ def test_a_signature_is_for_one_campaign_and_for_what_was_said() -> None:
 def test_signing_and_checking_take_less_than_a_tenth_of_a_millisecond() -> None:
     begin_s = time.perf_counter()
     for _ in range(200):
-        verified("wil/gate/operator/abort", said(), TOKEN.encode())
+        verified("wil/gate/operator/abort", command_bytes(), TOKEN.encode())
     assert (time.perf_counter() - begin_s) / 200 < 1e-4
 
 

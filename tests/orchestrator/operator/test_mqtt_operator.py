@@ -21,9 +21,10 @@ from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.embedded_broker import embedded_broker
 from orchestrator.operator.errors import OperatingError
 from orchestrator.operator.message_signing import signed_command, status_key, verified
-from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
+from orchestrator.operator.mqtt import MqttOperator, MqttSecrets, mqtt_operating
 from orchestrator.operator.operator_channels import open_operator_channels
-from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from vehicles.tasks import TaskAccount
 
 TOKEN = "of the test"  # noqa: S105 - opens nothing
 ACCESS = BrokerAccess.new("wil/gate")
@@ -102,7 +103,7 @@ class Scene:
         address = BrokerAddress("127.0.0.1", self.port, embedded=True)
         self.setup = MqttSetup(broker=address, **{"user": "wil", **setup})
         self.fleet = FakeFleet()
-        self.controller = make_desk(folder, self.fleet)
+        self.controller = make_controller(folder, self.fleet)
         self.broker = AsyncExitStack()
 
     async def start_broker(self) -> None:
@@ -223,7 +224,7 @@ async def test_what_happens_is_published_at_once(scene: Scene) -> None:
     assert (touch["vehicle"], verdict["verdict"], verdict["final"]) == ("real", "FAIL", False)
 
 
-async def test_the_end_is_told_and_a_death_as_well(tmp_path: Path) -> None:
+async def test_the_end_is_reported_and_a_death_as_well(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     await scene.start_broker()
     async with Person(scene.port, scene.controller) as person:
@@ -251,6 +252,36 @@ async def test_a_broker_that_comes_back_finds_us_again(tmp_path: Path) -> None:
         assert notes[0].startswith("the MQTT broker is disconnected: ")
         assert notes[1:] == ["reconnected to the MQTT broker"]
     await scene.stop_broker()
+
+
+async def test_a_broker_that_goes_is_no_fault_of_ours(tmp_path: Path) -> None:
+    faulty: list[str] = []
+    loop = asyncio.get_running_loop()
+    account = TaskAccount(
+        fault=lambda _, where: faulty.append(where), expected=(OperatingError, OSError)
+    )
+    scene = Scene(tmp_path)
+    with account.of(loop):
+        await scene.start_broker()
+        async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+            await scene.stop_broker()
+            async with asyncio.timeout(10.0):
+                while not log_or_none(tmp_path):  # noqa: ASYNC110 - a file sets no event
+                    await asyncio.sleep(0.01)
+    assert faulty == []
+
+
+async def test_a_client_that_fails_before_it_is_connected_keeps_nobody_waiting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(_: MqttOperator) -> None:
+        raise RuntimeError("a fault of ours")
+
+    monkeypatch.setattr(MqttOperator, "run", fail)
+    scene = Scene(tmp_path)
+    with pytest.raises(RuntimeError, match="a fault of ours"):
+        async with asyncio.timeout(5.0), mqtt_operating(scene.setup, SECRETS, scene.controller):
+            pass
 
 
 @pytest.mark.parametrize("policy", ["continue", "hold", "abort"])
@@ -415,7 +446,7 @@ async def test_users_of_the_embedded_broker_keep_to_their_topics(scene: Scene) -
 
 
 @pytest.mark.usefixtures("runtime")
-async def test_a_secret_that_is_not_set_is_said(tmp_path: Path) -> None:
+async def test_a_secret_that_is_not_set_is_reported(tmp_path: Path) -> None:
     scene = Scene(tmp_path, token_env="WIL_NOT_SET")  # noqa: S106
     with pytest.raises(OperatingError, match="the variable WIL_NOT_SET is not set"):
         async with open_operator_channels(scene.controller, scene.setup):

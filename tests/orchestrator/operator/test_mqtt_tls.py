@@ -14,7 +14,7 @@ from campaigns.values.broker_address import BrokerAddress
 from orchestrator.operator.errors import OperatingError
 from orchestrator.operator.message_signing import signed_command
 from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
-from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from tests.orchestrator.operator.mosquitto import (
     PASSWORD,
     UNNAMED,
@@ -69,7 +69,7 @@ async def test_commands_come_through_as_far_as_the_broker_lets_them(
     setup: MqttSetup, tmp_path: Path
 ) -> None:
     fleet = FakeFleet()
-    controller = make_desk(tmp_path, fleet)
+    controller = make_controller(tmp_path, fleet)
     async with mqtt_operating(setup, SECRETS, controller):
         for number, kind in enumerate(("hold", "resume", "abort")):
             await asyncio.to_thread(
@@ -133,7 +133,7 @@ async def test_what_the_broker_or_we_do_not_trust_is_an_error_at_the_start(
     wrong = replace(setup, **found)  # type: ignore[arg-type]  # None is for files alone
     with pytest.raises(OperatingError, match=why):
         async with mqtt_operating(
-            wrong, replace(SECRETS, password=password), make_desk(tmp_path, FakeFleet())
+            wrong, replace(SECRETS, password=password), make_controller(tmp_path, FakeFleet())
         ):
             pass
 
@@ -145,7 +145,7 @@ async def test_an_address_that_the_certificate_does_not_name_is_refused(
     def at(host: str) -> MqttSetup:
         return replace(setup, broker=replace(setup.broker, host=host))
 
-    controller = make_desk(tmp_path, FakeFleet())
+    controller = make_controller(tmp_path, FakeFleet())
     with pytest.raises(OperatingError, match=f"(?i)certificate.*{UNNAMED}"):
         async with mqtt_operating(at(UNNAMED), SECRETS, controller):
             pass

@@ -88,7 +88,7 @@ def filter(work, other, *, left_px, width_px):
 
 
 def same(a: Recipe, b: Recipe) -> bool:
-    def told(recipe: Recipe) -> object:
+    def plain_recipe(recipe: Recipe) -> object:
         return [
             (
                 one.sensor,
@@ -101,7 +101,11 @@ def same(a: Recipe, b: Recipe) -> bool:
             for one in recipe.combinations
         ]
 
-    return (told(a), a.sensors, a.description) == (told(b), b.sensors, b.description)
+    return (plain_recipe(a), a.sensors, a.description) == (
+        plain_recipe(b),
+        b.sensors,
+        b.description,
+    )
 
 
 @pytest.mark.parametrize(("xml", "yaml"), [(LISTING, LISTING_YAML), (RICH, RICH_YAML)])

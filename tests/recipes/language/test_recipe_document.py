@@ -101,7 +101,7 @@ def test_all_faults_at_once_in_order_of_their_places() -> None:
         ({"max_skew_s": "1"}, "did you mean 'max_skew_ms'?"),
     ],
 )
-def test_a_fault_and_what_is_said_of_it(parts: dict[str, str], said: str) -> None:
+def test_a_fault_and_its_message(parts: dict[str, str], said: str) -> None:
     found = faults(combine(**parts))
     assert len(found) == 1
     assert said in found[0]
@@ -132,7 +132,7 @@ def test_the_objects_that_a_mixture_has_to_show_are_known_to_the_world() -> None
     assert read(combine()).combinations[0].shows is None
 
 
-def test_unknown_objects_are_told_with_their_places() -> None:
+def test_unknown_objects_are_reported_with_their_places() -> None:
     for filters in ("[{isolate_objects: [gate, gatf]}]", "[{isolate_objects: {names: [gatf]}}]"):
         recipe = read(combine(filter=filters))
         (problem,) = recipe.unknown_objects(frozenset({"gate", "cage"}))

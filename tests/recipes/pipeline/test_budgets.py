@@ -33,7 +33,7 @@ def test_at_the_limits_all_is_well() -> None:
         (replace(GOOD, skew_ms=float("nan")), "max_skew_ms: nan, the limit is 60"),
     ],
 )
-def test_each_limit_is_told(figures: Figures, said: str) -> None:
+def test_each_limit_is_reported(figures: Figures, said: str) -> None:
     (found,) = breaches(BUDGET, figures)
     assert str(found) == said
 

@@ -71,7 +71,7 @@ def test_provenance_names_both_inputs_and_their_times() -> None:
     assert (told.alignment, told.dropped, told.stages) == ("interpolated", None, ())
 
 
-def test_a_mixture_is_the_real_pictures_moment_and_tells_nothing_of_the_scene() -> None:
+def test_a_mixture_has_the_real_images_time_and_nothing_of_the_scene() -> None:
     ids, depth = np.full((HEIGHT, WIDTH), 7, np.uint8), np.ones((HEIGHT, WIDTH), np.float32)
     knowing: dict[str, Any] = {
         "object_ids": ids,

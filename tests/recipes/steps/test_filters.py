@@ -111,7 +111,7 @@ def test_the_median_of_beams_is_that_of_a_plain_loop(values: Any, window: int) -
     assert np.array_equal(made, np.array(around, np.float32))
 
 
-def test_the_median_of_pictures_and_of_a_rangefinder_over_time() -> None:
+def test_the_median_of_images_and_of_a_rangefinder_over_time() -> None:
     image = plain()
     image[10, 10] = 255
     assert (apply("median", camera(image)).reading.image_bgr == plain()).all()
@@ -252,7 +252,7 @@ def test_the_background_may_be_a_picture(tmp_path: Path) -> None:
         step(Masked(camera(plain(width=32, height=24))), None)
 
 
-def test_a_background_that_cannot_be_read_is_told(tmp_path: Path) -> None:
+def test_a_background_that_cannot_be_read_is_reported(tmp_path: Path) -> None:
     (tmp_path / "bad.png").write_bytes(b"no picture")
     kind = build.__globals__["find"]("subtract_background")
     for name, said in (("bad.png", "not an image that can be read"), ("none.png", "no file")):

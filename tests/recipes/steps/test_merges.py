@@ -239,7 +239,7 @@ def test_aggregation_of_beams_is_that_of_a_plain_loop(given_pair: Any) -> None:
             assert found == pytest.approx(expected, rel=1e-6)
 
 
-def test_aggregation_of_pictures_and_depth() -> None:
+def test_aggregation_of_images_and_depth() -> None:
     real, twin = camera(plain((0, 100, 200)), "real"), camera(plain((100, 0, 200)))
     expected = {"mean": (50, 50, 200), "min": (0, 0, 200), "max": (100, 100, 200)}
     for by, color in expected.items():

@@ -109,7 +109,7 @@ def test_a_class_is_made_once_for_each_side(tmp_path: Path) -> None:
     assert [int(mixed(one).reading.image_bgr[0, 0, 0]) for _ in range(3)] == [8, 9, 10]
 
 
-def test_an_exception_is_told_in_full(tmp_path: Path) -> None:
+def test_an_exception_is_reported_in_full(tmp_path: Path) -> None:
     one = mixer(
         tmp_path, "filter:", "  - {use: 'my_steps.py:keep_left'}", "  - {use: 'my_steps.py:broken'}"
     )
@@ -159,7 +159,7 @@ def test_a_result_that_is_none_is_an_error_and_no_wrong_picture(
         ("{use: 'bad.py:f'}", "line 2: ZeroDivisionError"),
     ],
 )
-def test_what_cannot_be_used_is_told_at_load(tmp_path: Path, step: str, said: str) -> None:
+def test_what_cannot_be_used_is_reported_at_load(tmp_path: Path, step: str, said: str) -> None:
     (tmp_path / "bad.py").write_text("x = 1\n1 / 0\n")
     with pytest.raises(BadInput) as caught:
         load_recipe_file(written(tmp_path, f"transform: [{step}]"))

@@ -206,7 +206,7 @@ def test_an_overlay_writes_to_neither_picture() -> None:
     assert (mixed.image_bgr == 9).all()
 
 
-def test_pictures_that_do_not_fit_are_refused() -> None:
+def test_images_that_do_not_fit_are_refused() -> None:
     real = Masked(reading(picture(), "real"))
     small = Masked(reading(np.zeros((24, 32, 3), np.uint8)))
     with pytest.raises(CannotMixError, match=r"32 x 24 .* over 64 x 48 .*resize"):

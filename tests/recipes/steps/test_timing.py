@@ -119,7 +119,7 @@ def test_a_delayed_reading_is_the_newest_old_enough(times: list[float], by_ms: f
                     step(Masked(line(t_s)), None)
 
 
-def test_memory_of_pictures_is_bounded() -> None:
+def test_memory_of_images_is_bounded() -> None:
     step = build("resample", how="hold", max_gap_ms=60_000.0)
     for k in range(100):
         step.offer(camera(t_s=k * 0.01))
@@ -134,7 +134,7 @@ def test_the_same_reading_again_changes_nothing() -> None:
     assert np.isclose(held.t_s, 0.5)
 
 
-def test_a_long_delay_keeps_as_many_pictures_as_it_spans() -> None:
+def test_a_long_delay_keeps_as_many_images_as_it_spans() -> None:
     step = build("delay", by_ms=2000.0)
     for k in range(100):
         step.offer(camera(t_s=k / 30))

@@ -99,7 +99,7 @@ def test_something_virtual_where_nothing_is_due_is_a_fault() -> None:
     assert "5.0 % of the reading" in fault.text
 
 
-def test_what_cannot_be_measured_is_said_and_not_counted() -> None:
+def test_what_cannot_be_measured_is_reported_and_not_counted() -> None:
     coverage, fault = flown([FrameVisibility(1.0, not_measured="no reference pose")] * 20)
     assert fault is None
     assert (coverage.frames, coverage.not_measured) == (0, "no reference pose")

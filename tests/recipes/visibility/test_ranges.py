@@ -82,7 +82,7 @@ def test_what_is_out_of_reach_is_not_in_view() -> None:
     assert not wall_of(compared(real(), far_m=3.0)).in_view
 
 
-def test_a_wall_where_nothing_is_due_is_said() -> None:
+def test_a_wall_where_nothing_is_due_is_reported() -> None:
     nothing = ExpectedRanges(np.full(BEAMS, np.inf), np.zeros(BEAMS, np.uint8))
     frame = compare_ranges(
         t_s=1.0,

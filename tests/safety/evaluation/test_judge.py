@@ -138,7 +138,7 @@ def test_time_alone_is_judged_too() -> None:
     assert [f.oracle for f in judge.tick(2.0)] == ["time_limit"]
 
 
-def test_silence_is_judged_by_what_is_heard() -> None:
+def test_silence_is_judged_by_what_is_received() -> None:
     judge = Judge(build_oracles([use("link", max_gap_s=1)], contexts("sim")))
     judge.stage(StageSample(0.0, "takeoff"))
     judge.received(LinkSample(0.5, "twin"))

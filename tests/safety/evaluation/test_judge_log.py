@@ -93,7 +93,7 @@ SIGNALS = ("pose", "battery")
 
 
 @st.composite
-def tapes(draw: st.DrawFn) -> list[LoggedSample]:
+def judge_logs(draw: st.DrawFn) -> list[LoggedSample]:
     """Samples of a flight in the order of their times, its stages in their order."""
     t_s, stages = 0.0, list(STAGES)
     taped: list[LoggedSample] = []
@@ -217,8 +217,8 @@ def feed(judge: Judge, events: dict[str, float], sample: LoggedSample) -> None:
 
 
 @settings(max_examples=40, deadline=None)
-@given(tapes())
-def test_judging_a_tape_is_judging_the_flight(taped: list[LoggedSample]) -> None:
+@given(judge_logs())
+def test_judging_a_judge_log_is_judging_the_flight(taped: list[LoggedSample]) -> None:
     events: dict[str, float] = {}
     online = judge_of(events)
     for sample in taped:
@@ -235,13 +235,13 @@ def test_judging_a_tape_is_judging_the_flight(taped: list[LoggedSample]) -> None
     assert again == events
 
 
-def test_every_oracle_is_on_the_tape() -> None:
+def test_every_oracle_is_in_the_judge_log() -> None:
     assert {kind for kind, _ in USES} == set(registry)
 
 
 @settings(max_examples=50, deadline=None)
-@given(tapes())
-def test_a_tape_reads_back_what_was_written_and_a_cut_one_as_far_as_it_goes(
+@given(judge_logs())
+def test_a_judge_log_reads_back_what_was_written_and_a_cut_one_as_far_as_it_goes(
     taped: list[LoggedSample],
 ) -> None:
     whole = packed(taped)
@@ -271,6 +271,6 @@ def shown(taped: list[LoggedSample]) -> list[str]:
         (packed([]) + b"\xc1\xc1", "no sample before byte"),
     ],
 )
-def test_what_is_no_tape_is_refused(data: bytes, said: str) -> None:
+def test_what_is_no_judge_log_is_refused(data: bytes, said: str) -> None:
     with pytest.raises(JudgeLogError, match=said):
         list(read_judge_log(io.BytesIO(data)))

@@ -42,16 +42,16 @@ def test_whether_a_fence_may_be_changed(said: str, refusal: str) -> None:
 def test_a_vehicle_that_is_not_seen_keeps_its_fence() -> None:
     core = core_of_two()
     text = "anna: geofence: real: where it is was not seen within the last second"
-    assert told(core.propose_fences({"real": NEW}, "anna", 1.0)) == [("refused", text)]
+    assert event_texts(core.propose_fences({"real": NEW}, "anna", 1.0)) == [("refused", text)]
     core.position(place("real", 0.0, 1.0))
-    (proposed,) = told(core.propose_fences({"real": NEW}, "anna", 1.5))
+    (proposed,) = event_texts(core.propose_fences({"real": NEW}, "anna", 1.5))
     wanted = (
         "anna requests another fence for real; the old one applies until the autopilot "
         "has the new one"
     )
     assert proposed == ("proposed", wanted)
     assert fence_of(core, "real") is OLD
-    assert told(core.propose_fences({"real": NEW}, "anna", 2.5)) == [("refused", text)]
+    assert event_texts(core.propose_fences({"real": NEW}, "anna", 2.5)) == [("refused", text)]
 
 
 def place(name: str, north_m: float, t_s: float) -> PoseSample:
@@ -66,7 +66,7 @@ def core_of_two() -> GuardCore:
     return GuardCore(vehicles=vehicles, settings=GuardSettings(keep_m=0.1))
 
 
-def told(outputs: tuple[object, ...]) -> list[tuple[str, str]]:
+def event_texts(outputs: tuple[object, ...]) -> list[tuple[str, str]]:
     return [(o.kind, o.text) for o in outputs if isinstance(o, GuardEvent)]
 
 
@@ -79,14 +79,14 @@ def test_the_guard_changes_all_fences_or_none() -> None:
     core.position(place("real", 0.0, 1.0))
     core.position(place("twin", 3.0, 1.0))
     both = {"real": NEW, "twin": NEW}
-    assert told(core.change_fences(both, "anna", 1.2)) == [
+    assert event_texts(core.change_fences(both, "anna", 1.2)) == [
         ("refused", "anna: geofence: twin: it is 1.00 m outside of the fence's side")
     ]
     assert fence_of(core, "real") is fence_of(core, "twin") is OLD
     core.position(place("twin", 1.0, 1.3))
-    assert [kind for kind, _ in told(core.propose_fences(both, "anna", 1.4))] == ["proposed"]
+    assert [kind for kind, _ in event_texts(core.propose_fences(both, "anna", 1.4))] == ["proposed"]
     assert fence_of(core, "real") is OLD
-    assert told(core.change_fences(both, "anna", 1.4)) == [
+    assert event_texts(core.change_fences(both, "anna", 1.4)) == [
         ("geofence", "anna changed the fence of real and twin")
     ]
     assert fence_of(core, "real") is fence_of(core, "twin") is NEW
@@ -96,7 +96,7 @@ def test_who_lands_already_keeps_its_fence() -> None:
     core = core_of_two()
     core.position(place("real", 0.0, 1.0))
     core.command(OperatorCommand("abort", "bert"), 1.1)
-    assert told(core.change_fences({"real": NEW}, "anna", 1.2)) == [
+    assert event_texts(core.change_fences({"real": NEW}, "anna", 1.2)) == [
         ("refused", "anna: geofence: all vehicles are landing")
     ]
     assert fence_of(core, "real") is OLD

@@ -118,7 +118,7 @@ def words(folder: Path, name: str) -> list[tuple[float, str]]:
     return [(float(t_s), word) for t_s, _, word in (line.partition(" ") for line in lines)]
 
 
-def journal(folder: Path) -> list[dict[str, Any]]:
+def log_lines(folder: Path) -> list[dict[str, Any]]:
     """Return the lines of guard.jsonl."""
     return [json.loads(line) for line in (folder / "guard.jsonl").read_text().splitlines()]
 

@@ -229,7 +229,7 @@ def test_a_log_that_cannot_be_written_does_not_stop_the_flight(fake_vehicle: Any
     fly(main())
 
 
-def test_frames_leave_before_events_are_told(fake_vehicle: Any) -> None:
+def test_frames_leave_before_events_are_reported(fake_vehicle: Any) -> None:
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
             seen: list[int] = []

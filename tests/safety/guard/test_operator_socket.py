@@ -15,7 +15,7 @@ from safety.guard.operator import operator_socket
 from safety.guard.operator.operator_socket import MOST_CLIENTS, MOST_WATCHERS, OperatorSocket
 
 
-class Desk:
+class Controller:
     """Obeys all, and remembers it."""
 
     def __init__(self, folder: Path) -> None:
@@ -52,11 +52,11 @@ class Desk:
 
 
 @pytest.fixture
-async def desk(short_folder: Path) -> AsyncIterator[Desk]:
-    desk = Desk(short_folder)
-    async with desk.serve():
-        yield desk
-        await desk.close()
+async def controller(short_folder: Path) -> AsyncIterator[Controller]:
+    controller = Controller(short_folder)
+    async with controller.serve():
+        yield controller
+        await controller.close()
 
 
 async def say(writer: asyncio.StreamWriter, command: str) -> None:
@@ -64,50 +64,50 @@ async def say(writer: asyncio.StreamWriter, command: str) -> None:
     await writer.drain()
 
 
-async def ask(desk: Desk, command: str) -> tuple[dict[str, Any], asyncio.StreamWriter]:
-    reader, writer = await desk.connect()
+async def ask(controller: Controller, command: str) -> tuple[dict[str, Any], asyncio.StreamWriter]:
+    reader, writer = await controller.connect()
     await say(writer, command)
     async with asyncio.timeout(2.0):
         return json.loads(await reader.readline()), writer
 
 
-async def test_watchers_keep_no_command_out(desk: Desk) -> None:
-    watching = [await ask(desk, "watch") for _ in range(MOST_WATCHERS)]
+async def test_watchers_keep_no_command_out(controller: Controller) -> None:
+    watching = [await ask(controller, "watch") for _ in range(MOST_WATCHERS)]
     assert all(answer["ok"] for answer, _ in watching)
-    more, _ = await ask(desk, "watch")
+    more, _ = await ask(controller, "watch")
     assert (more["ok"], more["text"]) == (False, "16 watchers are connected already")
-    answer, _ = await ask(desk, "abort")
+    answer, _ = await ask(controller, "abort")
     assert answer["ok"]
-    assert [command.kind for command in desk.obeyed] == ["abort"]
+    assert [command.kind for command in controller.obeyed] == ["abort"]
     # The place of a watcher that goes is free again.
     watching[0][1].close()
     async with asyncio.timeout(3.0):
-        while not (await ask(desk, "watch"))[0]["ok"]:  # noqa: ASYNC110 - a place sets no event
+        while not (await ask(controller, "watch"))[0]["ok"]:  # noqa: ASYNC110 - a place sets no event
             await asyncio.sleep(0.05)
 
 
-async def test_silent_connections_keep_no_command_out(desk: Desk) -> None:
-    silent = [await desk.connect() for _ in range(MOST_CLIENTS + 20)]
-    answer, _ = await ask(desk, "abort")
+async def test_silent_connections_keep_no_command_out(controller: Controller) -> None:
+    silent = [await controller.connect() for _ in range(MOST_CLIENTS + 20)]
+    answer, _ = await ask(controller, "abort")
     assert answer["ok"]
     # Those that were silent longest made room, and nobody else.
     async with asyncio.timeout(2.0):
         assert await silent[0][0].read() == b""
     assert not silent[-1][0].at_eof()
-    assert any("the oldest is closed" in text for text in desk.refused)
-    assert len(desk.refused) <= 22
+    assert any("the oldest is closed" in text for text in controller.refused)
+    assert len(controller.refused) <= 22
 
 
 async def test_a_watcher_that_does_not_read_is_dropped(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
+    controller: Controller, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(operator_socket, "_WATCH_S", 0.005)
     monkeypatch.setattr(operator_socket, "_READ_S", 0.1)
     deaf = socket.socket(socket.AF_UNIX)
     deaf.setblocking(False)
-    await asyncio.get_running_loop().sock_connect(deaf, str(desk.path))
+    await asyncio.get_running_loop().sock_connect(deaf, str(controller.path))
     await asyncio.get_running_loop().sock_sendall(deaf, b'{"command": "watch"}\n')
-    reader, writer = await desk.connect()
+    reader, writer = await controller.connect()
     await say(writer, "watch")
     await reader.readline()
     before = len(asyncio.all_tasks())
@@ -122,14 +122,14 @@ async def test_a_watcher_that_does_not_read_is_dropped(
     deaf.close()
 
 
-async def test_an_abort_is_obeyed_in_a_storm_of_connections(desk: Desk) -> None:
+async def test_an_abort_is_obeyed_in_a_storm_of_connections(controller: Controller) -> None:
     """About a thousand connections a second that say nothing, and stay."""
     storm: list[asyncio.StreamWriter] = []
     over = asyncio.Event()
 
     async def blow() -> None:
         while not over.is_set():
-            storm.extend([(await desk.connect())[1] for _ in range(10)])
+            storm.extend([(await controller.connect())[1] for _ in range(10)])
             await asyncio.sleep(0.01)
             while len(storm) > 300:
                 storm.pop(0).close()
@@ -138,14 +138,14 @@ async def test_an_abort_is_obeyed_in_a_storm_of_connections(desk: Desk) -> None:
     taken: list[float] = []
     for _ in range(50):
         begin_s = time.perf_counter()
-        answer, writer = await ask(desk, "abort")
+        answer, writer = await ask(controller, "abort")
         taken.append(time.perf_counter() - begin_s)
         assert answer["ok"]
         writer.close()
         await asyncio.sleep(0.005)
     over.set()
     await blowing
-    assert len(desk.obeyed) == 50
+    assert len(controller.obeyed) == 50
     # Both ends of all connections are in this one loop: a loose bound, bench/guard.py measures.
     assert sorted(taken)[25] < 0.1
 
@@ -153,8 +153,8 @@ async def test_an_abort_is_obeyed_in_a_storm_of_connections(desk: Desk) -> None:
 async def test_the_pointer_follows_no_link(short_folder: Path, tmp_path: Path) -> None:
     precious = tmp_path / "precious"
     precious.write_text("mine")
-    desk = Desk(short_folder)
-    desk.pointer.symlink_to(precious)
-    async with desk.serve():
-        assert json.loads(desk.pointer.read_text())["socket"] == str(desk.path)
+    controller = Controller(short_folder)
+    controller.pointer.symlink_to(precious)
+    async with controller.serve():
+        assert json.loads(controller.pointer.read_text())["socket"] == str(controller.path)
     assert precious.read_text() == "mine"

@@ -58,7 +58,7 @@ def test_a_required_oracle_fails_the_run_at_its_moment() -> None:
     ]
 
 
-def test_a_flag_is_not_told_twice() -> None:
+def test_a_flag_is_not_reported_twice() -> None:
     flag = DecisiveEvent(2.0, "FAIL", "real touched gate.left", "collision/real")
     decision = decide([flag], [result("collision", passed=False, at_s=3.0)], end_s=9)
     assert (decision.reason, decision.also) == ("real touched gate.left", ())
@@ -80,7 +80,7 @@ events = st.builds(
 
 
 @given(st.lists(events, min_size=1, max_size=6), st.randoms(use_true_random=False))
-def test_the_order_in_which_events_are_told_does_not_matter(
+def test_the_order_in_which_events_are_reported_does_not_matter(
     told: list[DecisiveEvent], shuffler: object
 ) -> None:
     shuffled = list(told)
@@ -105,3 +105,17 @@ def test_what_was_not_reached_comes_before_the_time_out_that_it_led_to() -> None
     touched = DecisiveEvent(30.0, "FAIL", "real touched gate.left", "collision/real")
     first = decide([touched, timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
     assert first.source == "collision/real"
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "silent_s", "verdict"),
+    [("real", 16.1, "ERROR"), ("real", 12.0, "INVALID"), ("twin", 16.1, "INVALID")],
+)
+def test_signals_of_a_vehicle_that_is_being_lost_are_part_of_its_loss(
+    vehicle: str, silent_s: float, verdict: str
+) -> None:
+    lost = DecisiveEvent(19.0, "ERROR", "real was not heard for 3 s", "guard.lost/real")
+    silent = DecisiveEvent(silent_s, "INVALID", "no sample", f"evidence/pose/{vehicle}")
+    decision = decide([silent, lost], [], end_s=60.0)
+    assert decision.verdict == verdict
+    assert len(decision.also) == 1

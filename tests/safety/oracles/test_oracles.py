@@ -108,5 +108,5 @@ def test_an_oracle_that_saw_nothing_never_passes_and_says_so(
     assert result.detail
 
 
-def test_every_oracle_is_in_the_test_of_seeing_nothing() -> None:
+def test_every_oracle_is_in_the_test_of_no_samples() -> None:
     assert {kind for kind, _ in NEVER_FED} == set(registry)

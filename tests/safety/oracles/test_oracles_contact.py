@@ -103,7 +103,7 @@ def test_clearance_holds_a_limit(clearance_m: float, verdict: str) -> None:
     assert result.margin == pytest.approx(clearance_m - 0.1)
 
 
-def test_an_empty_world_is_passed_and_said_to_be() -> None:
+def test_an_empty_world_is_passed_and_reported_as_empty() -> None:
     judge, _ = contact({})
     stage(judge, takeoff=1.0)
     judge.on_pose(pose(2.0))

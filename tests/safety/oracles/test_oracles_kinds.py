@@ -23,7 +23,7 @@ def leaning(t_s: float, roll_deg: float = 0.0, pitch_deg: float = 0.0) -> PoseSa
     return PoseSample(t_s, "real", Pose((0, 0, -1), q), (0, 0, 0))
 
 
-def said(
+def state_of(
     t_s: float,
     *,
     mode: Mode = Mode.GUIDED,
@@ -147,14 +147,14 @@ def test_an_area_of_its_own() -> None:
 
 def test_an_estimator_that_lacks_something_once_fails() -> None:
     judge = build("estimator")
-    judge.on_state(said(0.5, estimator="before"))
+    judge.on_state(state_of(0.5, estimator="before"))
     stage(judge, takeoff=1.0)
-    assert judge.on_state(said(2.0)) == ()
+    assert judge.on_state(state_of(2.0)) == ()
     assert judge.result(2.0).verdict == "PASS"
-    (flag,) = judge.on_state(said(3.0, estimator="no height"))
+    (flag,) = judge.on_state(state_of(3.0, estimator="no height"))
     assert flag.text == "real: no height"
-    assert judge.on_state(said(3.5, estimator="no height")) == ()
-    judge.on_state(said(4.0))
+    assert judge.on_state(state_of(3.5, estimator="no height")) == ()
+    judge.on_state(state_of(4.0))
     result = judge.result(9.0)
     assert (result.verdict, result.actual, result.at_s) == ("FAIL", 1.0, 3.0)
     assert result.detail == "no height"
@@ -164,7 +164,7 @@ def test_an_estimator_may_be_unsound_for_a_while() -> None:
     judge = build("estimator", max_unsound_s=1.0)
     stage(judge, takeoff=1.0)
     for t_s, fault in ((2.0, "no height"), (3.0, None), (4.0, "no velocity")):
-        assert judge.on_state(said(t_s, estimator=fault)) == ()
+        assert judge.on_state(state_of(t_s, estimator=fault)) == ()
     result = judge.result(4.5)
     assert (result.verdict, result.margin) == ("PASS", 0.0)
     # Nothing more is heard: the window's end shows how long it lasted.
@@ -180,28 +180,30 @@ def test_battery_by_charge_and_by_voltage() -> None:
     charge, voltage = build("battery", min_percent=20.0), build("battery", min_v=10.5)
     for judge in (charge, voltage):
         stage(judge, takeoff=1.0)
-        assert judge.on_state(said(2.0)) == ()
+        assert judge.on_state(state_of(2.0)) == ()
         assert judge.result(2.0).detail == "it never reported its battery"
-    assert charge.on_state(said(3.0, percent=20.0, volts=9.0)) == ()
-    assert voltage.on_state(said(3.0, percent=5.0, volts=10.6)) == ()
-    assert charge.on_state(said(4.0, percent=19.0, volts=9.0))[0].text == "real: battery at 19 %"
-    assert voltage.on_state(said(4.0, volts=10.0))[0].text == "real: battery at 10 V"
+    assert charge.on_state(state_of(3.0, percent=20.0, volts=9.0)) == ()
+    assert voltage.on_state(state_of(3.0, percent=5.0, volts=10.6)) == ()
+    assert (
+        charge.on_state(state_of(4.0, percent=19.0, volts=9.0))[0].text == "real: battery at 19 %"
+    )
+    assert voltage.on_state(state_of(4.0, volts=10.0))[0].text == "real: battery at 10 V"
     assert charge.result(5.0).margin == pytest.approx(-1.0)
     assert (voltage.result(5.0).margin, voltage.result(5.0).unit) == (-0.5, "V")
 
 
 def test_modes_that_are_not_allowed_are_flagged_each_time() -> None:
     judge = build("modes")
-    judge.on_state(said(0.0, mode=Mode.HOLD))
+    judge.on_state(state_of(0.0, mode=Mode.HOLD))
     stage(judge, takeoff=0.5, goal=1.0)
     texts = [
         flag.text
         for t_s, mode in enumerate((Mode.GUIDED, Mode.HOLD, Mode.HOLD, Mode.GUIDED, Mode.PILOT))
-        for flag in judge.on_state(said(2.0 + t_s, mode=mode))
+        for flag in judge.on_state(state_of(2.0 + t_s, mode=mode))
     ]
     assert texts == ["real was in HOLD (hold)", "real was in PILOT (pilot)"]
     stage(judge, land=8.0)
-    assert judge.on_state(said(9.0, mode=Mode.LAND)) == ()
+    assert judge.on_state(state_of(9.0, mode=Mode.LAND)) == ()
     result = judge.result(9.0)
     assert (result.verdict, result.actual, result.at_s) == ("FAIL", 3.0, 3.0)
 
@@ -210,9 +212,9 @@ def test_modes_may_change_so_often() -> None:
     judge = build("modes", allowed=("guided", "hold"), max_changes=1)
     stage(judge, goal=1.0)
     for t_s, mode in ((2.0, Mode.GUIDED), (3.0, Mode.HOLD)):
-        assert judge.on_state(said(t_s, mode=mode)) == ()
+        assert judge.on_state(state_of(t_s, mode=mode)) == ()
     assert judge.result(4.0).margin == 0.0
-    assert judge.on_state(said(4.0, mode=Mode.GUIDED))
+    assert judge.on_state(state_of(4.0, mode=Mode.GUIDED))
     assert (judge.result(5.0).verdict, judge.result(5.0).margin) == ("FAIL", -1.0)
 
 

@@ -166,7 +166,7 @@ def test_the_distance_to_the_twin_needs_both() -> None:
     assert stl("always (up_m < 1)").watches == ("real",)
 
 
-def test_silence_grows_until_it_is_heard() -> None:
+def test_silence_grows_until_it_is_received() -> None:
     assert values("silence_s", pose(1.0), LinkSample(1.5, "real"), pose(2.0), pose(3.5)) == [
         1.0,
         1.0,

@@ -121,6 +121,12 @@ WRONG = [
     ("clearance_m @+ speed_m_s > 1", "m cannot be added to m/s"),
     ("clearance_m / speed_m_s @>= up_m", "s cannot be compared with m"),
     ("2 @> 1", "compares two numbers: name a signal"),
+    ("up_m * 0 @>= -1", "compares two numbers: name a signal"),
+    ("up_m @/ 0 >= 1", "divides by 0, so it has no value"),
+    ("always not (up_m @/ (2 - 2) <= 1)", "divides by 0"),
+    ("up_m @/ abs(0 * speed_m_s) >= 1", "divides by 0"),
+    ("0 @/ 0 <= up_m", "divides by 0"),
+    ("up_m <= 1e300 @* 1e300", "is not finite"),
     ("@armed > 0.5", "'armed' is true or false: write it by itself"),
     ("@up_m", "is a value, not a statement"),
 ]
@@ -133,7 +139,7 @@ def checked(text: str) -> Formula:
 
 
 @pytest.mark.parametrize(("marked", "said"), WRONG)
-def test_a_mistake_is_told_with_its_place(marked: str, said: str) -> None:
+def test_a_mistake_is_reported_with_its_place(marked: str, said: str) -> None:
     at = marked.index("@")
     with pytest.raises(StlError) as caught:
         checked(marked.replace("@", ""))
@@ -214,7 +220,7 @@ words = st.sampled_from(
 
 @settings(max_examples=500)
 @given(st.one_of(st.text(max_size=30), st.lists(words, max_size=15).map(" ".join)))
-def test_any_text_is_a_formula_or_told_to_be_none(text: str) -> None:
+def test_any_text_is_a_formula_or_refused(text: str) -> None:
     offset, formula = 0, None
     try:
         formula = parse_stl(text)

@@ -134,7 +134,7 @@ def test_plans_carry_what_the_driver_needs(autopilot: Autopilot) -> None:
     assert {1, 245} <= {number for number, line in plan.items() if line.required}
 
 
-def test_refusals_are_told_once_without_their_prefix() -> None:
+def test_refusals_are_reported_once_without_their_prefix() -> None:
     texts = ["PreArm: GPS 1: Bad fix", "Arm: Throttle too high", "EKF3 active"]
     assert ArduCopter().refusal_reasons([*texts, *texts]) == (
         "GPS 1: Bad fix",

@@ -2,21 +2,21 @@
 
 import pytest
 
-from tests.vehicles.calibration.board_pictures import CHARUCO, CHESSBOARD, pictures
+from tests.vehicles.calibration.board_images import CHARUCO, CHESSBOARD, board_views
 from vehicles.calibration.boards import Sighting
 
 
-def _found(board: object) -> list[Sighting]:
-    found = [board.find(picture) for picture in pictures(board)]  # type: ignore[attr-defined, arg-type]  # both kinds
+def _sightings(board: object) -> list[Sighting]:
+    found = [board.find(picture) for picture in board_views(board)]  # type: ignore[attr-defined, arg-type]  # both kinds
     assert None not in found
     return [one for one in found if one is not None]
 
 
 @pytest.fixture(scope="session")
 def of_chessboard() -> list[Sighting]:
-    return _found(CHESSBOARD)
+    return _sightings(CHESSBOARD)
 
 
 @pytest.fixture(scope="session")
 def of_charuco() -> list[Sighting]:
-    return _found(CHARUCO)
+    return _sightings(CHARUCO)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.vehicles.calibration.board_pictures import (
+from tests.vehicles.calibration.board_images import (
     CHARUCO,
     CHESSBOARD,
     LENS,

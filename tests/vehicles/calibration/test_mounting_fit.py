@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.vehicles.calibration.board_pictures import LENS, Hand
+from tests.vehicles.calibration.board_images import LENS, Hand
 from vehicles.calibration.boards import CalibrationError
 from vehicles.calibration.mounting import fit_mounting
 from worlds.frames import AT_ORIGIN, Pose, angle_between, norm, quat_from_euler, subtract
@@ -44,7 +44,7 @@ def test_a_body_that_is_not_turned_tells_nothing() -> None:
         fit_mounting(still.sightings(16.0), still.path(17.0), LENS)
 
 
-def test_too_few_pictures_with_a_pose_are_refused() -> None:
+def test_too_few_images_with_a_pose_are_refused() -> None:
     with pytest.raises(CalibrationError, match="pictures show the board while the body's pose"):
         fit_mounting(HAND.sightings(16.0)[:40], HAND.path(2.0), LENS)
     with pytest.raises(CalibrationError, match="no poses arrived"):

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.vehicles.calibration.board_pictures import LENS, matrices
+from tests.vehicles.calibration.board_images import LENS, matrices
 from vehicles.calibration.boards import CalibrationError, Sighting
 from vehicles.calibration.optics import covered, fit_optics, most_different
 from worlds.camera import Intrinsics
@@ -42,7 +42,7 @@ def test_more_coefficients_are_had_when_asked_for(of_charuco: list[Sighting]) ->
     assert len(fit_optics(of_charuco, SIZE, coefficients=8).intrinsics.distortion) == 8
 
 
-def test_too_few_pictures_are_refused(of_charuco: list[Sighting]) -> None:
+def test_too_few_images_are_refused(of_charuco: list[Sighting]) -> None:
     with pytest.raises(CalibrationError, match="found in 5 pictures; 8 that differ are needed"):
         fit_optics(of_charuco[:5], SIZE)
 
@@ -90,7 +90,7 @@ def test_a_board_whose_print_is_bent_is_refused(of_charuco: list[Sighting]) -> N
         fit_optics(wrong, SIZE)
 
 
-def test_of_many_pictures_the_most_different_are_taken(of_charuco: list[Sighting]) -> None:
+def test_of_many_images_the_most_different_are_taken(of_charuco: list[Sighting]) -> None:
     chosen = most_different(of_charuco * 3, SIZE, 10)
     assert len(chosen) == 10
     assert len({id(one) for one in chosen}) == 10

@@ -135,7 +135,7 @@ def test_jitter_moves_deliveries_but_not_exposures_nor_their_order() -> None:
     assert all(abs(reading.t_s * 20 - reading.seq) < 1e-9 for _, reading in got)
 
 
-def test_a_seed_gives_the_same_pictures_and_another_gives_others() -> None:
+def test_a_seed_gives_the_same_images_and_another_gives_others() -> None:
     quality = CameraQuality(noise_std_dn=3.0, latency_s=0.05, jitter_s=0.01)
     (first, _), (same, _), (other, _) = (record(0.5, quality, seed) for seed in (1, 1, 2))
     assert len(first) == len(same)

@@ -78,7 +78,7 @@ class Typist:
             self.printed.put(line)
 
 
-def said(text: str) -> None:
+def report(text: str) -> None:
     """Tell that something worked."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
@@ -95,12 +95,12 @@ def main(url: str, autopilot: str, folder: str) -> None:
 
 
 def _fly(person: Typist, autopilot: str, folder: Path) -> None:
-    said(f"connected: {person.see('Detected vehicle|online system .*').group(0)}")
-    said(f"parameters {person.see('Received ([0-9]+) parameters').group(1)}")
+    report(f"connected: {person.see('Detected vehicle|online system .*').group(0)}")
+    report(f"parameters {person.see('Received ([0-9]+) parameters').group(1)}")
     name = PARAMETERS[autopilot]
     person.type(f"param set {name} 2.5")
     person.until_seen(f"param show {name}", rf"{name}\s+2\.5")
-    said("parameter set")
+    report("parameter set")
     place = person.until_seen(
         "status GLOBAL_POSITION_INT", r"lat : (-?[1-9]\d+), lon : (-?\d+), alt : (-?\d+)"
     )
@@ -110,21 +110,21 @@ def _fly(person: Typist, autopilot: str, folder: Path) -> None:
     if autopilot == "ardupilot":
         person.until_seen("mode guided", "Mode GUIDED")
     person.until_seen("arm throttle", "^ARMED|Arming|ARMED")
-    said("armed")
+    report("armed")
     person.type("takeoff 3")
     person.until_seen(
         "status GLOBAL_POSITION_INT", r"relative_alt : (2[5-9]|3)\d\d\d?\b|relative_alt : 3\d\d\d"
     )
-    said("took off")
+    report("took off")
     north = latitude + 1e-4
     person.type(f"guided {north:.7f} {longitude:.7f} 3")
     person.until_seen("status GLOBAL_POSITION_INT", _near(round(north * 1e7)))
-    said("went north")
+    report("went north")
     person.type("mode land" if autopilot == "ardupilot" else "mode LAND")
     person.see("DISARMED")
-    said("landed")
+    report("landed")
     person.type("log list")
-    said(f"log {person.see('Log ([0-9]+)').group(1)}")
+    report(f"log {person.see('Log ([0-9]+)').group(1)}")
 
 
 def _mission(person: Typist, folder: Path, latitude: float, longitude: float) -> None:
@@ -138,7 +138,7 @@ def _mission(person: Typist, folder: Path, latitude: float, longitude: float) ->
     person.type(f"wp load {file}")
     person.see("Loaded [34] waypoints")
     person.until_seen("wp list", "Requesting [34] waypoints|Saved [34]|16 ")
-    said("mission")
+    report("mission")
 
 
 def _near(latitude: int) -> str:

@@ -38,7 +38,7 @@ def wait(what: str, condition: Callable[[], bool], within_s: float = 40.0) -> No
         time.sleep(0.05)
 
 
-def said(text: str) -> None:
+def report(text: str) -> None:
     """Tell that something worked."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
@@ -63,7 +63,7 @@ class Client:
         everything = param.get_all_params()
         names = {one.name for one in (*everything.int_params, *everything.float_params)}
         assert {FLOATS[self.autopilot], INTEGERS[self.autopilot]} <= names
-        said(f"parameters {len(names)}")
+        report(f"parameters {len(names)}")
 
     def position(self) -> tuple[float, float, float]:
         """Return latitude, longitude and height above home."""
@@ -77,7 +77,7 @@ class Client:
         if self.autopilot == "px4":
             wait("ready", lambda: health().is_armable and health().is_home_position_ok)
         wait("position", lambda: math.isfinite(self.position()[0]) and self.position()[0] != 0.0)
-        said("ready")
+        report("ready")
 
     def fence(self) -> None:
         """Upload a square, and read it back where that can be asked for."""
@@ -90,7 +90,7 @@ class Client:
         fence.upload_geofence(GeofenceData([Polygon(corners, FenceType.INCLUSION)], []))
         back = fence.download_geofence()
         assert len(back.polygons[0].points) == 4
-        said("fence")
+        report("fence")
 
     def mission(self) -> None:
         """Upload a mission, read it back, and clear it."""
@@ -122,13 +122,13 @@ class Client:
             # ArduPilot's first item is its home, which the client's Mission cannot read (4.1).
             assert len(MissionRaw(self.system).download_mission()) == len(items)
         mission.clear_mission()
-        said("mission")
+        report("mission")
 
     def arm(self) -> None:
         """Arm by the command itself: the client's own arm() may abort the process (4.1)."""
         # Commands of ours are not acknowledged here: what is refused is asked for again.
         self.until("armed", self.telemetry.armed, *self.guided(), (400, 1.0))
-        said("armed")
+        report("armed")
 
     def guided(self) -> tuple[tuple[float, ...], ...]:
         """Return the command for the mode in which ArduPilot takes off; none for PX4."""
@@ -153,16 +153,16 @@ class Client:
             takeoff = (22, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, UP_M)
             self.until("off", self.telemetry.in_air, *self.guided(), (400, 1.0), takeoff)
         wait("height", lambda: self.position()[2] > UP_M - 0.5)
-        said("took off")
+        report("took off")
         latitude, longitude, _ = self.position()
         amsl_m = self.telemetry.position().absolute_altitude_m
         wanted = latitude + STEP_DEG
         self.action.goto_location(wanted, longitude, amsl_m, 0.0)
         wait("place", lambda: abs(self.position()[0] - wanted) < 0.1 * STEP_DEG)
-        said("went north")
+        report("went north")
         self.action.land()
         wait("disarmed", lambda: not self.telemetry.armed())
-        said("landed")
+        report("landed")
 
     def logs(self) -> None:
         """List the logs, and fetch the newest."""
@@ -175,7 +175,7 @@ class Client:
                 newest, str(file), lambda result, *_: done.append(result), None
             )
             wait("log", lambda: file.exists() and file.stat().st_size == newest.size_bytes)
-        said(f"log of {newest.size_bytes} bytes")
+        report(f"log of {newest.size_bytes} bytes")
 
     def _command(self, number: int, *parameters: float) -> None:
         fields = {f"param{n + 1}": value for n, value in enumerate(parameters)}
@@ -207,7 +207,7 @@ def main(url: str, autopilot: str) -> None:
     system = ground.first_autopilot(20.0)
     if system is None:
         raise TimeoutError("no autopilot")
-    said(f"connected to system {system.get_system_id()}")
+    report(f"connected to system {system.get_system_id()}")
     client = Client(system, autopilot)
     for step in (
         client.parameters,

@@ -20,7 +20,7 @@ UP_M = 3.0
 WITHIN_S = 40.0
 
 
-def said(text: str) -> None:
+def report(text: str) -> None:
     """Tell that something worked."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
@@ -46,7 +46,7 @@ class Client:
         self.link: Any = connection(url)
         heartbeat = self.link.wait_heartbeat(timeout=WITHIN_S)
         assert heartbeat is not None
-        said(f"connected to system {self.link.target_system}")
+        report(f"connected to system {self.link.target_system}")
 
     def until(self, what: str, condition: Callable[[], bool]) -> None:
         """Hear the vehicle until something holds; raises TimeoutError."""
@@ -96,7 +96,7 @@ class Client:
         name = FLOATS[self.autopilot]
         assert name in names
         assert mavparm.MAVParmDict().mavset(self.link, name, 2.5, retries=5)
-        said(f"parameters {len(names)}")
+        report(f"parameters {len(names)}")
 
     def ready(self) -> None:
         """Ask for positions, and wait for one and for the checks before arming."""
@@ -112,7 +112,7 @@ class Client:
             return healthy and place is not None and place.lat != 0
 
         self.until("ready", may_arm)
-        said("ready")
+        report("ready")
 
     def guided(self) -> bool:
         """Ask for GUIDED; return whether it is."""
@@ -149,7 +149,7 @@ class Client:
                 loader.add(item)
             self.upload(loader, kind)
             assert self.count(kind) == len(items)
-            said(name)
+            report(name)
         self.link.mav.mission_clear_all_send(self.link.target_system, self.link.target_component, 0)
         assert self.answer("MISSION_ACK").type == MAV.MAV_MISSION_ACCEPTED
 
@@ -184,7 +184,7 @@ class Client:
         free = 0.0 if self.autopilot == "ardupilot" else nan
         self.command(MAV.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, free, free, free, height_m)
         self.until("height", lambda: self.place()[2] > UP_M - 0.5)
-        said("took off")
+        report("took off")
         latitude, longitude, _ = self.place()
         wanted = latitude + STEP_DEG
         self.link.mav.command_int_send(
@@ -193,10 +193,10 @@ class Client:
             *(round(wanted * 1e7), round(longitude * 1e7), amsl_m + UP_M),
         )
         self.until("place", lambda: abs(self.place()[0] - wanted) < 0.1 * STEP_DEG)
-        said("went north")
+        report("went north")
         self.command(MAV.MAV_CMD_NAV_LAND, 0, 0, 0, nan, nan, nan, 0)
         self.until("disarmed", lambda: not self.link.motors_armed())
-        said("landed")
+        report("landed")
 
     def logs(self) -> None:
         """List the logs."""
@@ -205,7 +205,7 @@ class Client:
         )
         entry = self.answer("LOG_ENTRY")
         assert entry.num_logs >= 1
-        said(f"logs {entry.num_logs}")
+        report(f"logs {entry.num_logs}")
 
 
 def main(url: str, autopilot: str) -> None:

@@ -43,8 +43,8 @@ def test_a_wall_timer_that_another_cancels_as_both_are_due_does_not_run() -> Non
         assert runner.run(late()) == (["first"], [])
 
 
-def test_sockets_are_heard_meanwhile() -> None:
-    async def heard() -> bytes:
+def test_sockets_are_served_meanwhile() -> None:
+    async def received() -> bytes:
         loop = asyncio.get_running_loop()
         one, other = socket.socketpair()
         with one, other:
@@ -54,7 +54,7 @@ def test_sockets_are_heard_meanwhile() -> None:
                 return await loop.sock_recv(one, 10)
 
     with asyncio.Runner(loop_factory=lambda: PacedLoop(20.0)) as runner:
-        assert runner.run(heard()) == b"word"
+        assert runner.run(received()) == b"word"
 
 
 def test_another_piece_of_the_clock_is_gone_on_by_and_time_never_goes_back() -> None:

@@ -124,7 +124,7 @@ def test_a_simulator_that_hesitates_has_time_wait_for_it() -> None:
     assert not out.steering.stalled
 
 
-def test_a_simulator_that_hangs_is_told_and_time_goes_on() -> None:
+def test_a_simulator_that_hangs_is_reported_and_time_goes_on() -> None:
     out = flown(lambda wall_s, *_: 0.0 if wall_s > 6.0 else 5.0, nominal=5.0, for_s=14.0)
     assert out.steering.stalled
     assert out.rate[round((6.0 + STALL_S - 0.2) / _TICK_S)] < 0.05
@@ -184,7 +184,7 @@ def test_what_waited_in_a_buffer_counts_once() -> None:
 
 
 @pytest.mark.parametrize(("drift", "apart"), [(0.0, False), (0.005, False), (0.1, True)])
-def test_a_vehicle_whose_time_leaves_ours_is_told(drift: float, apart: bool) -> None:
+def test_a_vehicle_whose_time_leaves_ours_is_reported(drift: float, apart: bool) -> None:
     track, look = BootTrack(), ClockDivergence()
     told = False
     for step in range(600):

@@ -218,7 +218,7 @@ def test_foreign_answers_and_questions_are_ignored() -> None:
     assert not clock.answered(tc1=77_000_001, ts1=stamp, arrived_s=1.2)
 
 
-def test_questions_are_told_apart_by_who_asked() -> None:
+def test_requests_are_distinguished_by_who_asked() -> None:
     assert VehicleClock(own_id=245).ask(1.0) != VehicleClock(own_id=255).ask(1.0)
     assert VehicleClock().ask(0.0) > 0
 

@@ -139,7 +139,7 @@ async def up(flown: Flown) -> None:
     await driver.enter_guided()
 
 
-async def aboard(flown: Flown, folder: Path) -> None:
+async def onboard_access(flown: Flown, folder: Path) -> None:
     """Put a mission and a fence aboard, take them off, and fetch the flight's log."""
     onboard = flown.driver.onboard
     place = flown.driver.place_deg
@@ -205,7 +205,7 @@ def test_the_whole_of_a_flight(
         await driver.land()
         await driver.disarmed(60.0)
         assert abs(vehicle.truth().pose.position_ned_m[2]) < 0.2
-        await aboard(flown, tmp_path)
+        await onboard_access(flown, tmp_path)
 
     flown = fly(autopilot, kind, script, voice=voice)
     kinds = {event.kind for event in flown.events}
@@ -215,7 +215,7 @@ def test_the_whole_of_a_flight(
 
 @pytest.mark.parametrize("kind", ["memory", "impaired"])
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
-def test_a_link_that_flaps_is_told_each_time_and_the_vehicle_flies_after_it(
+def test_a_link_that_flaps_is_reported_each_time_and_the_vehicle_flies_after_it(
     autopilot: AutopilotName, kind: LinkKind
 ) -> None:
     async def script(flown: Flown) -> None:

@@ -229,7 +229,7 @@ def test_takeoff_disarmed_is_refused() -> None:
 
 
 @BOTH
-def test_a_dead_vehicle_is_told(autopilot: AutopilotName) -> None:
+def test_a_dead_vehicle_is_reported(autopilot: AutopilotName) -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle) -> list[VehicleEvent]:
         events: list[VehicleEvent] = []
         await _up(driver, 1.2)

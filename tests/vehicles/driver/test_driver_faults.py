@@ -53,7 +53,7 @@ async def _armed(driver: Driver) -> None:
     await driver.arm()
 
 
-def test_identity_is_told(fake_pair: Callable[..., Any]) -> None:
+def test_identity_is_returned(fake_pair: Callable[..., Any]) -> None:
     async def script(driver: Driver, peer: Any) -> Any:
         with pytest.raises(VehicleError, match="identify"):
             driver.identity  # noqa: B018 - asking is the test
@@ -87,7 +87,7 @@ def _become(**fields: Any) -> Callable[[Any], None]:
         ({"muted": True}, "auto", "nothing arrived"),
     ],
 )
-def test_when_nothing_fits_it_says_what_was_heard(
+def test_when_nothing_fits_it_says_what_was_received(
     fake_pair: Callable[..., Any], fields: dict[str, Any], wanted: Any, words: str
 ) -> None:
     async def script(driver: Driver, peer: Any) -> float:
@@ -100,7 +100,7 @@ def test_when_nothing_fits_it_says_what_was_heard(
     assert ended_s == pytest.approx(4.0)
 
 
-def test_garbage_and_headless_mavlink_are_told_apart() -> None:
+def test_garbage_and_headless_mavlink_are_distinguished() -> None:
     async def listen(data: bytes) -> str:
         ours, theirs = memory_pair()
         async with theirs, Driver(name="real", link=ours) as driver:
@@ -118,7 +118,7 @@ def test_garbage_and_headless_mavlink_are_told_apart() -> None:
     assert "no heartbeat" in run_virtual(listen(attitude))
 
 
-def test_a_one_way_link_is_told(fake_pair: Callable[..., Any]) -> None:
+def test_a_one_way_link_is_reported(fake_pair: Callable[..., Any]) -> None:
     def prepare(peer: Any) -> None:
         peer.replies["COMMAND_LONG:512"] = lambda peer, message: None
 
@@ -133,7 +133,7 @@ def test_a_one_way_link_is_told(fake_pair: Callable[..., Any]) -> None:
     _run(fake_pair, script, prepare=prepare)
 
 
-async def test_a_closed_udp_port_is_told() -> None:
+async def test_a_closed_udp_port_is_reported() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

@@ -114,7 +114,7 @@ def test_the_rate_that_was_asked_for_comes_though_the_request_was_lost() -> None
 
 
 @BOTH
-def test_a_blackout_of_3_s_in_flight(autopilot: AutopilotName) -> None:
+def test_a_outage_of_3_s_in_flight(autopilot: AutopilotName) -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle, link: ImpairedLink) -> list[Any]:
         events: list[VehicleEvent] = []
         await _up(driver)
@@ -142,7 +142,7 @@ def test_a_blackout_of_3_s_in_flight(autopilot: AutopilotName) -> None:
         assert unasked == []
 
 
-def test_a_scheduled_blackout_on_the_ground_delays_only() -> None:
+def test_a_scheduled_outage_on_the_ground_delays_only() -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle, link: ImpairedLink) -> float:
         await driver.identify(8.0)
         return asyncio.get_running_loop().time()

@@ -187,7 +187,7 @@ async def test_a_scratch_folder_is_new(sims: Any) -> None:
         await _vehicle(sims, sims.program("pass")).__aenter__()
 
 
-async def test_dying_in_flight_is_told(sims: Any) -> None:
+async def test_dying_in_flight_is_reported(sims: Any) -> None:
     binary = sims.program(sims.ardupilot)
     told: asyncio.Queue[LaunchError] = asyncio.Queue()
     async with _vehicle(sims, binary, on_end=told.put_nowait):
@@ -259,7 +259,7 @@ def test_all_end_when_we_are_killed(sims: Any) -> None:
     assert find_orphans(sims.folder) == ()
 
 
-def test_leftovers_are_found_named_and_ended(sims: Any) -> None:
+def test_orphans_are_found_named_and_ended(sims: Any) -> None:
     # The worst: owner and supervisor are killed at once, and what the simulator started lives on.
     binary = sims.program(STUBBORN + sims.ardupilot)
     folder = sims.folder / "real"
@@ -291,7 +291,7 @@ def _record(folder: Path, **fields: Any) -> LaunchRecord:
     return record
 
 
-def test_an_id_that_was_used_again_is_no_leftover(tmp_path: Path) -> None:
+def test_an_id_that_was_used_again_is_no_orphan(tmp_path: Path) -> None:
     own = ProcessId.own()
     assert find_orphans(tmp_path) == ()
     record = _record(tmp_path / "a")

@@ -210,7 +210,9 @@ def flapped(
     return flaky, [one.getMessage() for one in caplog.records]
 
 
-def test_what_flaps_is_told_once_and_again_when_it_stays(caplog: pytest.LogCaptureFixture) -> None:
+def test_what_flaps_is_reported_once_and_again_when_it_stays(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     async def script(recovery: Reconnection, _: Flaky) -> None:
         for _turn in range(20):
             recovery.lost("reset by peer")

@@ -137,7 +137,7 @@ def test_bandwidth_delays_and_then_drops() -> None:
     assert 0.5 < max(_delays_s(arrived)) < 0.55
 
 
-def test_a_blackout_takes_what_was_under_way() -> None:
+def test_a_outage_takes_what_was_under_way() -> None:
     setting = Impairment(latency_s=0.1, blackouts=(LinkOutage(2.0, 3.0),))
     arrived = _fly(setting, count=1000)
     gone = sorted(set(range(1, 1001)) - {number for _, number in arrived})
@@ -147,7 +147,7 @@ def test_a_blackout_takes_what_was_under_way() -> None:
     assert last_s == pytest.approx(4.99, abs=0.011)
 
 
-def test_a_blackout_on_demand_and_both_ways() -> None:
+def test_a_outage_on_demand_and_both_ways() -> None:
     async def fly() -> tuple[list[Any], list[Any]]:
         ours, theirs = memory_pair()
         link = ImpairedLink(
@@ -227,7 +227,7 @@ def test_impossible_settings_are_refused(fields: dict[str, Any], words: str) -> 
         Impairment(**fields)
 
 
-def test_impossible_bursts_and_blackouts_are_refused() -> None:
+def test_impossible_bursts_and_outages_are_refused() -> None:
     with pytest.raises(ValueError, match="length_s is 0"):
         Bursts(length_s=0.0, gap_s=1.0)
     with pytest.raises(ValueError, match=r"blackout from 1\.0 s for 0\.0 s"):

@@ -67,7 +67,7 @@ def test_memory_refuses_negative_latency() -> None:
         memory_pair(latency_s=-0.1)
 
 
-async def test_udp_answers_whom_it_heard() -> None:
+async def test_udp_answers_its_senders() -> None:
     port = _free_port()
     listening = open_link(parse_link(f"udpin://127.0.0.1:{port}"))
     speaking = open_link(parse_link(f"udpout://127.0.0.1:{port}"))
@@ -87,7 +87,7 @@ async def test_udp_answers_whom_it_heard() -> None:
     speaking.write(b"closed links lose bytes and do not raise")
 
 
-class Heard:
+class Received:
     """A udpin link on a clock of the test's, what it handed on, wrote to whom, and told."""
 
     def __init__(self, *, signed: bool = False) -> None:
@@ -123,8 +123,8 @@ def _heartbeat(system: int) -> bytes:
     return codec.pack(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3))
 
 
-async def test_who_speaks_in_the_name_of_another_is_told_and_not_believed() -> None:
-    async with Heard() as there:
+async def test_who_speaks_in_the_name_of_another_is_reported_and_not_believed() -> None:
+    async with Received() as there:
         for _ in range(30):
             there.now_s += 0.1
             there.say(1001, _heartbeat(1))
@@ -140,7 +140,7 @@ async def test_who_speaks_in_the_name_of_another_is_told_and_not_believed() -> N
 
 
 async def test_a_vehicle_that_speaks_from_another_port_after_a_silence_is_the_same() -> None:
-    async with Heard() as there:
+    async with Received() as there:
         there.say(1001, _heartbeat(1))
         there.now_s += 1.6
         there.say(1002, _heartbeat(1))
@@ -149,7 +149,7 @@ async def test_a_vehicle_that_speaks_from_another_port_after_a_silence_is_the_sa
 
 
 async def test_a_ground_station_that_spoke_first_keeps_nothing_from_the_vehicle() -> None:
-    async with Heard() as there:
+    async with Received() as there:
         there.say(1001, _heartbeat(255))
         there.say(1002, _heartbeat(1))
         assert there.answered() == [1001, 1002]
@@ -158,8 +158,8 @@ async def test_a_ground_station_that_spoke_first_keeps_nothing_from_the_vehicle(
         assert there.answered() == [1001, 1002]  # a vehicle that is not heard may hear us
 
 
-async def test_a_flood_does_not_take_the_place_of_a_vehicle_in_a_blackout() -> None:
-    async with Heard() as there:
+async def test_a_flood_does_not_take_the_place_of_a_vehicle_in_a_outage() -> None:
+    async with Received() as there:
         there.say(1001, _heartbeat(1))
         for _ in range(30):
             there.now_s += 1.0
@@ -168,8 +168,8 @@ async def test_a_flood_does_not_take_the_place_of_a_vehicle_in_a_blackout() -> N
         assert 1001 in there.answered()
 
 
-async def test_a_flood_from_many_places_is_heard_and_not_written_to() -> None:
-    async with Heard() as there:
+async def test_a_flood_from_many_places_is_received_and_not_written_to() -> None:
+    async with Received() as there:
         there.say(1001, _heartbeat(1))
         for number in range(2, 200):
             there.say(2000 + number, _heartbeat(number))
@@ -178,8 +178,8 @@ async def test_a_flood_from_many_places_is_heard_and_not_written_to() -> None:
         assert there.sent[0] == 1001
 
 
-async def test_with_signatures_everybody_is_heard_for_they_settle_who_is_believed() -> None:
-    async with Heard(signed=True) as there:
+async def test_with_signatures_everybody_is_received_for_they_settle_who_is_believed() -> None:
+    async with Received(signed=True) as there:
         there.say(1002, _heartbeat(1))
         there.say(1001, _heartbeat(1))
         assert (len(there.heard), there.answered(), there.told) == (2, [1002, 1001], [])

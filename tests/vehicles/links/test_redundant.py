@@ -131,7 +131,7 @@ def test_a_link_that_flaps_is_not_gone_back_to() -> None:
     run_virtual(scenario())
 
 
-def test_noise_is_no_sign_of_life_of_a_spare_and_is_told_of_the_first() -> None:
+def test_noise_is_no_sign_of_life_of_a_spare_and_is_reported_of_the_first() -> None:
     async def scenario() -> None:
         async with Ends() as ends:
             for _ in range(30):

@@ -165,7 +165,7 @@ async def test_a_clogged_port_drops_what_comes_too_late(cable: Cable) -> None:
         assert link.dropped_writes > 0
 
 
-async def test_the_wrong_speed_is_said(cable: Cable, wait_until: Any) -> None:
+async def test_the_wrong_speed_is_reported(cable: Cable, wait_until: Any) -> None:
     link = _link(cable.device)
     async with Driver(name="real", link=link) as driver:
         # What a faster sender looks like: framing errors and other bytes.

@@ -269,7 +269,7 @@ def test_what_is_no_key_is_refused_and_not_shown(tmp_path: Path, raw: bytes) -> 
         assert caught.value.__cause__ is None
 
 
-def test_missing_keys_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_keys_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("WIL_KEY", raising=False)
     with pytest.raises(SigningKeyError, match="WIL_KEY, which holds the signing key, is unset"):
         key_from_environment("WIL_KEY")

@@ -66,7 +66,7 @@ async def until(condition: Callable[[], bool], within_s: float = 10.0) -> None:
             await asyncio.sleep(0.02)
 
 
-async def test_all_that_is_told_arrives_as_it_was_meant(fake_pair: Callable[..., Any]) -> None:
+async def test_all_that_is_sent_arrives_as_it_was_meant(fake_pair: Callable[..., Any]) -> None:
     link, peer = fake_pair("px4")
     voice = MavsdkBackend(name="real")
     async with peer, Driver(name="real", link=link, system_id=1, voice=voice) as driver:

@@ -219,7 +219,7 @@ def test_a_picture_full_of_orange() -> None:
 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(-200, 500), st.integers(-200, 400), st.integers(4, 300), st.integers(3, 60))
-def test_what_is_said_of_an_opening_is_true_wherever_the_gate_is(
+def test_an_opening_is_measured_right_wherever_the_gate_is(
     u: int, v: int, inner: int, bar: int
 ) -> None:
     image = room()

@@ -261,14 +261,14 @@ def test_stereo_depth_errs_with_the_square_of_distance() -> None:
     assert not np.array_equal(a.depth_m, b.depth_m)
 
 
-def test_depth_without_noise_is_the_pictures_own() -> None:
+def test_depth_without_noise_is_the_images_own() -> None:
     source = picture(3.0)
     assert DepthSensor().sample(source, rng()).depth_m is source.depth_m
     with pytest.raises(ValueError, match="no depth_m"):
         DepthSensor().sample(replace(source, depth_m=None), rng())
 
 
-def heard(sensor: MicrophoneSensor, truth: Truth, blocks: int) -> "np.ndarray":
+def recorded(sensor: MicrophoneSensor, truth: Truth, blocks: int) -> "np.ndarray":
     generator = rng()
     return np.concatenate(
         [
@@ -281,7 +281,7 @@ def heard(sensor: MicrophoneSensor, truth: Truth, blocks: int) -> "np.ndarray":
 def test_rotors_sound_at_their_blade_pass_frequency() -> None:
     sound = replace(RotorSound(), broadband_db=-math.inf)
     sensor = MicrophoneSensor(source="real", rotors=sound, block_samples=500)
-    wave = heard(sensor, HOVER, 32)  # one second
+    wave = recorded(sensor, HOVER, 32)  # one second
     spectrum = np.abs(np.fft.rfft(wave * np.hanning(len(wave))))
     blade_pass_hz = 2 * 469.0 / (2 * math.pi)
     assert np.argmax(spectrum) == pytest.approx(blade_pass_hz, abs=1.0)
@@ -297,7 +297,7 @@ def test_loudness_at_hover_is_what_was_asked_and_falls_with_the_square_of_speed(
         sensor = MicrophoneSensor(source="real", rotors=sound)
         # speeds a little apart: rotors of one speed would add or cancel by their phases
         truth = replace(HOVER, motor_speeds_rad_s=(speed, speed * 1.01, speed * 1.02, speed * 0.99))
-        levels.append(float(np.sqrt(np.mean(heard(sensor, truth, 300) ** 2))))
+        levels.append(float(np.sqrt(np.mean(recorded(sensor, truth, 300) ** 2))))
     assert 20 * math.log10(levels[0] / pressure_of(sound.hover_level_db)) == pytest.approx(
         0.0, abs=0.6
     )
@@ -322,7 +322,7 @@ def test_tones_beyond_half_the_sample_rate_do_not_fold_back() -> None:
     )
     fast = replace(HOVER, motor_speeds_rad_s=(2 * math.pi * 1500.0,))  # 3, 6, 9, 12 kHz
     sensor = MicrophoneSensor(source="real", rotors=sound, block_samples=1600)
-    spectrum = np.abs(np.fft.rfft(heard(sensor, fast, 10)))
+    spectrum = np.abs(np.fft.rfft(recorded(sensor, fast, 10)))
     loud_hz = np.flatnonzero(spectrum > 0.1 * spectrum.max())
     assert set(loud_hz.tolist()) <= {2999, 3000, 3001, 5999, 6000, 6001}
 
@@ -330,9 +330,9 @@ def test_tones_beyond_half_the_sample_rate_do_not_fold_back() -> None:
 def test_a_hall_without_rotors_has_its_ambient_level() -> None:
     noise = MicrophoneNoise(ambient_level_db=60.0)
     still = replace(HOVER, motor_speeds_rad_s=(0.0,) * 4)
-    wave = heard(MicrophoneSensor(source="real", noise=noise), still, 60)
+    wave = recorded(MicrophoneSensor(source="real", noise=noise), still, 60)
     assert 20 * math.log10(wave.std() / 20e-6) == pytest.approx(60.0, abs=0.3)
-    silent = heard(MicrophoneSensor(source="twin", noise=QUIET), Truth(HOVER.pose), 3)
+    silent = recorded(MicrophoneSensor(source="twin", noise=QUIET), Truth(HOVER.pose), 3)
     assert not silent.any()
 
 

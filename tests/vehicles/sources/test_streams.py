@@ -38,7 +38,7 @@ async def taken(source: LiveCamera, count: int) -> list[CameraReading]:
     return [await anext(source) for _ in range(count)]
 
 
-async def test_rtp_pictures_come_as_they_were_sent(sending: Sending, free_port: int) -> None:
+async def test_rtp_images_come_as_they_were_sent(sending: Sending, free_port: int) -> None:
     sending(free_port)
     address = f"rtp://127.0.0.1:{free_port}"
     async with live_camera(address, intrinsics=CAMERA, rate_hz=RATE_HZ) as source:
@@ -248,7 +248,7 @@ async def test_what_cannot_be_opened_says_what_to_do(address: str, words: str) -
             pass
 
 
-async def test_a_port_where_nothing_comes_is_said_in_time(free_port: int) -> None:
+async def test_a_port_where_nothing_comes_is_reported_in_time(free_port: int) -> None:
     loop = asyncio.get_running_loop()
     start_s = loop.time()
     with pytest.raises(SourceError, match="no image in time"):

@@ -181,7 +181,7 @@ def cage() -> Scene:
     return Scene((SceneObject(1, "cage", shapes.room(6, 6, 2.5), Pose.of(0, 0, 0)),))
 
 
-def test_inside_of_a_room_is_free_and_its_floor_is_told_apart() -> None:
+def test_inside_of_a_room_is_free_and_its_floor_is_distinguished() -> None:
     probe = ClearanceProbe(cage(), BODY, within_m=10.0)
     walls, floor = probe.sweep(Pose.of(0, 1, 1), 0.0, Pose.of(0, 1, 1), 0.1)
     assert (walls.part_name, walls.is_floor) == ("ceiling", False)

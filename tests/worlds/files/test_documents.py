@@ -164,13 +164,13 @@ def test_aliases_and_merge_keys_are_written_out() -> None:
         ("# nothing\n", "x.yaml: is empty"),
     ],
 )
-def test_what_is_no_document_is_told_with_its_place(text: str, said: str) -> None:
+def test_what_is_no_document_is_reported_with_its_place(text: str, said: str) -> None:
     found = faults(text)
     assert len(found) == 1
     assert found[0].startswith(said)
 
 
-def test_duplicate_keys_are_told_all_at_once() -> None:
+def test_duplicate_keys_are_reported_all_at_once() -> None:
     assert len(faults("a: 1\na: 2\nb: {c: 1, c: 1}\nb: 3")) == 3
 
 
@@ -199,7 +199,7 @@ def test_aliases_do_not_get_round_the_depth() -> None:
         ("a: 1".encode("utf-16"), "x.yaml: is not text (it has NUL bytes)"),
     ],
 )
-def test_what_is_no_text_is_told(content: bytes, said: str) -> None:
+def test_what_is_no_text_is_reported(content: bytes, said: str) -> None:
     with pytest.raises(BadInput) as caught:
         parse(content, name="x.yaml")
     assert [p.headline for p in caught.value.problems] == [said]
@@ -209,7 +209,7 @@ def test_a_byte_order_mark_is_no_matter() -> None:
     assert parse(b"\xef\xbb\xbfa: 1", name="x.yaml").data == {"a": 1}
 
 
-def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
+def test_files_that_cannot_be_read_are_reported(tmp_path: Path) -> None:
     big = tmp_path / "big.yaml"
     big.write_bytes(b"#" * (MAX_BYTES + 1))
     for path, said in [
@@ -380,7 +380,7 @@ def test_an_override_leaves_aliases_of_the_value_alone() -> None:
         ("list.-1", "'-1' is not an index of a list of 2, indices begin at 0"),
     ],
 )
-def test_an_override_that_leads_nowhere_is_told(key: str, said: str) -> None:
+def test_an_override_that_leads_nowhere_is_reported(key: str, said: str) -> None:
     with pytest.raises(BadInput) as caught:
         overridden("objects: {gate: {size: 5}}\nlist: [1, 2]", key, "1")
     (problem,) = caught.value.problems

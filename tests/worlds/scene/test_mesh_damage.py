@@ -16,7 +16,7 @@ def whole(suffix: str) -> bytes:
     return data
 
 
-def said_of(path: Path, data: bytes) -> str:
+def damage_of(path: Path, data: bytes) -> str:
     path.write_bytes(data)
     with pytest.raises(MeshFileError) as error:
         load_mesh_shape(path)
@@ -45,10 +45,10 @@ def said_of(path: Path, data: bytes) -> str:
         ("a.ply", b"\0\1garbage", "it is damaged, or its format does not match its suffix"),
     ],
 )
-def test_what_is_the_matter_is_told_in_our_words(
+def test_what_is_the_matter_is_reported_in_our_words(
     tmp_path: Path, name: str, data: bytes, said: str
 ) -> None:
-    text = said_of(tmp_path / name, data)
+    text = damage_of(tmp_path / name, data)
     assert text.startswith(("cannot be read as a mesh: it", "it has no triangles: it"))
     assert said in text
 

@@ -89,7 +89,7 @@ def test_a_sheet_with_a_picture_stands_upright(tmp_path: Path, name: str) -> Non
         np.testing.assert_array_equal(seen, white * wanted)
 
 
-def test_what_is_told_comes_before_what_the_file_states(tmp_path: Path) -> None:
+def test_what_is_given_comes_before_what_the_file_states(tmp_path: Path) -> None:
     shape = load_mesh_shape(sheet(tmp_path, "s.dae"), unit="mm")
     assert np.abs(shape.mesh.vertices_m).max() == pytest.approx(0.1)
 

@@ -75,7 +75,7 @@ def test_where_things_exist_by_default() -> None:
     assert both.scene("real", "Wv").names == ("cage",)
 
 
-def test_where_things_exist_when_told() -> None:
+def test_where_things_exist_when_given() -> None:
     told = world(f"  gate: {GATE}, exists_in: {{sim: both, wil: none, real: Wv}}}}\n")
     assert "gate" in told.scene("sim", "W")
     assert "gate" in told.scene("sim", "Wv")

@@ -32,7 +32,7 @@ class CrashSafeFile:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.write(handle, json.dumps(document).encode())
         os.fsync(handle)
-        path = _is_linked(half, folder, number, suffix)
+        path = _link_numbered(half, folder, number, suffix)
         half.unlink()
         _sync_folder(folder)
         return cls(path, handle, document)
@@ -80,7 +80,7 @@ def _number(path: Path, suffix: str) -> int:
     return int(text) if text.isdecimal() else 0
 
 
-def _is_linked(half: Path, folder: Path, number: int, suffix: str) -> Path:
+def _link_numbered(half: Path, folder: Path, number: int, suffix: str) -> Path:
     """Give a crash-safe file the first free number; another run's one is respected."""
     while True:
         path = folder / f"{number:06d}{suffix}"

@@ -8,7 +8,6 @@ its home out. In neither half a list ever counts, so either the old areas hold o
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from vehicles.autopilots.autopilot import AutopilotName
@@ -62,12 +61,7 @@ class OnboardFence:
         """Do nothing yet: `keep` uploads the onboard fence."""
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Restore the autopilot's fence and parameters. Raises VehicleError."""
         if self._offered is not None:
             self._stack.push_async_exit(self._offered[1])
@@ -96,7 +90,7 @@ class OnboardFence:
         """
         if self._own is None:
             self._own = await self._fences.items()
-            self._stack.push_async_callback(self._give_back, self._own)
+            self._stack.push_async_callback(self._restore_fence, self._own)
         present = {} if self.fence is None else fence_parameters(self._autopilot, self.fence)
         wanted = {**fence_parameters(self._autopilot, fence), **(also or {})}
         changes = {name: value for name, value in wanted.items() if present.get(name) != value}
@@ -130,7 +124,7 @@ class OnboardFence:
             await self._fences.restore(self._own)
         self._offered = None
 
-    async def _give_back(self, own: tuple[MissionItem, ...]) -> None:
+    async def _restore_fence(self, own: tuple[MissionItem, ...]) -> None:
         """Restore the autopilot's fence; on failure the backup stays for the next start."""
         try:
             await self._fences.restore(own)

@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
-from types import TracebackType
 from typing import Self, cast
 
 from vehicles.clocks.sim_clock_controller import Segment
@@ -85,12 +84,7 @@ class FeedClient(asyncio.DatagramProtocol):
             raise LinkError(f"feed udp://{self._where[0]}:{self._where[1]}: {error}") from error
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the feed client's socket."""
         if self._transport is not None:
             self._transport.close()

@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Literal, Protocol, Self, TypeVar
 
 from vehicles.cameras.rendered_cameras import sleep_until
@@ -86,12 +85,7 @@ class RecordedCamera:
         self._start_s = asyncio.get_running_loop().time()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the recorded camera's file."""
         await self._close()
 

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self
 
 import zmq
@@ -49,12 +48,7 @@ class UdpCapture(asyncio.DatagramProtocol):
             ) from error
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the capture input; nothing is delivered afterwards."""
         if self._transport is not None:
             self._transport.close()
@@ -103,12 +97,7 @@ class ZmqCapture:
         self._readable()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the capture input; nothing is delivered afterwards."""
         self._loop.remove_reader(self._socket.fileno())
         self._context.destroy(linger=0)

@@ -9,7 +9,6 @@ import importlib
 import threading
 from collections.abc import Callable
 from datetime import datetime
-from types import TracebackType
 from typing import Any, Self
 
 from vehicles.readings import PoseReading
@@ -66,12 +65,7 @@ class VrpnCapture:
         self._thread.start()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Disconnect from the VRPN server; nothing is delivered afterwards."""
         self._stop.set()
         await asyncio.to_thread(self._thread.join, 1.0)

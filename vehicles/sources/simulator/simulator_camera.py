@@ -5,7 +5,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import Self, TypeVar
 
 import zmq
@@ -14,6 +13,7 @@ from vehicles.cameras.rendered_cameras import NoImageError
 from vehicles.sources.camera_source import SourceError
 from vehicles.sources.messagepack import BadMessageError
 from vehicles.sources.simulator.image_parts import Buffer
+from vehicles.sources.simulator.shown_world import AskedWorld, disagreements
 from vehicles.sources.simulator.simulator_protocol import (
     Ask,
     LateAnswerError,
@@ -65,9 +65,10 @@ def _no_events() -> Mapping[str, float]:
 class ZmqImageSource:
     """A simulator's camera by ZMQ as an ImageSource; an async context manager.
 
-    address: `tcp://HOST:PORT` where the simulator has bound. objects: which id stands for which
-    object, told to the simulator. events: asked for before each question. `picture` blocks, for
-    a thread (`compute=asyncio.to_thread`); several threads may call it, they wait in turn.
+    address: `tcp://HOST:PORT` where the simulator has bound. world: what the simulator is asked to
+    show; `disagreements` says where it shows something else. events: asked for before each
+    question. `picture` blocks, for a thread (`compute=asyncio.to_thread`); several threads may call
+    it, they wait in turn.
     Whatever the simulator answers, a picture is returned only if it is the right one: its number,
     pose, time, size and type are checked. Wall clock only.
     """
@@ -78,13 +79,13 @@ class ZmqImageSource:
         address: str,
         timeout_s: float = 1.0,
         open_timeout_s: float = 5.0,
-        objects: Mapping[str, int] | None = None,
+        world: AskedWorld = AskedWorld(),  # noqa: B008 - frozen
         events: Callable[[], Mapping[str, float]] = _no_events,
     ) -> None:
         self.name = address
         self._timeout_s = timeout_s
         self._open_timeout_s = open_timeout_s
-        self._objects = dict(objects or {})
+        self._world = world
         self._events = events
         self._lock = threading.Lock()
         self._seq = 0
@@ -92,6 +93,11 @@ class ZmqImageSource:
         self.trouble = ""
         """Why the last question that got no picture got none."""
         self.welcome = Welcome("")
+
+    @property
+    def disagreements(self) -> tuple[str, ...]:
+        """Return in words what it says that it shows otherwise than it was asked."""
+        return disagreements(self._world, self.welcome.shown)
 
     async def __aenter__(self) -> Self:
         """Connect to the simulator and greet it. Raises SimulatorError."""
@@ -104,14 +110,19 @@ class ZmqImageSource:
             raise
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Disconnect from the simulator; a request under way is awaited."""
         await self._close()
+
+    async def warm_up(self, camera_pose: Pose, intrinsics: Intrinsics, t_s: float) -> None:
+        """Have a first image drawn, which takes an engine long, and leave it out of the counts.
+
+        Waits as long as for the connection. Raises SimulatorError.
+        """
+        await asyncio.to_thread(
+            self.picture, camera_pose, intrinsics, t_s, within_s=self._open_timeout_s
+        )
+        self.counts = SimulatorCounts()
 
     async def ask(
         self,
@@ -140,15 +151,16 @@ class ZmqImageSource:
         *,
         want_depth: bool = False,
         want_ids: bool = False,
+        within_s: float | None = None,
     ) -> SimulatedImage:
-        """Return a simulator's image; blocks for `timeout_s`. Raises SimulatorError."""
+        """Return a simulator's image; blocks within its limit. Raises SimulatorError."""
         events = self._events()
         with self._lock:
             self._seq += 1
             ask = Ask(self._seq, t_s, camera_pose, intrinsics, want_depth, want_ids, events)
             self._count(asked=1)
             try:
-                picture = self._await_answer(ask)
+                picture = self._await_answer(ask, within_s or self._timeout_s)
             except SimulatorError as error:
                 self.trouble = str(error)
                 raise
@@ -160,9 +172,8 @@ class ZmqImageSource:
             self._count(answered=1)
             return picture
 
-    def _await_answer(self, ask: Ask) -> SimulatedImage:
-        """Return the simulator's image for a request. Raises SimulatorError."""
-        deadline_s = time.monotonic() + self._timeout_s
+    def _await_answer(self, ask: Ask, within_s: float) -> SimulatedImage:
+        deadline_s = time.monotonic() + within_s
         self._send(ask_parts(ask), deadline_s)
         return self._answer(lambda parts: image_of(parts, ask), deadline_s)
 
@@ -189,7 +200,7 @@ class ZmqImageSource:
         """Send the simulator hello and keep its welcome."""
         deadline_s = time.monotonic() + self._open_timeout_s
         with self._lock:
-            self._send(hello_parts(self._objects), deadline_s)
+            self._send(hello_parts(self._world), deadline_s)
             self.welcome = self._answer(welcome_of, deadline_s)
 
     def _send(self, parts: Sequence[Buffer], deadline_s: float) -> None:

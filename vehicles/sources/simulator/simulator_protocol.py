@@ -11,6 +11,12 @@ from dataclasses import dataclass, field
 from vehicles.readings import BgrImage, DepthImage, IdImage
 from vehicles.sources.messagepack import BadMessageError, Header, pack
 from vehicles.sources.simulator.image_parts import Buffer, decode_depth, decode_ids, decode_image
+from vehicles.sources.simulator.shown_world import (
+    AskedWorld,
+    ShownWorld,
+    packed_objects,
+    shown_world,
+)
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 
@@ -49,10 +55,14 @@ class SimulatedImage:
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """A simulator's welcome in the protocol. objects: names that it marks with our ids."""
+    """A simulator's welcome in the protocol.
+
+    objects: names that it marks with the ids we gave. shown: the world that it shows.
+    """
 
     simulator: str
     objects: tuple[str, ...] = ()
+    shown: ShownWorld = field(default_factory=ShownWorld)
 
 
 class RefusedError(BadMessageError):
@@ -63,9 +73,17 @@ class LateAnswerError(BadMessageError):
     """A simulator's reply to an earlier request."""
 
 
-def hello_parts(objects: Mapping[str, int]) -> list[Buffer]:
-    """Return the protocol's first message: version, and which id stands for which object."""
-    return [pack({"protocol": PROTOCOL, "type": "hello", "objects": dict(objects)})]
+def hello_parts(asked: AskedWorld) -> list[Buffer]:
+    """Return the protocol's first message: version, the world to show, and its objects' ids."""
+    greeting = {
+        "protocol": PROTOCOL,
+        "type": "hello",
+        "world": asked.world,
+        "case": asked.case,
+        "objects": dict(asked.ids),
+        "shapes": packed_objects(asked.objects),
+    }
+    return [pack(greeting)]
 
 
 def welcome_of(parts: Sequence[Buffer]) -> Welcome:
@@ -74,7 +92,7 @@ def welcome_of(parts: Sequence[Buffer]) -> Welcome:
     if header.text("type") != "welcome":
         raise BadMessageError(f"`type` is {header.text('type')!r:.40}, not 'welcome'")
     objects = header.texts("objects") if "objects" in header else ()
-    return Welcome(header.text("simulator"), objects)
+    return Welcome(header.text("simulator"), objects, shown_world(header))
 
 
 def ask_parts(ask: Ask) -> list[Buffer]:

@@ -170,7 +170,7 @@ def test_plan_as_json_is_one_document(cli: Cli) -> None:
     assert document["accept"][0] == {"case": "large", "mode": "sim", "passes": 1, "runs": 1}
 
 
-def test_plan_of_a_bad_file_or_option_is_told(cli: Cli) -> None:
+def test_plan_of_a_bad_file_or_option_is_reported(cli: Cli) -> None:
     assert cli("plan", "none.yaml").code == 2
     outcome = cli("plan", "campaigns/gate.yaml", "--case", "lagre", "--json")
     assert (outcome.code, outcome.out) == (2, "")
@@ -243,7 +243,7 @@ def test_list_campaigns_finds_those_of_the_folder_and_the_shipped(
         (["validate"], "at least one file"),
     ],
 )
-def test_usage_errors_are_told_on_standard_error(
+def test_usage_errors_are_reported_on_standard_error(
     cli: Cli, arguments: Sequence[str], said: str
 ) -> None:
     outcome = cli(*arguments)

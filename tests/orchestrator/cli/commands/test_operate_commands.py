@@ -12,7 +12,7 @@ from orchestrator.model.progress import Happening, Progress
 from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.campaign_records import Place, Places
 from orchestrator.operator.operator_channels import open_operator_channels
-from tests.orchestrator.operator.controllers import FakeFleet, make_desk
+from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 
 Said = tuple[int, str, str]
 Cli = Callable[..., Awaitable[Said]]
@@ -40,14 +40,14 @@ def fleet() -> FakeFleet:
 
 @pytest.fixture
 async def controller(tmp_path: Path, fleet: FakeFleet) -> AsyncIterator[CampaignController]:
-    controller = make_desk(tmp_path, fleet)
+    controller = make_controller(tmp_path, fleet)
     controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
     async with open_operator_channels(controller):
         yield controller
 
 
 @pytest.mark.parametrize("command", ["abort", "hold", "resume", "watch"])
-async def test_where_nothing_flies_this_is_said(cli: Cli, command: str, tmp_path: Path) -> None:
+async def test_where_nothing_flies_this_is_reported(cli: Cli, command: str, tmp_path: Path) -> None:
     assert await cli(command) == (3, "", "no campaign is in flight on this machine\n")
     assert await cli(command, str(tmp_path)) == (3, "", f"no run is in flight in {tmp_path}\n")
 
@@ -113,7 +113,7 @@ async def test_a_fence_is_for_one_campaign(
     assert not fleet.told
 
 
-async def test_a_fence_that_cannot_be_read_or_sent_is_said(cli: Cli, tmp_path: Path) -> None:
+async def test_a_fence_that_cannot_be_read_or_sent_is_reported(cli: Cli, tmp_path: Path) -> None:
     code, _, said = await cli("fence", str(tmp_path / "none.yaml"))
     assert (code, "cannot be read" in said) == (2, True)
     path = tmp_path / "long.yaml"
@@ -134,7 +134,7 @@ async def test_a_folder_chooses_what_is_meant(cli: Cli, fleet: FakeFleet, tmp_pa
 async def test_watch_shows_what_flies_until_it_is_over(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    controller = make_desk(tmp_path, FakeFleet())
+    controller = make_controller(tmp_path, FakeFleet())
     async with open_operator_channels(controller):
         watching = asyncio.create_task(asyncio.to_thread(main, ["watch"]))
         as_json = asyncio.create_task(asyncio.to_thread(main, ["watch", "--json"]))

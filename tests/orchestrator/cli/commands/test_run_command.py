@@ -95,7 +95,9 @@ def test_a_signal_to_the_whole_group_lands_what_flies(
     assert (run["verdict"], run["reason"]) == ("ABORTED", f"aborted by {name}")
     (landed,) = [oracle for oracle in run["oracles"] if oracle["name"] == "landed"]
     assert landed["verdict"] == "PASS"
-    assert "not accepted" in said
+    assert summary_of(campaign)["not_flown"] == ["default/sim/2"]
+    assert "never flown: default/sim/2\n" in said
+    assert "not accepted; never flown: 1 of 2" in said
 
 
 def test_before_it_flies_a_document_says_that_nothing_has_passed(
@@ -118,7 +120,7 @@ def test_before_it_flies_a_document_says_that_nothing_has_passed(
 
 
 @pytest.mark.parametrize("spoilt", ["junit", "out", "no such folder", "out in a file"])
-def test_what_cannot_be_written_is_told_before_anything_flies(
+def test_what_cannot_be_written_is_reported_before_anything_flies(
     campaign: Path, capsys: pytest.CaptureFixture[str], spoilt: str
 ) -> None:
     given = {"out": str(campaign.parent / "out"), "junit": str(campaign.parent / "junit.xml")}
@@ -141,7 +143,7 @@ def test_what_cannot_be_written_is_told_before_anything_flies(
     assert not list(campaign.parent.glob(".wil-*"))
 
 
-def test_what_armed_nothing_says_so_and_is_not_taken_up(
+def test_what_armed_nothing_says_so_and_is_not_resumed(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*command(campaign)[3:], "--no-arm"]) == 5

@@ -42,7 +42,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[ProcessSettings]:
         (("--world", "nowhere.yaml"), "nowhere.yaml"),
     ],
 )
-def test_what_is_wrong_is_said_before_anything_flies(
+def test_what_is_wrong_is_reported_before_anything_flies(
     flown: list[ProcessSettings],
     capsys: pytest.CaptureFixture[str],
     arguments: tuple[str, ...],

@@ -209,7 +209,7 @@ def test_a_wall_clock_drops_what_is_new_and_counts_it(
     assert recording.counts["dropped /real/camera"] == "7"
 
 
-def test_a_picture_that_cannot_be_encoded_is_counted_and_said(tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_encoded_is_counted_and_reported(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     broken = replace(camera(5), image_bgr=cast("Any", None))
     with recorder(path) as run:

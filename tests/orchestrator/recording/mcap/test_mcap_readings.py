@@ -102,7 +102,7 @@ def test_every_reading_comes_back_to_the_bit(
 
 
 @pytest.mark.parametrize(("form", "exact"), [("jpeg", False), ("png", True), ("raw", True)])
-def test_pictures_in_each_form(
+def test_images_in_each_form(
     tmp_path: Path, form: Literal["jpeg", "png", "raw"], *, exact: bool
 ) -> None:
     path = tmp_path / "run.mcap"
@@ -122,7 +122,7 @@ def test_pictures_in_each_form(
         one.reading.image_bgr[0, 0, 0] = 1
 
 
-def test_a_source_whose_pictures_are_not_wanted(tmp_path: Path) -> None:
+def test_a_source_whose_images_are_not_wanted(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with recorder(path, settings=RecordingSettings(twin=ImageSettings("none"))) as run:
         run.reading("camera", camera(1, "twin"))

@@ -27,7 +27,7 @@ class Asks:
         return self.command if self.polled == 300 else None
 
 
-def guard_said(folder: Path) -> list[tuple[str, str]]:
+def guard_events(folder: Path) -> list[tuple[str, str]]:
     kinds = {"geofence", "refused", "fence"}
     lines = [line for line in log_of(folder) if line["event"] == "guard" and line["kind"] in kinds]
     return [(line["kind"], line["text"]) for line in lines]
@@ -36,7 +36,7 @@ def guard_said(folder: Path) -> list[tuple[str, str]]:
 def test_a_new_fence_holds_for_both_and_the_flight_goes_on(fly_run: Fly) -> None:
     result, folder = fly_run(inbox=Asks(TIGHTER))
     assert (result.verdict, result.reason) == ("PASS", "")
-    assert guard_said(folder) == [("geofence", "anna changed the fence of real and twin")]
+    assert guard_events(folder) == [("geofence", "anna changed the fence of real and twin")]
     (asked,) = [line for line in log_of(folder) if line["event"] == "operator"]
     assert (asked["kind"], asked["who"]) == ("geofence", "anna")
     (answered,) = [line for line in log_of(folder) if line["event"] == "answer"]
@@ -48,7 +48,7 @@ def test_a_new_fence_holds_for_both_and_the_flight_goes_on(fly_run: Fly) -> None
 def test_whoever_leaves_the_new_fence_is_brought_down(fly_run: Fly) -> None:
     result, folder = fly_run(inbox=Asks(NARROW))
     assert result.verdict == "FAIL"
-    assert [kind for kind, _ in guard_said(folder)][:2] == ["geofence", "fence"]
+    assert [kind for kind, _ in guard_events(folder)][:2] == ["geofence", "fence"]
     assert all_landed(folder)
 
 
@@ -69,7 +69,7 @@ def test_a_fence_that_cannot_be_is_refused_and_the_old_one_holds(
 ) -> None:
     result, folder = fly_run(inbox=Asks(document), mode="sim")
     assert (result.verdict, result.reason) == ("PASS", "")
-    said = guard_said(folder)
+    said = guard_events(folder)
     assert [kind for kind, _ in said] == (["refused"] if why else [])
     assert not why or why in said[0][1]
     assert result.fence_changes == ()

@@ -11,7 +11,7 @@ from orchestrator.run.flight.goal_flight import GoalFlight
 from orchestrator.state.run_state import RunState
 
 
-class FakePilot:
+class FakeRunner:
     """An autonomy that is done after a time."""
 
     def __init__(self, done_after_s: float) -> None:
@@ -38,7 +38,7 @@ async def flown(
 ) -> tuple[RunState, Any, float]:
     loop = asyncio.get_running_loop()
     run_state = RunState(time=loop.time)
-    runners = {"real": FakePilot(real_s), "twin": FakePilot(twin_s)}
+    runners = {"real": FakeRunner(real_s), "twin": FakeRunner(twin_s)}
     goal = GoalFlight(
         runners=cast("Any", runners),
         subject="real",

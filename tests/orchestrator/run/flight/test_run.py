@@ -59,7 +59,7 @@ def test_the_pair_flies_through_the_virtual_gate(fly_run: Fly, campaign: str) ->
     oracles = {(o.name, o.vehicle): o for o in result.oracles}
     reached = oracles["reached", "real"]
     assert reached.actual is not None
-    assert reached.limit is not None
+    assert isinstance(reached.limit, float)
     assert 0.0 <= reached.actual < 0.35
     # The limit leaves room for the body, which reaches 0.14 to 0.2 m beyond its centre.
     assert 0.3 < reached.limit < 0.36
@@ -146,7 +146,7 @@ def test_touching_the_virtual_gate_fails_and_the_flight_goes_on(fly_run: Fly) ->
     ("start", "stage", "waits_s"),
     [("{on: at_height, delay_s: 0.5}", "at_height", 0.5), ("{at_s: 0.7}", "goal", 0.7)],
 )
-def test_a_thing_that_moves_starts_when_it_was_told_to(
+def test_a_thing_that_moves_starts_at_its_event(
     fly_run: Fly, start: str, stage: Stage, waits_s: float
 ) -> None:
     """A ball-like box comes down on the twin where it hovers, or flies slowly: 2.1 m at 30 m/s."""
@@ -185,19 +185,18 @@ def test_a_vehicle_that_never_becomes_ready_is_an_error_with_its_reasons(fly_run
     assert all_landed(folder)
 
 
-@pytest.mark.parametrize(("victim", "survivor"), [("real", "twin"), ("twin", "real")])
 @pytest.mark.parametrize("stage", ["takeoff", "goal"])
 def test_a_vehicle_that_dies_in_flight_is_an_error_and_the_other_lands(
-    fly_run: Fly, victim: str, survivor: str, stage: Stage
+    fly_run: Fly, stage: Stage
 ) -> None:
     result, folder = fly_run(
-        disturb=at_stage(stage, 1.0, lambda pair: cast("Any", pair.vehicles[victim]).kill())
+        disturb=at_stage(stage, 1.0, lambda pair: cast("Any", pair.vehicles["real"]).kill())
     )
     assert result.verdict == "ERROR"
-    assert result.reason.startswith(f"{victim} was not heard for 3 s; its last STATUSTEXT: ")
+    assert result.reason.startswith("real was not heard for 3 s; its last STATUSTEXT: ")
     last = {row["vehicle"]: row for row in rows_of(folder)}
-    assert last[survivor]["armed"] == "0"
-    assert abs(float(last[survivor]["true_down_m"])) < 0.2
+    assert last["twin"]["armed"] == "0"
+    assert abs(float(last["twin"]["true_down_m"])) < 0.2
 
 
 def test_the_operators_abort_lands_both(fly_run: Fly) -> None:

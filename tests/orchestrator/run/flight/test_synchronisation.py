@@ -53,6 +53,18 @@ def test_the_first_takeoff_command_is_timed_and_no_other_frame(as_int: bool) -> 
     assert sync.result().command_skew_s == pytest.approx(0.05)
 
 
+@pytest.mark.parametrize(("late_s", "decided"), [(0.0, 0), (0.3, 1)])
+def test_a_stagger_that_is_meant_is_no_skew_of_the_commands(late_s: float, decided: int) -> None:
+    sync, run_state, record, contexts = pair("real", "twin")
+    sync.stagger({"real": 0.0, "twin": 1.5})
+    for name, command_s in (("real", 0.0), ("twin", 1.5 + late_s)):
+        record(name, command_s, frame(TAKEOFF))
+        liftoff(contexts[name], 3.0)
+    sync.check_takeoff()
+    assert len(run_state.decisive) == decided
+    assert sync.result().liftoff_delays_s == pytest.approx({"real": 3.0, "twin": 1.5 - late_s})
+
+
 def test_no_command_but_a_takeoff_gives_a_skew() -> None:
     sync, _, record, _ = pair("real", "twin")
     for name in ("real", "twin"):

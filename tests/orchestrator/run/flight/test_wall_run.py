@@ -140,7 +140,7 @@ async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
             assert context.heard.keys() == {1}
             assert {"HEARTBEAT", "LOCAL_POSITION_NED"} <= context.heard[1]
             context.ask(Mode.HOLD)
-            await program.said("takeover")
+            await program.await_event("takeover")
             await asyncio.sleep(2.0)
             assert context.armed
             context.ask(Mode.LAND)

@@ -17,7 +17,7 @@ from recipes.language.recipe_document import load_recipe
 from recipes.pipeline.pipeline import compile_recipe
 from recipes.working import StepError
 from tests.recipes.samples import beam, camera
-from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.cameras.rendered_cameras import NoImageError, sleep_until
 from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import Reading
 from worlds.files.documents import parse
@@ -25,7 +25,7 @@ from worlds.frames import Pose
 
 
 class Rig:
-    """A mixing loop, what it told, and what it complained of."""
+    """A mixing loop, what it reported, and what it complained of."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class Rig:
             task.result()
 
     @property
-    def told(self) -> list[Any]:
+    def provenances(self) -> list[Any]:
         return [frame.mixed.provenance for _, frame in self.frames]
 
 
@@ -99,10 +99,10 @@ def test_a_reading_waits_for_the_twins_of_its_moment() -> None:
             rig.twin(1 + k * 0.02, late_s=0.008)
 
     rig = flown(Rig, feed)
-    assert [told.skew_ms for told in rig.told] == [0.0] * 10
-    assert [told.latency_ms for told in rig.told] == pytest.approx([8.0] * 10)
-    assert [told.real_seq for told in rig.told] == [1000 + 20 * k for k in range(10)]
-    assert [told.twin_seq for told in rig.told] == [1000 + 20 * k for k in range(10)]
+    assert [one.skew_ms for one in rig.provenances] == [0.0] * 10
+    assert [one.latency_ms for one in rig.provenances] == pytest.approx([8.0] * 10)
+    assert [one.real_seq for one in rig.provenances] == [1000 + 20 * k for k in range(10)]
+    assert [one.twin_seq for one in rig.provenances] == [1000 + 20 * k for k in range(10)]
 
 
 def test_a_twin_that_is_ahead_or_behind_is_met_at_the_nearest_moment() -> None:
@@ -113,8 +113,8 @@ def test_a_twin_that_is_ahead_or_behind_is_met_at_the_nearest_moment() -> None:
             rig.real(1.1 + k * 0.05, late_s=0.1)
 
     rig = flown(Rig, feed)
-    assert all(told.skew_ms <= 12.5 for told in rig.told)
-    assert len(rig.told) == 5
+    assert all(one.skew_ms <= 12.5 for one in rig.provenances)
+    assert len(rig.provenances) == 5
 
 
 def test_none_waits_longer_than_a_period_and_what_is_too_old_is_left_out() -> None:
@@ -124,8 +124,14 @@ def test_none_waits_longer_than_a_period_and_what_is_too_old_is_left_out() -> No
             rig.real(1.0 + 0.05 * k)
 
     rig = flown(lambda: Rig("merge: {aggregate: min}, max_skew_ms: 120", period_s=0.01), feed)
-    assert [told.dropped for told in rig.told] == [None, None, None, "stale", "stale"]
-    assert [told.latency_ms for told in rig.told] == pytest.approx([0.0, 10, 10, 10, 10])
+    assert [one.dropped for one in rig.provenances] == [
+        None,
+        None,
+        None,
+        "stale",
+        "stale",
+    ]
+    assert [one.latency_ms for one in rig.provenances] == pytest.approx([0.0, 10, 10, 10, 10])
     values: list[Any] = [frame.mixed.reading for _, frame in rig.frames]
     assert [one.range_m for one in values] == [1.0, 1.0, 1.0, 2.0, 2.0]
     assert dict(rig.loop.mixer.counts().dropped) == {"stale": 2}
@@ -162,7 +168,122 @@ class Slow:
 REGISTERED = "transform: [register], merge: overlay"
 
 
-def test_pictures_that_come_while_one_is_mixed_make_way_for_the_newest() -> None:
+def film(rig: Rig, rate_hz: float, *, seconds: float = 3.0, jitter_s: float = 0.0) -> None:
+    """Feed the images of a live camera, and the poses that its vehicle has meanwhile."""
+    loop = asyncio.get_running_loop()
+    for k in range(round(100 * (seconds + 2.0))):
+        pose = Pose((k * 0.01, 0, 0))
+        loop.call_at(k * 0.01, rig.poses.add, k * 0.01, pose, (1.0, 0.0, 0.0))
+    for k in range(round(rate_hz * seconds)):
+        early_s = jitter_s * (-1) ** k
+        rig.real(1 + k / rate_hz + early_s, late_s=0.02, made=camera(source="real"))
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 30.0, 45.0, 100.0])
+@pytest.mark.parametrize("takes_s", [0.0, 0.04])
+def test_a_live_camera_of_any_rate_is_mixed_at_the_recipe_s(rate_hz: float, takes_s: float) -> None:
+    rig = flown(
+        lambda: Rig(
+            REGISTERED, sensor="camera", twin=Slow(takes_s), period_s=1 / rate_hz, rate_hz=15.0
+        ),
+        lambda rig: film(rig, rate_hz),
+        5.0,
+    )
+    assert {told.dropped for told in rig.provenances} == {None}
+    assert rig.loop.mixer.counts().faults == ()
+    assert len(rig.frames) == pytest.approx(45, abs=2)
+
+
+def test_jitter_of_its_stamps_loses_no_image_of_a_camera_at_the_recipe_s_rate() -> None:
+    rig = flown(
+        lambda: Rig(REGISTERED, sensor="camera", twin=Slow(0.0), period_s=1 / 15, rate_hz=15.0),
+        lambda rig: film(rig, 15.0, jitter_s=0.01),
+        5.0,
+    )
+    assert len(rig.frames) == 45
+
+
+def test_a_step_that_chooses_by_time_sees_also_what_is_not_due_in_its_order() -> None:
+    body = "transform: [register, {delay: {by_ms: 30, on: real}}], merge: overlay"
+    rig = flown(
+        lambda: Rig(body, sensor="camera", twin=Slow(0.04), period_s=1 / 45, rate_hz=15.0),
+        lambda rig: film(rig, 45.0),
+        5.0,
+    )
+    delays_s = [told.given_real_seq / 1000 - told.real_t_s for told in rig.provenances[1:]]
+    assert delays_s == pytest.approx([2 / 45] * len(delays_s), abs=1e-3)
+    assert rig.loop.mixer.counts().faults == ()
+
+
+class Unsteady(Slow):
+    """A twin whose simulator gives no image, or a late one, for some of the questions."""
+
+    def __init__(self, *, fails: range = range(0), is_late: range = range(0)) -> None:
+        super().__init__(0.0)
+        self._fails, self._is_late = fails, is_late
+
+    async def ask(self, body: Pose, t_s: float, **more: bool) -> Any:
+        number = len(self.asked)
+        self.takes_s = 0.4 if number in self._is_late else 0.0
+        answer = await super().ask(body, t_s, **more)
+        if number in self._fails:
+            raise NoImageError("the simulator did not answer in 0.2 s")
+        return answer
+
+
+def watched(twin: Unsteady, budget: str = "") -> tuple[Rig, RunState]:
+    """Return what came of a flight whose simulator is unsteady, its goal flown from 1 s on."""
+
+    async def run() -> tuple[Rig, RunState]:
+        run_state = RunState(time=asyncio.get_running_loop().time)
+        rig = Rig(REGISTERED + budget, sensor="camera", twin=twin, period_s=1 / 15)
+        watch = MixingBudgetWatch(run_state=run_state, someone_is_silent=lambda: False)
+        watch.watch(rig.loop, 1 / 15)
+        watching = asyncio.ensure_future(watch.run(lambda: None))
+        film(rig, 15.0, seconds=5.0)
+        asyncio.get_running_loop().call_at(1.0, run_state.enter, "goal")
+        task = asyncio.ensure_future(rig.run(6.5))
+        asyncio.get_running_loop().call_at(5.9, run_state.enter, "done")
+        await task
+        watching.cancel()
+        await asyncio.wait([watching])
+        return rig, run_state
+
+    return run_virtual(run())
+
+
+def test_an_image_that_is_missing_is_a_dropped_frame() -> None:
+    rig, run_state = watched(Unsteady(fails=range(20, 23)))
+    assert run_state.decisive == []
+    assert rig.loop.statistics.missed == 3
+    assert rig.loop.statistics.last_miss == "the simulator did not answer in 0.2 s"
+    # Nothing is delivered for it: a bare image would say that nothing virtual is there.
+    assert len(rig.frames) == 75 - 3
+    assert {told.dropped for told in rig.provenances} == {None}
+
+
+def test_an_image_that_is_late_is_a_dropped_frame() -> None:
+    rig, run_state = watched(Unsteady(is_late=range(20, 21)), ", max_latency_ms: 200")
+    assert run_state.decisive == []
+    assert rig.loop.statistics.missed == 1
+    assert rig.loop.statistics.last_miss.startswith("the twin's image came 4")
+
+
+@pytest.mark.parametrize(
+    ("budget", "fails", "said"),
+    [
+        ("", range(20, 40), "no mixed reading for more than 1 s: the simulator did not answer"),
+        (", min_rate_hz: 13", range(20, 23), "min_rate_hz: "),
+    ],
+)
+def test_more_than_the_budget_forgives_is_invalid(budget: str, fails: range, said: str) -> None:
+    _, run_state = watched(Unsteady(fails=fails), budget)
+    (event,) = run_state.decisive
+    assert event.kind == "INVALID"
+    assert event.text.startswith(f"mixing of s: {said}")
+
+
+def test_images_that_come_while_one_is_mixed_make_way_for_the_newest() -> None:
     twin = Slow(0.1)
 
     def feed(rig: Rig) -> None:
@@ -175,8 +296,8 @@ def test_pictures_that_come_while_one_is_mixed_make_way_for_the_newest() -> None
     # Every 100 ms, at most 33 ms old when its turn comes.
     assert len(rig.frames) + rig.loop.statistics.replaced == 30
     assert 9 <= len(rig.frames) <= 12
-    assert max(told.latency_ms for told in rig.told) < 201
-    assert [told.skew_ms for told in rig.told] == [0.0] * len(rig.told)
+    assert max(one.latency_ms for one in rig.provenances) < 201
+    assert [one.skew_ms for one in rig.provenances] == [0.0] * len(rig.provenances)
 
 
 def test_small_readings_that_come_in_a_burst_are_all_mixed() -> None:
@@ -189,7 +310,7 @@ def test_small_readings_that_come_in_a_burst_are_all_mixed() -> None:
     rig = flown(lambda: Rig(period_s=0.005), feed)
     assert len(rig.frames) == 20
     assert rig.loop.statistics.replaced == 0
-    assert all(told.skew_ms == pytest.approx(0.0, abs=1e-6) for told in rig.told)
+    assert all(one.skew_ms == pytest.approx(0.0, abs=1e-6) for one in rig.provenances)
 
 
 def test_a_picture_waits_for_the_pose_of_its_exposure() -> None:
@@ -205,9 +326,9 @@ def test_a_picture_waits_for_the_pose_of_its_exposure() -> None:
     ((pose, t_s),) = twin.asked
     assert pose.position_ned_m[0] == pytest.approx(1.005)
     assert t_s == 1.005
-    (told,) = rig.told
-    assert told.alignment == "interpolated"
-    assert told.latency_ms == pytest.approx(35.0, abs=2.1)
+    (provenance,) = rig.provenances
+    assert provenance.alignment == "interpolated"
+    assert provenance.latency_ms == pytest.approx(35.0, abs=2.1)
 
 
 def test_without_a_pose_there_is_no_overlay() -> None:
@@ -217,9 +338,9 @@ def test_without_a_pose_there_is_no_overlay() -> None:
         rig.real(1.0, made=camera(source="real"))
 
     rig = flown(lambda: Rig(REGISTERED, sensor="camera", twin=twin), feed)
-    (told,) = rig.told
-    assert (told.dropped, told.alignment) == ("no_twin", "no pose for the exposure")
-    assert told.detail == "no camera reading of the twin: no pose for the exposure"
+    (provenance,) = rig.provenances
+    assert (provenance.dropped, provenance.alignment) == ("no_twin", "no pose for the exposure")
+    assert provenance.detail == "no camera reading of the twin: no pose for the exposure"
     assert twin.asked == []
 
 
@@ -234,7 +355,7 @@ def test_a_vehicle_that_falls_silent_is_no_time_that_runs_backwards() -> None:
 
     rig = flown(lambda: Rig(REGISTERED, sensor="camera", twin=twin), feed)
     assert [t_s for _, t_s in twin.asked] == [1.015]
-    assert [told.alignment for told in rig.told][1:] == ["no pose for the exposure"] * 2
+    assert [one.alignment for one in rig.provenances][1:] == ["no pose for the exposure"] * 2
     assert (rig.troubles, rig.loop.mixer.counts().faults) == ([], ())
 
 
@@ -242,7 +363,7 @@ def test_a_vehicle_that_falls_silent_is_no_time_that_runs_backwards() -> None:
     ("bad", "said"),
     [(beam(math.nan), "not a number"), (beam(-1.0), "-1.0 m"), (camera(), "of type camera")],
 )
-def test_a_bad_reading_of_the_twin_is_told_and_never_mixed(bad: Any, said: str) -> None:
+def test_a_bad_reading_of_the_twin_is_reported_and_never_mixed(bad: Any, said: str) -> None:
     def feed(rig: Rig) -> None:
         rig.twin(1.0)
         rig.twin(1.01, made=bad)
@@ -251,12 +372,12 @@ def test_a_bad_reading_of_the_twin_is_told_and_never_mixed(bad: Any, said: str) 
     rig = flown(Rig, feed)
     (trouble,) = rig.troubles
     assert said in trouble
-    (told,) = rig.told
-    assert (told.twin_seq, told.dropped) == (1000, None)
+    (provenance,) = rig.provenances
+    assert (provenance.twin_seq, provenance.dropped) == (1000, None)
     assert dict(rig.loop.mixer.counts().faults)
 
 
-def test_time_that_runs_backwards_is_told() -> None:
+def test_time_that_runs_backwards_is_reported() -> None:
     def feed(rig: Rig) -> None:
         rig.twin(1.1)
         rig.twin(1.0, late_s=0.2)
@@ -279,16 +400,16 @@ def test_the_registration_error_stands_in_the_provenance() -> None:
         ),
         feed,
     )
-    assert rig.told[0].registration_error_px == 1.25
+    assert rig.provenances[0].registration_error_px == 1.25
     assert rig.loop.statistics.registration_error_px.percentiles().p50 == 1.25
 
 
 def test_the_registration_error_is_that_of_the_real_exposure() -> None:
     """A twin's picture of a later pose is not held against the truth of that later moment."""
-    told: list[tuple[float, float]] = []
+    reported: list[tuple[float, float]] = []
 
     def registered(twin: Reading, exposed_s: float) -> RegistrationError:
-        told.append((twin.t_s, exposed_s))
+        reported.append((twin.t_s, exposed_s))
         return RegistrationError(bound_px=2.5)
 
     def feed(rig: Rig) -> None:
@@ -298,9 +419,9 @@ def test_the_registration_error_is_that_of_the_real_exposure() -> None:
 
     body = REGISTERED.replace("register", "{register: {align: latest}}")
     rig = flown(lambda: Rig(body, sensor="camera", twin=Slow(0.0), registration=registered), feed)
-    assert rig.told[0].registration_error_px is None
-    assert rig.told[0].registration_bound_px == 2.5
-    ((drawn_s, exposed_s),) = told
+    assert rig.provenances[0].registration_error_px is None
+    assert rig.provenances[0].registration_bound_px == 2.5
+    ((drawn_s, exposed_s),) = reported
     assert drawn_s == pytest.approx(1.09)
     assert exposed_s == 1.0
 

@@ -173,7 +173,7 @@ def test_without_a_reference_there_is_a_bound_and_with_one_an_error(scene: Scene
     assert registered(replace(scene.drawn(0.5), camera_pose=None), 0.5) == RegistrationError()
 
 
-def test_the_truth_of_a_vehicle_is_no_reference_for_pictures_from_outside(scene: Scene) -> None:
+def test_the_truth_of_a_vehicle_is_no_reference_for_images_from_outside(scene: Scene) -> None:
     for k in range(100):
         scene.real.truth.add(k / 100, Pose((0.0, k / 100, -0.5)))
     live = scene.registration(SourceSetup(kind="rtp", address="rtp://127.0.0.1:5600"))

@@ -145,7 +145,7 @@ def recipe(
     return text.replace("SKEW", str(skew_ms))
 
 
-def test_an_honest_mixture_shows_the_gate_in_its_place(campaign: Path) -> None:
+def test_a_faithful_mixture_shows_the_gate_in_its_place(campaign: Path) -> None:
     flown = fly(campaign)
     assert (flown.run["verdict"], flown.run["reason"]) == ("PASS", "")
     gate = flown.gate

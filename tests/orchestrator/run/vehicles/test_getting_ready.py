@@ -62,7 +62,7 @@ def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> No
         run_state = RunState(time=asyncio.get_running_loop().time)
         contexts = (Standing("real", 45.0, asked), Standing("twin", 5.0, asked))
 
-        async def told(what: str, *_: object) -> None:
+        async def report(what: str, *_: object) -> None:
             asked.append((asyncio.get_running_loop().time(), what))
 
         async def prepare(context: Any) -> None:
@@ -74,11 +74,13 @@ def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> No
             holding=OperatorHold(run_state=run_state),
             sync=SYNC,
             heights_m={},
-            before_arming=partial(told, "proven"),
+            liftoff_delays_s={},
+            stagger=lambda _: None,
+            before_arming=partial(report, "proven"),
             barrier=lambda: None,
-            goal=partial(told, "goal"),
+            goal=partial(report, "goal"),
             prepare=prepare,
-            preflight=partial(told, "preflight"),
+            preflight=partial(report, "preflight"),
             arm=False,
         )
         return run_state.decisive[0].text

@@ -87,7 +87,7 @@ def flown_alone(fly_run: Fly, operator: Operator, *sets: str) -> tuple[RunResult
     return flown(fly_run, operator, *sets, mode="sim")
 
 
-def said(folder: Path, *kinds: str) -> list[str]:
+def event_texts(folder: Path, *kinds: str) -> list[str]:
     lines = [line for line in log_of(folder) if line["event"] == "guard"]
     return [line["text"] for line in lines if line["kind"] in kinds]
 
@@ -109,7 +109,7 @@ def test_both_autopilots_have_the_new_fence(
     ((at_s, word, text),) = operator.answers
     assert (word, text) == ("ok", "anna changed the fence of real and twin")
     assert at_s < 2.0
-    assert said(folder, "proposed", "geofence") == [
+    assert event_texts(folder, "proposed", "geofence") == [
         (
             "anna requests another fence for real and twin; the old one applies until the "
             "autopilot has the new one"
@@ -151,7 +151,7 @@ def test_what_one_autopilot_refuses_none_keeps(fly_run: Fly) -> None:
     assert "Geofence invalid, doesn't contain Home position" in text
     assert text.endswith("; the old fence applies")
     assert operator.aboard[0] == operator.aboard[1]
-    assert said(folder, "geofence") == []
+    assert event_texts(folder, "geofence") == []
 
 
 @pytest.mark.parametrize("sets", [(), MIXED[:1]], ids=["px4", "ardupilot"])
@@ -166,7 +166,7 @@ def test_a_radio_that_loses_delays_it(fly_run: Fly, sets: tuple[str, ...]) -> No
     assert operator.aboard[-1] == {"twin": (3, 3.0)}
 
 
-def test_a_short_blackout_in_the_middle_is_waited_for(fly_run: Fly) -> None:
+def test_a_short_outage_in_the_middle_is_waited_for(fly_run: Fly) -> None:
     operator = Operator((1.0, asks(TIGHTER)))
     operator.on_goal = lambda pair: go_dark(pair, 1.05, 0.9)
     gap = "vehicles.twin.telemetry={max_gap_s: 2}"
@@ -178,14 +178,14 @@ def test_a_short_blackout_in_the_middle_is_waited_for(fly_run: Fly) -> None:
     assert operator.aboard[-1] == {"twin": (3, 3.0)}
 
 
-def test_a_blackout_that_does_not_end_leaves_the_old_one(fly_run: Fly) -> None:
+def test_a_outage_that_does_not_end_leaves_the_old_one(fly_run: Fly) -> None:
     operator = Operator((1.0, asks(TIGHTER)))
     operator.on_goal = lambda pair: go_dark(pair, 1.05, 6.0)
     result, folder = flown_alone(fly_run, operator, CAN_GO_DARK)
     assert result.verdict in {"ERROR", "FAIL"}
     ((_, word, text),) = operator.answers
     assert (word, text) == ("refused", "geofence: all vehicles are landing; the old fence applies")
-    assert said(folder, "geofence") == []
+    assert event_texts(folder, "geofence") == []
     assert all_landed(folder)
 
 
@@ -200,7 +200,7 @@ def test_an_abort_in_the_middle_wins(fly_run: Fly) -> None:
     ((at_s, word, text),) = operator.answers
     assert (word, text) == ("refused", "geofence: all vehicles are landing; the old fence applies")
     assert at_s < 1.2
-    assert said(folder, "geofence") == []
+    assert event_texts(folder, "geofence") == []
     assert all_landed(folder)
 
 
@@ -241,7 +241,7 @@ def test_a_ceiling_below_the_way_home_is_refused_where_that_is_only_checked(fly_
     ((_, word, text),) = operator.answers
     assert word == "refused"
     assert "twin: it returns above the new ceiling; set RTL_RETURN_ALT in the vehicle" in text
-    assert said(folder, "geofence") == []
+    assert event_texts(folder, "geofence") == []
     assert operator.aboard[0] == operator.aboard[1]
 
 
@@ -287,6 +287,6 @@ def test_nothing_is_uploaded_where_the_campaign_says_so(fly_run: Fly) -> None:
     operator.on_goal = listen
     result, folder = flown_alone(fly_run, operator, "preflight.fence=null")
     assert result.verdict == "PASS"
-    assert said(folder, "geofence") == ["anna changed the fence of twin"]
+    assert event_texts(folder, "geofence") == ["anna changed the fence of twin"]
     assert counted
     assert not {MISSION_COUNT, PARAM_SET} & set(counted)

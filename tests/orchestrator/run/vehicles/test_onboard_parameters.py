@@ -40,7 +40,7 @@ def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Rig:
-    """A vehicle that was there before us, and what a run puts aboard."""
+    """A vehicle that was there before us, and what a run puts onboard."""
 
     def __init__(self, vehicle: EmbeddedVehicle, driver: Driver, params: dict[str, float]) -> None:
         self.vehicle = vehicle
@@ -57,14 +57,14 @@ class Rig:
         self.noted: list[tuple[str, Mapping[str, Any]]] = []
         self.decided: list[tuple[str, ...]] = []
 
-    def aboard(
+    def onboard(
         self,
         preflight: PreflightPart = PreflightPart(fence=None),  # noqa: B008 - frozen
         fences: Mapping[str, Fence] = MappingProxyType({}),
     ) -> OnboardConfiguration:
         campaign = SimpleNamespace(preflight=preflight, fences=fences)
         setup = SimpleNamespace(vehicle=lambda _: self.setup, campaign=campaign)
-        run_state = SimpleNamespace(decide=lambda *said: self.decided.append(said))
+        run_state = SimpleNamespace(decide=lambda *said: self.decided.append(said), dropped_out={})
         return OnboardConfiguration(
             setup=cast("Any", setup),
             contexts=(self.context,),
@@ -72,9 +72,9 @@ class Rig:
             note=lambda event, **more: self.noted.append((event, more)),
         )
 
-    async def prove(self, aboard: OnboardConfiguration) -> None:
+    async def prove(self, onboard: OnboardConfiguration) -> None:
         vehicles = {"real": self.setup}
-        await prove_injection([self.context], vehicles, [OBSTACLES], unbooted=aboard.unbooted)
+        await prove_injection([self.context], vehicles, [OBSTACLES], unbooted=onboard.unbooted)
 
     def has(self, name: str) -> float:
         return self.vehicle.autopilot.parameters[name]
@@ -113,12 +113,12 @@ def test_what_the_campaign_sets_is_set_back(
     autopilot: AutopilotName, name: str, before: float
 ) -> None:
     async def script(rig: Rig) -> None:
-        aboard = rig.aboard()
-        await aboard.put(rig.context)
+        onboard = rig.onboard()
+        await onboard.put(rig.context)
         assert rig.has(name) == 5.0
         assert len(list(parameter_backup_folder().iterdir())) == 1
-        assert aboard.unbooted == {"real": frozenset({name})}
-        await aboard.restore()
+        assert onboard.unbooted == {"real": frozenset({name})}
+        await onboard.restore()
         assert rig.has(name) == before
         assert list(parameter_backup_folder().iterdir()) == []
         assert rig.decided == []
@@ -128,28 +128,28 @@ def test_what_the_campaign_sets_is_set_back(
 
 def test_what_counts_at_boot_alone_is_refused_and_set_back() -> None:
     async def script(rig: Rig) -> None:
-        aboard = rig.aboard()
-        await aboard.put(rig.context)
+        onboard = rig.onboard()
+        await onboard.put(rig.context)
         assert rig.has("PRX1_TYPE") == 2.0
         with pytest.raises(
             UnsupportedInjectionError, match=r"PRX1_TYPE was set to 2 since .* reboot it"
         ):
-            await rig.prove(aboard)
-        await aboard.restore()
+            await rig.prove(onboard)
+        await onboard.restore()
         assert (rig.has("PRX1_TYPE"), rig.has("AVOID_ENABLE")) == (0.0, 3.0)
 
     with_vehicle("ardupilot", script, params={"PRX1_TYPE": 2, "AVOID_ENABLE": 2})
 
 
-def test_a_vehicle_that_booted_with_it_is_told_the_rest_by_the_campaign() -> None:
+def test_a_vehicle_that_booted_with_it_gets_the_rest_from_the_campaign() -> None:
     async def script(rig: Rig) -> None:
-        bare = rig.aboard()
+        bare = rig.onboard()
         with pytest.raises(UnsupportedInjectionError, match="set AVOID_ENABLE to 2"):
             await rig.prove(bare)
-        aboard = rig.aboard()
-        await aboard.put(rig.context)
-        await rig.prove(aboard)
-        await aboard.restore()
+        onboard = rig.onboard()
+        await onboard.put(rig.context)
+        await rig.prove(onboard)
+        await onboard.restore()
         assert rig.has("AVOID_ENABLE") == 0.0
 
     with_vehicle(
@@ -183,13 +183,13 @@ def test_what_a_run_left_that_was_killed_is_set_back_by_the_next() -> None:
         killed = await asyncio.to_thread(subprocess.run, argv, check=False, timeout=60)
         assert killed.returncode == -signal.SIGKILL
         assert rig.has("AVOID_MARGIN") == 9.0  # as that run left it
-        aboard = rig.aboard()
-        await aboard.put(rig.context)
+        onboard = rig.onboard()
+        await onboard.put(rig.context)
         assert rig.has("AVOID_MARGIN") == 2.0
         assert rig.noted[0][0] == "parameter"
         assert rig.noted[0][1]["name"] == "AVOID_MARGIN"
         assert rig.has("GUID_TIMEOUT") == 4.0
-        await aboard.restore()
+        await onboard.restore()
         assert (rig.has("AVOID_MARGIN"), rig.has("GUID_TIMEOUT")) == (2.0, 3.0)
         assert list(parameter_backup_folder().iterdir()) == []
 
@@ -213,22 +213,22 @@ def test_an_attached_vehicle_has_its_own_fence_again(
         await driver.onboard.fences.upload((circle,))
         ceiling = "GF_MAX_VER_DIST" if autopilot == "px4" else "FENCE_ALT_MAX"
         before = rig.has(ceiling)
-        aboard = rig.aboard(PreflightPart(failsafe="set"), {"real": first})
-        await aboard.put(rig.context)
+        onboard = rig.onboard(PreflightPart(failsafe="set"), {"real": first})
+        await onboard.put(rig.context)
         assert rig.has(ceiling) == 10.0
-        await aboard.fences.offer({"real": second})
+        await onboard.fences.offer({"real": second})
         if settled:
-            await aboard.fences.confirm()
+            await onboard.fences.confirm()
         assert rig.has(ceiling) == 5.0
-        await aboard.restore()
+        await onboard.restore()
         (area,) = rig.vehicle.autopilot.fence.areas
         assert getattr(area, "radius_m", None) == 40.0
         assert rig.has(ceiling) == before
-        assert journals() == 0
+        assert backups() == 0
         assert rig.decided == []
 
     with_vehicle(autopilot, script, params={})
 
 
-def journals() -> int:
+def backups() -> int:
     return len(list(parameter_backup_folder().glob("*")))

@@ -178,7 +178,7 @@ def test_a_clock_that_is_not_known_well_enough(fly_run: Fly) -> None:
     assert said.startswith("twin clock: the uncertainty of its clock is 0.3")
 
 
-def test_an_override_is_told_at_the_end(fly_run: Fly) -> None:
+def test_an_override_is_reported_at_the_end(fly_run: Fly) -> None:
     sets = ("preflight.min_battery=1", "preflight.override={battery: J. Doe}")
     disturb = once_ready("twin", lambda vehicle: set_remaining(vehicle._body.battery, 0.5))
     result, _ = fly_run(mode="sim", sets=sets, disturb=disturb)

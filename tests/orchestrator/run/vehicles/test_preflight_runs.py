@@ -100,7 +100,7 @@ def test_what_is_overridden_flies_and_says_by_whom(hover: Any) -> None:
     assert item.text.startswith("NAV_DLL_ACT is 0")
 
 
-def test_what_is_overridden_is_told_in_the_terminal(
+def test_what_is_overridden_is_reported_in_the_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sets = ("vehicles.twin.params={NAV_DLL_ACT: 0}", "preflight.override.failsafe=J. Doe")
@@ -148,7 +148,7 @@ def test_a_fence_that_comes_back_otherwise_is_an_error_before_arming(
     assert not flight.armed
 
 
-def test_a_disk_without_room_is_told_before_the_first_run(
+def test_a_disk_without_room_is_reported_before_the_first_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     usage = shutil.disk_usage(tmp_path)

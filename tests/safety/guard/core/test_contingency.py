@@ -171,7 +171,7 @@ def test_a_failsafe_that_moves_is_left_alone() -> None:
     assert c.phase is Phase.SUPERVISE
 
 
-def test_a_failsafe_that_flies_on_for_ever_is_told_to_land() -> None:
+def test_a_failsafe_that_flies_on_for_ever_is_made_to_land() -> None:
     c = started()
     sent = [c.step(replace(RTL, seen_s=i / 20), i / 20) for i in range(1, 20 * 62)]
     assert not any(sent[: 20 * 59])

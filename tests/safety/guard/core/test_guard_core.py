@@ -39,7 +39,7 @@ def test_frames_cut_anywhere_go_out_whole_and_garbage_does_not(pair: Any) -> Non
     assert all(frame[0] == 0xFD for frame in passed)
 
 
-def test_a_ground_station_sees_and_is_heard(fake_vehicle: Any, rig: Any) -> None:
+def test_a_ground_station_receives_and_is_received(fake_vehicle: Any, rig: Any) -> None:
     pair = make_pair(fake_vehicle, rig, gcs=True)
     beat = pair.vehicles["real"].heartbeat()
     outputs = pair.core.from_vehicle("real", beat, 2.0)
@@ -70,7 +70,9 @@ def test_a_breach_answers_in_the_same_call(pair: Any) -> None:
     assert {out.name for out in outputs if isinstance(out, ToVehicle)} == {"real", "twin"}
 
 
-def test_the_fence_is_told_once_and_not_of_a_disarmed_vehicle(fake_vehicle: Any, rig: Any) -> None:
+def test_the_fence_is_reported_once_and_not_of_a_disarmed_vehicle(
+    fake_vehicle: Any, rig: Any
+) -> None:
     pair = make_pair(fake_vehicle, rig, real={"north_m": 50.0, "armed": False, "up_m": 0.0})
     assert pair.kinds() == []
     pair.vehicles["twin"].north_m = 50.0
@@ -145,12 +147,12 @@ def test_orchestrator_silence_lands_both_within_half_a_second(pair: Any) -> None
     assert to_orchestrator(pair, "real", setpoint()) == ()
 
 
-def test_an_orchestrator_that_never_said_so_is_not_missed(pair: Any) -> None:
+def test_an_orchestrator_that_never_was_alive_is_not_missed(pair: Any) -> None:
     pair.fly(60.0)
     assert pair.core.latched is None
 
 
-def test_a_lost_vehicle_lands_the_other_and_is_told_blindly(pair: Any) -> None:
+def test_a_lost_vehicle_lands_the_other_and_is_commanded_blindly(pair: Any) -> None:
     pair.vehicles["real"].mute = True
     pair.fly(20.0)
     assert pair.core.latched == "lost"
@@ -163,7 +165,7 @@ def test_a_lost_vehicle_lands_the_other_and_is_told_blindly(pair: Any) -> None:
     assert pair.kinds() == ["lost", "heard"]
 
 
-def test_a_vehicle_is_heard_by_its_own_system_only(pair: Any) -> None:
+def test_a_vehicle_is_received_by_its_own_system_only(pair: Any) -> None:
     pair.vehicles["real"].mute = True
     stranger = pair.vehicles["twin"].heartbeat()
 

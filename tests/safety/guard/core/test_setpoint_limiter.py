@@ -260,7 +260,7 @@ def passed(core: GuardCore, raw: bytes, t_s: float) -> list[float]:
     return [message.vx for frame in frames for message in reader.parse(frame)]
 
 
-def test_each_spell_of_limiting_is_told_at_its_begin_and_end() -> None:
+def test_each_spell_of_limiting_is_reported_at_its_begin_and_end() -> None:
     core = make_core(speed_m_s=1.0)
     events: list[GuardEvent] = []
     for step in range(60):

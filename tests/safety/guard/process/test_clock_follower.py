@@ -94,7 +94,7 @@ def test_a_leader_that_hangs_ends_the_run_and_time_goes_on() -> None:
     assert wall.segment.rate == pytest.approx(5.0, rel=0.05)
 
 
-def test_a_pair_that_attains_different_rates_is_told() -> None:
+def test_a_pair_that_attains_different_rates_is_reported() -> None:
     _, said, _ = run_virtual(flown({"real": lambda _: 5.0, "twin": lambda _: 4.5}, for_s=12.0))
     ((name, trouble, text),) = said
     assert (name, trouble) == ("twin", "apart")
@@ -109,7 +109,7 @@ def test_a_leader_that_waits_leaves_a_twin_that_does_not() -> None:
 
 
 def test_who_is_no_vehicle_of_ours_sets_no_clock() -> None:
-    async def heard() -> bool:
+    async def await_piece() -> bool:
         wall = Wall()
         following = ClockFollower(
             setup=PaceSetup(nominal=5.0, leader="real", follows_us=False),
@@ -130,7 +130,7 @@ def test_who_is_no_vehicle_of_ours_sets_no_clock() -> None:
                 wall.pass_to(1000.0 + step * STEP_S)
         return wall.segment.rate == 1.0
 
-    assert run_virtual(heard())
+    assert run_virtual(await_piece())
 
 
 @pytest.mark.parametrize(

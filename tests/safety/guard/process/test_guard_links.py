@@ -62,7 +62,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def signed_charter(folder: Path, port: int) -> GuardConfig:
+def signed_config(folder: Path, port: int) -> GuardConfig:
     return GuardConfig(
         run="test",
         folder=str(folder),
@@ -82,7 +82,7 @@ async def test_the_guard_signs_and_believes_only_what_is_signed(
 ) -> None:
     monkeypatch.setenv("WIL_TEST_KEY", KEY)
     port = free_port()
-    guard = RemoteGuard(guard_config=signed_charter(tmp_path, port))
+    guard = RemoteGuard(guard_config=signed_config(tmp_path, port))
     inside: list[str] = []
     ours = Codec(system_id=245, component_id=190)
     link = guard.link("real")
@@ -115,7 +115,7 @@ async def test_the_guard_signs_and_believes_only_what_is_signed(
 
 async def test_a_key_that_is_not_there_is_named_and_nothing_begins(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match=r"environment variable WIL_TEST_KEY.* is unset"):
-        async with RemoteGuard(guard_config=signed_charter(tmp_path, free_port())):
+        async with RemoteGuard(guard_config=signed_config(tmp_path, free_port())):
             raise AssertionError("began without a key")
 
 
@@ -142,12 +142,12 @@ _conditions = st.builds(
 
 
 @given(_conditions)
-def test_a_charter_carries_the_conditions_of_its_links(conditions: LinkConditions) -> None:
+def test_a_guard_config_carries_the_conditions_of_its_links(conditions: LinkConditions) -> None:
     sent = guard_config(Path("/run"), conditions=conditions)
     assert GuardConfig.unpacked(sent.packed()).vehicles["real"].conditions == conditions
 
 
-def test_a_charter_carries_the_spare_links() -> None:
+def test_a_guard_config_carries_the_spare_links() -> None:
     sent = guard_config(Path("/run"))
     spares = ("udpin://0.0.0.0:14550", "serial:///dev/ttyUSB0:57600")
     real = replace(sent.vehicles["real"], link="udpin://0.0.0.0:14540", spares=spares)
@@ -155,7 +155,7 @@ def test_a_charter_carries_the_spare_links() -> None:
     assert there.vehicles["real"].spares == spares
 
 
-def test_impossible_conditions_are_no_charter() -> None:
+def test_impossible_conditions_are_no_guard_config() -> None:
     plain = msgspec.msgpack.decode(guard_config(Path("/run")).packed())
     plain["vehicles"]["real"]["conditions"]["outgoing"]["loss"] = 2.0
     with pytest.raises(GuardConfigError, match="loss is 2"):

@@ -20,7 +20,7 @@ from tests.safety.guard.remote_rigs import (
     ROOT,
     RemoteFlight,
     guard_config,
-    journal,
+    log_lines,
     start_orchestrator,
     until,
     words,
@@ -133,7 +133,7 @@ async def test_killed_orchestrator(folder: Path, runtime: Path) -> None:
         assert first_s - killed_s < 0.5
         assert heard[-1][1] == "END armed=False up_m=0.00"
         assert "FAILSAFE" not in [word for _, word in heard]
-    lines = journal(folder)
+    lines = log_lines(folder)
     assert [line["event"] for line in lines].count("ended") == 2
     assert ("guard", "silence") in [(line["event"], line.get("kind")) for line in lines]
     assert lines[-1]["event"] == "end"
@@ -218,7 +218,7 @@ async def test_the_operators_socket(folder: Path) -> None:
         assert await flight.guard.all_down(10.0)
         assert flight.kinds() == ["hold", "resume", "abort"]
         assert flight.guard.events[-1].t_s > sent_s
-    refused = [line["text"] for line in journal(folder) if line["event"] == "refused"]
+    refused = [line["text"] for line in log_lines(folder) if line["event"] == "refused"]
     assert refused == ["anna: resume: no vehicle holds", "not JSON"]
 
 
@@ -230,7 +230,7 @@ async def test_the_socket_works_without_an_orchestrator(folder: Path) -> None:
     program.kill()
     await program.wait()
     await until(lambda: all(gone(pid) for pid in pids.values()))
-    said = [line["text"] for line in journal(folder) if line.get("kind") == "abort"]
+    said = [line["text"] for line in log_lines(folder) if line.get("kind") == "abort"]
     assert said == ["aborted by anna"]
 
 
@@ -276,7 +276,7 @@ async def test_a_folder_of_sockets_that_others_may_write_to_is_passed_over(
         (status,) = await ask(folder, {"command": "status", "who": "anna"})
     assert status["ok"]
     assert os.listdir(runtime) == []  # noqa: PTH208
-    (said,) = [line["text"] for line in journal(folder) if line["event"] == "runtime folder"]
+    (said,) = [line["text"] for line in log_lines(folder) if line["event"] == "runtime folder"]
     assert said.startswith(f"{runtime} is open to other users (mode 0777); ")
 
 

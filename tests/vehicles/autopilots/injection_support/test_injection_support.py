@@ -78,7 +78,7 @@ def test_a_vehicle_that_is_set_up_honours_all_that_it_can(
 @pytest.mark.parametrize(
     ("autopilot", "parameters"), [("ardupilot", ARDUPILOT_READY), ("px4", PX4_READY)]
 )
-def test_setting_what_is_advised_makes_it_honoured(
+def test_setting_what_is_advised_makes_it_used(
     autopilot: AutopilotName, parameters: dict[str, float], thing: Thing
 ) -> None:
     setpoints: Setpoints = "position" if thing == "path_planning" else "velocity"
@@ -135,7 +135,7 @@ def test_path_planning_on_arducopter_wants_waypoint_navigation() -> None:
     assert injection_faults("ardupilot", "path_planning", parameters, "AUTO") == ()
 
 
-def test_offboard_px4_flies_into_obstacles_that_it_was_told_of() -> None:
+def test_offboard_px4_flies_into_obstacles_that_it_knows_of() -> None:
     said = texts("px4", "obstacle_distance", PX4_READY, "OFFBOARD")
     assert "in mode OFFBOARD" in said
     assert "fly in POSCTL" in said
@@ -164,7 +164,7 @@ def test_a_landing_that_is_not_guided_yet() -> None:
     assert injection_faults("px4", "landing_target", {}, "PRECLAND") == ()
 
 
-def test_a_value_that_waits_for_a_boot_is_told_from_one_that_counts() -> None:
+def test_a_value_that_waits_for_a_boot_is_distinguished_from_one_that_counts() -> None:
     just_set = frozenset({"PRX1_TYPE", "AVOID_ENABLE"})
     (said,) = injection_faults(
         "ardupilot", "obstacle_distance", ARDUPILOT_READY, "GUIDED", unbooted=just_set

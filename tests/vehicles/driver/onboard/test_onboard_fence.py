@@ -176,7 +176,7 @@ def test_a_fence_that_somebody_drew_since_is_left_alone(
     with_vehicle(autopilot, script)
 
 
-def test_a_spoilt_note_is_told(tmp_path: Path) -> None:
+def test_a_spoilt_note_is_reported(tmp_path: Path) -> None:
     (tmp_path / "000001.fence.json").write_text("{}")
 
     async def script(rig: Rig) -> None:

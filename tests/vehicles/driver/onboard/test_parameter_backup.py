@@ -49,13 +49,13 @@ def context(
 def test_set_in_order_and_back_in_reverse(tmp_path: Path) -> None:
     access = Access(A=1, B=2.5, C=3)
 
-    def journals() -> list[str]:
+    def backups() -> list[str]:
         return [path.name for path in tmp_path.iterdir()]
 
     async def scenario() -> None:
         async with context(access, {"B": 0.1, "A": 9}, tmp_path):
             assert access.values == {"A": 9, "B": _as_float32(0.1), "C": 3}
-            assert journals() == ["000001.parameters.json"]
+            assert backups() == ["000001.parameters.json"]
 
     run_virtual(scenario())
     assert access.values == {"A": 1, "B": 2.5, "C": 3}
@@ -89,7 +89,7 @@ def test_one_that_is_unknown_changes_none() -> None:
     assert access.log == []
 
 
-def test_the_journal_stays_when_one_cannot_be_set_back(tmp_path: Path) -> None:
+def test_the_backup_stays_when_one_cannot_be_set_back(tmp_path: Path) -> None:
     access = Access(A=1, B=2)
 
     async def scenario() -> None:
@@ -159,7 +159,7 @@ def test_a_value_that_no_float_holds_exactly_is_known_again(tmp_path: Path) -> N
     assert access.values == {"A": 1, "B": _as_float32(2.1)}
 
 
-def test_journals_of_others_and_of_the_living_are_left_alone(tmp_path: Path) -> None:
+def test_backups_of_others_and_of_the_living_are_left_alone(tmp_path: Path) -> None:
     killed_run(tmp_path)
     access = Access(A=5, B=0.7)
     other = run_virtual(restore_backups(tmp_path, access=access, vehicle="px4 2 8"))
@@ -173,7 +173,7 @@ def test_journals_of_others_and_of_the_living_are_left_alone(tmp_path: Path) -> 
     assert run_virtual(scenario()) == Restored()
 
 
-def test_several_journals_are_set_back_newest_first(tmp_path: Path) -> None:
+def test_several_backups_are_set_back_newest_first(tmp_path: Path) -> None:
     killed_run(tmp_path)
     # A second run began with A at 5, as the first had left it, and was killed as well.
     first = next(tmp_path.iterdir())
@@ -184,18 +184,18 @@ def test_several_journals_are_set_back_newest_first(tmp_path: Path) -> None:
     assert access.values["A"] == 1
 
 
-def test_a_file_that_is_no_journal_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_no_backup_is_named(tmp_path: Path) -> None:
     (tmp_path / "000001.parameters.json").write_text("{")
     with pytest.raises(ParameterError, match=r"000001.parameters.json is not a parameter backup"):
         run_virtual(restore_backups(tmp_path, access=Access(), vehicle="x"))
 
 
-def test_without_a_journal_nothing_is_changed(tmp_path: Path) -> None:
+def test_without_a_backup_nothing_is_changed(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    check_no_journal(tmp_path / "file" / "in")
+    check_no_backup(tmp_path / "file" / "in")
 
 
-def check_no_journal(folder: Path) -> None:
+def check_no_backup(folder: Path) -> None:
     access = Access(A=1)
 
     async def scenario() -> None:

@@ -95,7 +95,7 @@ async def test_a_kill_fault_ends_it() -> None:
     assert process.exit_code == 0
 
 
-async def test_what_it_cannot_do_is_said() -> None:
+async def test_what_it_cannot_do_is_reported() -> None:
     settings = ProcessSettings(
         autopilot="px4", link="udpout://127.0.0.1:14999", seed=1, profile="cafe"
     )

@@ -66,7 +66,7 @@ def test_who_joins_late_starts_at_a_key_picture_and_nothing_is_damaged(
     assert len(found) >= 50 - first - 1
 
 
-def test_after_a_loss_pictures_are_damaged_until_the_next_key_picture(tmp_path: Path) -> None:
+def test_after_a_loss_images_are_damaged_until_the_next_key_picture(tmp_path: Path) -> None:
     numbers = [k for k in range(50) if k not in {14, 30}]
     found = grabbed(stream(tmp_path / "v.h264", numbers))
     expected: list[int | None] = [*range(14), *[None] * 5, *range(20, 30), *[None] * 9]

@@ -67,7 +67,7 @@ def camera(grabber: FakeGrabber, **more: Any) -> LiveCamera:
     return LiveCamera(name="camera 1", grabber=grabber, intrinsics=SMALL, **more)
 
 
-async def test_pictures_come_in_order_with_their_times() -> None:
+async def test_images_come_in_order_with_their_times() -> None:
     grabber = FakeGrabber()
     async with camera(grabber, latency_s=0.02) as source:
         assert isinstance(source, CameraSource)

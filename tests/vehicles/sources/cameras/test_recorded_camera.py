@@ -93,7 +93,7 @@ def test_a_folder_plays_in_the_order_of_its_numbers(tmp_path: Path) -> None:
     assert [r.t_s for r in readings] == pytest.approx([0.0, 0.05, 0.1])
 
 
-def test_a_reader_that_is_slow_misses_pictures_as_with_a_camera(tmp_path: Path) -> None:
+def test_a_reader_that_is_slow_misses_images_as_with_a_camera(tmp_path: Path) -> None:
     path = folder(tmp_path / "images", [f"{k}.png" for k in range(10)])
 
     async def play() -> tuple[list[int], int]:

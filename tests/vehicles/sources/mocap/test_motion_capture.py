@@ -136,7 +136,7 @@ def test_a_sender_that_starts_anew_is_followed() -> None:
     assert reading.t_s == pytest.approx(2.006)
 
 
-def test_bodies_are_told_apart() -> None:
+def test_bodies_are_distinguished() -> None:
     feed = MotionCapture(bodies={"a": "real", "b": "twin"})
     pose = {"position_m": [0, 0, 0], "q_wxyz": [1, 0, 0, 0]}
     bodies = [{"name": name, **pose} for name in ("c", "b", "a")]
@@ -169,7 +169,7 @@ GARBAGE = [
 
 
 @pytest.mark.parametrize(("data", "words"), GARBAGE)
-def test_garbage_is_counted_and_said(data: bytes, words: str) -> None:
+def test_garbage_is_counted_and_reported(data: bytes, words: str) -> None:
     with pytest.raises(BadMessageError, match=words):
         decode_frame(data)
     feed = capture()
@@ -221,7 +221,7 @@ async def test_datagrams_come_in() -> None:
     assert abs(readings[0].arrived_s - asyncio.get_running_loop().time()) < 5.0
 
 
-async def test_a_port_that_is_taken_is_said() -> None:
+async def test_a_port_that_is_taken_is_reported() -> None:
     async with UdpCapture(host="127.0.0.1", port=0, capture=capture(), deliver=print) as first:
         with pytest.raises(SourceError, match=f"UDP 127.0.0.1:{first.port}.*another"):
             async with UdpCapture(
@@ -230,7 +230,7 @@ async def test_a_port_that_is_taken_is_said() -> None:
                 pass
 
 
-async def test_a_publisher_is_heard() -> None:
+async def test_a_publisher_is_received() -> None:
     readings: list[PoseReading] = []
     context = zmq.Context()
     try:
@@ -255,7 +255,7 @@ async def test_a_publisher_is_heard() -> None:
     assert np.all(np.diff(seqs) == 1)
 
 
-async def test_an_address_that_is_none_is_said() -> None:
+async def test_an_address_that_is_none_is_reported() -> None:
     with pytest.raises(SourceError, match="not an address"):
         async with ZmqCapture(address="hall", capture=capture(), deliver=print):
             pass
@@ -300,7 +300,7 @@ def fake_vrpn(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return opened
 
 
-async def test_a_vrpn_tracker_is_heard(fake_vrpn: list[str]) -> None:
+async def test_a_vrpn_tracker_is_received(fake_vrpn: list[str]) -> None:
     readings: list[PoseReading] = []
     async with VrpnCapture(
         host="10.0.0.1", tracker="drone", capture=capture(), deliver=readings.append

@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Self
@@ -15,6 +16,7 @@ import pytest
 import zmq
 
 from vehicles.cameras.rendered_cameras import ImageSource, OnDemandCamera
+from vehicles.sources.simulator.shown_world import asked_world
 from vehicles.sources.simulator.simulator_camera import (
     SimulatorError,
     SimulatorTimeoutError,
@@ -24,12 +26,16 @@ from worlds.camera import Intrinsics
 from worlds.files.documents import load
 from worlds.frames import Pose
 from worlds.render.renderer import Renderer
+from worlds.scene.scene import Scene, SceneObject
+from worlds.scene.shapes import gate
 from worlds.world_file.world import World
 
 ROOT = Path(__file__).parents[4]
 WORLD = ROOT / "worlds" / "gate.yaml"
 CAMERA = Intrinsics.from_fov(160, 120, math.radians(69.0))
 AHEAD = Pose.of(0.0, 0.0, 1.2)
+SMALL_GATE = SceneObject(2, "gate", gate("square", 0.5, 0.1), Pose.of(3.0, 1.1, 1.2))
+WORLD_ASKED = asked_world(Scene((SMALL_GATE,)), world="gate", case="small")
 
 Answer = Callable[[dict[str, Any]], list[bytes]]
 
@@ -159,7 +165,7 @@ def garbage() -> list[tuple[str, Answer, str]]:
 @pytest.mark.parametrize(
     ("answer", "words"), [g[1:] for g in garbage()], ids=[g[0] for g in garbage()]
 )
-async def test_garbage_is_counted_said_and_never_a_picture(answer: Answer, words: str) -> None:
+async def test_garbage_is_counted_reported_and_never_an_image(answer: Answer, words: str) -> None:
     good = [False]
     with Simulator(lambda a: right(a) if good[0] else answer(a)) as simulator:
         async with ZmqImageSource(address=simulator.address, timeout_s=20.0) as source:
@@ -213,7 +219,7 @@ async def test_after_closing_there_is_nobody_to_ask() -> None:
             await ask(source)
 
 
-async def test_nobody_there_is_said_at_the_start() -> None:
+async def test_nobody_there_is_reported_at_the_start() -> None:
     with pytest.raises(SimulatorTimeoutError, match="no simulator is connected; start it"):
         async with ZmqImageSource(address="tcp://127.0.0.1:9", open_timeout_s=0.2):
             pass
@@ -233,7 +239,7 @@ async def test_a_peer_that_greets_wrong_is_refused() -> None:
             pass
 
 
-async def test_events_and_objects_are_told() -> None:
+async def test_events_and_objects_are_sent() -> None:
     asked: list[dict[str, Any]] = []
 
     def note(question: dict[str, Any]) -> list[bytes]:
@@ -242,8 +248,37 @@ async def test_events_and_objects_are_told() -> None:
 
     with Simulator(note, greets=False) as simulator:
         async with ZmqImageSource(
-            address=simulator.address, objects={"gate": 2}, events=lambda: {"t0": 3.5}
+            address=simulator.address, world=WORLD_ASKED, events=lambda: {"t0": 3.5}
         ) as source:
             await ask(source)
     assert asked[0]["objects"] == {"gate": 2}
+    assert (asked[0]["world"], asked[0]["case"]) == ("gate", "small")
+    assert asked[0]["shapes"]["gate"]["opening_m"] == 0.5
     assert asked[1]["events"] == {"t0": 3.5}
+
+
+async def test_the_reference_simulator_says_that_it_shows_another_case(
+    reference: tuple[str, Any],
+) -> None:
+    address, _ = reference
+    async with ZmqImageSource(address=address, world=WORLD_ASKED, open_timeout_s=20.0) as source:
+        said = source.disagreements
+    assert said[0] == "it shows gate with an opening of 1.00 m, and 0.50 m is judged"
+
+
+async def test_a_first_image_that_takes_long_is_waited_for_and_not_counted() -> None:
+    asked: list[int] = []
+
+    def slow_at_first(question: dict[str, Any]) -> list[bytes]:
+        asked.append(question["seq"])
+        if len(asked) == 1:
+            time.sleep(0.5)
+        return right(question)
+
+    with Simulator(slow_at_first) as simulator:
+        async with ZmqImageSource(address=simulator.address, timeout_s=0.2) as source:
+            await source.warm_up(AHEAD, CAMERA, 0.0)
+            assert source.counts.asked == 0
+            await ask(source)
+    assert source.counts.answered == 1
+    assert source.counts.timeouts == 0

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vehicles.sources.messagepack import BadMessageError, Header, pack
+from vehicles.sources.simulator.shown_world import AskedWorld
 from vehicles.sources.simulator.simulator_protocol import (
     PROTOCOL,
     Ask,
@@ -135,7 +136,7 @@ def test_wrong_arrays_are_refused() -> None:
             image_of([header] * count, ASK)
 
 
-def test_late_answers_and_refusals_are_told_apart() -> None:
+def test_late_answers_and_refusals_are_distinguished() -> None:
     with pytest.raises(LateAnswerError, match="question 4"):
         image_of(answer(right(seq=4, t_s=0.0)), ASK)
     refusal = pack({"protocol": PROTOCOL, "type": "error", "seq": 5, "message": "no such map"})
@@ -176,9 +177,10 @@ def test_no_change_of_the_header_gives_another_picture(key: str, value: object) 
 
 
 def test_greetings() -> None:
-    (data,) = hello_parts({"gate": 2})
+    (data,) = hello_parts(AskedWorld("gate", "small", ids={"gate": 2}))
     header = Header.unpack(data)
     assert (header.text("type"), header.table("objects")) == ("hello", {"gate": 2.0})
+    assert (header.text("world"), header.text("case")) == ("gate", "small")
     reply = {"protocol": PROTOCOL, "type": "welcome", "simulator": "unity 6", "objects": ["gate"]}
     assert welcome_of([pack(reply)]) == Welcome("unity 6", ("gate",))
     with pytest.raises(BadMessageError, match="`type` is 'error'"):

@@ -44,7 +44,7 @@ def test_it_ignores_obstacles_when_it_is_not_set_up_for_them(changed: dict[str, 
     assert stop.limited((2.0, 0.0, 0.0), 0.0, 10.1) == (2.0, 0.0, 0.0)
 
 
-def test_what_was_told_is_forgotten_after_half_a_second() -> None:
+def test_an_obstacle_is_forgotten_after_half_a_second() -> None:
     stop = avoidance()
     stop.obstacle_distance(ring({0: 1.0}), 10.0)
     assert stop.limited((2.0, 0.0, 0.0), 0.0, 10.5)[0] == pytest.approx(0.0)

@@ -144,7 +144,7 @@ def test_a_limit_of_the_recipe_counts_to_the_resolution_of_the_comparison(scene:
     assert not gate_of(scene.compare(scene.overlaid(ring()), limit_px=0.1)).is_displaced
 
 
-def test_what_is_drawn_where_nothing_is_due_is_said() -> None:
+def test_what_is_drawn_where_nothing_is_due_is_reported() -> None:
     empty = Scene(room(0), np.zeros((HEIGHT, WIDTH), np.bool_))
     frame = empty.compare(empty.overlaid(ring(half=6.0, bar=2.0)))
     assert frame.is_unexpected
@@ -197,7 +197,7 @@ def test_a_hole_in_the_shape_of_the_gate_does_not_show_it(scene: Scene) -> None:
     assert (gate.in_view, gate.is_shown, gate.offset) == (True, False, None)
 
 
-def test_two_objects_are_told_apart() -> None:
+def test_two_objects_are_distinguished() -> None:
     left, right = ring(40.0, half=15.0), ring(120.0, half=15.0)
     ids = np.where(left, np.uint8(2), np.where(right, np.uint8(3), np.uint8(1)))
     real = room(0)

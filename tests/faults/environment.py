@@ -51,7 +51,7 @@ class Around:
 
 
 @asynccontextmanager
-async def surroundings(fault: RealFault, folder: Path) -> AsyncIterator[Around]:
+async def environment(fault: RealFault, folder: Path) -> AsyncIterator[Around]:
     """Start what a victim outside of the campaign is."""
     if "broker" in fault.victim or "MQTT" in fault.victim:
         port = free_port()
@@ -148,7 +148,7 @@ async def trouble(
             await asyncio.to_thread(_garbage_at_sockets, program, rng)
         case "replayed":
             bursts = {
-                name: hostile.replayed(rng, heard_of(program.run_folder() / f"{name}.tlog"))
+                name: hostile.replayed(rng, frames_of(program.run_folder() / f"{name}.tlog"))
                 for name in ("real", "twin")
             }
             await _send_to_guard(program, bursts)
@@ -187,7 +187,7 @@ async def _send_to_guard(program: Program, bursts: Mapping[str, hostile.Burst]) 
             await asyncio.sleep(1.0 / hostile.BURST_HZ)
 
 
-def heard_of(tlog: Path) -> list[bytes]:
+def frames_of(tlog: Path) -> list[bytes]:
     """Return a vehicle's own frames of a .tlog that is being written, cut at its end or not."""
     data, at, frames = tlog.read_bytes(), 0, []
     while at + 20 <= len(data):

@@ -104,7 +104,7 @@ def placed(board: ChessBoard | CharucoBoard, view: View) -> tuple[Array, Array]:
     return np.asarray(turn), np.array(view.middle_m) - turn @ half
 
 
-def pictures(
+def board_views(
     board: ChessBoard | CharucoBoard, views: Sequence[View] = VIEWS
 ) -> list[NDArray[np.uint8]]:
     return [picture(board, *placed(board, view)) for view in views]

@@ -1,0 +1,43 @@
+"""`faults`: signals of a vehicle that stop or freeze in flight, on purpose."""
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from campaigns.schema.links import Duration, FlightStage
+from worlds.files.documents import Part
+
+
+class MomentPart(Part):
+    """From `after_s` after a stage on, for `for_s` or until the end: `{on: goal, after_s: 1}`."""
+
+    on: FlightStage
+    after_s: Annotated[float, Field(ge=0, le=86_400)] = 0.0
+    for_s: Duration | None = None
+
+
+class SignalFaultPart(Part):
+    """What happens to one signal. stop: nothing comes; freeze: its last value comes again."""
+
+    stop: MomentPart | None = None
+    freeze: MomentPart | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if (self.stop is None) == (self.freeze is None):
+            raise ValueError("give stop, or freeze, with the stage `on` after which it begins")
+        return self
+
+
+class VehicleFaultsPart(Part):
+    """Faults of a vehicle's signals: of its pose source, and of its sensors by name."""
+
+    pose_source: SignalFaultPart | None = None
+    sensors: dict[str, SignalFaultPart] = Field(default_factory=dict)
+
+
+class FaultsPart(Part):
+    """Faults of the pair; a vehicle that is not named has none."""
+
+    real: VehicleFaultsPart | None = None
+    twin: VehicleFaultsPart | None = None

@@ -1,0 +1,56 @@
+"""Signal faults of a campaign as values, and those that name a sensor that is not there."""
+
+from collections.abc import Iterator, Mapping
+
+from campaigns.schema.faults import FaultsPart, MomentPart, SignalFaultPart, VehicleFaultsPart
+from campaigns.schema.vehicles import VehicleName
+from campaigns.setup.vehicle_setups import VehicleSetup
+from campaigns.values.signal_faults import FaultKind, SignalFault
+from worlds.files.documents import Document, Path, Problem, closest
+
+
+def fault_setups(
+    campaign: Document,
+    part: FaultsPart,
+    vehicles: Mapping[VehicleName, VehicleSetup],
+    problems: list[Problem],
+) -> tuple[SignalFault, ...]:
+    """Return the faults, and note those of a vehicle or sensor that is not there."""
+    given: dict[VehicleName, VehicleFaultsPart | None] = {"real": part.real, "twin": part.twin}
+    found: list[SignalFault] = []
+    for name, faults in given.items():
+        if faults is None:
+            continue
+        problems += _unknown_signals(campaign, name, faults, vehicles.get(name))
+        if faults.pose_source is not None:
+            found.append(_fault_of(name, None, faults.pose_source))
+        found += [_fault_of(name, sensor, one) for sensor, one in faults.sensors.items()]
+    return tuple(found)
+
+
+def _unknown_signals(
+    campaign: Document, name: VehicleName, faults: VehicleFaultsPart, vehicle: VehicleSetup | None
+) -> Iterator[Problem]:
+    path: Path = ("faults", name)
+    if vehicle is None:
+        yield campaign.problem(path, f"there is no vehicle '{name}'", key=True)
+        return
+    known = [sensor.name for sensor in vehicle.sensors]
+    for sensor in faults.sensors:
+        if sensor not in known:
+            said = f"vehicle '{name}' has no sensor '{sensor}'"
+            at = (*path, "sensors", sensor)
+            yield campaign.problem(at, said, closest(sensor, known), key=True)
+
+
+def _fault_of(vehicle: VehicleName, sensor: str | None, part: SignalFaultPart) -> SignalFault:
+    moments: dict[FaultKind, MomentPart | None] = {"stop": part.stop, "freeze": part.freeze}
+    kind, moment = next((kind, one) for kind, one in moments.items() if one is not None)
+    return SignalFault(
+        vehicle=vehicle,
+        sensor=sensor,
+        kind=kind,
+        stage=moment.on,
+        after_s=moment.after_s,
+        for_s=moment.for_s,
+    )

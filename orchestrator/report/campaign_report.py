@@ -1,0 +1,119 @@
+"""Writes report.html of a results folder: reads all runs, at once where there are many."""
+
+import base64
+import multiprocessing
+import os
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from orchestrator.model.document_writer import write_whole
+from orchestrator.recording.timestamps import utc_text
+from orchestrator.report.model import RunEntry, RunReport
+from orchestrator.report.reading.results_folder import read_campaign
+from orchestrator.report.reading.run_reader import read_run
+from orchestrator.report.reading.sight_decoding import ImageSize
+from orchestrator.report.rendering.page import RunPage, anchors, render_page, render_run, went_wrong
+
+FILE_NAME = "report.html"
+_ALONE = 8
+"""Up to so many runs one process is as fast as several."""
+_VIDEO_BYTES = 6_000_000
+"""Of the videos that stand in the page itself, all together: of runs that did not pass."""
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenReport:
+    """Where the report is. problems: what is not in it, because it is missing or damaged."""
+
+    path: Path
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """One run to be rendered; picklable. embeds: whether its video stands in the page."""
+
+    folder: Path
+    entry: RunEntry
+    anchor: str
+    size: ImageSize
+    embeds: bool
+
+
+def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
+    """Write the report of a results folder. out: the file; None: report.html in the folder.
+
+    What cannot be read is left out, and named in the page and in what is returned. Raises
+    ReportError for a folder of no campaign; OSError when the page cannot be written.
+    """
+    campaign = read_campaign(folder)
+    size = ImageSize.for_runs(len(campaign.entries))
+    names = anchors(entry.name for entry in campaign.entries)
+    embedded = set(_embedded(folder, campaign.entries))
+    orders = [
+        _Order(folder, entry, anchor, size, entry.name in embedded)
+        for entry, anchor in zip(campaign.entries, names, strict=True)
+    ]
+    pages = list(_pages(orders))
+    path = folder / FILE_NAME if out is None else out
+    write_whole(path, render_page(campaign, pages, made_utc=utc_text(time.time())))
+    problems = [f"{page.name}: {text}" for page in pages for text in page.problems]
+    return WrittenReport(path, (*campaign.problems, *problems))
+
+
+def _embedded(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]:
+    """Yield the runs whose video stands in the page: what went wrong, while there is room."""
+    room = _VIDEO_BYTES
+    for entry in entries:
+        with suppress(OSError):
+            if went_wrong(entry.result):
+                size_bytes = (folder / entry.name / "mixed.mp4").stat().st_size
+                if size_bytes <= room:
+                    room -= size_bytes
+                    yield entry.name
+
+
+def _pages(orders: Sequence[_Order]) -> Iterable[RunPage]:
+    workers = min(os.cpu_count() or 1, len(orders))
+    if len(orders) <= _ALONE or workers == 1:
+        return map(_page, orders)
+    # Spawned: what flew before may have left threads, with which no process can be forked.
+    context = multiprocessing.get_context("spawn")
+    try:
+        with ProcessPoolExecutor(workers, mp_context=context) as pool:
+            return list(pool.map(_page, orders, chunksize=2))
+    except BrokenProcessPool:
+        # A script whose main module cannot be imported again, or a machine without memory for it.
+        return map(_page, orders)
+
+
+def _page(order: _Order) -> RunPage:
+    try:
+        return _whole_page(order)
+    except Exception as error:  # noqa: BLE001 - what a file can make of us is not known to its end
+        entry = order.entry
+        why = f"the run cannot be shown: {type(error).__name__}: {error}"
+        run = RunReport(
+            name=entry.name,
+            case=entry.case,
+            mode=entry.mode,
+            rep=entry.rep,
+            result=entry.result,
+            problems=(*entry.problems, why),
+        )
+        return render_run(run, anchor=order.anchor)
+
+
+def _whole_page(order: _Order) -> RunPage:
+    run = read_run(order.folder, order.entry, order.size)
+    video = None
+    if order.embeds and run.video is not None:
+        with suppress(OSError):
+            data = (order.folder / run.name / run.video).read_bytes()
+            video = f"data:video/mp4;base64,{base64.b64encode(data).decode('ascii')}"
+    return render_run(run, anchor=order.anchor, video=video)

@@ -1,0 +1,243 @@
+"""The reading model: what a report shows of a campaign and of its runs; values only.
+
+Times are on the run clock, seconds; positions NED metres in the world's local frame.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from orchestrator.model.results import RunResult, Summary
+from safety.fence.geofence import Fence
+from worlds.files.documents import Data
+from worlds.frames import Vec3
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class LogEvent:
+    """A line of log.jsonl. kind: stage, vehicle, guard, ...; subject: of whom; text: for people."""
+
+    t_s: float
+    kind: str
+    subject: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Where a vehicle was, at even times: the first at begin_s, then every step_s.
+
+    source: where the poses come from, in words.
+    """
+
+    vehicle: str
+    source: str
+    begin_s: float
+    step_s: float
+    positions_ned_m: tuple[Vec3, ...]
+
+    @property
+    def end_s(self) -> float:
+        """Return the time of the last position."""
+        return self.begin_s + self.step_s * (len(self.positions_ned_m) - 1)
+
+    def at(self, t_s: float) -> Vec3 | None:
+        """Return the position nearest to a time; None without any."""
+        if not self.positions_ned_m:
+            return None
+        index = round((t_s - self.begin_s) / self.step_s)
+        return self.positions_ned_m[max(0, min(index, len(self.positions_ned_m) - 1))]
+
+
+@dataclass(frozen=True, slots=True)
+class Commanded:
+    """What a vehicle was, and what its autonomy asked for, at one time; a row of trajectory.csv.
+
+    position_ned_m: the estimate. setpoint_kind: "position" (m), "velocity" (m/s), or "".
+    """
+
+    t_s: float
+    vehicle: str
+    stage: str
+    mode: str
+    is_armed: bool
+    position_ned_m: Vec3 | None
+    velocity_ned_m_s: Vec3 | None
+    truth_ned_m: Vec3 | None
+    setpoint_kind: str
+    setpoint: Vec3 | None
+    setpoint_yaw_rad: float | None
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One line of a plot. subject: whose it is, "real", "twin" or "mixed"."""
+
+    subject: str
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """Values over time. limits: what they are held against; note: how they were found."""
+
+    title: str
+    unit: str
+    curves: tuple[Curve, ...]
+    limits: tuple[float, ...] = ()
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """A thing of the world, seen from above (east, north) and from the side (along, up); metres.
+
+    is_virtual: it stands in Wv and not in W. route_*: the way that it goes, where it moves.
+    """
+
+    name: str
+    is_virtual: bool
+    is_room: bool
+    rgb: tuple[int, int, int]
+    above_m: tuple[tuple[Point, ...], ...]
+    side_m: tuple[tuple[Point, ...], ...]
+    route_above_m: tuple[Point, ...] = ()
+    route_side_m: tuple[Point, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnWorld:
+    """What stands round the vehicles. side_axis: what a view from the side has to the right."""
+
+    outlines: tuple[Outline, ...] = ()
+    fences: Mapping[str, Fence] = field(default_factory=dict)
+    side_axis: str = "north"
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """An image for the page. jpeg: base64. t_s: exposure; delivered_s: when it was perceived."""
+
+    source: str
+    t_s: float
+    delivered_s: float
+    width_px: int
+    height_px: int
+    jpeg: str
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A planar lidar scan. Angles in radians, to the right from forward; None: nothing met."""
+
+    source: str
+    t_s: float
+    delivered_s: float
+    start_angle_rad: float
+    step_rad: float
+    range_max_m: float
+    ranges_m: tuple[float | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What the autonomy perceived last before a time, and what that was mixed of.
+
+    figures: of the mixture: skew, latency, registration error, what was left out; in words.
+    """
+
+    wanted_s: float
+    perceived: Frame | Scan
+    beside: tuple[Frame | Scan, ...] = ()
+    figures: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """Why a run is no PASS. violated: what; facts: measured, limit, by how much, when, where."""
+
+    violated: str
+    sentence: str
+    facts: tuple[tuple[str, str], ...]
+    at_s: float | None
+    oracle: str = ""
+    vehicle: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The time that a page is about, and why."""
+
+    t_s: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleAtMoment:
+    """A vehicle at the moment. facts: position, speed, mode, command, note; in words."""
+
+    vehicle: str
+    facts: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunReport:
+    """One run. result: None where it has none that can be read. problems: what cannot be shown.
+
+    files: in its folder, from the campaign's. overrides: what its case changes, in words.
+    """
+
+    name: str
+    case: str
+    mode: str
+    rep: str
+    result: RunResult | None
+    problems: tuple[str, ...] = ()
+    cause: Cause | None = None
+    moment: Moment | None = None
+    at_moment: tuple[VehicleAtMoment, ...] = ()
+    goal_s: float | None = None
+    span_s: Point = (0.0, 0.0)
+    stages: tuple[tuple[str, float], ...] = ()
+    tracks: tuple[Track, ...] = ()
+    commands: tuple[Commanded, ...] = ()
+    world: DrawnWorld = field(default_factory=DrawnWorld)
+    sight: Sight | None = None
+    strip: tuple[Sight, ...] = ()
+    plots: tuple[Plot, ...] = ()
+    events: tuple[LogEvent, ...] = ()
+    preflight: tuple[LogEvent, ...] = ()
+    events_left_out: int = 0
+    video: str | None = None
+    video_bytes: int = 0
+    files: tuple[str, ...] = ()
+    overrides: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RunEntry:
+    """A run of a folder, as far as the campaign's documents tell of it."""
+
+    name: str
+    case: str
+    mode: str
+    rep: str
+    result: RunResult | None
+    problems: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignReport:
+    """A campaign. summary, manifest: None and empty where they cannot be read.
+
+    entries: its runs and controls in order. problems: what is missing or cannot be read.
+    """
+
+    name: str
+    folder: str
+    entries: tuple[RunEntry, ...]
+    summary: Summary | None = None
+    manifest: Mapping[str, Data] = field(default_factory=dict)
+    problems: tuple[str, ...] = ()

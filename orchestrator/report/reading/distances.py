@@ -1,0 +1,58 @@
+"""Distances over time: to what stands in the judged world, to the fence, between the vehicles."""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+
+from orchestrator.report.model import Point
+from orchestrator.run.vehicles.vehicle_backends import BODY
+from safety.fence.geofence import Fence
+from worlds.clearance.clearance import ClearanceProbe
+from worlds.frames import Pose
+from worlds.scene.scene import Scene
+
+SHOWN_WITHIN_M = 2.0
+"""Clearances beyond are not told: the curve is at its top."""
+
+_EVERY = 2
+"""Poses of a track from one sweep to the next; what is nearest in between is swept all the same."""
+
+TimedPose = tuple[float, Pose]
+
+
+def clearances(
+    poses: Sequence[TimedPose], scene: Scene, events: Mapping[str, float]
+) -> tuple[Point, ...]:
+    """Return the least clearance on each stretch between two poses, floors left out.
+
+    As `collision` judges it: the body is swept between the poses, and contact is 0.
+    """
+    probe = ClearanceProbe(scene, BODY, floors=False, within_m=SHOWN_WITHIN_M)
+    found: list[Point] = []
+    for (begin_s, begin), (end_s, end) in itertools.pairwise(poses[::_EVERY]):
+        near = probe.sweep(begin, begin_s, end, end_s, events)
+        least_m = min((one.clearance_m for one in near), default=SHOWN_WITHIN_M)
+        found.append((end_s, max(0.0, least_m)))
+    return tuple(found)
+
+
+def fence_margins(poses: Sequence[TimedPose], fence: Fence) -> tuple[Point, ...]:
+    """Return the distance to the boundary of a fence, negative outside of it."""
+    return tuple(
+        (t_s, fence.margin_m(pose.position_ned_m))
+        for t_s, pose in poses
+        if all(map(math.isfinite, pose.position_ned_m))
+    )
+
+
+def heights(poses: Sequence[TimedPose]) -> tuple[Point, ...]:
+    """Return the height over the world's origin."""
+    return tuple((t_s, -pose.position_ned_m[2]) for t_s, pose in poses)
+
+
+def separations(real: Sequence[TimedPose], twin: Sequence[TimedPose]) -> tuple[Point, ...]:
+    """Return the distance between the vehicles at equal indexes."""
+    return tuple(
+        (t_s, math.dist(a.position_ned_m, b.position_ned_m))
+        for (t_s, a), (_, b) in zip(real, twin, strict=False)
+    )

@@ -1,0 +1,50 @@
+"""Poses as they came, put on even times; pure."""
+
+import bisect
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from orchestrator.report.model import Point, Track
+from worlds.frames import Pose
+
+TimedPose = tuple[float, Pose]
+
+_STEP_S = 0.05
+_MOST = 500
+"""Poses of a track: a longer flight has them farther apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class EvenTimes:
+    """Times from begin_s on, every step_s, count of them."""
+
+    begin_s: float
+    step_s: float
+    count: int
+
+    @classmethod
+    def over(cls, span_s: Point) -> "EvenTimes":
+        """Return the times of a span: twenty in a second, fewer where it is long."""
+        length_s = max(0.0, span_s[1] - span_s[0])
+        step_s = max(_STEP_S, length_s / _MOST)
+        return cls(span_s[0], step_s, int(length_s / step_s) + 1)
+
+    def times(self) -> list[float]:
+        """Return the times."""
+        return [self.begin_s + index * self.step_s for index in range(self.count)]
+
+
+def even_poses(poses: Sequence[TimedPose], times: EvenTimes) -> list[TimedPose]:
+    """Return the newest pose at each time, the first one before that, none after the last."""
+    if not poses:
+        return []
+    stamps = [t_s for t_s, _ in poses]
+    shown = [t_s for t_s in times.times() if t_s <= stamps[-1] + times.step_s]
+    newest = (max(0, bisect.bisect_right(stamps, t_s) - 1) for t_s in shown)
+    return [(t_s, poses[index][1]) for t_s, index in zip(shown, newest, strict=True)]
+
+
+def track_of(vehicle: str, source: str, poses: Sequence[TimedPose], times: EvenTimes) -> Track:
+    """Return the track of even poses."""
+    places = tuple(pose.position_ned_m for _, pose in poses)
+    return Track(vehicle, source, times.begin_s, times.step_s, places)

@@ -1,0 +1,47 @@
+"""Where the vehicles were by the source that they were judged by: judged.msgpack."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from safety.evaluation.judge_log import JudgeLogError, WorldEvent, read_judge_log
+from safety.fence.geofence import Fence
+from safety.model.samples import FenceSample, PoseSample, StageSample
+from worlds.frames import Pose
+
+
+@dataclass(slots=True)
+class JudgedMotion:
+    """By vehicle the judged poses with their times. world_events: when each happened.
+
+    fences: in force at the end, where they were changed in flight.
+    """
+
+    poses: dict[str, list[tuple[float, Pose]]] = field(default_factory=dict)
+    world_events: dict[str, float] = field(default_factory=dict)
+    stages: dict[str, float] = field(default_factory=dict)
+    fences: dict[str, Fence] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+
+def read_judged_motion(path: Path) -> JudgedMotion:
+    """Return what a judge log tells of motion, up to where it can be read."""
+    found = JudgedMotion()
+    try:
+        with path.open("rb") as stream:
+            for sample in read_judge_log(stream):
+                match sample:
+                    case PoseSample(t_s, vehicle, pose, _):
+                        found.poses.setdefault(vehicle, []).append((t_s, pose))
+                    case StageSample(t_s, stage, None):
+                        found.stages.setdefault(stage, t_s)
+                    case WorldEvent(t_s, name):
+                        found.world_events.setdefault(name, t_s)
+                    case FenceSample(_, vehicle, fence):
+                        found.fences[vehicle] = fence
+                    case _:
+                        pass
+    except JudgeLogError as error:
+        found.problems.append(f"{path.name} is damaged: {error}")
+    except OSError as error:
+        found.problems.append(f"{path.name} cannot be read: {error.strerror or error}")
+    return found

@@ -1,0 +1,159 @@
+"""What was perceived at given times, and the figures of all mixtures: one pass over run.mcap.
+
+Thin: of some ten thousand messages only the provenances and the few readings that are shown are
+decoded. A cut or damaged file is read up to there.
+"""
+
+import bisect
+import json
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mcap.records import Channel, Message, Metadata
+
+from orchestrator.recording.errors import RecordingError
+from orchestrator.recording.mcap.mcap_chunks import RecordStream
+
+_KEPT = 12
+"""Readings of each stream that are kept until the mixture which was made of them has come."""
+_PERCEIVED = {"sim": "twin", "real": "real"}
+"""Which readings the autonomy of a mode perceives; "mixed" in any other."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedSight:
+    """A perceived reading, undecoded. beside: what it was mixed of. provenance: its fields."""
+
+    wanted_s: float
+    perceived: Message
+    beside: tuple[Message, ...]
+    provenance: Mapping[str, Any]
+
+
+@dataclass(slots=True)
+class RecordedSights:
+    """What a recording holds. sights: by sensor. provenances: by sensor, with run-clock times.
+
+    facts: what stands at the file's beginning. epoch_s: UTC of the run clock's zero.
+    """
+
+    sights: dict[str, list[RecordedSight]] = field(default_factory=dict)
+    provenances: dict[str, list[tuple[float, Mapping[str, Any]]]] = field(default_factory=dict)
+    facts: Mapping[str, str] = field(default_factory=dict)
+    epoch_ns: int = 0
+    problems: list[str] = field(default_factory=list)
+
+
+def read_facts(path: Path) -> Mapping[str, str]:
+    """Return the facts at a recording's beginning; empty for a file without."""
+    try:
+        for record in RecordStream(path):
+            if not isinstance(record, Metadata):
+                break
+            if record.name == "wil.recording":
+                return dict(record.metadata)
+    except (OSError, RecordingError):
+        pass
+    return {}
+
+
+def read_sights(path: Path, *, mode: str, wanted_s: Iterable[float]) -> RecordedSights:
+    """Return what was perceived last before each of the wanted times, and all provenances."""
+    found = RecordedSights()
+    facts = read_facts(path)
+    found.facts = facts
+    found.epoch_ns = int(facts["epoch_ns"]) if facts.get("epoch_ns", "").isdecimal() else 0
+    picker = _Picker(_PERCEIVED.get(mode, "mixed"), sorted(wanted_s), found)
+    try:
+        stream = RecordStream(path)
+        for record in stream:
+            if isinstance(record, Channel):
+                picker.channels[record.id] = record
+            elif isinstance(record, Message):
+                picker.take(record)
+        if stream.end is not None and not stream.end.whole:
+            found.problems.append(f"{path.name} is incomplete: {stream.end.reason}")
+    except RecordingError as error:
+        found.problems.append(str(error).replace(str(path), path.name))
+    except OSError as error:
+        found.problems.append(f"{path.name} cannot be read: {error.strerror or error}")
+    picker.finish()
+    return found
+
+
+class _Picker:
+    """Takes messages in order and keeps those that were the last before a wanted time."""
+
+    def __init__(self, perceived: str, wanted_s: Sequence[float], found: RecordedSights) -> None:
+        self.channels: dict[int, Channel] = {}
+        self._perceived = perceived
+        self._wanted_s = wanted_s
+        self._found = found
+        self._last: dict[str, Message] = {}
+        self._recent: dict[tuple[str, str], deque[Message]] = {}
+        self._provenance: dict[str, Mapping[str, Any]] = {}
+        self._picked: dict[str, int] = {}
+
+    def take(self, message: Message) -> None:
+        """Take the next message of the file."""
+        channel = self.channels.get(message.channel_id)
+        if channel is None:
+            return
+        part, sensor = channel.metadata.get("part"), channel.metadata.get("sensor", "")
+        if part == "provenance":
+            self._take_provenance(sensor, message)
+        elif part == "reading":
+            source = channel.metadata.get("source", "")
+            if source == self._perceived:
+                self._pick(sensor, self._seconds(message))
+                self._last[sensor] = message
+            self._recent.setdefault((source, sensor), deque(maxlen=_KEPT)).append(message)
+
+    def finish(self) -> None:
+        """Keep what was last for the times after the end of the file."""
+        for sensor in list(self._last):
+            self._pick(sensor, float("inf"))
+
+    def _seconds(self, message: Message) -> float:
+        return (message.log_time - self._found.epoch_ns) / 1e9
+
+    def _take_provenance(self, sensor: str, message: Message) -> None:
+        try:
+            fields = json.loads(message.data)
+        except (ValueError, RecursionError):
+            return
+        if isinstance(fields, dict):
+            self._provenance[sensor] = fields
+            kept = self._found.provenances.setdefault(sensor, [])
+            kept.append((self._seconds(message), fields))
+
+    def _pick(self, sensor: str, now_s: float) -> None:
+        """Keep the last reading for each wanted time that has passed by now."""
+        last = self._last.get(sensor)
+        first = self._picked.get(sensor, 0)
+        due = bisect.bisect_left(self._wanted_s, now_s)
+        self._picked[sensor] = max(first, due)
+        if last is None:
+            return
+        for wanted_s in self._wanted_s[first:due]:
+            provenance = self._provenance.get(sensor, {})
+            beside = tuple(self._inputs(sensor, provenance)) if self._is_mixed else ()
+            sight = RecordedSight(wanted_s, last, beside, provenance)
+            self._found.sights.setdefault(sensor, []).append(sight)
+
+    @property
+    def _is_mixed(self) -> bool:
+        return self._perceived == "mixed"
+
+    def _inputs(self, sensor: str, provenance: Mapping[str, Any]) -> Iterable[Message]:
+        """Yield the readings that a mixture was made of; of a name with receivers its sensor's."""
+        for source in ("real", "twin"):
+            recent = self._recent.get((source, sensor)) or self._recent.get(
+                (source, sensor.split(" ", maxsplit=1)[0])
+            )
+            seq = provenance.get(f"given_{source}_seq")
+            named = [one for one in recent or () if one.sequence == seq]
+            yield from (named or list(recent or ())[-1:])[-1:]

@@ -1,0 +1,134 @@
+"""The documents of a results folder: campaign.json, summary.json, and result.json of each run."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from orchestrator.model.results import RunResult, Summary
+from orchestrator.report.errors import ReportError
+from orchestrator.report.model import CampaignReport, RunEntry
+
+T = TypeVar("T")
+
+MODES = ("sim", "wil", "real")
+_MOST_BYTES = 64 * 1024 * 1024
+_OF_A_RUN = ("result.json", "log.jsonl", "run.mcap", "trajectory.csv", "judged.msgpack")
+_RESULT = TypeAdapter(RunResult)
+_SUMMARY = TypeAdapter(Summary)
+
+
+class UnreadableError(Exception):
+    """A document that cannot be used; says which and why."""
+
+
+def read_campaign(folder: Path) -> CampaignReport:
+    """Return what the documents of a results folder tell. Raises ReportError for no such folder."""
+    _require_campaign(folder)
+    problems: list[str] = []
+    manifest = _read_document(folder / "campaign.json", _mapping, problems) or {}
+    summary = _read_document(folder / "summary.json", _SUMMARY.validate_json, problems)
+    entries = tuple(_entries(folder, manifest, summary))
+    if not entries:
+        problems.append("no run was begun in this folder")
+    unfinished = sum(entry.result is None for entry in entries)
+    if unfinished:
+        problems.append(f"{unfinished} of {len(entries)} runs have no result that can be read")
+    named = manifest.get("campaign")
+    name = named if isinstance(named, str) else summary.campaign if summary else folder.name
+    return CampaignReport(
+        name=name,
+        folder=folder.name,
+        entries=entries,
+        summary=summary,
+        manifest=manifest,
+        problems=tuple(problems),
+    )
+
+
+def _require_campaign(folder: Path) -> None:
+    if not folder.exists():
+        raise ReportError(f"{folder} does not exist; give the results folder of a campaign")
+    if not folder.is_dir():
+        raise ReportError(f"{folder} is a file; give the results folder of a campaign")
+    if any((folder / name).is_file() for name in ("campaign.json", "summary.json")):
+        return
+    if any(_run_names_on_disk(folder)):
+        return
+    if any((folder / name).is_file() for name in _OF_A_RUN):
+        raise ReportError(f"{folder} is the folder of one run; give the campaign's, three above it")
+    newest = max(folder.glob("*/campaign.json"), default=None)
+    hint = "" if newest is None else f"; did you mean {newest.parent}?"
+    raise ReportError(
+        f"{folder} is no results folder of a campaign: it has neither campaign.json nor runs{hint}"
+    )
+
+
+def _entries(folder: Path, manifest: dict[str, Any], summary: Summary | None) -> Iterator[RunEntry]:
+    flown = () if summary is None else (*summary.runs, *summary.controls)
+    summarised = {f"{run.case}/{run.mode}/{run.rep}": run for run in flown}
+    names = [*_names_in(manifest), *summarised, *_run_names_on_disk(folder)]
+    for name in dict.fromkeys(name for name in names if _is_run_name(name)):
+        case, mode, rep = name.split("/")
+        problems: list[str] = []
+        path = folder / name / "result.json"
+        result = _read_document(path, _RESULT.validate_json, problems)
+        yield RunEntry(name, case, mode, rep, result or summarised.get(name), tuple(problems))
+
+
+def _names_in(manifest: dict[str, Any]) -> Iterator[str]:
+    runs = manifest.get("runs")
+    for run in runs if isinstance(runs, list) else ():
+        if isinstance(run, dict) and isinstance(run.get("run"), str):
+            yield run["run"]
+
+
+def _run_names_on_disk(folder: Path) -> Iterator[str]:
+    for mode in MODES:
+        for path in sorted(folder.glob(f"*/{mode}/*")):
+            if any((path / name).is_file() for name in _OF_A_RUN):
+                yield path.relative_to(folder).as_posix()
+
+
+def _is_run_name(name: str) -> bool:
+    """Return whether a name is case/mode/repetition, and leads nowhere else."""
+    parts = name.split("/")
+    plain = all(part and part not in {".", ".."} and "\0" not in part for part in parts)
+    return len(parts) == 3 and plain and parts[1] in MODES
+
+
+def _read_document(path: Path, parse: Callable[[str], T], problems: list[str]) -> T | None:
+    try:
+        return parse(read_text(path))
+    except UnreadableError as error:
+        problems.append(str(error))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        why = f"{where}: {first['msg']}" if where else first["msg"]
+        problems.append(f"{path.name} is truncated, damaged or of another version: {why}")
+    except (ValueError, RecursionError) as error:
+        problems.append(f"{path.name} is truncated or damaged: {error}")
+    return None
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file, with what is no UTF-8 replaced. Raises UnreadableError."""
+    try:
+        size_bytes = path.stat().st_size
+        if not path.is_file() or size_bytes > _MOST_BYTES:
+            raise UnreadableError(f"{path.name} is no file, or larger than {_MOST_BYTES} bytes")
+        return path.read_text("utf-8", errors="replace")
+    except FileNotFoundError as error:
+        raise UnreadableError(f"{path.name} is missing") from error
+    except OSError as error:
+        raise UnreadableError(f"{path.name} cannot be read: {error.strerror or error}") from error
+
+
+def _mapping(text: str) -> dict[str, Any]:
+    found = json.loads(text)
+    if not isinstance(found, dict):
+        raise ValueError("it is not a JSON object")  # noqa: TRY004 - a document, not an argument
+    return found

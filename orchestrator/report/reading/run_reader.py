@@ -1,0 +1,244 @@
+"""One run of a results folder as its report shows it; whatever is missing becomes a problem."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from orchestrator.report.model import (
+    Commanded,
+    DrawnWorld,
+    Point,
+    RunEntry,
+    RunReport,
+    Sight,
+    Track,
+    VehicleAtMoment,
+)
+from orchestrator.report.reading.cause import cause_of, moment_of
+from orchestrator.report.reading.even_tracks import EvenTimes, TimedPose, even_poses, track_of
+from orchestrator.report.reading.event_log import EventLog, read_event_log
+from orchestrator.report.reading.judged_motion import JudgedMotion, read_judged_motion
+from orchestrator.report.reading.outlines import outlines_of
+from orchestrator.report.reading.recorded_sights import read_facts, read_sights
+from orchestrator.report.reading.sight_decoding import ImageSize, decode_sights, video_sights
+from orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
+from orchestrator.report.reading.trajectory_file import Row, read_trajectory
+from orchestrator.report.reading.world_facts import RecordedWorld, recorded_world
+from orchestrator.report.words import place_text, velocity_text
+from worlds.frames import Pose, quat_from_euler
+
+STRIP_S = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
+"""When the frames of the strip are, relative to the moment."""
+VIDEO = "mixed.mp4"
+
+
+@dataclass(slots=True)
+class _Parts:
+    """What the files of a run tell, each by itself."""
+
+    log: EventLog
+    motion: JudgedMotion
+    commands: tuple[Row, ...]
+    world: RecordedWorld
+    problems: list[str]
+    stages: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def goal_s(self) -> float | None:
+        return self.stages.get("goal")
+
+    @property
+    def span_s(self) -> Point:
+        """Return the time that plots show: from takeoff to the end, or all there is."""
+        stamps = [row.t_s for row in self.commands]
+        stamps += [t_s for poses in self.motion.poses.values() for t_s, _ in poses[:1] + poses[-1:]]
+        stamps += self.stages.values()
+        if not stamps:
+            return (0.0, 0.0)
+        begin_s = self.stages.get("takeoff", min(stamps))
+        return (begin_s, max(begin_s, *stamps))
+
+
+def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
+    """Return the report of a run. folder: the campaign's; size: of the images."""
+    place = folder / entry.name
+    if not place.is_dir():
+        return _without_files(entry)
+    parts = _read_parts(place, entry)
+    subject = "twin" if entry.mode == "sim" else "real"
+    times = EvenTimes.over(parts.span_s)
+    poses = {name: even_poses(found, times) for name, found in _poses(parts).items()}
+    passed_s = _nearest_pass_s(parts, poses.get(subject, []))
+    result = entry.result
+    cause = None
+    if result is not None:
+        cause = cause_of(result, parts.log.events, goal_s=parts.goal_s, passed_s=passed_s)
+    stages = parts.stages
+    recorded_s = parts.span_s[1] if parts.commands or poses else None
+    moment = moment_of(result, cause, stages=stages, passed_s=passed_s, end_s=recorded_s)
+    wanted = () if moment is None else tuple(moment.t_s + offset_s for offset_s in STRIP_S)
+    sights = read_sights(place / "run.mcap", mode=entry.mode, wanted_s=wanted)
+    shown = decode_sights(sights, size, at_s=None if moment is None else moment.t_s)
+    if not shown and wanted and (place / VIDEO).is_file():
+        shown = video_sights(place / VIDEO, wanted, size)
+    problems = (*entry.problems, *parts.problems, *sights.problems)
+    video = place / VIDEO
+    files = tuple(sorted(path.name for path in place.iterdir() if path.is_file()))
+    return RunReport(
+        name=entry.name,
+        case=entry.case,
+        mode=entry.mode,
+        rep=entry.rep,
+        result=result,
+        problems=tuple(dict.fromkeys(problems)),
+        cause=cause,
+        moment=moment,
+        at_moment=() if moment is None else tuple(_at_moment(parts.commands, moment.t_s)),
+        goal_s=parts.goal_s,
+        span_s=parts.span_s,
+        stages=tuple(stages.items()),
+        tracks=tuple(_tracks(parts, poses, times)),
+        commands=_thinned(parts.commands, parts.span_s),
+        world=_drawn_world(parts, poses, None if moment is None else moment.t_s),
+        sight=_nearest(shown, None if moment is None else moment.t_s),
+        strip=tuple(shown),
+        plots=(
+            *motion_plots(poses, parts.world, parts.motion, subject),
+            *mixture_plots(sights.provenances),
+        ),
+        events=parts.log.events,
+        preflight=parts.log.preflight,
+        events_left_out=parts.log.left_out,
+        video=VIDEO if video.is_file() else None,
+        video_bytes=video.stat().st_size if video.is_file() else 0,
+        files=files,
+        overrides=parts.world.overrides,
+    )
+
+
+def _without_files(entry: RunEntry) -> RunReport:
+    said = "it was never flown, or its folder is missing"
+    problems = (said,) if entry.result is None else (*entry.problems, said)
+    cause = None
+    if entry.result is not None:
+        cause = cause_of(entry.result, (), goal_s=None, passed_s=None)
+    return RunReport(
+        name=entry.name,
+        case=entry.case,
+        mode=entry.mode,
+        rep=entry.rep,
+        result=entry.result,
+        problems=problems,
+        cause=cause,
+    )
+
+
+def _read_parts(place: Path, entry: RunEntry) -> _Parts:
+    log = read_event_log(place / "log.jsonl")
+    motion = read_judged_motion(place / "judged.msgpack")
+    trajectory = read_trajectory(place / "trajectory.csv")
+    world = recorded_world(read_facts(place / "run.mcap"), entry.case, entry.mode)
+    problems = [*log.problems, *motion.problems, *trajectory.problems, *world.problems]
+    stages = dict(log.stages) or dict(motion.stages)
+    if entry.result is not None and motion.poses and "end" not in motion.stages:
+        last_s = max(t_s for poses in motion.poses.values() for t_s, _ in poses[-1:])
+        problems.append(f"judged.msgpack ends at {last_s:.2f} s, before the end of the run")
+    return _Parts(log, motion, trajectory.rows, world, problems, stages)
+
+
+def _poses(parts: _Parts) -> dict[str, list[TimedPose]]:
+    """Return the poses of each vehicle as judged; where there is no log of them, as recorded."""
+    if parts.motion.poses:
+        return parts.motion.poses
+    found: dict[str, list[TimedPose]] = {}
+    for raw in parts.commands:
+        row = raw.decoded()
+        place = row.truth_ned_m or row.position_ned_m
+        if place is not None:
+            upright = quat_from_euler(0.0, 0.0, 0.0)
+            found.setdefault(row.vehicle, []).append((row.t_s, Pose(place, upright)))
+    return found
+
+
+def _tracks(parts: _Parts, poses: Mapping[str, list[TimedPose]], times: EvenTimes) -> list[Track]:
+    source = "as judged" if parts.motion.poses else "from trajectory.csv"
+    return [track_of(name, source, found, times) for name, found in poses.items() if found]
+
+
+def _nearest_pass_s(parts: _Parts, poses: Sequence[TimedPose]) -> float | None:
+    """Return when the judged vehicle was nearest to the first gate or the place of its goal."""
+    targets = parts.world.targets_ned_m(parts.motion.world_events)
+    if not targets or not poses:
+        return None
+    begin_s = parts.stages.get("goal", -math.inf)
+    end_s = parts.stages.get("land", math.inf)
+    flown = [(t_s, pose) for t_s, pose in poses if begin_s <= t_s <= end_s]
+    if not flown:
+        return None
+    return min(flown, key=lambda one: math.dist(one[1].position_ned_m, targets[0]))[0]
+
+
+def _drawn_world(
+    parts: _Parts, poses: Mapping[str, list[TimedPose]], at_s: float | None
+) -> DrawnWorld:
+    places = [pose.position_ned_m for found in poses.values() for _, pose in found]
+    side_axis = "north"
+    if places:
+        spans = [max(p[axis] for p in places) - min(p[axis] for p in places) for axis in (0, 1)]
+        side_axis = "east" if spans[1] > spans[0] else "north"
+    world = parts.world
+    outlines = outlines_of(
+        world.judged,
+        world.physical,
+        side_axis=side_axis,
+        t_s=parts.span_s[0] if at_s is None else at_s,
+        events=parts.motion.world_events,
+        span_s=parts.span_s,
+    )
+    return DrawnWorld(outlines, {**world.fences, **parts.motion.fences}, side_axis)
+
+
+def _at_moment(commands: Sequence[Row], t_s: float) -> list[VehicleAtMoment]:
+    """Return what each vehicle was and was asked for at a time."""
+    newest: dict[str, Row] = {}
+    for row in commands:
+        if row.t_s <= t_s or row.vehicle not in newest:
+            newest[row.vehicle] = row
+    return [VehicleAtMoment(name, tuple(_facts(row.decoded()))) for name, row in newest.items()]
+
+
+def _facts(row: Commanded) -> list[tuple[str, str]]:
+    commanded = "nothing"
+    if row.setpoint is not None:
+        told = velocity_text if row.setpoint_kind == "velocity" else place_text
+        commanded = f"{row.setpoint_kind}: {told(row.setpoint)}"
+        if row.setpoint_yaw_rad is not None:
+            commanded += f", heading {round(math.degrees(row.setpoint_yaw_rad))}°"
+    facts = [("commanded", commanded), ("noted", row.note)]
+    facts.append(("was at", place_text(row.truth_ned_m or row.position_ned_m)))
+    facts.append(("flew", velocity_text(row.velocity_ned_m_s)))
+    armed = "armed" if row.is_armed else "disarmed"
+    facts.append(("mode", f"{row.mode}, {armed}, stage {row.stage}"))
+    return [(name, text) for name, text in facts if text]
+
+
+def _thinned(commands: Sequence[Row], span_s: Point) -> tuple[Commanded, ...]:
+    """Return half a second apart what each vehicle was asked for, for the map."""
+    step_s = max(0.5, (span_s[1] - span_s[0]) / 60)
+    due: dict[str, float] = {}
+    kept = []
+    for row in commands:
+        if row.t_s < due.get(row.vehicle, span_s[0]):
+            continue
+        found = row.decoded()
+        if found.setpoint is not None:
+            due[row.vehicle] = row.t_s + step_s
+            kept.append(found)
+    return tuple(kept)
+
+
+def _nearest(sights: Sequence[Sight], at_s: float | None) -> Sight | None:
+    if at_s is None:
+        return None
+    return min(sights, key=lambda one: abs(one.wanted_s - at_s), default=None)

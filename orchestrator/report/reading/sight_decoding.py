@@ -1,0 +1,205 @@
+"""Recorded readings as images and scans that fit into a page."""
+
+import base64
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from mcap.records import Message
+
+from orchestrator.recording.mcap.mcap_decode import image_of
+from orchestrator.report.model import Frame, Scan, Sight
+from orchestrator.report.reading.recorded_sights import RecordedSight, RecordedSights
+from orchestrator.report.words import number_text
+from vehicles.readings import BgrImage
+
+_FAR_M = 20.0
+"""Distances from here on are drawn as the farthest."""
+_MOST_BEAMS = 360
+
+
+@dataclass(frozen=True, slots=True)
+class ImageSize:
+    """How large the images are. main: at the moment; strip: around it; widths in pixels."""
+
+    main_px: int
+    strip_px: int
+    quality: int
+
+    @classmethod
+    def for_runs(cls, count: int) -> "ImageSize":
+        """Return the size with which a report of so many runs stays below 20 MB."""
+        if count <= 12:
+            return cls(640, 320, 80)
+        return cls(480, 240, 72) if count <= 100 else cls(320, 160, 60)
+
+
+def decode_sights(found: RecordedSights, size: ImageSize, *, at_s: float | None) -> list[Sight]:
+    """Return what was perceived by the sensor that shows most: a camera, else a lidar.
+
+    at_s: the moment; its sight is larger, and has what it was mixed of.
+    """
+    decoded = (
+        _decode_sensor(sights, size, found.epoch_ns, at_s) for sights in found.sights.values()
+    )
+    best: list[Sight] = []
+    for sights in decoded:
+        if sights and (not best or _is_image(sights) > _is_image(best)):
+            best = sights
+    return best
+
+
+def _is_image(sights: Sequence[Sight]) -> bool:
+    return isinstance(sights[0].perceived, Frame)
+
+
+def _decode_sensor(
+    sights: Iterable[RecordedSight], size: ImageSize, epoch_ns: int, at_s: float | None
+) -> list[Sight]:
+    found: list[Sight] = []
+    for sight in sights:
+        is_main = sight.wanted_s == at_s
+        width_px = size.main_px if is_main else size.strip_px
+        try:
+            perceived = _decode(sight.perceived, width_px, size.quality, epoch_ns)
+            messages = sight.beside if is_main else ()
+            beside = [_decode(one, size.strip_px, size.quality, epoch_ns) for one in messages]
+        except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
+            continue  # a reading of another kind, or of another program
+        if perceived is None:
+            continue
+        if found and found[-1].perceived.t_s == perceived.t_s:
+            if not is_main:
+                continue
+            found.pop()  # a slow sensor: the moment shows the same reading
+        shown = tuple(one for one in beside if one is not None)
+        found.append(Sight(sight.wanted_s, perceived, shown, tuple(_figures(sight.provenance))))
+    return found
+
+
+def _decode(message: Message, width_px: int, quality: int, epoch_ns: int) -> Frame | Scan | None:
+    """Return a reading as it is shown; None for a type that is not."""
+    document = json.loads(message.data)
+    delivered_s = (message.log_time - epoch_ns) / 1e9
+    wil = document["wil"]
+    if wil["type"] in {"camera", "depth"}:
+        image = image_of(document)
+        bgr = _depth_image(image) if wil["type"] == "depth" else image
+        return frame_of(
+            bgr,
+            source=str(wil["source"]),
+            t_s=float(wil["t_s"]),
+            delivered_s=delivered_s,
+            width_px=width_px,
+            quality=quality,
+        )
+    if wil["type"] == "lidar":
+        return _scan(document, delivered_s)
+    return None
+
+
+def frame_of(
+    image_bgr: BgrImage,
+    *,
+    source: str,
+    t_s: float,
+    delivered_s: float,
+    width_px: int,
+    quality: int,
+) -> Frame:
+    """Return an image as a JPEG of at most a width. Raises ValueError where it is none."""
+    if image_bgr.ndim == 2:
+        image_bgr = cv2.cvtColor(image_bgr.astype(np.uint8), cv2.COLOR_GRAY2BGR).astype(np.uint8)
+    height, width = image_bgr.shape[:2]
+    if width > width_px:
+        height, width = max(1, round(height * width_px / width)), width_px
+        image_bgr = cv2.resize(image_bgr, (width, height), interpolation=cv2.INTER_AREA).astype(
+            np.uint8
+        )
+    whole, coded = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not whole:
+        raise ValueError("no image")
+    text = base64.b64encode(coded.tobytes()).decode("ascii")
+    return Frame(source, float(t_s), delivered_s, width, height, text)
+
+
+def _depth_image(depth_m: Any) -> BgrImage:
+    near = np.clip(np.nan_to_num(depth_m, nan=_FAR_M, posinf=_FAR_M) / _FAR_M, 0.0, 1.0)
+    grey = np.rint(255.0 * (1.0 - near)).astype(np.uint8)
+    colored: BgrImage = cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS).astype(np.uint8)
+    return colored
+
+
+def _scan(document: Mapping[str, Any], delivered_s: float) -> Scan:
+    wil = document["wil"]
+    every = max(1, len(document["ranges"]) // _MOST_BEAMS)
+    ranges = [_range(value) for value in document["ranges"][::every]]
+    return Scan(
+        source=str(wil["source"]),
+        t_s=float(wil["t_s"]),
+        delivered_s=delivered_s,
+        start_angle_rad=float(wil["start_angle_rad"]),
+        step_rad=float(wil["step_rad"]) * every,
+        range_max_m=float(wil["range_max_m"]),
+        ranges_m=tuple(ranges),
+    )
+
+
+def _range(value: Any) -> float | None:
+    is_number = isinstance(value, int | float) and math.isfinite(value)
+    return float(value) if is_number else None
+
+
+def _figures(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the figures of a mixture in words."""
+    found = []
+    for title, key, unit in (
+        ("skew", "skew_ms", "ms"),
+        ("latency", "latency_ms", "ms"),
+        ("registration error", "registration_error_px", "px"),
+        ("registration within", "registration_bound_px", "px"),
+    ):
+        value = provenance.get(key)
+        if isinstance(value, int | float):
+            found.append((title, number_text(float(value), unit, 1)))
+    if provenance.get("dropped"):
+        found.append(("left out", f"{provenance['dropped']}: {provenance.get('detail', '')}"))
+    return found
+
+
+def video_sights(path: Path, wanted_s: Sequence[float], size: ImageSize) -> list[Sight]:
+    """Return frames of a video, where no image was recorded; none of one that cannot be read."""
+    due = sorted(wanted_s)
+    middle_s = due[len(due) // 2]
+    found: list[Sight] = []
+    last: Any = None
+    try:
+        with av.open(str(path)) as container:
+            for frame in container.decode(video=0):
+                while due and last is not None and frame.time > due[0]:
+                    found.append(_video_sight(last, due.pop(0), middle_s, size))
+                last = frame
+            found += [_video_sight(last, at_s, middle_s, size) for at_s in due if last is not None]
+    except (av.error.FFmpegError, OSError, ValueError, IndexError, TypeError):
+        pass  # what could be read is shown
+    return found
+
+
+def _video_sight(frame: Any, wanted_s: float, middle_s: float, size: ImageSize) -> Sight:
+    width_px = size.main_px if wanted_s == middle_s else size.strip_px
+    image = frame.to_ndarray(format="bgr24")
+    shown = frame_of(
+        image,
+        source="perceived",
+        t_s=frame.time,
+        delivered_s=frame.time,
+        width_px=width_px,
+        quality=size.quality,
+    )
+    return Sight(wanted_s, shown)

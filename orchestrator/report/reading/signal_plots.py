@@ -1,0 +1,115 @@
+"""The values that a run is judged by, over time."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
+from typing import Any
+
+from orchestrator.report.model import Curve, Plot, Point
+from orchestrator.report.reading.distances import (
+    SHOWN_WITHIN_M,
+    TimedPose,
+    clearances,
+    fence_margins,
+    heights,
+    separations,
+)
+from orchestrator.report.reading.judged_motion import JudgedMotion
+from orchestrator.report.reading.world_facts import RecordedWorld
+
+_MOST_POINTS = 500
+
+Poses = Mapping[str, Sequence[TimedPose]]
+
+
+def motion_plots(
+    poses: Poses, world: RecordedWorld, motion: JudgedMotion, subject: str
+) -> tuple[Plot, ...]:
+    """Return clearance, fence margin, height and the distance between the vehicles."""
+    found = [
+        _clearance_plot(poses, world, motion),
+        _fence_plot(poses, world, motion),
+        _height_plot(poses, world, subject),
+    ]
+    if poses.get("real") and poses.get("twin"):
+        apart = separations(poses["real"], poses["twin"])
+        found.append(Plot("real to twin", "m", (Curve("pair", _shortened(apart)),)))
+    return tuple(plot for plot in found if any(curve.points for curve in plot.curves))
+
+
+def _clearance_plot(poses: Poses, world: RecordedWorld, motion: JudgedMotion) -> Plot:
+    if not world.judged.objects:
+        return Plot("clearance", "m", ())
+    curves = _curves(poses, lambda found: clearances(found, world.judged, motion.world_events))
+    least_m = world.parameter("clearance", "min_m")
+    note = f"least distance of the body to anything but floors; capped at {SHOWN_WITHIN_M:g} m"
+    return Plot("clearance", "m", curves, (0.0,) if least_m is None else (0.0, least_m), note)
+
+
+def _fence_plot(poses: Poses, world: RecordedWorld, motion: JudgedMotion) -> Plot:
+    fences = {**world.fences, **motion.fences}
+    curves = tuple(
+        Curve(name, _shortened(fence_margins(poses[name], fence)))
+        for name, fence in fences.items()
+        if name in poses
+    )
+    return Plot("margin to the fence", "m", curves, (0.0,), "negative is outside")
+
+
+def _height_plot(poses: Poses, world: RecordedWorld, subject: str) -> Plot:
+    limits = [world.parameter("altitude", name) for name in ("min_m", "max_m")]
+    del subject
+    return Plot("height", "m", _curves(poses, heights), tuple(x for x in limits if x is not None))
+
+
+def _curves(
+    poses: Poses, values: Callable[[Sequence[TimedPose]], tuple[Point, ...]]
+) -> tuple[Curve, ...]:
+    return tuple(Curve(name, _shortened(values(found))) for name, found in poses.items() if found)
+
+
+def mixture_plots(
+    provenances: Mapping[str, Sequence[tuple[float, Mapping[str, Any]]]],
+) -> tuple[Plot, ...]:
+    """Return skew, latency and registration error of each mixed sensor."""
+    wanted = (
+        ("skew", "ms", "skew_ms", "between the two exposures that were mixed"),
+        ("latency", "ms", "latency_ms", "from exposure to delivery"),
+        ("registration error", "px", "registration_error_px", "of what is virtual, at its place"),
+        ("registration bound", "px", "registration_bound_px", "what the error is within"),
+    )
+    found = []
+    for sensor, rows in provenances.items():
+        name = sensor if len(provenances) > 1 else ""
+        for title, unit, key, note in wanted:
+            points = _shortened(tuple(_values(rows, key)))
+            if points:
+                curves = (Curve("mixed", points),)
+                found.append(Plot(f"{title} {name}".rstrip(), unit, curves, note=note))
+    return tuple(found)
+
+
+def _values(rows: Sequence[tuple[float, Mapping[str, Any]]], key: str) -> list[Point]:
+    return [
+        (t_s, float(value))
+        for t_s, fields in rows
+        if isinstance(value := fields.get(key), int | float) and math.isfinite(value)
+    ]
+
+
+def _shortened(points: tuple[Point, ...]) -> tuple[Point, ...]:
+    """Return a curve of few points that keeps the least and largest of each stretch."""
+    if len(points) <= _MOST_POINTS:
+        return points
+    size = math.ceil(2 * len(points) / _MOST_POINTS)
+    stretches = [points[i : i + size] for i in range(0, len(points), size)]
+    extremes = (sorted({_least(one), _largest(one)}) for one in stretches)
+    return tuple(chain.from_iterable(extremes))
+
+
+def _least(points: Sequence[Point]) -> Point:
+    return min(points, key=lambda one: one[1])
+
+
+def _largest(points: Sequence[Point]) -> Point:
+    return max(points, key=lambda one: one[1])

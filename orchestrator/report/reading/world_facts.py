@@ -1,0 +1,101 @@
+"""What a recording tells of its world, fences and campaign file, as far as it can be read."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+from orchestrator.recording.recording_facts import campaign_in, fences_in, world_in
+from safety.fence.geofence import Fence
+from worlds.files.documents import BadInput, Data
+from worlds.frames import Vec3
+from worlds.scene.scene import Scene
+from worlds.world_file.world import Mode, Which, World
+
+_MOST_OVERRIDES = 60
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedWorld:
+    """judged: what stands in the world that the run was judged by. physical: names of it in W.
+
+    goal: of the campaign file. limits: by oracle its parameters in the campaign file.
+    """
+
+    judged: Scene = field(default_factory=Scene)
+    physical: frozenset[str] = frozenset()
+    fences: Mapping[str, Fence] = field(default_factory=dict)
+    campaign: Mapping[str, Data] = field(default_factory=dict)
+    overrides: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+
+    def targets_ned_m(self, events: Mapping[str, float]) -> list[Vec3]:
+        """Return where the gates of the goal stand, or the place that is to be reached."""
+        goal = self.campaign.get("goal")
+        if not isinstance(goal, dict):
+            return []
+        gates = goal.get("gates")
+        names = [name for name in gates if isinstance(name, str)] if isinstance(gates, list) else []
+        found = [self.judged[name] for name in names if name in self.judged]
+        places = [thing.pose_at(0.0, events).position_ned_m for thing in found]
+        target = goal.get("position")
+        if isinstance(target, dict):
+            values = [target.get(key) for key in ("north_m", "east_m", "up_m")]
+            north, east, up = (float(v) if isinstance(v, int | float) else 0.0 for v in values)
+            places.append((north, east, -up))
+        return places
+
+    def parameter(self, oracle: str, name: str) -> float | None:
+        """Return a number that the campaign file gives an oracle."""
+        oracles = self.campaign.get("oracles")
+        given = oracles.get(oracle) if isinstance(oracles, dict) else None
+        value = given.get(name) if isinstance(given, dict) else None
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        return float(value) if is_number and isinstance(value, int | float) else None
+
+
+def recorded_world(facts: Mapping[str, str], case: str, mode: str) -> RecordedWorld:
+    """Return the world in the facts of a recording; an empty one where they do not tell it."""
+    if "world" not in facts:
+        why = "run.mcap does not tell the world and the fence of the flight; they are not drawn"
+        return RecordedWorld(problems=(why,))
+    problems: list[str] = []
+    judged, physical = Scene(), frozenset[str]()
+    try:
+        world = _parsed_world(facts["world"], facts.get("world_file", ""))
+        which: Which = "W" if mode == "real" else "Wv"
+        flown: Mode = "sim" if mode == "sim" else "real" if mode == "real" else "wil"
+        judged = world.scene(flown, which)
+        physical = frozenset(() if mode == "sim" else world.scene(flown, "W").names)
+    except BadInput as error:
+        problems.append(f"the world cannot be drawn: {error.problems[0].message}")
+    fences: Mapping[str, Fence] = {}
+    campaign: Mapping[str, Data] = {}
+    try:
+        fences = fences_in(facts)
+        campaign = campaign_in(facts)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        problems.append(f"the fence or the campaign in run.mcap cannot be read: {error}")
+    overrides = tuple(_overrides(campaign, case))
+    return RecordedWorld(judged, physical, fences, campaign, overrides, tuple(problems))
+
+
+@lru_cache(maxsize=8)
+def _parsed_world(text: str, file: str) -> World:
+    """Return a world; the runs of a campaign share a few."""
+    world = world_in({"world": text, "world_file": file})
+    assert world is not None  # noqa: S101 - the fact is given
+    return world
+
+
+def _overrides(campaign: Mapping[str, Data], case: str) -> list[str]:
+    """Return what the case or control of a run changes, one key in each text."""
+    cases, controls = campaign.get("cases"), campaign.get("controls")
+    given = cases.get(case) if isinstance(cases, dict) else None
+    if given is None and isinstance(controls, dict):
+        control = controls.get(case)
+        given = control.get("set") if isinstance(control, dict) else None
+    if not isinstance(given, dict):
+        return []
+    texts = [f"{key}: {json.dumps(value, default=str)}" for key, value in given.items()]
+    return texts[:_MOST_OVERRIDES]

@@ -1,0 +1,1 @@
+"""Draws the reading model: templates, plots and maps as SVG; pure."""

@@ -1,0 +1,59 @@
+"""SVG elements with every attribute and text escaped; pure."""
+
+import unicodedata
+from collections.abc import Iterable, Mapping
+
+from markupsafe import Markup, escape
+
+_CONTROL_BLOCK = 0x2400
+_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
+"""Unicode categories of what is not seen, or what turns the text round it."""
+
+
+def visible(text: str) -> str:
+    """Return a text in which control characters are seen, and none of them acts."""
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(map(_visible_letter, text))
+
+
+def _visible_letter(letter: str) -> str:
+    if letter in "\n\t" or unicodedata.category(letter) not in _HIDDEN:
+        return letter
+    code = ord(letter)
+    if code < 0x20:
+        return chr(_CONTROL_BLOCK + code)
+    return f"<U+{code:04X}>"
+
+
+def shown(value: object) -> object:
+    """Return what a template prints of a value; markup stays as it is."""
+    return visible(value) if type(value) is str else value
+
+
+def element(
+    name: str, attributes: Mapping[str, object], children: Iterable[Markup | str] = ()
+) -> Markup:
+    """Return an element. attributes: None leaves one out; names are ours, values are escaped."""
+    pairs = [
+        f' {key}="{escape(_attribute(value))}"'
+        for key, value in attributes.items()
+        if value is not None
+    ]
+    inner = "".join([escape(shown(child)) for child in children])
+    # The names are literals of this package; everything else is escaped just above.
+    return Markup(f"<{name}{''.join(pairs)}>{inner}</{name}>")  # noqa: S704
+
+
+def _attribute(value: object) -> str:
+    return number(value) if isinstance(value, float) else visible(str(value))
+
+
+def number(value: float) -> str:
+    """Return a number for an attribute: two places, as short as it goes."""
+    return f"{value:.2f}".rstrip("0").rstrip(".") if value else "0"
+
+
+def points_text(points: Iterable[tuple[float, float]], places: int = 1) -> str:
+    """Return the points of a polyline."""
+    return " ".join([f"{x:.{places}f},{y:.{places}f}" for x, y in points])

@@ -1,0 +1,236 @@
+"""What a campaign came to and what that rests on, in lines and rows; pure."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from campaigns.values.acceptance import Share, parse_share
+from orchestrator.model.caveats import caveats
+from orchestrator.model.control_results import expected_text
+from orchestrator.model.results import RunResult, Summary
+from orchestrator.report.model import CampaignReport
+from orchestrator.report.words import NOTHING, number_text
+from safety.model.oracle_results import EvidenceResult
+
+_CONTACT = frozenset({"collision", "collision_always", "clearance"})
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the campaign came to. kind: how it is coloured: good, bad, open."""
+
+    word: str
+    kind: str
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class CaseRow:
+    """A case and mode in the table of the overview; texts as they are shown."""
+
+    case: str
+    mode: str
+    passed: str
+    required: str
+    verdict: str
+    clearance_m: str
+    skew_ms: str
+    registration_px: str
+    is_control: bool = False
+
+
+def verdict_of(campaign: CampaignReport) -> Verdict:
+    """Return the campaign's verdict in a word and in a sentence."""
+    summary = campaign.summary
+    if summary is None:
+        said = "There is no summary of this campaign that can be read: it was cut off, or damaged."
+        return Verdict("no verdict", "open", said)
+    totals = summary.totals
+    counted = f"{totals.passed} of {totals.runs} runs passed; {totals.required} were required."
+    if totals.controls:
+        counted += f" {totals.controls_met} of {totals.controls} controls ended as they must."
+    if summary.not_flown:
+        counted += f" {len(summary.not_flown)} were never flown."
+    if summary.accepted is None:
+        return Verdict("nothing required was flown", "open", counted)
+    if summary.accepted:
+        limited = " of what was flown" if summary.left_out else ""
+        return Verdict(f"accepted{limited}", "good", counted)
+    return Verdict("not accepted", "bad", counted)
+
+
+def grounds(campaign: CampaignReport) -> list[tuple[str, str]]:
+    """Return what the verdict rests on: vehicles, sensors, evidence, mixture, controls."""
+    summary = campaign.summary
+    if summary is None:
+        return []
+    found = [("real vehicle", _real_text(summary)), ("clock", summary.clock)]
+    if summary.sensors:
+        shown = ", ".join(f"{name}: {kind}" for name, kind in summary.sensors.items())
+        found.append(("sensors", shown))
+    found += [("evidence", text) for text in _evidence_texts(summary.runs)]
+    found += [("mixture", text) for text in _mixture_texts(summary.runs)]
+    found += [("control", text) for text in _control_texts(summary.controls)]
+    return found
+
+
+def cautions(campaign: CampaignReport) -> list[str]:
+    """Return what a green result has to be read with."""
+    summary = campaign.summary
+    if summary is None:
+        return []
+    found = [*caveats(summary.runs), *summary.caveats, *summary.unmet]
+    if summary.left_out:
+        found.append(f"required, and left out: {', '.join(summary.left_out)}")
+    if summary.not_flown:
+        found.append(f"never flown: {', '.join(summary.not_flown)}")
+    return found
+
+
+def case_rows(campaign: CampaignReport) -> list[CaseRow]:
+    """Return a row for each case and mode, the controls last."""
+    groups: dict[tuple[str, str, bool], list[RunResult]] = {}
+    for entry in campaign.entries:
+        if entry.result is not None:
+            is_control = entry.result.control is not None
+            groups.setdefault((entry.case, entry.mode, is_control), []).append(entry.result)
+    rows = [_case_row(campaign, *key, runs) for key, runs in groups.items()]
+    return sorted(rows, key=lambda row: row.is_control)
+
+
+def _case_row(
+    campaign: CampaignReport, case: str, mode: str, is_control: bool, runs: Sequence[RunResult]
+) -> CaseRow:
+    passed = sum(run.verdict == "PASS" for run in runs)
+    required, verdict = _standing(campaign, case, mode, runs, passed)
+    if is_control:
+        control = runs[0].control
+        required = f"must be {control.verdict}" if control is not None else ""
+        verdict = runs[0].verdict
+    clearances = [
+        one.actual
+        for run in runs
+        for one in run.oracles
+        if one.name in _CONTACT and one.vehicle == run.subject and one.actual is not None
+    ]
+    skews = [abs(run.sync.takeoff_skew_s) for run in runs if run.sync.takeoff_skew_s is not None]
+    errors = [
+        run.mixing.registration_error_px.p50
+        for run in runs
+        if run.mixing is not None
+        and run.mixing.registration_error_px is not None
+        and run.mixing.registration_error_px.p50 is not None
+    ]
+    return CaseRow(
+        case=case,
+        mode=mode,
+        passed=f"{passed}/{len(runs)}",
+        required=required,
+        verdict=verdict,
+        clearance_m=number_text(min(clearances, default=None), digits=2),
+        skew_ms=number_text(max((1000.0 * one for one in skews), default=None), digits=0),
+        registration_px=number_text(max(errors, default=None), digits=1),
+        is_control=is_control,
+    )
+
+
+def _standing(
+    campaign: CampaignReport, case: str, mode: str, runs: Sequence[RunResult], passed: int
+) -> tuple[str, str]:
+    """Return what is required of a case and mode, and whether it is met."""
+    if not any(run.required for run in runs):
+        return NOTHING, ""
+    share = _share(campaign, case, mode) or Share(len(runs), len(runs))
+    proven = all(run.verdict in {"PASS", "FAIL"} for run in runs)
+    if passed >= share.passes and proven:
+        return str(share), "PASS"
+    return str(share), next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
+
+
+def _share(campaign: CampaignReport, case: str, mode: str) -> Share | None:
+    """Return the share that the campaign file requires, for as many repetitions as it has."""
+    document = campaign.manifest.get("document")
+    accept = document.get("accept") if isinstance(document, dict) else None
+    shares = accept.get(case) if isinstance(accept, dict) else None
+    text = shares.get(mode) if isinstance(shares, dict) else None
+    repetitions = document.get("repetitions", 1) if isinstance(document, dict) else 1
+    if not isinstance(text, str) or not isinstance(repetitions, int):
+        return None
+    try:
+        return parse_share(text).scaled(repetitions)
+    except ValueError:
+        return None
+
+
+def _real_text(summary: Summary) -> str:
+    if summary.surrogate:
+        return "played by the embedded surrogate: a simulation in this program, no hardware"
+    flown = any(run.mode != "sim" for run in summary.runs)
+    return summary.real_kind if flown else "not flown: mode sim alone"
+
+
+def _evidence_texts(runs: Iterable[RunResult]) -> Iterator[str]:
+    """Yield one text for each vehicle: the signals of required oracles, each in its worst run."""
+    groups: dict[str, dict[tuple[str, str], list[EvidenceResult]]] = {}
+    for run in runs:
+        for one in run.evidence:
+            if one.required:
+                signals = groups.setdefault(one.vehicle, {})
+                signals.setdefault((one.signal, one.source), []).append(one)
+    for vehicle, signals in groups.items():
+        count = max(len(results) for results in signals.values())
+        texts = [_signal_text(*key, results) for key, results in signals.items()]
+        yield f"{vehicle} in {count} runs, longest gap of those allowed: {'; '.join(texts)}"
+
+
+def _signal_text(signal: str, source: str, results: Sequence[EvidenceResult]) -> str:
+    worst = max(results, key=lambda one: one.largest_gap_s)
+    bad = sum(one.verdict != "PASS" for one in results)
+    by = f" ({source})" if source else ""
+    text = f"{signal}{by} {number_text(worst.largest_gap_s)} of {number_text(worst.limit_s, 's')}"
+    return text + (f", NOT ENOUGH to judge by in {bad}" if bad else "")
+
+
+def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
+    mixed = [run.mixing for run in runs if run.mixing is not None]
+    if not mixed:
+        return
+    frames, dropped = sum(one.frames for one in mixed), sum(one.dropped for one in mixed)
+    errors = [
+        one.registration_error_px.p99
+        for one in mixed
+        if one.registration_error_px is not None and one.registration_error_px.p99 is not None
+    ]
+    text = f"{frames} mixtures in {len(mixed)} runs, {dropped} with something left out"
+    if errors:
+        text += f"; registration error below {number_text(max(errors), 'px', 1)} in 99 % of each"
+    yield text
+    names = dict.fromkeys(name for one in mixed for name in one.shown)
+    for name in names:
+        seen = [one.shown[name] for one in mixed if name in one.shown]
+        in_view = sum(one.frames_in_view for one in seen)
+        shown = sum(one.frames_shown for one in seen)
+        yield f"{name} shown in {shown} of the {in_view} mixtures that have it in view"
+
+
+def _control_texts(controls: Iterable[RunResult]) -> Iterator[str]:
+    for run in controls:
+        if run.control is not None:
+            must = expected_text(run.control)
+            end = f"came to {run.verdict}" if run.control.met else f"NOT MET: came to {run.verdict}"
+            yield f"{run.case} {run.mode} must end as {must}; {end}"
+
+
+def margin_text(run: RunResult | None) -> str:
+    """Return the smallest share of its limit that a required oracle of a run has left."""
+    if run is None:
+        return NOTHING
+    margins = [
+        (one.margin, one)
+        for one in run.oracles
+        if one.required and one.vehicle == run.subject and one.margin is not None
+    ]
+    if not margins:
+        return NOTHING
+    in_metres = [pair for pair in margins if pair[1].unit == "m"] or margins
+    margin, oracle = min(in_metres, key=lambda pair: pair[0])
+    return f"{number_text(margin, oracle.unit, 2)} ({oracle.name})"

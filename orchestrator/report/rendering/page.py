@@ -1,0 +1,203 @@
+"""The page: templates filled with the reading model. Everything from a file is escaped; pure."""
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from urllib.parse import quote
+
+import yaml
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from orchestrator.model.results import RunResult
+from orchestrator.report.model import CampaignReport, Frame, RunReport, Sight
+from orchestrator.report.rendering import overview
+from orchestrator.report.rendering.map_svg import map_svg
+from orchestrator.report.rendering.markup import shown, visible
+from orchestrator.report.rendering.plot_svg import plot_svg, stage_axis_svg, time_axis_svg
+from orchestrator.report.rendering.scan_svg import scan_svg
+from orchestrator.report.words import limit_text, number_text, short_time
+
+_PACKAGE = "orchestrator.report.rendering"
+
+
+@dataclass(frozen=True, slots=True)
+class RunPage:
+    """A run's part of the page, and its row in the overview; texts as they are shown."""
+
+    anchor: str
+    name: str
+    case: str
+    mode: str
+    rep: str
+    verdict: str
+    role: str
+    reason: str
+    duration_s: str
+    margin: str
+    is_bad: bool
+    html: Markup
+    problems: tuple[str, ...] = ()
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader(_PACKAGE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=shown,
+    )
+    environment.filters["number"] = number_text
+    environment.filters["data_uri"] = _data_uri
+    environment.filters["limit"] = limit_text
+    return environment
+
+
+def render_run(run: RunReport, *, anchor: str, video: str | None = None) -> RunPage:
+    """Return a run's part of the page. video: a data URI; None links to the file."""
+    result = run.result
+    verdict = "NO RESULT" if result is None else result.verdict
+    html = (
+        _environment()
+        .get_template("run.html.j2")
+        .render(
+            run=run,
+            result=result,
+            anchor=anchor,
+            verdict=verdict,
+            is_bad=went_wrong(result),
+            role=role_of(run),
+            subject="twin" if run.mode == "sim" else "real",
+            maps=[found for view in ("above", "side") if (found := map_svg(run, view))],
+            plots=[(plot, plot_svg(plot, run)) for plot in run.plots],
+            time_axis=time_axis_svg(run),
+            stage_axis=stage_axis_svg(run),
+            scan=None if run.sight is None else scan_svg((*run.sight.beside, run.sight.perceived)),
+            strip=[sight for sight in run.strip if isinstance(sight.perceived, Frame)],
+            frames=_frames(run.sight),
+            video=video or _link(run.name, run.video),
+            files=[(name, _link(run.name, name)) for name in run.files],
+            when=lambda t_s: short_time(t_s, run.goal_s),
+        )
+    )
+    return RunPage(
+        anchor=anchor,
+        name=run.name,
+        case=run.case,
+        mode=run.mode,
+        rep=run.rep,
+        verdict=verdict,
+        role=role_of(run),
+        reason="" if result is None else result.reason,
+        duration_s=number_text(None if result is None else result.duration_s, digits=1),
+        margin=overview.margin_text(result),
+        is_bad=went_wrong(result),
+        html=Markup(html),  # noqa: S704 - made by the template above, which escapes
+        problems=run.problems,
+    )
+
+
+def render_page(campaign: CampaignReport, pages: Sequence[RunPage], *, made_utc: str) -> str:
+    """Return the whole page."""
+    style, script = _resource("style.css"), _resource("script.js")
+    return (
+        _environment()
+        .get_template("page.html.j2")
+        .render(
+            campaign=campaign,
+            manifest=campaign.manifest,
+            verdict=overview.verdict_of(campaign),
+            grounds=overview.grounds(campaign),
+            cautions=overview.cautions(campaign),
+            rows=overview.case_rows(campaign),
+            pages=pages,
+            bad=[page for page in pages if page.is_bad],
+            problems=campaign.problems,
+            document=_document_text(campaign),
+            policy=_policy(style, script),
+            style=Markup(style),  # noqa: S704 - a file of this package
+            script=Markup(script),  # noqa: S704 - a file of this package
+            made_utc=made_utc,
+        )
+    )
+
+
+def anchors(names: Iterable[str]) -> list[str]:
+    """Return an id for each name, of letters that need no escape anywhere, each id once."""
+    found: list[str] = []
+    for name in names:
+        plain = "run-" + re.sub(r"[^A-Za-z0-9_-]+", "-", name)
+        found.append(plain if plain not in found else f"{plain}-{len(found)}")
+    return found
+
+
+def role_of(run: RunReport) -> str:
+    """Return what a run counts for."""
+    result = run.result
+    if result is None:
+        return ""
+    if result.control is not None:
+        return "control, as it must" if result.control.met else "control, NOT as it must"
+    return "required" if result.required else "reported only"
+
+
+def went_wrong(result: RunResult | None) -> bool:
+    """Return whether a run did not end as it should; a control should not pass."""
+    if result is None:
+        return True
+    if result.control is not None:
+        return not result.control.met
+    return result.verdict != "PASS"
+
+
+def _frames(sight: Sight | None) -> list[Frame]:
+    """Return the images of the moment: what was perceived, then what it was mixed of."""
+    if sight is None:
+        return []
+    return [one for one in (sight.perceived, *sight.beside) if isinstance(one, Frame)]
+
+
+def _data_uri(frame: Frame) -> str:
+    return f"data:image/jpeg;base64,{frame.jpeg}"
+
+
+def _link(run: str, name: str | None) -> str | None:
+    """Return a link to a file beside the page, whatever its name is."""
+    return None if name is None else "./" + quote(f"{run}/{name}")
+
+
+def _resource(name: str) -> str:
+    return (files(_PACKAGE) / "templates" / name).read_text("utf-8")
+
+
+def _policy(style: str, script: str) -> str:
+    """Return the Content-Security-Policy: our script and our style by their hashes, no network."""
+    return (
+        "default-src 'none'; img-src data:; media-src 'self' file: data:; "
+        f"style-src '{_hash(style)}'; script-src '{_hash(script)}'; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _hash(text: str) -> str:
+    digest = hashlib.sha256(text.encode()).digest()
+    return "sha256-" + base64.b64encode(digest).decode("ascii")
+
+
+def _document_text(campaign: CampaignReport) -> str:
+    """Return the campaign file as flown."""
+    document = campaign.manifest.get("document")
+    if document is None:
+        return ""
+    try:
+        return visible(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100))
+    except yaml.YAMLError:
+        return json.dumps(document, indent=2, default=str)

@@ -1,0 +1,173 @@
+"use strict";
+// One cursor for all plots and maps of a run, sorting of tables, keys. The page works without it.
+(() => {
+  const runs = [...document.querySelectorAll("article.run")];
+  const current = () => runs.find((run) => "#" + run.id === location.hash);
+
+  const clamp = (x, low, high) => Math.max(low, Math.min(high, x));
+
+  function pointsOf(line) {
+    if (!line.wilPoints) {
+      line.wilPoints = (line.getAttribute("points") || "")
+        .split(" ")
+        .filter(Boolean)
+        .map((pair) => pair.split(",").map(Number));
+    }
+    return line.wilPoints;
+  }
+
+  function nearest(points, x) {
+    let low = 0;
+    let high = points.length - 1;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (points[middle][0] < x) low = middle;
+      else high = middle;
+    }
+    return Math.abs(points[low][0] - x) <= Math.abs(points[high][0] - x) ? low : high;
+  }
+
+  function setTime(run, time) {
+    const begin = Number(run.dataset.begin);
+    const end = Math.max(Number(run.dataset.end), begin + 1);
+    const t = clamp(time, begin, end);
+    run.wilTime = t;
+    run.classList.add("at-time");
+    const share = (t - begin) / (end - begin);
+    const clock = run.querySelector(".clock");
+    if (clock) clock.textContent = (t - Number(run.dataset.zero)).toFixed(2) + " s";
+    for (const plot of run.querySelectorAll(".plot")) {
+      const cursor = plot.querySelector("line.cursor");
+      cursor.setAttribute("x1", 100 * share + "%");
+      cursor.setAttribute("x2", 100 * share + "%");
+      for (const line of plot.querySelectorAll("polyline")) {
+        const output = [...plot.querySelectorAll("output")].find(
+          (one) => one.dataset.name === line.dataset.name,
+        );
+        const points = pointsOf(line);
+        if (!output || !points.length) continue;
+        const point = points[nearest(points, 1000 * share)];
+        const low = Number(line.dataset.low);
+        const high = Number(line.dataset.high);
+        const value = high - (point[1] / 1000) * (high - low);
+        const far = Math.abs(point[0] - 1000 * share) > 20;
+        output.textContent = far ? "–" : value.toFixed(Math.abs(high - low) > 20 ? 1 : 2);
+      }
+    }
+    for (const map of run.querySelectorAll("svg.map")) {
+      const spots = [...map.querySelectorAll("circle.spot")];
+      [...map.querySelectorAll("polyline.track")].forEach((line, index) => {
+        const points = pointsOf(line);
+        if (!points.length || !spots[index]) return;
+        const at = Math.round((t - Number(line.dataset.begin)) / Number(line.dataset.step));
+        const point = points[clamp(at, 0, points.length - 1)];
+        spots[index].setAttribute("cx", point[0]);
+        spots[index].setAttribute("cy", point[1]);
+      });
+    }
+  }
+
+  function timeUnder(run, chart, event) {
+    const box = chart.getBoundingClientRect();
+    const begin = Number(run.dataset.begin);
+    const end = Math.max(Number(run.dataset.end), begin + 1);
+    return begin + ((event.clientX - box.left) / box.width) * (end - begin);
+  }
+
+  for (const run of runs) {
+    for (const chart of run.querySelectorAll(".plot svg.chart")) {
+      const follow = (event) => setTime(run, timeUnder(run, chart, event));
+      chart.addEventListener("pointermove", follow);
+      chart.addEventListener("pointerdown", follow);
+    }
+    run.addEventListener("click", (event) => {
+      const jump = event.target.closest(".jump");
+      if (!jump) return;
+      setTime(run, Number(jump.dataset.t));
+      const timeline = run.querySelector(".timeline");
+      if (timeline && !event.target.closest(".strip")) {
+        timeline.scrollIntoView({ block: "nearest" });
+      }
+    });
+  }
+
+  runs.forEach((run, index) => {
+    const link = (name, other) => {
+      const anchor = run.querySelector("nav ." + name);
+      if (other) anchor.href = "#" + other.id;
+      else anchor.remove();
+    };
+    link("previous", runs[index - 1]);
+    link("next", runs[index + 1]);
+  });
+
+  function opened() {
+    const run = current();
+    if (run || location.hash === "#overview") window.scrollTo(0, 0);
+    if (!run) return;
+    run.focus({ preventScroll: true });
+    if (run.wilTime === undefined && run.dataset.moment) setTime(run, Number(run.dataset.moment));
+  }
+  window.addEventListener("hashchange", opened);
+  opened();
+
+  function go(step, onlyBad) {
+    let index = runs.indexOf(current());
+    for (;;) {
+      index = index < 0 && step < 0 ? runs.length - 1 : index + step;
+      if (index < 0 || index >= runs.length) return;
+      if (!onlyBad || runs[index].dataset.bad) break;
+    }
+    location.hash = runs[index].id;
+  }
+
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.target.closest("video, input, textarea")) return;
+    const run = current();
+    const step = (event.shiftKey ? 1 : 0.05) * (event.key === "ArrowLeft" ? -1 : 1);
+    if (event.key === "j") go(1, false);
+    else if (event.key === "k") go(-1, false);
+    else if (event.key === "n") go(1, true);
+    else if (event.key === "o" || event.key === "Escape") location.hash = "overview";
+    else if (run && run.dataset.moment && event.key === "Home") {
+      setTime(run, Number(run.dataset.moment));
+    } else if (
+      run &&
+      (event.key === "ArrowLeft" || event.key === "ArrowRight") &&
+      !event.target.closest(".strip, .scroll")
+    ) {
+      setTime(run, (run.wilTime === undefined ? Number(run.dataset.begin) : run.wilTime) + step);
+    } else return;
+    event.preventDefault();
+  });
+
+  function valueOf(row, column) {
+    const text = (row.cells[column] ? row.cells[column].textContent : "").trim();
+    const number = parseFloat(text.replace("−", "-"));
+    return Number.isNaN(number) ? { text, number: null } : { text, number };
+  }
+
+  function compare(a, b) {
+    if (a.number !== null && b.number !== null) return a.number - b.number;
+    if (a.number !== null || b.number !== null) return a.number !== null ? -1 : 1;
+    return a.text.localeCompare(b.text, undefined, { numeric: true });
+  }
+
+  for (const table of document.querySelectorAll("table.sortable")) {
+    [...table.tHead.rows[0].cells].forEach((head, column) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.append(...head.childNodes);
+      head.append(button);
+      button.addEventListener("click", () => {
+        const down = head.getAttribute("aria-sort") === "ascending";
+        for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
+        head.setAttribute("aria-sort", down ? "descending" : "ascending");
+        const rows = [...table.tBodies[0].rows].map((row) => [valueOf(row, column), row]);
+        rows.sort((a, b) => (down ? -1 : 1) * compare(a[0], b[0]));
+        table.tBodies[0].append(...rows.map((pair) => pair[1]));
+      });
+    });
+  }
+})();

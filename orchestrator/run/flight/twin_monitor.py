@@ -1,0 +1,101 @@
+"""The twin beside the judged flight: how far it is from its vehicle, and whether it drops out."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+from orchestrator.model.results import percentiles
+from orchestrator.model.twin_results import DropOut, TwinResult
+from orchestrator.state.run_state import RunState
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.coupling import Coupling
+from worlds.frames import norm, subtract
+
+_HZ = 20.0
+_DELAY_S = 0.1
+"""How long after a moment both vehicles' poses of it have come."""
+
+
+class TwinMonitor:
+    """Measures the distance of a pair while its goal is flown; one beyond its limit is INVALID.
+
+    So is a twin that drops out, where the mixture is made of readings from the twin's own place.
+    Neither ends the flight of the real vehicle, which is flown and judged as it is.
+    """
+
+    def __init__(self, *, coupling: Coupling, limit_m: float, run_state: RunState) -> None:
+        self._coupling: Coupling = coupling
+        self._limit_m = limit_m
+        self._run_state = run_state
+        self._distances_m: list[float] = []
+        self._is_beyond = False
+        self._needed_by: tuple[str, ...] = ()
+        self._twin = ""
+
+    def attach(self, twin: str, *, needed_by: Sequence[str]) -> None:
+        """Take who the twin is, and which mixtures need it to be where its vehicle is."""
+        self._twin, self._needed_by = twin, tuple(needed_by)
+        self._run_state.on_drop_out(self._drop_out)
+
+    async def run(self, contexts: Sequence[VehicleContext], alive: Callable[[], None]) -> None:
+        """Measure until the goal is done; go on until cancelled. alive: called at each tick."""
+        await self._run_state.reaching("goal")
+        loop = asyncio.get_running_loop()
+        t0_s, count = loop.time(), 0
+        while True:
+            count += 1
+            await sleep_until(t0_s + _DELAY_S + count / _HZ)
+            alive()
+            if not self._is_over():
+                self._measure(contexts, t0_s + count / _HZ)
+
+    def result(self) -> TwinResult:
+        """Return what was measured so far."""
+        spread = percentiles(self._distances_m)
+        return TwinResult(
+            coupling=self._coupling,
+            distance_p50_m=spread.p50,
+            distance_p99_m=spread.p99,
+            distance_max_m=max(self._distances_m, default=None),
+            limit_m=self._limit_m,
+            dropped_out=self._run_state.dropped_out.get(self._twin),
+        )
+
+    def _is_over(self) -> bool:
+        ended = any(self._run_state.reached(stage) for stage in ("done", "land", "end"))
+        return ended or self._twin in self._run_state.dropped_out
+
+    def _measure(self, contexts: Sequence[VehicleContext], t_s: float) -> None:
+        found = [context.poses.at(t_s) for context in contexts]
+        places = [
+            one.pose.position_ned_m
+            for one in found
+            if one.pose is not None and one.kind == "interpolated"
+        ]
+        if len(places) != 2:
+            return
+        distance_m = norm(subtract(places[0], places[1]))
+        self._distances_m.append(distance_m)
+        if distance_m <= self._limit_m or self._is_beyond:
+            return
+        self._is_beyond = True
+        self._run_state.decide(
+            "INVALID",
+            f"real and twin were {distance_m:.2f} m apart; sync.max_twin_distance_m is "
+            f"{self._limit_m:g} m",
+            t_s=t_s,
+            source="sync/twin",
+            ends_flight=False,
+        )
+
+    def _drop_out(self, vehicle: str, left: DropOut) -> None:
+        if vehicle != self._twin or not self._needed_by or self._run_state.reached("done"):
+            return
+        self._run_state.decide(
+            "INVALID",
+            f"the mixture of {' and '.join(self._needed_by)} is made of readings from the twin's "
+            f"own place, and the twin dropped out: {left.reason}",
+            t_s=left.at_s,
+            source="sync/twin",
+            ends_flight=False,
+        )

@@ -1,0 +1,112 @@
+"""What flies a twin that is coupled to its vehicle, in the place of an autonomy of its own."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+
+from orchestrator.run.perception.autonomy_runner import AutonomyRunner
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.model.samples import PoseSample
+from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.coupling import following_setpoint
+from vehicles.readings import Reading
+from vehicles.setpoints import Setpoint, VelocitySetpoint
+from worlds.frames import scale, subtract
+
+_RATE_HZ = 50.0
+_OLD_S = 0.5
+"""Poses that are older say nothing of now: the twin stands until newer ones come."""
+_OVER_S = 0.2
+"""Over which time an acceleration is taken: in less, the noise of an estimate would rule."""
+_STILL = VelocitySetpoint((0.0, 0.0, 0.0))
+
+
+class CoupledRunner:
+    """What both have in common: they perceive nothing, and have no end of their own."""
+
+    def __init__(self, *, context: VehicleContext) -> None:
+        self.context = context
+        self._started: Callable[[str, float], None] | None = None
+        self.done = asyncio.Event()
+        self.done.set()
+
+    def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
+        """Call `started(name, t_s)` when the next setpoint is on its way, once."""
+        self._started = started
+
+    def perceive(self, reading: Reading) -> None:
+        """Leave a reading alone: nobody of this vehicle perceives."""
+
+    def perceive_raw(self, reading: Reading) -> None:
+        """Leave what a mixture was made of alone."""
+
+    def _send(self, setpoint: Setpoint, now_s: float) -> None:
+        self.context.driver.send(setpoint)
+        self.context.setpoint = setpoint
+        if self._started is not None:
+            self._started(self.context.name, now_s)
+            self._started = None
+
+
+class FollowRunner(CoupledRunner):
+    """Flies a vehicle after another one, by where both are."""
+
+    def __init__(self, *, context: VehicleContext, leader: VehicleContext) -> None:
+        super().__init__(context=context)
+        self._own: PoseSample | None = None
+        self._leads: deque[PoseSample] = deque()
+        context.on_pose(self._take_own)
+        leader.on_pose(self._take_leader)
+
+    async def fly(self) -> None:
+        """Follow from now on until cancelled."""
+        loop = asyncio.get_running_loop()
+        t0_s, tick = loop.time(), 0
+        while True:
+            self._send(self._setpoint(loop.time()), loop.time())
+            tick = max(tick + 1, int((loop.time() - t0_s) * _RATE_HZ))
+            await sleep_until(t0_s + tick / _RATE_HZ)
+
+    def _take_own(self, sample: PoseSample) -> None:
+        self._own = sample
+
+    def _take_leader(self, sample: PoseSample) -> None:
+        self._leads.append(sample)
+        while sample.t_s - self._leads[0].t_s > _OVER_S:
+            self._leads.popleft()
+
+    def _setpoint(self, now_s: float) -> Setpoint:
+        own = self._own
+        if own is None or not self._leads or now_s - min(self._leads[-1].t_s, own.t_s) > _OLD_S:
+            return _STILL
+        leader, earlier = self._leads[-1], self._leads[0]
+        gained_m_s = subtract(leader.velocity_ned_m_s, earlier.velocity_ned_m_s)
+        return following_setpoint(
+            leader=leader.pose,
+            velocity_ned_m_s=leader.velocity_ned_m_s,
+            acceleration_ned_m_s2=scale(gained_m_s, 1.0 / _OVER_S),
+            age_s=now_s - leader.t_s,
+            own=own.pose,
+            own_age_s=now_s - own.t_s,
+        )
+
+
+class ShadowRunner(CoupledRunner):
+    """Gives a vehicle the setpoints of another one's autonomy, each when that one gets it."""
+
+    def __init__(self, *, context: VehicleContext, leader: AutonomyRunner) -> None:
+        super().__init__(context=context)
+        self._flies = False
+        leader.on_setpoint(self._take)
+
+    async def fly(self) -> None:
+        """Pass setpoints on from now on until cancelled."""
+        self._flies = True
+        try:
+            await asyncio.Event().wait()
+        finally:
+            self._flies = False
+
+    def _take(self, setpoint: Setpoint, now_s: float) -> None:
+        if self._flies:
+            self._send(setpoint, now_s)

@@ -1,0 +1,117 @@
+"""Injects the faults of a campaign: a signal stops, or its last value comes again."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Generic, TypeVar, cast
+
+from campaigns.values.signal_faults import FaultKind, SignalFault
+from orchestrator.state.run_state import RunState, Stage
+from vehicles.cameras.rendered_cameras import NoImageError
+from vehicles.driver.vehicle_state import EstimateSample
+from vehicles.readings import PoseReading, Reading
+from vehicles.sensors.sensor_streams import OnDemand
+from worlds.frames import Pose
+
+T = TypeVar("T")
+
+Restamp = Callable[[T, T], T]
+"""Returns an old value with the times and number of a new one."""
+
+
+class FaultySignal(Generic[T]):
+    """Passes the values of a signal, but for the time in which it stops or freezes; pure."""
+
+    def __init__(self, restamp: Restamp[T]) -> None:
+        self._restamp = restamp
+        self._last: T | None = None
+        self.fault: FaultKind | None = None
+        """What is wrong with it now."""
+
+    def passed(self, value: T) -> T | None:
+        """Return what comes in place of a value; None for nothing."""
+        if self.fault is None:
+            self._last = value
+            return value
+        if self.fault == "stop" or self._last is None:
+            return None
+        return self._restamp(self._last, value)
+
+
+class FaultyOnDemand:
+    """A sensor that answers for a pose, with faults injected into its answers."""
+
+    def __init__(self, sensor: OnDemand, fault: FaultySignal[Reading]) -> None:
+        self._sensor = sensor
+        self._fault = fault
+
+    async def ask(
+        self, body: Pose, t_s: float, *, want_depth: bool = False, want_ids: bool = False
+    ) -> Reading:
+        """Return the reading from a body's pose. Raises NoImageError while it has stopped."""
+        made = await self._sensor.ask(body, t_s, want_depth=want_depth, want_ids=want_ids)
+        passed = self._fault.passed(made)
+        if passed is None:
+            raise NoImageError(f"{made.sensor or 'the sensor'} of the twin has stopped (faults)")
+        return passed
+
+
+def restamp_reading(last: Reading, new: Reading) -> Reading:
+    """Return a reading with the times and number of another of its sensor."""
+    return replace(last, t_s=new.t_s, arrived_s=new.arrived_s, seq=new.seq)
+
+
+def restamp_pose(last: PoseReading, new: PoseReading) -> PoseReading:
+    """Return a pose of motion capture with the times and number of another."""
+    return replace(last, t_s=new.t_s, arrived_s=new.arrived_s, seq=new.seq)
+
+
+def restamp_estimate(last: EstimateSample, new: EstimateSample) -> EstimateSample:
+    """Return an estimate with the times of another."""
+    return new._replace(pose=last.pose, velocity_ned_m_s=last.velocity_ned_m_s)
+
+
+class SignalFaults:
+    """The faults of one run, each begun and ended at its time. note: is told of both, in words."""
+
+    def __init__(
+        self,
+        faults: Sequence[SignalFault],
+        *,
+        run_state: RunState,
+        note: Callable[[str], None],
+    ) -> None:
+        self._faults = tuple(faults)
+        self._note = note
+        self._signals: dict[tuple[str, str | None], FaultySignal[object]] = {}
+        self._begun: set[Stage] = set()
+        run_state.on_stage(self._begin_stage)
+
+    def signal(
+        self, vehicle: str, sensor: str | None, restamp: Restamp[T]
+    ) -> FaultySignal[T] | None:
+        """Return what a signal has to pass; None for one that has no fault."""
+        key = (vehicle, sensor)
+        if not any((one.vehicle, one.sensor) == key for one in self._faults):
+            return None
+        found = self._signals.setdefault(key, FaultySignal(cast("Restamp[object]", restamp)))
+        return cast("FaultySignal[T]", found)
+
+    def _begin_stage(self, stage: Stage, _: float) -> None:
+        if stage in self._begun:
+            return
+        self._begun.add(stage)
+        loop = asyncio.get_running_loop()
+        for fault in self._faults:
+            signal = self._signals.get((fault.vehicle, fault.sensor))
+            if fault.stage != stage or signal is None:
+                continue
+            loop.call_later(fault.after_s, self._set_fault, fault, signal, fault.kind)
+            if fault.for_s is not None:
+                loop.call_later(fault.after_s + fault.for_s, self._set_fault, fault, signal, None)
+
+    def _set_fault(
+        self, fault: SignalFault, signal: FaultySignal[object], kind: FaultKind | None
+    ) -> None:
+        signal.fault = kind
+        self._note(f"{'ended' if kind is None else 'begun'}: {fault}")

@@ -1,0 +1,151 @@
+"""Chromium without a window, driven over a pair of pipes (DevTools protocol), for tests."""
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+_TIMEOUT_S = 60
+
+
+def chromium() -> str | None:
+    """Return the program; None where there is none."""
+    return next((found for name in PROGRAMS if (found := shutil.which(name))), None)
+
+
+class Page:
+    """One tab. errors: of its console and its scripts. requests: what it asked for, but itself."""
+
+    def __init__(self, commands: int, answers: int) -> None:
+        self._commands, self._answers = commands, answers
+        self._buffer = b""
+        self._count = 0
+        self._session: str | None = None
+        self._loaded = 0
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+
+    def start(self) -> None:
+        target = self.send("Target.createTarget", url="about:blank")["targetId"]
+        attached = self.send("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            self.send(f"{domain}.enable")
+
+    def send(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Send a command and return its answer; events on the way are noted."""
+        self._count += 1
+        message: dict[str, Any] = {"id": self._count, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._commands, json.dumps(message).encode() + b"\0")
+        while (answer := self._receive()).get("id") != self._count:
+            self._note(answer)
+        if "error" in answer:
+            raise RuntimeError(f"{method}: {answer['error']}")
+        found: dict[str, Any] = answer["result"]
+        return found
+
+    def open(self, url: str) -> None:
+        """Open a page and wait until it is loaded."""
+        before = self._loaded
+        self.send("Page.navigate", url=url)
+        while self._loaded == before:
+            self._note(self._receive())
+
+    def value(self, script: str) -> Any:
+        """Return what an expression comes to."""
+        found = self.send("Runtime.evaluate", expression=script, returnByValue=True)
+        assert "exceptionDetails" not in found, found["exceptionDetails"]
+        return found["result"].get("value")
+
+    def press(self, key: str) -> None:
+        """Press a key."""
+        for kind in ("keyDown", "keyUp"):
+            text = {"text": key} if len(key) == 1 and kind == "keyDown" else {}
+            self.send("Input.dispatchKeyEvent", type=kind, key=key, **text)
+
+    def settle(self) -> None:
+        """Let the page draw, and take what it says meanwhile."""
+        script = "new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))"
+        self.send("Runtime.evaluate", expression=script, awaitPromise=True)
+
+    def resize(self, width_px: int, height_px: int, *, dark: bool = False) -> None:
+        """Show the page on a screen of this size."""
+        size = {"width": width_px, "height": height_px, "deviceScaleFactor": 1}
+        self.send("Emulation.setDeviceMetricsOverride", **size, mobile=width_px < 600)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.send("Emulation.setEmulatedMedia", features=[scheme])
+
+    def screenshot(self, path: Path, *, whole: bool = False) -> None:
+        """Write what is seen, or the whole page, as PNG."""
+        shot = self.send("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(shot["data"]))
+
+    def _receive(self) -> dict[str, Any]:
+        while b"\0" not in self._buffer:
+            data = os.read(self._answers, 1 << 20)
+            if not data:
+                raise RuntimeError("chromium has ended")
+            self._buffer += data
+        line, _, self._buffer = self._buffer.partition(b"\0")
+        found: dict[str, Any] = json.loads(line)
+        return found
+
+    def _note(self, event: dict[str, Any]) -> None:
+        method, about = event.get("method"), event.get("params", {})
+        if method == "Page.loadEventFired":
+            self._loaded += 1
+        elif method == "Runtime.exceptionThrown":
+            self.errors.append(str(about["exceptionDetails"]))
+        elif method == "Runtime.consoleAPICalled" and about["type"] in {"error", "warning"}:
+            self.errors.append(str(about["args"]))
+        elif method == "Log.entryAdded" and about["entry"]["level"] in {"error", "warning"}:
+            self.errors.append(str(about["entry"]["text"]))
+        elif method == "Network.requestWillBeSent" and about["type"] != "Document":
+            self.requests.append(about["request"]["url"])
+
+
+@contextmanager
+def browser() -> Iterator[Page]:
+    """Start a browser of a profile of its own, and end it."""
+    program = chromium()
+    assert program is not None
+    to_browser, commands = os.pipe()
+    answers, from_browser = os.pipe()
+    profile = tempfile.mkdtemp(prefix="wil-browser-")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--hide-scrollbars"]
+    # The protocol is spoken on descriptors 3 and 4, wherever ours are.
+    line = f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}'
+    arguments = [program, *options, "--remote-debugging-pipe", f"--user-data-dir={profile}"]
+    process = subprocess.Popen(  # noqa: S603 - a browser of this machine
+        ["/bin/bash", "-c", line, *arguments],
+        pass_fds=(to_browser, from_browser),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    os.close(to_browser)
+    os.close(from_browser)
+    page = Page(commands, answers)
+    try:
+        page.start()
+        yield page
+    finally:
+        with suppress(OSError, RuntimeError):
+            os.write(commands, b'{"id": 0, "method": "Browser.close"}\0')
+        os.close(commands)
+        try:
+            process.wait(_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        os.close(answers)
+        shutil.rmtree(profile, ignore_errors=True)

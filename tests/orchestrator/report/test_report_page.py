@@ -1,0 +1,135 @@
+"""The page: what it says first, and that nothing from a file is more than text."""
+
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from orchestrator.report.campaign_report import write_report
+from orchestrator.report.rendering.markup import element, visible
+from orchestrator.report.rendering.page import anchors
+from orchestrator.report.rendering.scales import tick_step, value_scale
+from tests.orchestrator.report.recorded_campaign import HOSTILE, write_campaign
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = write_campaign(tmp_path_factory.mktemp("results") / "gate")
+    written = write_report(folder)
+    assert written.path == folder / "report.html"
+    assert written.problems == ()
+    return written.path.read_text("utf-8")
+
+
+class _Reader(HTMLParser):
+    """Collects elements, what could act or ask for something, and ids."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names: list[str] = []
+        self.acting: list[str] = []
+        self.addresses: list[str] = []
+        self.ids: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.names.append(tag)
+        for name, value in attrs:
+            if name.startswith("on") or name == "style":
+                self.acting.append(f"{tag} {name}={value}")
+            if name in {"src", "href", "poster", "data", "action"}:
+                self.addresses.append(value or "")
+            if name == "id":
+                self.ids.append(value or "")
+
+
+@pytest.fixture(scope="module")
+def elements(page: str) -> _Reader:
+    reader = _Reader()
+    reader.feed(page)
+    return reader
+
+
+def test_the_verdict_comes_first_and_then_why(page: str) -> None:
+    text = re.sub(r"<style>.*?</style>", "", page, flags=re.DOTALL)
+    text = re.sub(r"<[^>]+>", " ", text)
+    order = ["not accepted", "1 of 2 runs passed", "real touched gate.left", "embedded surrogate"]
+    places = [text.index(words) for words in order]
+    assert places == sorted(places)
+
+
+def test_a_failed_run_names_its_cause_before_anything_else(page: str) -> None:
+    run = page[page.index('id="run-large-wil-1"') :]
+    order = ["real touched gate.left", "collision of real", "2.00 s after the goal", "commanded"]
+    order += ["data:image/jpeg", "Around the moment", "from above", "Over time", "Oracles"]
+    places = [run.index(words) for words in order]
+    assert places == sorted(places)
+
+
+def test_nothing_from_a_file_acts(elements: _Reader) -> None:
+    assert elements.names.count("script") == 1
+    assert elements.names.count("style") == 1
+    assert not elements.acting
+    kinds = ("#", "data:image/jpeg;base64,", "data:,", "./large/")
+    assert all(address.startswith(kinds) for address in elements.addresses), elements.addresses
+    assert len(elements.ids) == len(set(elements.ids))
+
+
+def test_text_that_is_html_or_control_is_seen_as_text(page: str) -> None:
+    assert HOSTILE not in page
+    assert "&lt;img src=x onerror=" in page
+    assert "\N{SYMBOL FOR ESCAPE}[31m&lt;U+202E&gt;" in page
+    assert "\x1b" not in page
+    assert "\u202e" not in page
+
+
+def test_the_policy_lets_nothing_in_but_the_page_itself(page: str) -> None:
+    found = re.search(r'Content-Security-Policy" content="([^"]+)"', page)
+    assert found is not None
+    policy = found[1]
+    assert "default-src 'none'" in policy.replace("&#39;", "'")
+    assert "unsafe" not in policy
+    assert "http" not in policy
+    # What comes before the policy is not under it.
+    assert page.index("Content-Security-Policy") < page.index("<style>")
+
+
+def test_text_in_svg_is_escaped_in_contents_and_attributes() -> None:
+    made = element("text", {"class": '"><script>', "x": 1.005}, ["</text><script>"])
+    assert made == (
+        '<text class="&#34;&gt;&lt;script&gt;" x="1">&lt;/text&gt;&lt;script&gt;</text>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("plain", "plain"),
+        ("Zürich 5 µs\n", "Zürich 5 µs\n"),
+        ("a\x00b\x1b[0m", "a\u2400b\u241b[0m"),
+        ("\u202eevil\u2066", "<U+202E>evil<U+2066>"),
+        ("\ud800", "<U+D800>"),
+    ],
+)
+def test_control_characters_are_seen(text: str, shown: str) -> None:
+    assert visible(text) == shown
+
+
+def test_every_run_has_an_anchor_of_its_own() -> None:
+    found = anchors(["a/sim/1", "a sim 1", "ä/sim/1", "ö/sim/1"])
+    assert len(set(found)) == 4
+    assert all(re.fullmatch(r"[A-Za-z0-9_-]+", one) for one in found)
+
+
+@pytest.mark.parametrize(
+    "values", [[], [0.0], [1e-9, 2e-9], [-3.0, 17.0], [1e300, -1e300], [float("nan"), 1.0]]
+)
+def test_an_axis_holds_its_values_between_round_numbers(values: list[float]) -> None:
+    scale = value_scale(values)
+    assert scale.low < scale.high
+    assert scale.ticks
+    assert all(0.0 <= scale.share(value) <= 1.0 for value in values if value == value)  # noqa: PLR0124
+
+
+@pytest.mark.parametrize(("span", "step"), [(10.0, 2.0), (1.0, 0.2), (24.0, 5.0), (0.0, 2e-7)])
+def test_steps_are_round(span: float, step: float) -> None:
+    assert tick_step(span, 5) == pytest.approx(step)

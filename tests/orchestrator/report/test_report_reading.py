@@ -1,0 +1,228 @@
+"""The reading model: what a recorded folder tells, and what a damaged one still does."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from orchestrator.report.campaign_report import write_report
+from orchestrator.report.errors import ReportError
+from orchestrator.report.model import CampaignReport, Frame, RunReport
+from orchestrator.report.reading.results_folder import read_campaign
+from orchestrator.report.reading.run_reader import read_run
+from orchestrator.report.reading.sight_decoding import ImageSize
+from orchestrator.report.words import limit_text, number_text, short_time
+from safety.model.oracle_results import OracleResult
+from tests.orchestrator.report.recorded_campaign import (
+    GOAL_S,
+    TOUCHED_S,
+    touched,
+    write_campaign,
+)
+
+SIZE = ImageSize.for_runs(1)
+FAILED = "large/wil/1"
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_campaign(tmp_path_factory.mktemp("results") / "gate")
+
+
+@pytest.fixture
+def copied(recorded: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(recorded, tmp_path / "gate"))
+
+
+def run_of(folder: Path, name: str = FAILED) -> RunReport:
+    campaign = read_campaign(folder)
+    return read_run(folder, next(one for one in campaign.entries if one.name == name), SIZE)
+
+
+def plot_of(run: RunReport, title: str) -> dict[str, dict[float, float]]:
+    plot = next(one for one in run.plots if one.title == title)
+    return {curve.subject: dict(curve.points) for curve in plot.curves}
+
+
+def test_the_campaign_has_its_runs_in_the_order_of_its_manifest(recorded: Path) -> None:
+    campaign = read_campaign(recorded)
+    assert [entry.name for entry in campaign.entries] == ["large/sim/1", FAILED]
+    assert campaign.entries[1].result == touched()
+    assert campaign.summary is not None
+    assert not campaign.problems
+
+
+def test_a_failed_run_tells_what_when_and_by_how_much(recorded: Path) -> None:
+    run = run_of(recorded)
+    assert run.cause is not None
+    assert run.moment is not None
+    assert not run.problems
+    facts = dict(run.cause.facts)
+    assert run.cause.violated == "collision of real"
+    assert facts["where"] == "touched gate.left"
+    assert facts["when"] == "2.00 s after the goal was given"
+    assert run.moment.t_s == TOUCHED_S
+    assert run.goal_s == GOAL_S
+
+
+def test_what_was_seen_and_commanded_is_of_the_moment(recorded: Path) -> None:
+    run = run_of(recorded)
+    assert run.sight is not None
+    seen = run.sight.perceived
+    assert isinstance(seen, Frame)
+    # Delivered 0.05 s after its exposure: the last by 4.0 s was exposed at 3.9 s.
+    assert (seen.source, seen.t_s) == ("mixed", 3.9)
+    assert seen.delivered_s == pytest.approx(3.95)
+    assert [(one.source, one.t_s) for one in run.sight.beside] == [("real", 3.9), ("twin", 3.9)]
+    assert ("skew", "1.5 ms") in run.sight.figures
+    real = next(one for one in run.at_moment if one.vehicle == "real")
+    facts = dict(real.facts)
+    assert facts["commanded"].startswith("velocity: north +0.80 m/s".removesuffix(" m/s"))
+    assert facts["was at"] == "north 2.00 m, east 0.50 m, up 1.20 m"
+    times = [sight.perceived.t_s for sight in run.strip]
+    assert times == sorted(times)
+    assert len(times) == 7
+
+
+def test_clearance_and_margins_are_those_of_the_world_that_was_flown_in(recorded: Path) -> None:
+    run = run_of(recorded)
+    clearance = plot_of(run, "clearance")
+    # real flies along the inner edge of the left bar's neighbour: it touches; twin flies through.
+    assert min(clearance["real"].values()) == 0.0
+    assert 0.2 < min(clearance["twin"].values()) < 0.5
+    fence = plot_of(run, "margin to the fence")
+    assert min(fence["real"].values()) == pytest.approx(0.0, abs=0.11)
+    assert set(plot_of(run, "registration error")["mixed"].values()) == {2.0}
+    (gate,) = run.world.outlines
+    assert gate.is_virtual
+    assert len(gate.above_m) == 4
+
+
+def test_in_mode_sim_the_twin_perceives_its_own_images(recorded: Path) -> None:
+    run = run_of(recorded, "large/sim/1")
+    assert run.cause is None
+    assert run.sight is not None
+    assert run.sight.perceived.source == "twin"
+    assert run.sight.beside == ()
+
+
+@pytest.mark.parametrize("file", ["run.mcap", "judged.msgpack", "log.jsonl", "trajectory.csv"])
+@pytest.mark.parametrize("damage", ["cut", "empty", "foreign", "missing", "folder"])
+def test_a_damaged_file_takes_nothing_but_itself(copied: Path, file: str, damage: str) -> None:
+    path = copied / FAILED / file
+    whole = path.read_bytes()
+    path.unlink()
+    if damage == "folder":
+        path.mkdir()
+    elif damage != "missing":
+        content = {"cut": whole[: len(whole) // 2 + 3], "empty": b"", "foreign": b"\x00\xff{" * 999}
+        path.write_bytes(content[damage])
+    run = run_of(copied)
+    assert any(file in problem or "world" in problem for problem in run.problems)
+    assert run.cause is not None
+    assert run.cause.violated == "collision of real"
+    assert bool(run.tracks)
+    assert bool(run.strip) == (file != "run.mcap" or damage == "cut")
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [("{", "EOF"), ("[]", "object"), ('{"verdict": "GOOD"}', "case"), ("\x00", "result.json")],
+)
+def test_a_result_that_cannot_be_read_is_taken_from_the_summary(
+    copied: Path, content: str, says: str
+) -> None:
+    (copied / FAILED / "result.json").write_text(content)
+    run = run_of(copied)
+    assert run.result == touched()
+    assert any(says in problem for problem in run.problems), run.problems
+    (copied / "summary.json").write_text(content)
+    without = run_of(copied)
+    assert without.result is None
+    assert without.tracks
+    campaign = read_campaign(copied)
+    assert campaign.summary is None
+    assert any("summary.json" in problem for problem in campaign.problems)
+
+
+def test_a_folder_that_was_cut_off_is_shown_as_far_as_it_goes(copied: Path) -> None:
+    shutil.rmtree(copied / FAILED)
+    (copied / "summary.json").unlink()
+    written = write_report(copied)
+    assert "NO RESULT" in written.path.read_text()
+    assert any("1 of 2 runs have no result" in problem for problem in written.problems)
+    assert any("never flown" in problem for problem in written.problems)
+
+
+@pytest.mark.parametrize("manifest", [{"runs": [{"run": "../../etc/1"}, {"run": 5}, 7]}, {}, []])
+def test_a_manifest_leads_nowhere_else(copied: Path, manifest: object) -> None:
+    (copied / "campaign.json").write_text(json.dumps(manifest))
+    names = {entry.name for entry in read_campaign(copied).entries}
+    assert names == {"large/sim/1", FAILED}
+
+
+def test_a_folder_of_no_campaign_is_refused_in_words(recorded: Path, tmp_path: Path) -> None:
+    for folder, says in (
+        (tmp_path / "nowhere", "does not exist"),
+        (tmp_path, "no results folder"),
+        (recorded / FAILED, "the folder of one run"),
+        (recorded / "summary.json", "is a file"),
+        (recorded.parent, "did you mean"),
+    ):
+        with pytest.raises(ReportError, match=says):
+            read_campaign(folder)
+
+
+def test_a_campaign_without_runs_says_so(tmp_path: Path) -> None:
+    (tmp_path / "campaign.json").write_text('{"campaign": "empty"}')
+    campaign: CampaignReport = read_campaign(tmp_path)
+    assert campaign.name == "empty"
+    assert "no run was begun in this folder" in campaign.problems
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (40.0, 0, "40"),
+        (100.0, 3, "100"),
+        (1234.56, 3, "1234.6"),
+        (0.0004, 3, "0.0004"),
+        (0.0, 3, "0"),
+        (-0.25, 3, "-0.25"),
+        (float("nan"), 3, "\N{EN DASH}"),
+        (None, 3, "\N{EN DASH}"),
+    ],
+)
+def test_numbers_are_short_and_lose_no_digit_that_counts(
+    value: float | None, digits: int, text: str
+) -> None:
+    assert number_text(value, digits=digits) == text
+
+
+@pytest.mark.parametrize(
+    ("actual", "limit", "margin", "text"),
+    [
+        (1.2, 2.3, 1.1, "at most 2.3 m"),
+        (2.5, 2.3, -0.2, "at most 2.3 m"),
+        (0.8, 1.0, -0.2, "at least 1 m"),
+        (1.4, 1.0, 0.4, "at least 1 m"),
+        (1.4, (1.0, 2.0), 0.4, "1 to 2 m"),
+        (1.4, (None, 2.0), 0.6, "at most 2 m"),
+        (None, None, None, "\N{EN DASH}"),
+    ],
+)
+def test_a_limit_says_which_way_it_goes(
+    actual: float | None,
+    limit: float | tuple[float | None, float | None] | None,
+    margin: float | None,
+    text: str,
+) -> None:
+    oracle = OracleResult("height", "real", True, "PASS", actual, limit, "m", margin, 1.0)
+    assert limit_text(oracle) == text
+
+
+def test_times_are_relative_to_the_goal_where_it_was_given() -> None:
+    assert short_time(3.5, 2.0) == "+1.50 s"
+    assert short_time(1.5, 2.0) == "-0.50 s"
+    assert short_time(3.5, None) == "3.50 s"

@@ -1,0 +1,99 @@
+"""A vehicle that lands alone: what happens to it brings it down, and nothing else."""
+
+from typing import Any
+
+import pytest
+
+from safety.guard.core.contingency import Phase
+from safety.guard.core.events import GuardedVehicle, ToVehicle, decisive
+from safety.guard.core.guard_core import GuardCore
+from tests.safety.guard.guard_rigs import FENCE, abort, setpoint
+from vehicles.autopilots.autopilot import Mode, Target
+from vehicles.autopilots.px4 import Px4
+
+
+@pytest.fixture
+def pair(fake_vehicle: Any, rig: Any) -> Any:
+    vehicles = {name: fake_vehicle(name, Px4(), system=i) for i, name in ((1, "real"), (2, "twin"))}
+    core = GuardCore(
+        vehicles={
+            "real": GuardedVehicle(autopilot=Px4(), target=Target(1), fence=FENCE),
+            "twin": GuardedVehicle(
+                autopilot=Px4(), target=Target(2), fence=FENCE, lands_alone=True
+            ),
+        }
+    )
+    made = rig(core, vehicles)
+    made.fly(1.0)
+    return made
+
+
+def passes(pair: Any, name: str, system: int) -> bool:
+    outputs = pair.core.from_orchestrator(name, setpoint(system=system), pair.t_s)
+    return any(isinstance(out, ToVehicle) for out in outputs)
+
+
+def leave_fence(pair: Any) -> None:
+    pair.vehicles["twin"].north_m_s = 2.0
+
+
+def fail_over(pair: Any) -> None:
+    pair.vehicles["twin"].mode = Mode.RTL
+
+
+def take_over(pair: Any) -> None:
+    pair.vehicles["twin"].mode = Mode.PILOT
+
+
+def fall_silent(pair: Any) -> None:
+    pair.vehicles["twin"].mute = True
+
+
+@pytest.mark.parametrize("trouble", [leave_fence, fail_over, take_over, fall_silent])
+def test_the_other_stays_in_command_of_the_orchestrator(pair: Any, trouble: Any) -> None:
+    trouble(pair)
+    pair.fly(6.0)
+    assert pair.core.latched is None
+    assert pair.kinds() == ["alone"]
+    assert decisive(next(one for one in pair.events if one.kind == "alone")) is None
+    assert passes(pair, "real", 1)
+    assert not passes(pair, "twin", 2)
+    assert pair.core.phases["real"] is Phase.IDLE
+    assert "LAND" not in pair.vehicles["real"].words()
+
+
+def test_it_lands_and_then_nothing_of_it_may_be_armed(pair: Any) -> None:
+    leave_fence(pair)
+    pair.fly(15.0)
+    assert pair.core.phases["twin"] is Phase.DOWN
+    assert not pair.vehicles["twin"].armed
+    assert pair.core.may_be_armed(pair.t_s) == ("real",)
+
+
+def test_who_is_silent_is_not_waited_for(pair: Any) -> None:
+    fall_silent(pair)
+    pair.fly(5.0)
+    assert pair.core.may_be_armed(pair.t_s) == ("real",)
+    pair.apply(pair.core.bring_down("enough", pair.t_s))
+    pair.fly(15.0)
+    assert pair.core.all_down
+
+
+def test_what_befalls_the_other_brings_down_both(pair: Any) -> None:
+    pair.vehicles["real"].north_m_s = 2.0
+    pair.fly(15.0)
+    assert pair.kinds() == ["fence"]
+    assert pair.core.all_down
+    assert not any(vehicle.armed for vehicle in pair.vehicles.values())
+
+
+def test_a_cause_of_its_own_is_never_decisive_after_the_latch_either(pair: Any) -> None:
+    abort(pair)
+    fall_silent(pair)
+    pair.fly(5.0)
+    assert pair.kinds() == ["abort", "alone"]
+
+
+def test_clocks_that_came_apart_are_of_both(pair: Any) -> None:
+    pair.apply(pair.core.clocks_apart("twin", "its clock left the run clock", pair.t_s))
+    assert pair.core.latched == "clock"
