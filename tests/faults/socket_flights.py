@@ -131,7 +131,7 @@ class _Flight:
             mode=fault.mode,
             autopilot=fault.autopilot,
             judged_by=fault.judged_by,
-            keys={**keys, "sync": _PATIENT},
+            keys={**keys, "sync": _PATIENT, "preflight": {"failsafe": "set"}},
         )
         sets = {f"vehicles.{subject}.{key}": value for key, value in vehicle.items()}
         if fault.mode == "wil":
