@@ -3,10 +3,10 @@
     python bench/report.py results/gate/20261122T094921Z 90
 
 Runs are links to those recorded, so that reading costs what it costs and the disk holds them once.
+There is no summary: it would name runs that are not there.
 """
 
 import json
-import shutil
 import sys
 import tempfile
 import time
@@ -31,7 +31,6 @@ def repeat(recorded: Path, count: int, folder: Path) -> None:
         names.append(name)
     manifest["runs"] = [{"run": name} for name in names]
     (folder / "campaign.json").write_text(json.dumps(manifest), "utf-8")
-    shutil.copy(recorded / "summary.json", folder / "summary.json")
 
 
 def main() -> int:

@@ -15,6 +15,7 @@ from recipes.model.recipe import Recipe
 from recipes.model.registry import STAGES, StepType, steps
 from recipes.pipeline.pipeline import compile_recipe
 from tests.recipes.samples import camera, plain
+from worlds.files import limits
 from worlds.files.documents import BadInput, parse
 
 ROOT = Path(__file__).parents[1]
@@ -248,3 +249,11 @@ def test_the_table_of_the_readme_has_every_command_and_no_other() -> None:
     cells = [line.split(" | ")[0] for line in table.splitlines()[2:]]
     named = {word for cell in cells for word in re.findall(r"`(?:wil-campaign )?([a-z]+)", cell)}
     assert named == {name for name, _, _ in COMMANDS}
+
+
+def test_the_page_on_security_has_every_limit() -> None:
+    page = (ROOT / "docs" / "security.md").read_text("utf-8")
+    named = {name: value for name, value in vars(limits).items() if name.startswith("MAX_")}
+    assert len(named) > 5
+    for name, value in named.items():
+        assert f"| `{name}` | {value:,} |" in page

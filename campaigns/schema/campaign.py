@@ -163,12 +163,14 @@ class RecordPart(Part):
     """The campaign's `record`: image encoding of run.mcap; raw and png replay exactly.
 
     quality: of JPEG, 1 to 100. vehicle_logs: whether the vehicles' own logs (.bin, .ulg) are
-    fetched into the run's folder after landing.
+    fetched into the run's folder after landing. max_loss: which share of a topic of run.mcap may be
+    missing before the run is INVALID; of what the verdict rests on nothing may be.
     """
 
     pictures: PictureFormat = "jpeg"
     quality: Annotated[int, Field(ge=1, le=100)] = 85
     vehicle_logs: bool = False
+    max_loss: Annotated[float, Field(ge=0, le=1)] = 0.01
 
 
 class CampaignPart(Part):

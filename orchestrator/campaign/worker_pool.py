@@ -27,6 +27,8 @@ from vehicles.tasks import finish
 
 _FIRST_WORD_S = 600.0
 """Until its first word a worker imports and compiles."""
+_ABORTED_S = 5.0
+"""What is left of that once an abort has come: nothing flies yet that would have to land."""
 Order = TypeVar("Order")
 Outcome = TypeVar("Outcome")
 Fly = Callable[[Order, Report, Inbox], Outcome]
@@ -127,6 +129,14 @@ def _lost_by(error: BaseException) -> "WorkerLost":
 class _Worker:
     process: mp.process.BaseProcess
     connection: Connection
+    preparing: asyncio.Timeout | None = None
+    """Runs until the first word of the present order."""
+
+    def hurry(self) -> None:
+        """Have a worker that has not said anything yet do so soon, or be killed."""
+        if self.preparing is not None:
+            due_s = asyncio.get_running_loop().time() + _ABORTED_S
+            self.preparing.reschedule(min(due_s, self.preparing.when() or due_s))
 
 
 class Pool(Generic[Order, Outcome]):
@@ -169,6 +179,8 @@ class Pool(Generic[Order, Outcome]):
         self._stopped = command
         self._going.set()
         self.pass_on(command)
+        for worker in self._busy:
+            worker.hurry()
 
     def pass_on(self, command: OperatorCommand) -> int:
         """Pass an operator command to every worker's run; return how many there are."""
@@ -233,8 +245,12 @@ class Pool(Generic[Order, Outcome]):
         try:
             worker.connection.send(order)
             while True:
-                async with asyncio.timeout(patience_s):
+                async with asyncio.timeout(patience_s) as preparing:
+                    worker.preparing = preparing if patience_s == _FIRST_WORD_S else None
+                    if worker.preparing is not None and self._stopped is not None:
+                        worker.hurry()
                     message = await _receive(worker.connection)
+                worker.preparing = None
                 patience_s = self._stall_s
                 if isinstance(message, _Done):
                     outcome: Outcome | WorkerLost = message.outcome
@@ -243,12 +259,15 @@ class Pool(Generic[Order, Outcome]):
                     self._report(message)
         except TimeoutError:
             worker.process.kill()
+            if worker.preparing is not None and self._stopped is not None:
+                return WorkerLost("aborted before its process had prepared the run; it was killed")
             return WorkerLost(f"its process did not respond for {patience_s:g} s; it was killed")
         except (EOFError, OSError):
             loop = asyncio.get_running_loop()
             await loop.run_in_executor(None, worker.process.join, 5.0)
             return WorkerLost(_exit_text(worker.process.exitcode))
         finally:
+            worker.preparing = None
             self._busy.remove(worker)
 
     async def _end(self, worker: _Worker) -> str:

@@ -177,6 +177,8 @@ def _conclusion(summary: Summary) -> Text:
     said, style = words.get(summary.accepted or False, ("", ""))
     if summary.accepted is None:
         said, style = "nothing required was flown", "yellow"
+    elif summary.left_out:
+        said += " of what was flown"
     if summary.totals.retried:
         said, style = f"{said}; {summary.totals.retried} not at the first attempt", "yellow"
     for reservation in in_short(summary):
@@ -185,7 +187,6 @@ def _conclusion(summary: Summary) -> Text:
         said += f"; never flown: {len(summary.not_flown)} of {_due(summary)}"
     if summary.left_out:
         style = "yellow" if summary.accepted else style
-        said += "" if summary.accepted is None else " of what was flown"
         said += f"; required, and left out: {', '.join(summary.left_out)}"
     if summary.unmet:
         said, style = f"{said}: {'; '.join(summary.unmet)}", "bold red"

@@ -1,7 +1,8 @@
 """What a verdict has to be read with, lest a green says less than it seems to.
 
-Checks that did not count, fences that were changed in flight, oracles that failed without failing
-their run, what is judged always and was switched off, what the campaign's file leaves unjudged.
+Checks that did not count, readings that were not recorded, fences that were changed in flight,
+oracles that failed without failing their run, what is judged always and was switched off, what the
+campaign's file leaves unjudged.
 """
 
 from collections import Counter
@@ -17,8 +18,18 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"reported only, and failed: {text}" for text in reported_texts(runs)]
     lines += [f"not judged: {text}" for text in unjudged_texts(runs)]
     lines += [f"the twin dropped out: {text}" for text in dropped_out_texts(runs)]
+    lines += [f"missing in run.mcap: {text}" for text in loss_texts(runs)]
     lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
     return lines
+
+
+def loss_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return what recordings lack, by topic, and in which runs."""
+    return _in_runs(
+        (f"{loss.lost} of {loss.offered} of {loss.topic}", run)
+        for run in runs
+        for loss in run.losses
+    )
 
 
 def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
@@ -54,6 +65,8 @@ def in_short(summary: Summary) -> list[str]:
         said.append(f"fence changed in flight by {names}")
     if names := _names(name for run in runs for name in run.not_judged):
         said.append(f"not judged: {names}")
+    if names := _names(loss.topic for run in runs for loss in run.losses):
+        said.append(f"missing in part in run.mcap: {names}")
     if summary.accepted and (names := _names(name for name, _ in _reported_lines(runs))):
         said.append(f"reported only, and failed: {names}")
     return said

@@ -119,11 +119,23 @@ class MixingResult:
 
 @dataclass(frozen=True, slots=True)
 class Also:
-    """A later decisive event in a run's result, after the one of the verdict."""
+    """A later decisive event in a run's result, after the one of the verdict.
+
+    Equal ones stand once, with their count in the reason, and the time of the first.
+    """
 
     verdict: Verdict
     reason: str
     at_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """What run.mcap lacks of a topic: so many messages of those that were to be recorded."""
+
+    topic: str
+    offered: int
+    lost: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +178,7 @@ class RunResult:
     last before that. trace: the traceback of an autonomy that crashed.
     exceptions: of ours, each in a line: then it is no PASS, and the program's exit code never 0.
     twin: what the twin did beside the real vehicle; None but in mode wil.
+    losses: what run.mcap lacks, by topic.
     """
 
     case: str
@@ -195,6 +208,7 @@ class RunResult:
     trace: str = ""
     exceptions: tuple[str, ...] = ()
     twin: TwinResult | None = None
+    losses: tuple[Loss, ...] = ()
 
     @property
     def subject(self) -> str:

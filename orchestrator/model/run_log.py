@@ -1,6 +1,7 @@
 """log.jsonl: what happened in a run, one JSON object a line, in order."""
 
 import json
+import os
 from pathlib import Path
 from typing import Self
 
@@ -18,6 +19,11 @@ class RunLog:
         # Half of a surrogate pair, as a vehicle or an error may say it, is written as JSON escapes.
         self._file = self._path.open("a", encoding="utf-8", errors="backslashreplace")
         return self
+
+    @property
+    def is_removed(self) -> bool:
+        """Return whether the file was removed: what is written is lost, and nothing says so."""
+        return not self._file.closed and os.fstat(self._file.fileno()).st_nlink == 0
 
     def write(self, t_s: float, event: str, **details: Detail) -> None:
         """Append an event to the run's log, flushed on return. Raises OSError.

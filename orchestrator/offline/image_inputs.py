@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from orchestrator.offline.errors import OfflineError
 from vehicles.readings import BgrImage, CameraReading, DepthImage, Source
@@ -16,6 +17,8 @@ from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.frame_stamps import check_image
 from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES, VideoFile
 from worlds.camera import Intrinsics
+from worlds.files.images import ImageError, read_image
+from worlds.files.limits import MAX_IMAGE_PIXELS
 from worlds.frames import Pose
 from worlds.render.renderer import Renderer
 from worlds.world_file.world import World
@@ -23,6 +26,7 @@ from worlds.world_file.world import World
 InputKind = Literal["image", "video", "recording", "world"]
 
 _MM_PER_M = 1000.0
+_LARGEST_DEPTH_BYTES = 8 * MAX_IMAGE_PIXELS + 4096
 
 
 def kind_of(path: Path) -> InputKind:
@@ -51,10 +55,15 @@ def image(path: Path, side: Source, optics: Optics) -> CameraReading:
     """Return an image file as a reading at time 0. Raises OfflineError."""
     if not path.is_file():
         raise OfflineError(f"{path}: there is no such file")
-    found = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if found is None:
-        raise OfflineError(f"{path}: cannot be read as an image")
+    found = _read(path, cv2.IMREAD_COLOR)
     return _reading_of(check_image(str(path), found), 0, 0.0, side, optics)
+
+
+def _read(path: Path, flags: int) -> NDArray[Any]:
+    try:
+        return read_image(path, flags)
+    except (ImageError, OSError) as error:
+        raise OfflineError(f"{path}: cannot be read as an image: {error}") from error
 
 
 def video(path: Path, side: Source, optics: Optics) -> Iterator[CameraReading]:
@@ -93,14 +102,17 @@ def depth(path: Path) -> DepthImage:
     """
     if not path.is_file():
         raise OfflineError(f"{path}: there is no such file")
+    if path.stat().st_size > _LARGEST_DEPTH_BYTES:
+        raise OfflineError(f"{path}: is larger than {_LARGEST_DEPTH_BYTES} bytes")
     if path.suffix.lower() == ".npy":
         try:
-            metres = np.load(path, allow_pickle=False)
+            # Mapped: what the header claims and the file does not have is not allocated.
+            metres = np.array(np.load(path, mmap_mode="r", allow_pickle=False))
         except (OSError, ValueError, EOFError) as error:
             raise OfflineError(f"{path}: cannot be read as an array: {error}") from error
     else:
-        found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if found is None or found.dtype != np.uint16:
+        found = _read(path, cv2.IMREAD_UNCHANGED)
+        if found.dtype != np.uint16:
             raise OfflineError(
                 f"{path}: is not a 16-bit image; depth is a 16-bit image in millimetres, or .npy"
             )

@@ -14,6 +14,7 @@ from orchestrator.recording.mcap.mcap_chunks import End, RecordStream
 from orchestrator.recording.mcap.mcap_decode import decode, image_of
 from orchestrator.recording.mcap.mcap_json import Json
 from vehicles.readings import Reading
+from worlds.files.limits import MAX_MESSAGE_VALUES
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +92,7 @@ class Recording:
             return None
         try:
             return _interpret(part, channel.metadata, message, pictures)
-        except (KeyError, ValueError, TypeError) as error:
+        except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
             raise RecordingError(
                 f"{self._path}: {channel.topic} at {message.log_time} ns cannot be read:"
                 f" {type(error).__name__}: {error}"
@@ -122,11 +123,24 @@ class _ImageDecoder:
         return found
 
 
+def _loads(data: bytes) -> Json:
+    """Return a message's document. Raises ValueError, also for one that would fill the memory."""
+    # Ours have their pictures as text: what is long and has many values was made to be so.
+    if len(data) > MAX_MESSAGE_VALUES:
+        values = sum(data.count(part) for part in (b",", b"[", b"{"))
+        if values > MAX_MESSAGE_VALUES:
+            raise ValueError(f"it has {values} values; at most {MAX_MESSAGE_VALUES} are read")
+    try:
+        return json.loads(data)
+    except RecursionError as error:
+        raise ValueError("it is nested too deep") from error
+
+
 def _interpret(
     part: str, facts: Mapping[str, str], message: Message, pictures: _ImageDecoder
 ) -> Recorded | None:
     """Return the recorded item in an MCAP message."""
-    document = json.loads(message.data)
+    document = _loads(message.data)
     source, sensor = facts["source"], facts["sensor"]
     if part == "event":
         level, name = document["level"], document["name"]

@@ -14,7 +14,8 @@ from orchestrator.model.run_log import RunLog
 from orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
 from orchestrator.recording.judge_log_file import JudgeLogWriter
 from orchestrator.recording.mcap.mcap_settings import RecordingSettings
-from orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
+from orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport, TopicLoss
+from orchestrator.recording.recording_losses import excessive_loss
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from orchestrator.recording.video import VideoWriter
 from orchestrator.state.mixtures import MixedFrame, PreviewImages
@@ -44,7 +45,8 @@ class RunRecorder:
     are contacts. clock: whether run.mcap waits for its writer or drops. settings: what it holds;
     facts: what it tells of the run. broken: told once, why, when something cannot be written any
     more (the disk is full); what comes after is let go. fault: told of exceptions of ours.
-    `artifacts` names what was written.
+    incomplete: told what run.mcap lacks, in words, where that is too much. max_loss: of a topic, as
+    a share. `artifacts` names what was written, `losses` what is missing.
     """
 
     def __init__(
@@ -61,8 +63,13 @@ class RunRecorder:
         broken: Callable[[str], None],
         facts: Mapping[str, str],
         fault: TakeFault,
+        incomplete: Callable[[str], None],
+        max_loss: float,
     ) -> None:
         self._fault = fault
+        self._incomplete = incomplete
+        self._max_loss = max_loss
+        self.losses: tuple[TopicLoss, ...] = ()
         self._folder = folder
         self._time = time
         self._stack = ExitStack()
@@ -137,6 +144,9 @@ class RunRecorder:
             return
         dropped = ", ".join(f"{count} of {topic}" for topic, count in report.dropped)
         self.note("recording", fault=report.fault, failed=report.failed, dropped=dropped or None)
+        self.losses = report.losses
+        if why := excessive_loss(report.losses, max_loss=self._max_loss):
+            self._incomplete(why + (f" ({report.fault})" if report.fault else ""))
 
     @property
     def artifacts(self) -> tuple[str, ...]:
@@ -233,6 +243,8 @@ class RunRecorder:
 
     def _where_all_are(self, contexts: tuple[VehicleContext, ...], run_state: RunState) -> None:
         now_s = self._time()
+        if self._log.is_removed:
+            self._break(f"somebody removed {self._folder}")
         for context in contexts:
             self._keep(self._trajectory.write, _row(context, run_state.stage, now_s))
 

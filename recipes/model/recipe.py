@@ -103,7 +103,7 @@ class Recipe:
     document: Document
 
     def references(self) -> tuple[str, ...]:
-        """Return the user's code that the steps run, each once, as file.py:name."""
+        """Return the user's code that the steps run, each once: file.py:name, or a network."""
         used = (
             step.parameters.reference()
             for combination in self.combinations

@@ -77,7 +77,7 @@ class StepParameters(Part):
         return ()
 
     def reference(self) -> str:
-        """Return the user's code that the step runs, as file.py:name; "" for a step of ours."""
+        """Return the user's code that the step runs: file.py:name, or a network; "" for none."""
         return ""
 
     def objects(self) -> tuple[tuple[Path, str], ...]:

@@ -7,9 +7,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from worlds.files.images import ImageError, check_pixels
+from worlds.files.limits import MAX_MESH_BYTES, MAX_MESH_FACES
 from worlds.frames import Pose
 from worlds.scene.colors import Rgb
 from worlds.scene.mesh_damage import damage
+from worlds.scene.mesh_limits import MeshLimitError, check_mesh_file
 from worlds.scene.meshes import FloatArray, IntArray, Material, Mesh, merge
 from worlds.scene.parts import Part, SurfaceShape
 from worlds.scene.shapes import Shape
@@ -21,7 +24,7 @@ Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 SUFFIXES = (".obj", ".stl", ".glb", ".gltf", ".dae", ".ply")
-MAX_FACES = 500_000
+MAX_FACES = MAX_MESH_FACES
 _PLAIN_RGB: Rgb = (150, 150, 150)
 _MOST_COLORS = 64
 _WHITE: Rgb = (255, 255, 255)
@@ -79,7 +82,8 @@ def read_asset(path: Path) -> Asset:
     """Return the unit and axes that a Collada mesh file states (1.4.1, chapter 5, "asset")."""
     if path.suffix.lower() != ".dae":
         return Asset()
-    text = path.read_bytes()[:100_000].decode("utf-8", "replace")
+    with path.open("rb") as stream:
+        text = stream.read(100_000).decode("utf-8", "replace")
     unit = re.search(r"<unit\b[^>]*\bmeter=[\"']([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?)[\"']", text)
     axes = re.search(r"<up_axis>\s*([XYZ]_UP)\s*</up_axis>", text)
     return Asset(float(unit[1]) if unit else 1.0, _COLLADA_AXES[axes[1]] if axes else None)
@@ -98,6 +102,10 @@ def load_mesh_shape(
         raise MeshFileError(f"'{path.suffix}' is not one of {', '.join(SUFFIXES)}")
     if not path.is_file():
         raise MeshFileError("no such file")
+    try:
+        check_mesh_file(path)
+    except MeshLimitError as error:
+        raise MeshFileError(str(error)) from error
     loaded = _load(path)
     if sum(len(part.faces) for part in loaded) > MAX_FACES:
         raise MeshFileError(f"it has more than {MAX_FACES} faces")
@@ -147,6 +155,8 @@ def _named_files(path: Path, keyword: str) -> list[Path]:
     """Return the files that lines of a text file name; options before the name are skipped."""
     if not path.is_file():
         raise MeshFileError(f"it refers to the materials '{path.name}': no such file")
+    if path.stat().st_size > MAX_MESH_BYTES:
+        raise MeshFileError(f"'{path.name}' is larger than {MAX_MESH_BYTES} bytes")
     lines = path.read_text("utf-8", "replace").splitlines()
     pattern = re.compile(rf"\s*{keyword}\s+(?:-\S+\s+(?:[\d.+-]+\s+|on\s+|off\s+)*)*(.+)")
     found = [pattern.match(line) for line in lines]
@@ -182,12 +192,20 @@ def _material(visual: Any) -> Material:
     material = getattr(visual, "material", None)
     picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if picture is not None:
+        _check_texture(picture)
         rgb = np.asarray(picture.convert("RGB"), np.uint8)
         tint = getattr(material, "baseColorFactor", None)
         texture = to_powers_of_two(np.ascontiguousarray(rgb[:, :, ::-1]))
         return Material(_WHITE if tint is None else _rgb(tint), texture)
     color = getattr(material, "main_color", None)
     return Material(_PLAIN_RGB if color is None else _rgb(color))
+
+
+def _check_texture(picture: Any) -> None:
+    try:
+        check_pixels(*picture.size)
+    except ImageError as error:
+        raise MeshFileError(f"a picture in it cannot be decoded: {error}") from error
 
 
 def _rgb(color: Any) -> Rgb:

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from worlds.files.images import read_image
 from worlds.scene.meshes import BgrTexture, FloatArray
 
 SIDE_PX = 256
@@ -92,11 +93,7 @@ def load_texture(path: Path) -> BgrTexture:
 
     Raises ValueError when there is no picture in the file, OSError when it cannot be read.
     """
-    data = np.frombuffer(path.read_bytes(), np.uint8)
-    picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    if picture is None:
-        raise ValueError("not an image that OpenCV can read")
-    return to_powers_of_two(np.asarray(picture, np.uint8))
+    return to_powers_of_two(np.asarray(read_image(path), np.uint8))
 
 
 def to_powers_of_two(picture: BgrTexture) -> BgrTexture:

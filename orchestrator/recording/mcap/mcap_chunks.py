@@ -11,29 +11,16 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO
 
-import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, breakup_chunk
 
 from orchestrator.recording.errors import RecordingError
+from vehicles.sources.mcap_limits import DAMAGED, ChunkLimitError, check_length, chunk_records
 
 MAGIC = b"\x89MCAP0\r\n"
 
 Record = Schema | Channel | Message | Metadata
-
-_DAMAGED = (
-    CRCValidationError,
-    McapError,
-    zstandard.ZstdError,
-    RuntimeError,  # lz4's word for a broken frame
-    struct.error,
-    UnicodeDecodeError,
-    IndexError,
-    EOFError,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,17 +60,18 @@ class RecordStream:
         if len(head) < 9 or file.tell() + length > size_bytes:
             self.end = End(whole=False, read_bytes=begin, reason=f"cut after byte {begin}")
             return
-        content = file.read(length)
-        if head[0] == Opcode.FOOTER:
-            self.end = self._footer(file, begin)
-            return
         try:
-            records = _parse(head[0], content)
-        except _DAMAGED as error:
+            check_length(length)
+            content = file.read(length)
+            if head[0] == Opcode.FOOTER:
+                self.end = self._footer(file, begin)
+                return
+            yield from _parse(head[0], content)
+        except ChunkLimitError as error:
+            raise RecordingError(f"{self._path}: after byte {begin}: {error}") from error
+        except DAMAGED as error:
             reason = f"damaged after byte {begin}: {type(error).__name__}"
             self.end = End(whole=False, read_bytes=begin, reason=reason)
-            return
-        yield from records
 
     def _footer(self, file: IO[bytes], begin: int) -> End:
         """Return the end of an MCAP file after its footer."""
@@ -92,19 +80,18 @@ class RecordStream:
         return End(whole=False, read_bytes=begin, reason=f"cut after byte {begin}")
 
 
-def _parse(opcode: int, content: bytes) -> list[Record]:
-    """Return the records in an MCAP record's content; chunks are unpacked."""
+def _parse(opcode: int, content: bytes) -> Iterator[Record]:
+    """Yield the records in an MCAP record's content; chunks are unpacked."""
     stream = ReadDataStream(BytesIO(content))
-    if opcode == Opcode.CHUNK:
-        chunk = Chunk.read(stream)
-        return [one for one in breakup_chunk(chunk, validate_crc=True) if isinstance(one, Record)]
-    if opcode == Opcode.METADATA:
-        return [Metadata.read(stream)]
     # Schemas and channels stand again in the index of a closed file: reading on is harmless.
-    if opcode == Opcode.SCHEMA:
-        return [Schema.read(stream)]
-    if opcode == Opcode.CHANNEL:
-        return [Channel.read(stream)]
-    if opcode == Opcode.MESSAGE:
-        return [Message.read(stream, len(content))]
-    return []
+    match opcode:
+        case Opcode.CHUNK:
+            yield from chunk_records(Chunk.read(stream))
+        case Opcode.METADATA:
+            yield Metadata.read(stream)
+        case Opcode.SCHEMA:
+            yield Schema.read(stream)
+        case Opcode.CHANNEL:
+            yield Channel.read(stream)
+        case Opcode.MESSAGE:
+            yield Message.read(stream, len(content))

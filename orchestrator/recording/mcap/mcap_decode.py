@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +24,7 @@ from vehicles.readings import (
 )
 from vehicles.readings.numbers import number_fields
 from worlds.camera import Intrinsics
+from worlds.files.images import decode_image
 from worlds.frames import Pose
 
 Parts = Mapping[str, NDArray[Any]]
@@ -47,9 +47,7 @@ def image_of(document: Json) -> NDArray[Any]:
     if "format" not in document:
         pixels: NDArray[Any] = data.view(np.dtype(wil["dtype"])).reshape(wil["shape"])
         return pixels
-    image: NDArray[Any] | None = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    if image is None:
-        raise ValueError(f"not a {document['format']} picture")
+    image = decode_image(data.tobytes())
     image.setflags(write=False)
     return image
 

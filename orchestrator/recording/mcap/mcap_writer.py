@@ -36,12 +36,22 @@ _IDLE_FLUSH_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
+class TopicLoss:
+    """What is missing of a topic. offered: messages that were to be recorded."""
+
+    topic: str
+    offered: int
+    lost: int
+
+
+@dataclass(frozen=True, slots=True)
 class RecordingReport:
     """The report of a written recording: counts, size, whether it broke.
 
     written: readings and notes that are in the file. dropped: by topic, what the thread could
     not take in time. failed: what could not be encoded, or came after the file had failed.
     fault: why, in words; None when nothing went wrong. errors: exceptions of ours, no disk's.
+    losses: the topics of which something is missing, for whatever reason.
     """
 
     written: int
@@ -50,6 +60,7 @@ class RecordingReport:
     size_bytes: int
     fault: str | None
     errors: tuple[BaseException, ...] = ()
+    losses: tuple[TopicLoss, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -61,6 +72,7 @@ class RecordingReport:
 class _Item:
     """An item that waits for the MCAP writer's thread."""
 
+    topic: str
     t_s: float
     size_bytes: int
     encode: Callable[[], list[Message]]
@@ -94,11 +106,12 @@ class McapRecorder:
         self._done: SimpleQueue[int] = SimpleQueue()
         self._backlog_bytes = 0
         self._backlog_items = 0
+        self._offered: Counter[str] = Counter()
         self._dropped: Counter[str] = Counter()
+        self._unwritten: Counter[str] = Counter()
         self._schemas: dict[type, bytes] = {}
         self._report: RecordingReport | None = None
         self._written = 0
-        self._failed = 0
         self._fault: str | None = None
         self._errors: list[BaseException] = []
 
@@ -111,14 +124,16 @@ class McapRecorder:
         )
         # a daemon: a process that ends without closing must not wait for it for ever
         threading.Thread(target=self._work, name=f"recorder {self._path.name}", daemon=True).start()
-        self._enqueue("/tf", _Item(0.0, _SMALL_BYTES, lambda: [self._encoder.upright()]))
+        self._enqueue(_Item("/tf", 0.0, _SMALL_BYTES, lambda: [self._encoder.upright()]))
         return self
 
     def reading(self, sensor: str, reading: Reading) -> None:
         """Write a sensor's reading, as delivered, to the MCAP file."""
         encode = self._encoder.encode
-        item = _Item(reading.arrived_s, _size_of(reading), lambda: encode(sensor, reading))
-        self._enqueue(f"/{reading.source}/{sensor}", item)
+        topic = f"/{reading.source}/{sensor}"
+        size_bytes = _size_of(reading)
+        item = _Item(topic, reading.arrived_s, size_bytes, lambda: encode(sensor, reading))
+        self._enqueue(item)
 
     def mixed(self, sensor: str, reading: Reading | None, provenance: Any, *, now_s: float) -> None:
         """Write a mixed reading, or that there was none, with its provenance.
@@ -162,9 +177,19 @@ class McapRecorder:
             size_bytes = self._done.get()
             dropped = tuple(sorted(self._dropped.items()))
             self._report = RecordingReport(
-                self._written, dropped, self._failed, size_bytes, self._fault, tuple(self._errors)
+                self._written,
+                dropped,
+                self._unwritten.total(),
+                size_bytes,
+                self._fault,
+                tuple(self._errors),
+                self._losses(),
             )
         return self._report
+
+    def _losses(self) -> tuple[TopicLoss, ...]:
+        lost = self._dropped + self._unwritten
+        return tuple(TopicLoss(topic, self._offered[topic], lost[topic]) for topic in sorted(lost))
 
     async def aclose(self) -> RecordingReport:
         """Close the MCAP writer without blocking the loop."""
@@ -183,18 +208,19 @@ class McapRecorder:
         def encode() -> list[Message]:
             return [self._encoder.message(channel, fields(), t_s=t_s, arrived_s=t_s)]
 
-        self._enqueue(channel.topic, _Item(t_s, _SMALL_BYTES, encode, schema))
+        self._enqueue(_Item(channel.topic, t_s, _SMALL_BYTES, encode, schema))
 
-    def _enqueue(self, topic: str, item: _Item) -> None:
+    def _enqueue(self, item: _Item) -> None:
         """Hand an item to the writer's thread; only this side counts the backlog."""
         if self._report is not None:
             return
+        self._offered[item.topic] += 1
         while not self._done.empty():
             self._collect(self._done.get_nowait())
         limit = self._settings.backlog_bytes
         while self._backlog_items and self._backlog_bytes + item.size_bytes > limit:
             if not self._waits:
-                self._dropped[topic] += 1
+                self._dropped[item.topic] += 1
                 return
             self._collect(self._done.get())
         self._backlog_bytes += item.size_bytes
@@ -220,7 +246,7 @@ class McapRecorder:
             if self._fault is None:
                 self._write(item)
             else:
-                self._failed += 1
+                self._unwritten[item.topic] += 1
             self._done.put(item.size_bytes)
         if self._fault is None:
             self._run_guarded(lambda: self._file.finish(self._counts()))
@@ -248,13 +274,13 @@ class McapRecorder:
         try:
             messages = item.encode()
         except Exception as error:  # noqa: BLE001  # a reading may be bad in any way there is
-            self._failed += 1
+            self._unwritten[item.topic] += 1
             self._errors.append(error)
             self._count_missing(item.t_s, f"{type(error).__name__}: {error}")
             return
         written = self._run_guarded(lambda: self._append(messages, item.schema))
         self._written += written
-        self._failed += not written
+        self._unwritten[item.topic] += not written
 
     def _append(self, messages: list[Message], schema: bytes | None) -> None:
         for message in messages:
@@ -279,7 +305,7 @@ class McapRecorder:
         return self._fault is None
 
     def _counts(self) -> dict[str, str]:
-        counts = {"written": str(self._written), "failed": str(self._failed)}
+        counts = {"written": str(self._written), "failed": str(self._unwritten.total())}
         return counts | {f"dropped {topic}": str(n) for topic, n in sorted(self._dropped.items())}
 
 

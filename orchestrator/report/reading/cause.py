@@ -61,7 +61,7 @@ def _violated(result: RunResult, oracle: OracleResult | None) -> str:
 
 
 def _oracle_facts(oracle: OracleResult) -> list[tuple[str, str]]:
-    found = [("measured", number_text(oracle.actual, oracle.unit)), ("limit", limit_text(oracle))]
+    found = [("at worst", number_text(oracle.actual, oracle.unit)), ("limit", limit_text(oracle))]
     if oracle.margin is not None:
         found.append(("by how much", _margin_text(oracle)))
     if oracle.detail:

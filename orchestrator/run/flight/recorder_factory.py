@@ -33,4 +33,8 @@ def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) 
         broken=lambda why: run_state.decide("ERROR", why, source="recording"),
         facts=facts_of(setup),
         fault=run_state.fault,
+        incomplete=lambda why: run_state.decide(
+            "INVALID", why, source="recording", ends_flight=False
+        ),
+        max_loss=setup.campaign.record.max_loss,
     )

@@ -13,7 +13,7 @@ from orchestrator.model.clock import run_on
 from orchestrator.model.faults import fault_log
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
-from orchestrator.model.results import RunResult
+from orchestrator.model.results import Loss, RunResult
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.run.flight.anchor_capture import prove_and_anchor
 from orchestrator.run.flight.goal_flight import GoalFlight
@@ -183,6 +183,9 @@ class Flown:
                     preflight=ground.preflight.items,
                     fence_changes=tuple(ground.bench.fence_changes),
                     twin=None if ground.twin is None else ground.twin.result(),
+                    losses=tuple(
+                        Loss(one.topic, one.offered, one.lost) for one in ground.recorder.losses
+                    ),
                     end_s=end_s,
                     wall_s=wall_s,
                 )

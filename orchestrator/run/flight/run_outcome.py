@@ -1,5 +1,6 @@
 """The result of a run, from what happened to it."""
 
+from collections import Counter
 from dataclasses import replace
 
 from orchestrator.external.external_io import ExternalIo
@@ -10,6 +11,7 @@ from orchestrator.model.results import (
     Also,
     CombinationResult,
     FenceChange,
+    Loss,
     MixingResult,
     RunResult,
     ShownResult,
@@ -27,6 +29,9 @@ from safety.model.oracle_results import Flag
 from safety.model.verdict import Decision, decide
 from safety.preflight import Item
 
+_MOST_ALSO = 50
+"""Events that stand in a result beside the one that made the verdict."""
+
 
 def result_of(
     *,
@@ -41,6 +46,7 @@ def result_of(
     preflight: tuple[Item, ...],
     fence_changes: tuple[FenceChange, ...],
     twin: TwinResult | None,
+    losses: tuple[Loss, ...],
     end_s: float,
     wall_s: float,
 ) -> RunResult:
@@ -88,6 +94,7 @@ def result_of(
         ),
         exceptions=exceptions_of(run_state),
         twin=twin,
+        losses=losses,
     )
 
 
@@ -136,8 +143,19 @@ def exceptions_of(run_state: RunState) -> tuple[str, ...]:
 
 
 def also_of(decision: Decision) -> tuple[Also, ...]:
-    """Return the run's decisive events after the one that made the verdict."""
-    return tuple(Also(event.kind, event.text, event.t_s) for event in decision.also)
+    """Return the decisive events after the one that made the verdict; equal ones are counted."""
+    counts = Counter((event.kind, event.text) for event in decision.also)
+    first = {(event.kind, event.text): event.t_s for event in reversed(decision.also)}
+    found = [
+        Also(kind, text if count == 1 else f"{text} ({count} times)", first[kind, text])
+        for (kind, text), count in counts.items()
+    ]
+    if len(found) <= _MOST_ALSO:
+        return tuple(found)
+    last = found[_MOST_ALSO - 1]
+    more = len(found) - _MOST_ALSO + 1
+    rest = Also(last.verdict, f"{more} more events; log.jsonl has all of them", last.at_s)
+    return (*found[: _MOST_ALSO - 1], rest)
 
 
 def external_result(outside: ExternalIo, perception: Perception | None) -> ExternalResult | None:

@@ -13,6 +13,7 @@ from recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from vehicles.perception.hsv import Mask
 from vehicles.readings import BgrImage, CameraReading
 from worlds.files.documents import KeyFaultError
+from worlds.files.images import ImageError, read_image
 
 Work = Masked[CameraReading]
 
@@ -53,8 +54,10 @@ def _unreadable_fault(path: FilePath) -> str:
     """Return why the background picture's file cannot be read; "" when it can."""
     if not path.is_file():
         return f"there is no file '{path.name}' beside the recipe"
-    if cv2.imread(str(path), cv2.IMREAD_COLOR) is None:
-        return f"'{path.name}' is not an image that can be read"
+    try:
+        read_image(path)
+    except (ImageError, OSError) as error:
+        return f"'{path.name}' is not an image that can be read: {error}"
     return ""
 
 
@@ -72,9 +75,7 @@ def subtract_background(parameters: SubtractBackgroundParameters, context: Conte
     """
     p = parameters
     if p.picture is not None:
-        empty = cv2.imread(str(context.folder / p.picture), cv2.IMREAD_COLOR)
-        if empty is None:
-            raise ValueError(_unreadable_fault(context.folder / p.picture))
+        empty = read_image(context.folder / p.picture)
         return _FixedBackground(
             np.asarray(empty, np.uint8), p.threshold or 30.0, p.remove_specks_px
         )

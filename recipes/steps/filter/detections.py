@@ -53,6 +53,10 @@ class IsolateDetectionsParameters(SidedParameters):
             layout=self.layout,
         )
 
+    def reference(self) -> str:
+        """Return the network: what it does with memory and time is its maker's to say."""
+        return self.model
+
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
         """Load the detector and run it once on an empty image; return what is wrong."""
         empty = np.zeros((self.input_height_px, self.input_width_px, 3), np.uint8)

@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from orchestrator.campaign.limited_loading import LoadingTimeoutError, limited_loading
 from orchestrator.campaign.worker_pool import PipeInbox, Pool, WorkerLost
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import News, Progress, Report
@@ -135,3 +136,47 @@ def test_the_death_of_the_parent_is_an_abort_that_says_so() -> None:
     assert command.kind == "abort"
     assert "its parent process died" in command.who
     assert inbox.poll() is None
+
+
+def fly_mute(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for files that hang before the run has a word to say."""
+    del order, report, inbox
+    while True:
+        time.sleep(0.05)
+
+
+def test_a_worker_that_hangs_before_its_first_word_ends_on_the_first_signal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("orchestrator.campaign.worker_pool._ABORTED_S", 0.5)
+    outcomes: Outcomes = {}
+
+    async def main() -> None:
+        pool = Pool[str, str](
+            jobs=1, fly=fly_mute, report=lambda _: None, done=outcomes.__setitem__
+        )
+        async with asyncio.timeout(60.0), asyncio.TaskGroup() as group:
+            group.create_task(pool.fly(["mute", "never"]))
+            while not multiprocessing.active_children():  # noqa: ASYNC110 - sets no event
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(0.1)
+            pool.abort(OperatorCommand("abort", "SIGTERM"))
+
+    asyncio.run(main())
+    lost = outcomes["mute"]
+    assert isinstance(lost, WorkerLost)
+    assert lost.reason == "aborted before its process had prepared the run; it was killed"
+    assert list(outcomes) == ["mute"]
+
+
+def test_loading_that_hangs_is_cut_off_where_it_hangs() -> None:
+    def load() -> None:
+        with limited_loading(0.2):
+            while True:
+                time.sleep(0.01)
+
+    with pytest.raises(LoadingTimeoutError, match="not loaded within 0"):
+        load()
+    with limited_loading(0.2):
+        pass
+    time.sleep(0.3)

@@ -204,7 +204,7 @@ def test_the_summary_has_the_fields_of_the_design() -> None:
     assert fields(run) == (
         "case mode rep seed verdict reason also required duration_s wall_s oracles sync mixing"
         " collisions outside artifacts attempts preflight fence_changes evidence decided_by control"
-        " not_judged note trace exceptions twin"
+        " not_judged note trace exceptions twin losses"
     )
     assert fields(run["oracles"][0]) == (
         "name vehicle required verdict actual limit unit margin at_s detail"

@@ -11,6 +11,8 @@ from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.av_input import opening_error
 from vehicles.sources.cameras.frame_stamps import check_image
 from vehicles.sources.cameras.recorded_camera import Still
+from worlds.files.images import ImageError, check_pixels, read_image
+from worlds.files.limits import MAX_IMAGE_PIXELS
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
 
@@ -32,7 +34,9 @@ class VideoFile:
     def open(self) -> None:
         """Open the video file. Raises SourceError."""
         try:
-            self._container = av.open(str(self._path))
+            # A playlist or a session description would have it open other files, and addresses.
+            options = {"protocol_whitelist": "file"}
+            self._container = av.open(str(self._path), options=options)
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise opening_error(self.name, error) from error
         if not self._container.streams.video:
@@ -40,6 +44,8 @@ class VideoFile:
         stream = self._container.streams.video[0]
         # Same pictures whatever the machine: some decoders conceal by thread.
         stream.codec_context.thread_count = 1
+        self._check_size(stream.codec_context.width, stream.codec_context.height)
+        stream.codec_context.options = {"max_pixels": str(MAX_IMAGE_PIXELS)}
         self._frames = self._container.decode(stream)
 
     def next(self) -> Still | None:
@@ -60,7 +66,14 @@ class VideoFile:
         if self._container is not None:
             self._container.close()
 
+    def _check_size(self, width_px: int, height_px: int) -> None:
+        try:
+            check_pixels(width_px, height_px)
+        except ImageError as error:
+            raise SourceError(f"{self.name}: cannot be decoded: {error}") from error
+
     def _check(self, frame: Any) -> None:
+        self._check_size(frame.width, frame.height)
         if frame.is_corrupt:
             raise SourceError(
                 f"{self.name}: is broken at {frame.time} s; copy it anew, or cut it before"
@@ -114,9 +127,12 @@ class ImageFolder:
             return None
         path, offset_s = self._images[self._index], self._index / self._rate_hz
         self._index += 1
-        image_bgr = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-        if image_bgr is None:
-            raise SourceError(f"{path}: cannot be read as an image; remove it from the folder")
+        try:
+            image_bgr = read_image(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        except (ImageError, OSError) as error:
+            raise SourceError(
+                f"{path}: cannot be read as an image; remove it from the folder: {error}"
+            ) from error
         return Still(offset_s, check_image(str(path), image_bgr))
 
     def close(self) -> None:

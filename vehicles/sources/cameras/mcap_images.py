@@ -1,19 +1,26 @@
 """The compressed images of one topic of an MCAP file, as a recording."""
 
 from collections.abc import Iterator
+from heapq import heappop, heappush
+from io import BytesIO
+from itertools import count
 from pathlib import Path
 from typing import IO, Any
 
-import cv2
 import numpy as np
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Chunk, Message
+from mcap.summary import Summary
 
 from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.compressed_image import Decode, decoder_for
 from vehicles.sources.cameras.frame_stamps import check_image
 from vehicles.sources.cameras.recorded_camera import Still
+from vehicles.sources.mcap_limits import DAMAGED, RECORD_HEAD, check_length, chunk_records
 from vehicles.sources.messagepack import BadMessageError
+from worlds.files.images import ImageError, decode_image
 
 
 class McapFile:
@@ -26,7 +33,7 @@ class McapFile:
         self._path = path
         self._topic = topic
         self._stream: IO[bytes] | None = None
-        self._messages: Iterator[Any] = iter(())
+        self._messages: Iterator[Message] = iter(())
         self._decode: Decode | None = None
         self._first_s: float | None = None
 
@@ -41,10 +48,10 @@ class McapFile:
             self._stream = self._path.open("rb")
             reader = make_reader(self._stream)
             topic, self._decode = self._choose_topic(_image_topics(reader))
-            self._messages = iter(reader.iter_messages(topics=[topic]))
+            self._messages = _messages(self._stream, reader.get_summary(), topic)
         except OSError as error:
             raise SourceError(f"{self._path}: {error.strerror}; check the path") from error
-        except (McapError, EOFError) as error:
+        except DAMAGED as error:
             raise self._broken_error(error) from error
         self._topic = topic
 
@@ -52,11 +59,11 @@ class McapFile:
         """Return the MCAP file's next image. Raises SourceError for one that cannot be read."""
         try:
             found = next(self._messages, None)
-        except (McapError, EOFError) as error:
+        except DAMAGED as error:
             raise self._broken_error(error) from error
         if found is None or self._decode is None:
             return None
-        message = found[2]
+        message = found
         try:
             image = self._decode(bytes(message.data))
         except BadMessageError as error:
@@ -72,10 +79,12 @@ class McapFile:
             self._stream.close()
 
     def _decode_image(self, data: bytes, sequence: int) -> "np.ndarray[Any, np.dtype[np.uint8]]":
-        found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
-        if found is None:
-            raise SourceError(f"{self.name}: the image of message {sequence} cannot be decoded")
-        return check_image(self.name, found)
+        try:
+            return check_image(self.name, decode_image(data))
+        except ImageError as error:
+            raise SourceError(
+                f"{self.name}: the image of message {sequence} cannot be decoded: {error}"
+            ) from error
 
     def _choose_topic(self, topics: dict[str, Decode]) -> tuple[str, Decode]:
         listed = ", ".join(sorted(topics)) or "none"
@@ -94,6 +103,30 @@ class McapFile:
             f"{self._path}: is not an MCAP file, or is truncated: {error or type(error).__name__}; "
             "`mcap recover` repairs a truncated one"
         )
+
+
+def _messages(stream: IO[bytes], summary: Summary | None, topic: str) -> Iterator[Message]:
+    """Yield the messages of a topic in the order of their log times, chunk by chunk.
+
+    Raises what DAMAGED lists. Chunks overlap in time; what may still come first is waited for.
+    """
+    if summary is None or not summary.chunk_indexes:
+        raise McapError("it has no index of chunks")
+    channels = {one.id for one in summary.channels.values() if one.topic == topic}
+    chunks = sorted(summary.chunk_indexes, key=lambda one: one.message_start_time)
+    waiting: list[tuple[int, int, Message]] = []
+    order = count()
+    for index in chunks:
+        while waiting and waiting[0][0] < index.message_start_time:
+            yield heappop(waiting)[2]
+        stream.seek(index.chunk_start_offset)
+        _, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
+        check_length(length)
+        for record in chunk_records(Chunk.read(ReadDataStream(BytesIO(stream.read(length))))):
+            if isinstance(record, Message) and record.channel_id in channels:
+                heappush(waiting, (record.log_time, next(order), record))
+    while waiting:
+        yield heappop(waiting)[2]
 
 
 def _image_topics(reader: Any) -> dict[str, Decode]:

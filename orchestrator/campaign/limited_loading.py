@@ -1,0 +1,50 @@
+"""Files of the user's that hang while they are loaded end their run soon, and say where."""
+
+import faulthandler
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+LONGEST_LOADING_S = 30.0
+_GRACE_S = 5.0
+"""After which the process ends, where what is raised is swallowed, or no Python runs at all."""
+
+
+class LoadingTimeoutError(Exception):
+    """The files that a run names were not loaded in time; its traceback says where they hang."""
+
+
+@contextmanager
+def limited_loading(limit_s: float = LONGEST_LOADING_S) -> Iterator[None]:
+    """Raise LoadingTimeoutError within this when it takes longer. Only in a main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def expire(*_: object) -> None:
+        raise LoadingTimeoutError(
+            f"the campaign's files are not loaded within {limit_s:g} s: the autonomy, or a step of "
+            "the recipe, blocks when it is imported or built"
+        )
+
+    before = signal.signal(signal.SIGALRM, expire)
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    if _has_stderr():
+        faulthandler.dump_traceback_later(limit_s + _GRACE_S, exit=True)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _has_stderr() -> bool:
+    """Return whether there is a standard error that faulthandler can write to."""
+    try:
+        sys.stderr.fileno()
+    except (AttributeError, OSError, ValueError):
+        return False
+    return True

@@ -1,0 +1,77 @@
+"""What run.mcap lacks is counted by topic, and beyond a limit the run proves nothing."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from orchestrator.model.caveats import loss_texts
+from orchestrator.model.results import Loss
+from orchestrator.recording.mcap.mcap_encode import Encoder
+from orchestrator.recording.mcap.mcap_writer import McapRecorder, TopicLoss
+from orchestrator.recording.recording_losses import excessive_loss
+from orchestrator.run.flight.run_outcome import also_of
+from safety.model.verdict import Decision, DecisiveEvent
+from tests.orchestrator.operator.test_campaign_controller import RESULT
+from tests.recipes.samples import beam
+
+
+@pytest.mark.parametrize(
+    ("losses", "max_loss", "said"),
+    [
+        ([], 0.01, ""),
+        ([TopicLoss("/real/camera", 1000, 10)], 0.01, ""),
+        ([TopicLoss("/real/camera", 1000, 11)], 0.01, "run.mcap lacks 11 of 1000 of /real/camera"),
+        ([TopicLoss("/real/camera", 1000, 11)], 0.02, ""),
+        ([TopicLoss("/real/camera", 1000, 1)], 0.0, "run.mcap lacks 1 of 1000 of /real/camera"),
+        (
+            [TopicLoss("/mixed/camera/visibility", 1000, 1), TopicLoss("/real/imu", 9, 9)],
+            0.01,
+            "run.mcap lacks 1 of 1000 of /mixed/camera/visibility, 9 of 9 of /real/imu: ",
+        ),
+    ],
+)
+def test_what_is_too_much(losses: list[TopicLoss], max_loss: float, said: str) -> None:
+    found = excessive_loss(losses, max_loss=max_loss)
+    assert found.startswith(said)
+    assert bool(found) == bool(said)
+
+
+def test_readings_that_cannot_be_encoded_are_counted_by_topic(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encode = Encoder.encode
+
+    def broken(self: Encoder, sensor: str, reading: Any) -> Any:
+        if sensor == "range":
+            raise ValueError("it has no place")
+        return encode(self, sensor, reading)
+
+    monkeypatch.setattr(Encoder, "encode", broken)
+    with McapRecorder(path=tmp_path / "run.mcap", epoch_s=0.0, clock="virtual") as run:
+        for _ in range(7):
+            run.reading("range", beam(1.0))
+            run.reading("height", beam(1.0))
+        report = run.close()
+    assert report.losses == (TopicLoss("/twin/range", 7, 7),)
+    assert report.failed == 7
+    assert "lacks 7 of 7 of /twin/range" in excessive_loss(report.losses, max_loss=0.01)
+
+
+def test_losses_stand_under_the_table() -> None:
+    from dataclasses import replace
+
+    run = replace(RESULT, losses=(Loss("/real/camera", 282, 3),))
+    (text,) = loss_texts([run])
+    assert text.startswith("3 of 282 of /real/camera (")
+
+
+def test_equal_events_are_counted_and_many_are_cut() -> None:
+    first = DecisiveEvent(1.0, "FAIL", "touched", "", "", "")
+    equal = [DecisiveEvent(2.0 + at, "ERROR", "no place", "", "", "") for at in range(612)]
+    (also,) = also_of(Decision("FAIL", "touched", (*equal,), first.source, "", ""))
+    assert (also.reason, also.at_s) == ("no place (612 times)", 2.0)
+    many = tuple(DecisiveEvent(2.0, "ERROR", f"no {number}", "", "", "") for number in range(80))
+    cut = also_of(Decision("FAIL", "touched", many, "", "", ""))
+    assert len(cut) == 50
+    assert cut[-1].reason == "31 more events; log.jsonl has all of them"

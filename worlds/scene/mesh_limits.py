@@ -1,0 +1,195 @@
+"""Whether a mesh file is small enough to be read: by what it states, before anything is allocated.
+
+A file of a few bytes may state a million instances of a mesh, a thousand million vertices, or
+entities that expand without end. Sizes, counts and depths are in worlds.files.limits.
+"""
+
+import base64
+import json
+import re
+import struct
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from worlds.files.images import ImageError, check_pixels, image_size
+from worlds.files.limits import (
+    MAX_MESH_BYTES,
+    MAX_MESH_DEPTH,
+    MAX_MESH_FACES,
+    MAX_MESH_NODES,
+    MAX_MESH_VALUES,
+)
+
+_GLB_HEAD_BYTES = 12
+_STRIP_MODES = frozenset({5, 6})
+"""TRIANGLE_STRIP and TRIANGLE_FAN: a face for each index, glTF 2.0, 3.7.2.1."""
+_PLY_ELEMENT = re.compile(rb"^element\s+\S+\s+(\d{1,18})\s*$", re.MULTILINE)
+_PLY_HEAD_BYTES = 65536
+_COLLADA_FACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
+
+Graph = Mapping[str, tuple[int, tuple[str, ...]]]
+"""By node: the faces of its own meshes, and the nodes beneath it."""
+
+
+class MeshLimitError(Exception):
+    """A mesh file that states more than is read; says what."""
+
+
+def check_mesh_file(path: Path) -> None:
+    """Raise MeshLimitError for a file that is too large, or would become so.
+
+    A damaged file passes: what reads it says what is wrong with it.
+    """
+    if path.stat().st_size > MAX_MESH_BYTES:
+        raise MeshLimitError(f"it is larger than {MAX_MESH_BYTES} bytes")
+    check = _CHECKS.get(path.suffix.lower())
+    if check is not None:
+        check(path)
+
+
+def _check_gltf(path: Path) -> None:
+    data = path.read_bytes()
+    if data[:4] == b"glTF":
+        (length,) = struct.unpack_from("<I", data.ljust(20, b"\0"), _GLB_HEAD_BYTES)
+        data = data[_GLB_HEAD_BYTES + 8 : _GLB_HEAD_BYTES + 8 + length]
+    try:
+        said = json.loads(data)
+        if isinstance(said, dict):
+            _check_buffers(path, said)
+            _check_counts(said)
+            _check_graph(_gltf_graph(said), [str(index) for index in _gltf_roots(said)])
+    except (ValueError, TypeError, AttributeError, KeyError, IndexError, RecursionError):
+        return  # It is damaged, and trimesh refuses it.
+
+
+def _check_buffers(path: Path, said: Mapping[str, Any]) -> None:
+    """Check files beside it; what is inside of it is as large as the file."""
+    for part in (*said.get("buffers", ()), *said.get("images", ())):
+        uri = part.get("uri", "data:")
+        if not uri.startswith("data:"):
+            beside = path.parent / uri
+            if beside.is_file() and beside.stat().st_size > MAX_MESH_BYTES:
+                raise MeshLimitError(f"'{uri}' is larger than {MAX_MESH_BYTES} bytes")
+    for picture in said.get("images", ()):
+        _check_picture(path, picture.get("uri", "data:"))
+
+
+def _check_picture(path: Path, uri: str) -> None:
+    """Check the size that a picture states; one inside of a buffer is checked when it is used."""
+    if uri.startswith("data:"):
+        data = base64.b64decode(uri.partition(",")[2])
+    elif (path.parent / uri).is_file():
+        data = (path.parent / uri).read_bytes()
+    else:
+        return
+    if (size := image_size(data)) is not None:
+        try:
+            check_pixels(*size)
+        except ImageError as error:
+            raise MeshLimitError(f"a picture in it cannot be decoded: {error}") from error
+
+
+def _check_counts(said: Mapping[str, Any]) -> None:
+    values = sum(int(accessor["count"]) for accessor in said.get("accessors", ()))
+    if values > MAX_MESH_VALUES:
+        raise MeshLimitError(f"it has {values} values; at most {MAX_MESH_VALUES} are read")
+
+
+def _gltf_graph(said: Mapping[str, Any]) -> Graph:
+    meshes = [_gltf_faces(mesh, said.get("accessors", ())) for mesh in said.get("meshes", ())]
+    return {
+        str(index): (
+            meshes[node["mesh"]] if "mesh" in node else 0,
+            tuple(map(str, node.get("children", ()))),
+        )
+        for index, node in enumerate(said.get("nodes", ()))
+    }
+
+
+def _gltf_roots(said: Mapping[str, Any]) -> Iterable[int]:
+    scenes = said.get("scenes", ())
+    found = {root for scene in scenes for root in scene.get("nodes", ())}
+    return found or range(len(said.get("nodes", ())))
+
+
+def _gltf_faces(mesh: Mapping[str, Any], accessors: Any) -> int:
+    faces = 0
+    for part in mesh["primitives"]:
+        by = part["indices"] if "indices" in part else part["attributes"]["POSITION"]
+        count = int(accessors[by]["count"])
+        faces += count if part.get("mode", 4) in _STRIP_MODES else count // 3
+    return faces
+
+
+def _check_graph(graph: Graph, roots: Iterable[str]) -> None:
+    """Walk a scene graph with all its instances; stop as soon as one limit is left behind."""
+    waiting = [(root, 1) for root in roots]
+    nodes = faces = 0
+    while waiting:
+        name, depth = waiting.pop()
+        own, beneath = graph.get(name, (0, ()))
+        nodes, faces = nodes + 1, faces + own
+        if faces > MAX_MESH_FACES:
+            raise MeshLimitError(f"it has more than {MAX_MESH_FACES} faces")
+        if nodes > MAX_MESH_NODES or len(waiting) + len(beneath) > MAX_MESH_NODES:
+            raise MeshLimitError(f"it has more than {MAX_MESH_NODES} nodes with their instances")
+        if depth > MAX_MESH_DEPTH:
+            raise MeshLimitError(f"its nodes are nested more than {MAX_MESH_DEPTH} deep")
+        waiting += [(one, depth + 1) for one in beneath]
+
+
+def _check_collada(path: Path) -> None:
+    data = path.read_bytes()
+    if b"\0" in data[:64] or b"<!" in data.replace(b"<!--", b"").replace(b"<![CDATA[", b""):
+        raise MeshLimitError("it has a document type, or is not UTF-8: entities are not expanded")
+    try:
+        root = ET.fromstring(data)  # noqa: S314 - without a document type nothing is expanded
+        _check_graph(_collada_graph(root), ["scenes"])
+    except (ET.ParseError, ValueError, RecursionError):
+        return  # It is damaged, and trimesh refuses it.
+
+
+def _collada_graph(root: ET.Element) -> Graph:
+    faces: dict[str, int] = {}
+    for geometry in root.iterfind(".//{*}geometry"):
+        counts = [
+            int(part.get("count", "0"))
+            for kind in _COLLADA_FACES
+            for part in geometry.iterfind(f".//{{*}}{kind}")
+        ]
+        faces[geometry.get("id", "")] = sum(counts)
+    graph: dict[str, tuple[int, tuple[str, ...]]] = {}
+    for number, node in enumerate(root.iterfind(".//{*}node")):
+        node.set("wil", str(number))
+    for node in root.iterfind(".//{*}node"):
+        own = sum(faces.get(_ref(one), 0) for one in node.iterfind("{*}instance_geometry"))
+        inner = [f"#{one.get('wil')}" for one in node.iterfind("{*}node")]
+        beneath = [*inner, *(_ref(one) for one in node.iterfind("{*}instance_node"))]
+        for name in (f"#{node.get('wil')}", node.get("id", "")):
+            graph[name] = (own, tuple(beneath))
+    scenes = root.iterfind(".//{*}visual_scene")
+    tops = tuple(f"#{node.get('wil')}" for scene in scenes for node in scene.iterfind("{*}node"))
+    graph["scenes"] = (0, tops)
+    return graph
+
+
+def _ref(instance: ET.Element) -> str:
+    return instance.get("url", "").removeprefix("#")
+
+
+def _check_ply(path: Path) -> None:
+    with path.open("rb") as stream:
+        head = stream.read(_PLY_HEAD_BYTES).partition(b"end_header")[0]
+    values = sum(int(count) for count in _PLY_ELEMENT.findall(head))
+    if values > MAX_MESH_VALUES:
+        raise MeshLimitError(f"it has {values} elements; at most {MAX_MESH_VALUES} are read")
+
+
+_CHECKS: Mapping[str, Callable[[Path], None]] = {
+    ".glb": _check_gltf,
+    ".gltf": _check_gltf,
+    ".dae": _check_collada,
+    ".ply": _check_ply,
+}
