@@ -78,4 +78,4 @@ def test_a_campaign_whose_control_passes_is_not_accepted(
     assert (code, summary["accepted"]) == (1, False)
     assert [run["verdict"] for run in summary["runs"]] == ["PASS"]
     said = "not accepted: this campaign cannot fail: control lame in mode sim passed"
-    assert capsys.readouterr().out.splitlines()[-2].startswith(said)
+    assert any(line.startswith(said) for line in capsys.readouterr().out.splitlines())
