@@ -122,7 +122,9 @@ class RunSetup:
         """
         if self.campaign.sync.takeoff == "command":
             return {}
-        known = {one.name: autopilot_named(one.autopilot).liftoff_s for one in self.vehicles}
+        known: dict[str, float] = {
+            one.name: autopilot_named(one.autopilot).liftoff_s for one in self.vehicles
+        }
         return {**known, **self.order.liftoff_delays_s}
 
     def height_m(self, vehicle: VehicleSetup) -> float:
