@@ -1,7 +1,6 @@
 """Commands by MQTT: what is obeyed, what is refused, and that nothing makes the reader fall."""
 
 import json
-import time
 from typing import Any
 
 import pytest
@@ -155,13 +154,6 @@ def test_a_signature_is_for_one_campaign_and_for_one_command() -> None:
     forged = signed(topic, body, status_key(TOKEN))
     with pytest.raises(RefusedCommandError, match="wrong signature"):
         read(forged)
-
-
-def test_signing_and_checking_take_less_than_a_tenth_of_a_millisecond() -> None:
-    begin_s = time.perf_counter()
-    for _ in range(200):
-        verified("wil/gate/operator/abort", command_bytes(), TOKEN.encode())
-    assert (time.perf_counter() - begin_s) / 200 < 1e-4
 
 
 values = st.recursive(

@@ -135,19 +135,14 @@ async def test_an_abort_is_obeyed_in_a_storm_of_connections(controller: Controll
                 storm.pop(0).close()
 
     blowing = asyncio.create_task(blow())
-    taken: list[float] = []
     for _ in range(50):
-        begin_s = time.perf_counter()
         answer, writer = await ask(controller, "abort")
-        taken.append(time.perf_counter() - begin_s)
         assert answer["ok"]
         writer.close()
         await asyncio.sleep(0.005)
     over.set()
     await blowing
     assert len(controller.obeyed) == 50
-    # Both ends of all connections are in this one loop: a loose bound, bench/guard.py measures.
-    assert sorted(taken)[25] < 0.1
 
 
 async def test_the_pointer_follows_no_link(short_folder: Path, tmp_path: Path) -> None:
