@@ -51,6 +51,8 @@ class RunState:
         self.last_note: Callable[[], str] = str
         """What the autonomy of the judged vehicle noted last; set once there is one."""
         self._held = False
+        self.holds = 0
+        """How often the operator has held the run."""
         self._due = False
         self._stage_watchers: list[StageWatcher] = []
         self._entries: dict[Stage, asyncio.Event] = {}
@@ -170,6 +172,7 @@ class RunState:
     def hold(self) -> None:
         """Let nothing end the run's flight until `release`."""
         self._held = True
+        self.holds += 1
 
     def release(self) -> None:
         """End the run's hold; what was to end the flight meanwhile does so now."""

@@ -3,6 +3,7 @@
 import asyncio
 import itertools
 from collections.abc import Awaitable, Callable, Iterable, Mapping
+from contextlib import suppress
 
 from campaigns.setup.case_setup import SyncSetup
 from orchestrator.model.liftoff_delays import staggers_s
@@ -170,11 +171,20 @@ async def _guide(contexts: Iterable[VehicleContext], run_state: RunState) -> Non
 
 async def _land(contexts: tuple[VehicleContext, ...], sync: SyncSetup, run_state: RunState) -> None:
     """Land the pair and wait until both are disarmed."""
-    await _each_left(contexts, run_state, lambda context: context.driver.land())
-    await _each_left(
-        contexts, run_state, lambda context: context.driver.disarmed(sync.landing_timeout_s)
-    )
-    await _grounded([one for one in contexts if one.name in run_state.dropped_out], sync)
+    async with together() as tasks:
+        for context in (one for one in contexts if one.name in run_state.dropped_out):
+            tasks.create_task(_land_dropped_out(context), name=f"{context.name} is landed")
+        await _each_left(contexts, run_state, lambda context: context.driver.land())
+        await _each_left(
+            contexts, run_state, lambda context: context.driver.disarmed(sync.landing_timeout_s)
+        )
+        await _grounded([one for one in contexts if one.name in run_state.dropped_out], sync)
+
+
+async def _land_dropped_out(context: VehicleContext) -> None:
+    """Land a vehicle that dropped out and may hover still; the guard may be landing it already."""
+    with suppress(VehicleError):
+        await context.driver.land()
 
 
 async def _grounded(dropped_out: Iterable[VehicleContext], sync: SyncSetup) -> None:
@@ -248,7 +258,7 @@ async def _each_left(
         if not context.may_drop_out:
             await do(context)
         else:
-            await unless_out(context.name, run_state, lambda: do(context))
+            await unless_out(context.name, run_state, lambda: do(context), repeated=True)
 
     await _each(contexts, one)
 
