@@ -48,7 +48,7 @@ sdp, out, wanted = sys.argv[1], sys.argv[2], int(sys.argv[3])
 options = {"protocol_whitelist": "file,udp,rtp", "probesize": "32", "analyzeduration": "0",
            "reorder_queue_size": "0", "buffer_size": "4194304"}
 print("up", flush=True)
-container = av.open(sdp, format="sdp", options=options, timeout=(10.0, 5.0))
+container = av.open(sdp, format="sdp", options=options, timeout=(60.0, 30.0))
 stream = container.streams.video[0]
 stream.codec_context.thread_count = 1
 pictures, times = [], []
@@ -79,7 +79,7 @@ def port() -> int:
 async def published(delivery: ThreadedDelivery, receiving: Callable[[], bool]) -> int:
     """Publish at the camera's rate until the receiver has enough; return how many."""
     start_s, k = time.monotonic(), 0
-    while receiving() and k < 1500:
+    while receiving() and k < 3000:
         delivery.deliver(reading(k))
         k += 1
         await asyncio.sleep(max(0.0, start_s + k / RATE_HZ - time.monotonic()))
