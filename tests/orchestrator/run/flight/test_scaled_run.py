@@ -69,7 +69,7 @@ async def test_an_orchestrator_that_is_killed_leaves_vehicles_that_land(tmp_path
         folder = program.run_folder("sim")
         guard = next(one["pid"] for one in lines(folder / "guard.jsonl") if "pid" in one)
         os.killpg(program.process.pid, signal.SIGKILL)
-        async with asyncio.timeout(60.0):
+        async with asyncio.timeout(100.0):
             while ProcessId.of(guard) is not None:  # noqa: ASYNC110 - another's process
                 await asyncio.sleep(0.05)
     told = [one.get("text", "") for one in lines(folder / "guard.jsonl")]
