@@ -403,11 +403,11 @@ class GuardCore:
         self, supervised: SupervisedVehicle, cause: Cause, text: str, t_s: float
     ) -> list[Output]:
         actions = supervised.contingency.start(supervised.seen.facts(t_s), t_s)
-        if cause in supervised.told:
-            return []
-        supervised.told.add(cause)
-        event = self._event(t_s, "alone", supervised.name, text)
-        return [*self._send(supervised, actions, t_s), event]
+        out = [*self._send(supervised, actions, t_s)]
+        if cause not in supervised.told:
+            supervised.told.add(cause)
+            out.append(self._event(t_s, "alone", supervised.name, text))
+        return out
 
     def _report_once(
         self, supervised: SupervisedVehicle | None, kind: EventKind, text: str, t_s: float
