@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-SHARE = 25
+SHARE = 100
 """Flights of one process: what it leaves behind in memory goes with it."""
 VERDICTS = ("FAIL", "INVALID", "ERROR", "ABORTED", "PASS")
 MODULES = {"virtual": "signals", "sockets": "socket_flights", "undisturbed": "undisturbed"}

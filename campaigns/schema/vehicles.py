@@ -39,15 +39,21 @@ class StartPart(Part):
 
 
 class PoseAccuracyPart(Part):
-    """The accuracy of a vehicle's pose source, one standard deviation."""
+    """The accuracy of a vehicle's pose source, one standard deviation.
+
+    velocity_m_s: of an estimate's own velocity; that of motion capture is made of its positions.
+    """
 
     position_m: Annotated[float, Field(ge=0, le=1000)]
     attitude_deg: Annotated[float, Field(ge=0, le=180)]
+    velocity_m_s: Annotated[float, Field(gt=0, le=100)] | None = None
 
-    def setup(self) -> PoseAccuracy:
-        """Return the accuracy of the vehicle's pose source as runs use it."""
+    def setup(self, usual: PoseAccuracy) -> PoseAccuracy:
+        """Return the accuracy of the vehicle's pose source as runs use it; `usual`: its default."""
         return PoseAccuracy(
-            position_m=self.position_m, attitude_rad=math.radians(self.attitude_deg)
+            position_m=self.position_m,
+            attitude_rad=math.radians(self.attitude_deg),
+            velocity_m_s=self.velocity_m_s or usual.velocity_m_s,
         )
 
 
@@ -164,6 +170,10 @@ class VehiclePart(Part):
             raise KeyFaultError("signing", "the embedded vehicle does not sign")
         if self.mocap is not None and self.pose_source != "mocap":
             raise KeyFaultError("mocap", f"is not used with pose_source: {self.pose_source}")
+        accuracy = self.pose_accuracy
+        if accuracy is not None and accuracy.velocity_m_s and self.pose_source == "mocap":
+            said = "is of an estimate; motion capture gives positions alone: remove it"
+            raise KeyFaultError(("pose_accuracy", "velocity_m_s"), said)
         if self.link != "embedded" and self.pose_source == "mocap" and self.mocap is None:
             said = (
                 "only the embedded vehicle brings motion capture along; say by `mocap` where it "

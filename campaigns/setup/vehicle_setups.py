@@ -151,9 +151,8 @@ def _vehicle(
 
 def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
     """Return a vehicle's pose accuracy: as given, else the default of its pose source."""
-    if part.pose_accuracy is not None:
-        return part.pose_accuracy.setup()
-    return CAPTURED if part.pose_source == "mocap" else ESTIMATED
+    usual = CAPTURED if part.pose_source == "mocap" else ESTIMATED
+    return usual if part.pose_accuracy is None else part.pose_accuracy.setup(usual)
 
 
 def _unknown_parameters(

@@ -131,6 +131,8 @@ def write_mission(
             "twin": twin,
         }
         campaign["recipe"] = "recipe.yaml"
+        # The mixture is judged in flight; nobody looks at the pictures of a thousand flights.
+        campaign["record"] = {"pictures": "none"}
         (folder / "recipe.yaml").write_text(yaml.safe_dump(_recipe(mission)))
     campaign.update(mission.keys)
     campaign["oracles"] = {**campaign["oracles"], **mission.oracles}

@@ -16,7 +16,8 @@ from typing import Any
 
 from orchestrator.run.flight import run_oracles
 from safety.evaluation import judge
-from safety.evidence import agreement, coverage, poses
+from safety.evidence import agreement, coverage, evidence, poses
+from safety.model.samples import PoseSample
 from safety.oracles import contact, reached
 from safety.oracles.passages import Passage
 from tests.faults.alterations import Alteration
@@ -76,6 +77,26 @@ def _beside_counts() -> None:
     reached.Reached._pass = take  # type: ignore[method-assign]
 
 
+def _blind_while_landing() -> None:
+    plain = contact.Clearance.on_pose
+
+    def take(self: Any, sample: PoseSample) -> Any:
+        return () if self.stages.at("land") is not None else plain(self, sample)
+
+    contact.Clearance.on_pose = take  # type: ignore[method-assign]
+
+
+def _no_pose() -> None:
+    """Leave poses out of the evidence.
+
+    To skip `Evidence.pose` alone is no such mutant: coverage then counts no sample of a pose, and
+    every flight is INVALID.
+    """
+    runs: Any = run_oracles
+    plain = runs.signal_terms
+    runs.signal_terms = lambda *args: (one for one in plain(*args) if one.signal != evidence.POSE)
+
+
 def _early(fault: SignalFault, *kinds: str) -> bool:
     """Return whether a fault of the judged source hides what the flight does after takeoff."""
     source = "mocap" if fault.judged_by == "mocap" else "position"
@@ -123,17 +144,11 @@ MUTANTS: dict[str, Mutant] = {
         lambda fault: _early(fault, "stop", "freeze"),
     ),
     "no signal is required": Mutant(_not_required, lambda fault: _early(fault, "stop", "freeze")),
+    "evidence takes no pose": Mutant(_no_pose, lambda fault: _early(fault, "stop", "freeze")),
     "contacts are not always judged": Mutant(
         _set(judge, "_judges_every_contact", lambda *_: True), _for("wall")
     ),
-    "what is touched while landing is not judged": Mutant(
-        _set(
-            judge,
-            "COLLISION_ALWAYS",
-            replace(judge.COLLISION_ALWAYS, parameters=contact.ContactParameters(to="land")),
-        ),
-        _for("table"),
-    ),
+    "what is touched while landing is not judged": Mutant(_blind_while_landing, _for("table")),
     "gates count in any order": Mutant(_any_order, _for("wrong order")),
     "beside a gate is through it": Mutant(_beside_counts, _for("around")),
 }

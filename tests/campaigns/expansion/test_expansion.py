@@ -256,6 +256,25 @@ def test_a_pose_source_is_as_exact_as_its_kind_or_as_given(files: Any) -> None:
     assert accuracies() == [0.03, 1.0]
 
 
+@pytest.mark.parametrize(("given", "used"), [("", 0.1), (", velocity_m_s: 0.4", 0.4)])
+def test_an_estimate_whose_accuracy_is_given_is_still_held_to_its_own_velocity(
+    files: Any, given: str, used: float
+) -> None:
+    files.change("pose_source: mocap", "pose_source: mavlink")
+    said = f"profile: cage\n    pose_accuracy: {{position_m: 0.03, attitude_deg: 1{given}}}"
+    files.change("profile: cage", said)
+    real = files.load().runs[-1].setup().vehicles["real"]
+    assert (real.pose_source, real.pose_accuracy.position_m) == ("mavlink", 0.03)
+    assert real.pose_accuracy.velocity_m_s == used
+
+
+def test_motion_capture_has_no_velocity_to_be_exact(files: Any) -> None:
+    said = "pose_accuracy: {position_m: 0.03, attitude_deg: 1, velocity_m_s: 1}"
+    files.change("profile: cage", f"profile: cage\n    {said}")
+    with pytest.raises(BadInput, match="motion capture gives positions alone"):
+        files.load()
+
+
 def test_a_camera_may_be_given_by_its_focal_length(files: Any) -> None:
     text = files.path.read_text()
     mount = "mount: {forward_m: 0.1, down_m: -0.02, pitch_deg: -10}, stabilized: true"
