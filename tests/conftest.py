@@ -3,7 +3,7 @@
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -52,13 +52,62 @@ FAST = (
 )
 """What flies no run, starts no process and searches not for long; everything else is slow."""
 
+WALL = (
+    "orchestrator/campaign/test_attached_run.py",
+    "orchestrator/campaign/test_resumption.py",
+    "orchestrator/cli/commands/test_run_command.py",
+    "orchestrator/cli/test_arming_consent.py",
+    "orchestrator/external/test_external_flights.py",
+    "orchestrator/operator",
+    "orchestrator/recording/test_wall_recording.py",
+    "orchestrator/run/flight/test_mavsdk_run.py",
+    "orchestrator/run/flight/test_scaled_run.py",
+    "orchestrator/run/flight/test_wall_run.py",
+    "safety/guard/process",
+    "vehicles/clients",
+    "vehicles/driver/test_conformance.py",
+    "vehicles/embedded/process",
+    "vehicles/links/test_flapping.py",
+    "vehicles/mavsdk",
+    "vehicles/sources/test_streams.py",
+)
+"""What waits on the wall clock: it leaves the processor idle most of the time."""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is not of the fast tier: `pytest -m "not slow"` leaves it out."""
+    """Mark what is not of the fast tier, and let workers fly the wall clock's tests first.
+
+    `pytest -m "not slow"` leaves out what is not of the fast tier. Workers of pytest-xdist each
+    begin with their share of the tests that wait on the wall clock: beside each other these have
+    the processor that they need, beside searches and flights in virtual time they have not.
+    """
+    waiting: list[pytest.Item] = []
+    others: list[pytest.Item] = []
     for item in items:
         path = item.path.relative_to(ROOT)
-        if not any(path.is_relative_to(fast) for fast in FAST):
+        if not _is_among(path, FAST):
             item.add_marker(pytest.mark.slow)
+        (waiting if _is_among(path, WALL) else others).append(item)
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if workers > 1:
+        items[:] = _shares(waiting, others, workers)
+
+
+def _is_among(path: Path, places: Sequence[str]) -> bool:
+    return any(path.is_relative_to(place) for place in places)
+
+
+def _shares(
+    first: list[pytest.Item], then: list[pytest.Item], workers: int
+) -> Iterator[pytest.Item]:
+    """Yield equal shares of tests, one behind the other: `--dist worksteal` hands them out so."""
+    total = len(first) + len(then)
+    for k in range(workers):
+        mine = first[k::workers]
+        yield from mine
+        size = total * (k + 1) // workers - total * k // workers - len(mine)
+        yield from then[:size]
+        then = then[size:]
 
 
 @pytest.fixture

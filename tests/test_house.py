@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from tests.conftest import FAST, WALL
+
 ROOT = Path(__file__).parents[1]
 NOT_PACKAGES = {"tests", "bench", "docs"}
 
@@ -146,3 +148,8 @@ def test_folders_explain_themselves() -> None:
             counts[path.parent] = counts.get(path.parent, 0) + 1
     ordered = sorted(counts.values())
     assert ordered[len(ordered) * 9 // 10] <= MODULES_PER_FOLDER, counts
+
+
+def test_the_places_that_tests_are_sorted_by_are_there() -> None:
+    root = Path(__file__).parent
+    assert [place for place in (*FAST, *WALL) if not (root / place).exists()] == []

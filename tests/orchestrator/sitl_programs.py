@@ -68,6 +68,7 @@ def _ardupilot(arguments: list[str]) -> ProcessSettings:
         autopilot="ardupilot",
         link=f"tcpin://127.0.0.1:{port}",
         seed=5,
+        running_s=39.0,
         speed=_reached(float(given["--speedup"])),
         system_id=int(given["--sysid"]),
         latitude_deg=latitude,

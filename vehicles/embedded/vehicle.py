@@ -65,7 +65,7 @@ class EmbeddedVehicle:
         self._drift = 1.0 + config.profile.clock.drift_ppm * 1e-6
         self._t0_s = 0.0
         self._steps = 0
-        self._boot_step = 0
+        self._boot_step = -round(config.running_s * PHYSICS_HZ)
         self._timer: asyncio.TimerHandle | None = None
         self._mocap_timer: asyncio.TimerHandle | None = None
         self._alive = False

@@ -29,6 +29,7 @@ def vehicle(
     speed: float = 1.0,
     seed: int = 1,
     system_id: int = 1,
+    running: float = 0.0,
     param: Annotated[tuple[str, ...], Parameter(negative=())] = (),
 ) -> int:
     """Fly an embedded PX4 or ArduCopter alone, for other programs; Ctrl-C ends it.
@@ -50,6 +51,8 @@ def vehicle(
         Decides everything random in it.
     system_id
         Its MAVLink system id.
+    running
+        For how many seconds it has been on when its link opens: ArduCopter needs 42 s to be ready.
     param
         NAME=VALUE: a parameter that differs from the default; may be given several times.
     """
@@ -66,12 +69,14 @@ def vehicle(
             parameters=dict(_parameter(autopilot, each) for each in param),
             full_streams=True,
             speed=speed,
+            running_s=running,
             end_with_parent=False,
         )
         settings = settings if world is None else _in_world(settings, world)
     except ValidationError as error:
         for fault in error.errors():
-            err(f"--{str(fault['loc'][0]).replace('_', '-')}: {fault['msg']}")
+            option = str(fault["loc"][0]).removesuffix("_s").replace("_", "-")
+            err(f"--{option}: {fault['msg']}")
         return _BAD_INPUT
     except (LinkAddressError, ProfileError, ValueError) as error:
         err(error)

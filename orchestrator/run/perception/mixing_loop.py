@@ -228,10 +228,11 @@ class MixingLoop:
     def _nearest(self, t_s: float) -> Reading | None:
         return min(self._twins, key=lambda reading: abs(reading.t_s - t_s), default=None)
 
-    async def _ask_twin(self, twin: OnDemand, real: Reading) -> tuple[Reading | None, str]:
+    async def _ask_twin(self, twin: OnDemand, real: Reading) -> tuple[Reading, str]:
         """Return the twin's reading at the recipe's pose to mix, and how that was found.
 
-        Raises NoImageError when its source gives none, or gives it too late.
+        Raises NoImageError without a pose to ask for, and when its source gives none, or gives it
+        too late.
         """
         request = self.mixer.pose_request
         assert request is not None  # noqa: S101 - who asks has a request
@@ -241,7 +242,7 @@ class MixingLoop:
         found = align_pose(request, self._poses, exposure_s=real.t_s, now_s=now_s)
         if found is None or found.t_s < self._drawn_s:
             # A silent vehicle's last pose is older than what was predicted from it meanwhile.
-            return None, "no pose for the exposure"
+            raise NoImageError("no pose for the exposure")
         self._drawn_s = found.t_s
         reading = await twin.ask(
             found.pose,

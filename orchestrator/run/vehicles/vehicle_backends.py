@@ -31,6 +31,8 @@ _LINK_LATENCY_S = 0.003
 """Each way, as measured between processes on one machine's loopback, rounded up."""
 _FIRST_WORD_S = 20.0
 """How long a process may take to import, build its physics and send its first datagram."""
+_RUNNING_S = 60.0
+"""For how long an embedded vehicle has been on when it is started: nobody waits for its filters."""
 TRUTH_HZ = 125.0
 
 
@@ -169,6 +171,7 @@ class SubprocessBackend:
             altitude_m=frame.altitude_m,
             parameters={**SILENCE_PARAMETERS[vehicle.autopilot], **vehicle.params},
             truth_hz=TRUTH_HZ,
+            running_s=_RUNNING_S,
             end_with_stdin=True,
             end_with_parent=False,
             surroundings=self._contact_settings() if vehicle.name == "real" else None,

@@ -52,6 +52,8 @@ class EmbeddedConfig:
     full_streams: bool = False
     uid: int | None = None
     uid2: bytes | None = None
+    running_s: float = 0.0
+    """For how long its autopilot has been on when its link opens."""
     never_ready: bool = False
     """A fault: the autopilot's checks never pass."""
     refuse_arm: str | None = None

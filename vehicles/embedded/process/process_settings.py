@@ -39,7 +39,8 @@ class ProcessSettings(_Part):
     where truth and motion capture are sent; 0 for no feed. speed: how many times real time its
     clock runs, if the machine can. end_with_stdin: end when the pipe on stdin closes.
     end_with_parent: end when the process that started it ends; not where others hold the pipe as
-    well, so that its failsafes can act.
+    well, so that its failsafes can act. running_s: for how long its autopilot has been on when its
+    link opens; ArduCopter's needs 42 s to be ready.
     """
 
     autopilot: AutopilotKind
@@ -60,6 +61,7 @@ class ProcessSettings(_Part):
     truth_hz: float = Field(default=50.0, gt=0.0, le=250.0)
     surroundings: ContactWorldSettings | None = None
     speed: float = Field(default=1.0, gt=0.0, le=100.0)
+    running_s: float = Field(default=0.0, ge=0.0, le=86_400.0)
     end_with_stdin: bool = False
     end_with_parent: bool = True
     never_ready: bool = False
@@ -82,6 +84,7 @@ class ProcessSettings(_Part):
             parameters=self.parameters,
             full_streams=self.full_streams,
             uid=self.uid,
+            running_s=self.running_s,
             never_ready=self.never_ready,
             refuse_arm=self.refuse_arm,
         )

@@ -37,6 +37,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[ProcessSettings]:
         (("--param", "MIS_TAKEOFF_ALT"), "must be NAME=VALUE with a number"),
         (("--profile", "caeg"), "no profile 'caeg'"),
         (("--speed", "0"), "--speed: "),
+        (("--running", "-1"), "--running: "),
         (("--system-id", "300"), "--system-id: "),
         (("--link", "udp:14550"), "udp:14550"),
         (("--world", "nowhere.yaml"), "nowhere.yaml"),
@@ -56,10 +57,13 @@ def test_what_is_wrong_is_reported_before_anything_flies(
 def test_what_the_vehicle_is_given(flown: list[ProcessSettings], tmp_path: Path) -> None:
     world = tmp_path / "world.yaml"
     world.write_text(WORLD)
-    assert main(["vehicle", "px4", "--param", "MIS_TAKEOFF_ALT=3", "--speed", "4"]) == 0
+    assert (
+        main(["vehicle", "px4", "--param", "MIS_TAKEOFF_ALT=3", "--speed", "4", "--running", "60"])
+        == 0
+    )
     assert main(["vehicle", "ardupilot", "--world", str(world), "--system-id", "7"]) == 0
     px4, copter = flown
-    assert (px4.link, px4.speed) == ("udpout://127.0.0.1:14540", 4.0)
+    assert (px4.link, px4.speed, px4.running_s) == ("udpout://127.0.0.1:14540", 4.0, 60.0)
     assert px4.parameters == {"MIS_TAKEOFF_ALT": 3.0}
     assert (copter.link, copter.system_id) == ("tcpin://127.0.0.1:5760", 7)
     assert (copter.latitude_deg, copter.altitude_m) == (46.5, 500.0)

@@ -40,6 +40,17 @@ def test_guided_is_refused_before_there_is_a_position(rig: Any, virtually: Scena
     virtually(scenario())
 
 
+def test_one_that_was_on_before_is_ready_at_once(rig: Any, virtually: Scenario) -> None:
+    async def scenario() -> None:
+        async with copter(rig, running_s=60.0) as r:
+            await asyncio.sleep(0.5)
+            assert "EKF3 IMU1 is using GPS" in r.texts()
+            assert await r.command(176, 1, GUIDED) == 0
+            assert await r.command(400, 1) == 0
+
+    virtually(scenario())
+
+
 def test_sends_nothing_but_heartbeats_until_asked(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with copter(rig) as r:
