@@ -1,5 +1,6 @@
 """What is wrong between the parts of a campaign, its world and its recipe; pure."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sized
 
 from campaigns.checks.external_checks import external_problems
@@ -11,6 +12,7 @@ from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import FLIES, Setup
 from safety.evaluation.judge import OracleUse, build_oracles
 from safety.oracles import Oracle, OracleContext, OracleError
+from safety.oracles.stl import StlParameters
 from worlds.files.documents import Document, Path, Problem, closest
 from worlds.world_file.world import World
 
@@ -22,11 +24,25 @@ def cross_problems(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> l
 
     What needs a vehicle that is missing is not checked: that it is missing is said.
     """
+    return _problems(_CHECKS, files, setup, modes)
+
+
+def worldless_problems(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> list[Problem]:
+    """Return the problems across a case's files that do not depend on what its world holds.
+
+    For a case whose world is missing or faulty; the setup has an empty one in its place.
+    """
+    return _problems(_WORLDLESS_CHECKS, files, setup, modes)
+
+
+def _problems(
+    checks: tuple[Check, ...], files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]
+) -> list[Problem]:
     problems: list[Problem] = []
     for mode in modes:
         missing = list(_missing_vehicles(files, setup, mode))
         problems += missing
-        for check in _CHECKS if not missing else ():
+        for check in checks if not missing else ():
             problems += check(files, setup, mode)
     return problems
 
@@ -68,23 +84,7 @@ def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
     """
     scene = setup.world.scene(mode, judged_world(mode))
     openings = [thing.name for thing in scene.objects if thing.shape.openings]
-    contexts: dict[str, OracleContext] = {
-        name: OracleContext(
-            mode=mode,
-            subject=FLIES[mode][0],
-            vehicle=name,
-            start=setup.vehicles[name].start,
-            probe=_NothingNear(),
-            things=scene.names,
-            probe_of=lambda _: _NothingNear(),
-            gates={gate: _AnyGate() for gate in (*openings, *setup.goal.gates)},
-            route=setup.goal.gates,
-            target_ned_m=setup.goal.position_ned_m,
-            fence=setup.fences.get(name),
-            frame=setup.world.frame,
-        )
-        for name in FLIES[mode]
-    }
+    contexts = _contexts(setup, mode, scene.names, (*openings, *setup.goal.gates))
     built: list[tuple[OracleUse, tuple[Oracle, ...]]] = []
     for use in setup.oracles:
         yield from _unknown_names(files.campaign, use, setup.world)
@@ -94,6 +94,41 @@ def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
             yield _oracle_problem(files.campaign, use.name, error)
     if len(built) == len(_unrequested_objects(files.campaign)):
         yield from _unjudged_gates(files.campaign, setup, mode, built)
+
+
+def _formulas(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Check a case's formulas without its world: whatever thing one names counts as there."""
+    formulas = [use for use in setup.oracles if isinstance(use.parameters, StlParameters)]
+    for use in formulas:
+        named = re.findall(r"\bdistance_(\w+)_m\b", getattr(use.parameters, "stl", ""))
+        contexts = _contexts(setup, mode, ("any thing", *named), ())
+        try:
+            build_oracles([use], contexts)
+        except OracleError as error:
+            yield _oracle_problem(files.campaign, use.name, error)
+
+
+def _contexts(
+    setup: Setup, mode: Mode, things: tuple[str, ...], gates: Iterable[str]
+) -> dict[str, OracleContext]:
+    """Return the contexts of oracles in an empty world, to check that they can be built."""
+    return {
+        name: OracleContext(
+            mode=mode,
+            subject=FLIES[mode][0],
+            vehicle=name,
+            start=setup.vehicles[name].start,
+            probe=_NothingNear(),
+            things=things,
+            probe_of=lambda _: _NothingNear(),
+            gates={gate: _AnyGate() for gate in gates},
+            route=setup.goal.gates,
+            target_ned_m=setup.goal.position_ned_m,
+            fence=setup.fences.get(name),
+            frame=setup.world.frame,
+        )
+        for name in FLIES[mode]
+    }
 
 
 def _oracle_problem(campaign: Document, name: str, error: OracleError) -> Problem:
@@ -194,3 +229,4 @@ _CHECKS: tuple[Check, ...] = (
     external_problems,
     _limits,
 )
+_WORLDLESS_CHECKS: tuple[Check, ...] = (vehicle_problems, place_problems, _formulas, _limits)

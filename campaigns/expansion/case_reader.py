@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from campaigns.checks.autonomy_checks import IsolatedBuilds, autonomy_problems
 from campaigns.checks.case_warnings import case_warnings, document_warnings
-from campaigns.checks.cross_checks import cross_problems
+from campaigns.checks.cross_checks import cross_problems, worldless_problems
 from campaigns.schema import (
     CampaignPart,
     GoalPart,
@@ -32,6 +32,7 @@ from safety.fence.geofence import Fence
 from safety.oracles.goal import TimeLimitParameters
 from vehicles.coupling import LIMITS_M
 from worlds.files.documents import BadInput, Document, Problem, check
+from worlds.geodesy import LocalFrame
 from worlds.world_file.world import World
 
 T = TypeVar("T")
@@ -39,6 +40,9 @@ T = TypeVar("T")
 _GOAL_S = 600.0
 _GRACE_S = 1.0
 """What a goal is given where no time-out is said: ten minutes, and longer than a `time_limit`."""
+
+_NOWHERE = World("", LocalFrame(0.0, 0.0, 0.0), ())
+"""Stands for a world that is missing, so that the rest of a case can be checked."""
 
 
 def read_setup(
@@ -62,13 +66,13 @@ def read_setup(
     if part is not None and loads_code:
         # It is said also where the world is missing.
         problems += autonomy_problems(files.campaign, _under_test(files, part), builds)
-    if part is None or world is None or (files.recipe is not None and recipe is None):
+    if part is None:
         raise BadInput(problems, document_warnings(files))
     mqtt = part.operator.mqtt
     vehicles = vehicle_setups(files.campaign, part.vehicles, problems)
     setup = Setup(
         vehicles=vehicles,
-        world=world,
+        world=world or _NOWHERE,
         recipe=recipe,
         under_test=_under_test(files, part),
         goal=_goal(part.goal),
@@ -89,7 +93,10 @@ def read_setup(
     )
     if part.geofence is None or setup.fences:
         # Without the fence that it has, everything would be said to lack one.
-        problems += cross_problems(files, setup, modes)
+        check_across = worldless_problems if world is None else cross_problems
+        problems += check_across(files, setup, modes)
+    if world is None:
+        raise BadInput(problems, document_warnings(files))
     if problems:
         raise BadInput(problems, case_warnings(files, setup, modes))
     return setup
@@ -123,12 +130,12 @@ def _gcs(part: GcsPart) -> dict[VehicleName, str]:
 
 
 def _fences(
-    files: CaseFiles, part: CampaignPart, world: World, problems: list[Problem]
+    files: CaseFiles, part: CampaignPart, world: World | None, problems: list[Problem]
 ) -> Mapping[VehicleName, Fence]:
-    """Return the fences of a case by vehicle; problems are collected."""
+    """Return the fences of a case by vehicle; problems are collected. world: None where missing."""
     if part.geofence is None:
         return {}
-    drawing = Drawing(files.campaign, files.fences, world.frame)
+    drawing = Drawing(files.campaign, files.fences, None if world is None else world.frame)
     return gathered(problems, partial(fences_of, part.geofence, drawing, ("geofence",))) or {}
 
 

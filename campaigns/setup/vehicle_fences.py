@@ -15,11 +15,14 @@ from worlds.geodesy import LocalFrame
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """The sources of vehicle fences: the document, the fence files it names, the world's frame."""
+    """The sources of vehicle fences: the document, the fence files it names, the world's frame.
+
+    frame: None where the world is missing: areas on Earth are then left out.
+    """
 
     document: Document
     files: Mapping[str, Document]
-    frame: LocalFrame
+    frame: LocalFrame | None
 
 
 def fences_of(part: GeofencePart, drawing: Drawing, path: Path) -> dict[VehicleName, Fence]:
@@ -102,6 +105,8 @@ def _fence(part: FencePart, drawing: Drawing, path: Path, problems: list[Problem
     except BadInput as error:
         problems += error.problems
     except FenceError as error:
+        if drawing.frame is None and error.reason == "far":
+            return None  # that the world is missing was said where it was looked for
         place = path if part.file is None else (*path, "file")
         problems.append(drawing.document.problem(place, str(error), key=part.file is None))
     return None

@@ -116,6 +116,28 @@ def test_warnings_are_reported_beside_faults(files: Any, capsys: Any) -> None:
     assert "wrld.yaml" in said
 
 
+def test_a_missing_world_hides_neither_fence_nor_formula(files: Any) -> None:
+    files.change("world: world.yaml", "world: word.yaml")
+    files.change("north_m: [-1, 4]", "north_m: [1, 4]")
+    rule = '"always (upp_m < 2 and distance_gate_m > 0 and fence_margin_m > 0)"'
+    files.change("  collision: {}", f"  collision: {{}}\n  rule: {{stl: {rule}}}")
+    said = [one.partition(": ")[2] for one in files.faults()]
+    assert said == [
+        "'real' starts 1.00 m outside of the geofence's side",
+        "'twin' starts 1.00 m outside of the geofence's side",
+        "there is no file 'word.yaml' beside the campaign; did you mean 'world.yaml'?",
+        "oracle 'rule': unknown signal 'upp_m'; did you mean 'up_m'?",
+    ]
+
+
+def test_a_fence_on_earth_waits_for_the_world(files: Any) -> None:
+    files.change("world: world.yaml", "world: word.yaml")
+    on_earth = "latitude_deg: [47.39, 47.41], longitude_deg: [8.49, 8.51]"
+    files.change("north_m: [-1, 4], east_m: [-2, 2]", on_earth)
+    (fault,) = files.faults()
+    assert "there is no file 'word.yaml'" in fault
+
+
 def test_all_missing_files_and_the_autonomys_are_reported_at_once(files: Any, capsys: Any) -> None:
     files.change("world: world.yaml", "world: wrld.yaml")
     files.change("recipe: recipe.yaml", "recipe: nowhere.yaml")
