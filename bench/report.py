@@ -12,8 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from orchestrator.analysis.reading.results_folder import read_campaign
 from orchestrator.report.campaign_report import write_report
-from orchestrator.report.reading.results_folder import read_campaign
 
 TARGET_S, TARGET_BYTES = 20.0, 25_000_000
 

@@ -148,6 +148,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     case_names = tuple(name for name in names if name in part.cases)
     mode_names = _select_cases("--mode", options.modes, tuple(part.modes), problems)
     shares = _shares(original, base, part, problems)
+    problems += _unknown_published(base, part)
     mqtt = mqtt_setup(base, part.operator, problems)
     if problems:
         raise BadInput(unique(problems))
@@ -266,6 +267,15 @@ def _select_cases(
     if not patterns:
         return known
     return tuple(name for name in known if any(fnmatchcase(name, p) for p in patterns))
+
+
+def _unknown_published(base: Document, part: CampaignPart) -> Iterator[Problem]:
+    """Yield the cases of published counts that the campaign does not have."""
+    for case in part.published.passed if part.published is not None else ():
+        if case not in part.cases:
+            said = f"published names an unknown case '{case}'"
+            path = ("published", "passed", case)
+            yield base.problem(path, said, closest(case, part.cases), key=True)
 
 
 def _shares(

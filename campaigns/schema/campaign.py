@@ -34,6 +34,7 @@ MATRIX_KEYS = frozenset(
         "seed",
         "retries",
         "accept",
+        "published",
         "operator",
         "clock",
         "between_runs",
@@ -173,6 +174,16 @@ class RecordPart(Part):
     max_loss: Annotated[float, Field(ge=0, le=1)] = 0.01
 
 
+class PublishedPart(Part):
+    """The campaign's `published`: counts of others, shown beside the campaign's own.
+
+    source: where they stand. passed: of cases and modes "1/5", or why there is none ("too costly").
+    """
+
+    source: str = ""
+    passed: dict[str, dict[Mode, str]]
+
+
 class CampaignPart(Part):
     """A campaign file; `cases` and `oracles` are validated elsewhere, entry by entry.
 
@@ -210,6 +221,7 @@ class CampaignPart(Part):
     operator: OperatorPart = OperatorPart()
     record: RecordPart = RecordPart()
     accept: dict[str, dict[str, str]] | None = None
+    published: PublishedPart | None = None
 
     @field_validator("modes")
     @classmethod

@@ -34,6 +34,11 @@ _COMMANDS = (
         "Write one page of a campaign that was flown.",
     ),
     (
+        "gap",
+        "orchestrator.cli.commands.gap:gap",
+        "Print pass rates by mode and the gap between them and reality.",
+    ),
+    (
         "abort",
         "orchestrator.cli.commands.operate:abort",
         "Land all vehicles of this machine's campaigns at once.",

@@ -11,10 +11,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from orchestrator.analysis.gap.gap import Gap
+from orchestrator.analysis.model import CampaignDocuments, RunEntry
+from orchestrator.analysis.pass_rates import PassRates
+from orchestrator.analysis.reading.results_folder import read_campaign
+from orchestrator.analysis.study import FILE_NAME as STATISTICS
+from orchestrator.analysis.study import Study, read_study, study_json
 from orchestrator.model.document_writer import write_whole
 from orchestrator.recording.timestamps import utc_text
-from orchestrator.report.model import RunEntry, RunReport
-from orchestrator.report.reading.results_folder import read_campaign
+from orchestrator.report.model import RunReport
 from orchestrator.report.reading.run_reader import read_run
 from orchestrator.report.reading.sight_decoding import ImageSize
 from orchestrator.report.rendering.page import RunPage, anchors, render_page, render_run, went_wrong
@@ -28,10 +33,14 @@ _VIDEO_BYTES = 6_000_000
 
 @dataclass(frozen=True, slots=True)
 class WrittenReport:
-    """Where the report is. problems: what is not in it, because it is missing or damaged."""
+    """Where the report is. problems: what is not in it, because it is missing or damaged.
+
+    study: the campaign's statistics, as the page shows them.
+    """
 
     path: Path
     problems: tuple[str, ...]
+    study: Study
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +58,7 @@ def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
     """Write the report of a results folder. out: the file; None: report.html in the folder.
 
     What cannot be read is left out, and named in the page and in what is returned. Raises
-    ReportError for a folder of no campaign; OSError when the page cannot be written.
+    ResultsFolderError for a folder of no campaign; OSError when the page cannot be written.
     """
     campaign = read_campaign(folder)
     size = ImageSize.for_runs(len(campaign.entries))
@@ -61,9 +70,21 @@ def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
     ]
     pages = list(_pages(orders))
     path = folder / FILE_NAME if out is None else out
-    write_whole(path, render_page(campaign, pages, made_utc=utc_text(time.time())))
-    problems = [f"{page.name}: {text}" for page in pages for text in page.problems]
-    return WrittenReport(path, (*campaign.problems, *problems))
+    study = _study(folder, campaign)
+    page = render_page(campaign, study, pages, made_utc=utc_text(time.time()))
+    write_whole(path, page)
+    if out is None:
+        write_whole(folder / STATISTICS, study_json(campaign, study))
+    problems = [f"{one.name}: {text}" for one in pages for text in one.problems]
+    return WrittenReport(path, (*campaign.problems, *problems, *study.gap.left_out), study)
+
+
+def _study(folder: Path, campaign: CampaignDocuments) -> Study:
+    try:
+        return read_study(folder, campaign)
+    except Exception as error:  # noqa: BLE001 - what a file can make of us is not known to its end
+        why = f"the gap cannot be measured: {type(error).__name__}: {error}"
+        return Study(PassRates((), (), ()), Gap(left_out=(why,)))
 
 
 def _embedded(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]:

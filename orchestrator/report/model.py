@@ -6,9 +6,9 @@ Times are on the run clock, seconds; positions NED metres in the world's local f
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from orchestrator.model.results import RunResult, Summary
+from orchestrator.analysis.model import Commanded
+from orchestrator.model.results import RunResult
 from safety.fence.geofence import Fence
-from worlds.files.documents import Data
 from worlds.frames import Vec3
 
 Point = tuple[float, float]
@@ -48,27 +48,6 @@ class Track:
             return None
         index = round((t_s - self.begin_s) / self.step_s)
         return self.positions_ned_m[max(0, min(index, len(self.positions_ned_m) - 1))]
-
-
-@dataclass(frozen=True, slots=True)
-class Commanded:
-    """What a vehicle was, and what its autonomy asked for, at one time; a row of trajectory.csv.
-
-    position_ned_m: the estimate. setpoint_kind: "position" (m), "velocity" (m/s), or "".
-    """
-
-    t_s: float
-    vehicle: str
-    stage: str
-    mode: str
-    is_armed: bool
-    position_ned_m: Vec3 | None
-    velocity_ned_m_s: Vec3 | None
-    truth_ned_m: Vec3 | None
-    setpoint_kind: str
-    setpoint: Vec3 | None
-    setpoint_yaw_rad: float | None
-    note: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,30 +193,3 @@ class RunReport:
     video_bytes: int = 0
     files: tuple[str, ...] = ()
     overrides: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class RunEntry:
-    """A run of a folder, as far as the campaign's documents tell of it."""
-
-    name: str
-    case: str
-    mode: str
-    rep: str
-    result: RunResult | None
-    problems: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CampaignReport:
-    """A campaign. summary, manifest: None and empty where they cannot be read.
-
-    entries: its runs and controls in order. problems: what is missing or cannot be read.
-    """
-
-    name: str
-    folder: str
-    entries: tuple[RunEntry, ...]
-    summary: Summary | None = None
-    manifest: Mapping[str, Data] = field(default_factory=dict)
-    problems: tuple[str, ...] = ()

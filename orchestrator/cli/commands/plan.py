@@ -7,9 +7,13 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from campaigns.expansion.expansion import Campaign, load_campaign
+from campaigns.statistics.proportions import flights_without_failure, least_pass_rate
 from orchestrator.cli.run_selection import ALL, Choice
 from orchestrator.cli.standard_streams import out
 from orchestrator.cli.text_table import table
+
+_CLAIMS = (0.80, 0.90, 0.95, 0.99)
+"""Pass rates of which the plan says how many flights without a failure show them."""
 
 
 def plan(
@@ -45,7 +49,18 @@ def _as_table(campaign: Campaign) -> str:
     wanted = [f"{r.case}/{r.mode} {r.share}" for r in campaign.requirements]
     accepted = ", ".join(wanted) if wanted else "nothing is required"
     shown = table(("case", "mode", "rep", "seed", "counts"), rows)
-    return f"{campaign.name}: {_count_text(campaign)}; accepted: {accepted}\n\n{shown}"
+    head = f"{campaign.name}: {_count_text(campaign)}; accepted: {accepted}"
+    return f"{head}\n\n{shown}\n\n{_claim_text(campaign.repetitions)}"
+
+
+def _claim_text(repetitions: int) -> str:
+    """Return what so many flights can show at most, and how many a stronger claim needs."""
+    needs = ", ".join(f"{rate:.2f} needs {flights_without_failure(rate)}" for rate in _CLAIMS)
+    count = "1 flight" if repetitions == 1 else f"{repetitions} flights"
+    return (
+        f"claims: {count} of a case and mode, all passed, show a pass rate of at least "
+        f"{least_pass_rate(repetitions):.2f} with a confidence of 95 %; {needs}"
+    )
 
 
 def _count_text(campaign: Campaign) -> str:
@@ -82,6 +97,10 @@ def _as_json(campaign: Campaign) -> str:
             }
             for run in campaign.controls
             if run.control is not None
+        ],
+        "claims": [
+            {"pass_rate": rate, "confidence": 0.95, "flights": flights_without_failure(rate)}
+            for rate in _CLAIMS
         ],
         "accept": [
             {"case": r.case, "mode": r.mode, "passes": r.share.passes, "runs": r.share.runs}

@@ -5,9 +5,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from orchestrator.analysis.errors import ResultsFolderError
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.report.campaign_report import WrittenReport, write_report
-from orchestrator.report.errors import ReportError
 from worlds.files.problems import printable
 
 _SHOWN = 10
@@ -28,7 +28,7 @@ def report(folder: Path, *, out_: Annotated[Path | None, Parameter(name="--out")
     """
     try:
         written = write_report(folder, out=out_)
-    except ReportError as error:
+    except ResultsFolderError as error:
         err(printable(str(error)))
         return 2
     except OSError as error:

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from campaigns.expansion.expansion import Campaign, load_campaign
 from campaigns.schema import VEHICLES
+from orchestrator.analysis.study_tables import has_modes_to_compare
 from orchestrator.campaign.campaign_folder import OutputError, require_writable
 from orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
@@ -22,10 +23,12 @@ from orchestrator.cli.final_report import write_final_report
 from orchestrator.cli.progress_display import Display, LineDisplay, SilentDisplay, TerminalDisplay
 from orchestrator.cli.run_selection import ALL, Choice
 from orchestrator.cli.standard_streams import err, ignore_broken_pipe, out
+from orchestrator.cli.study_text import study_text
 from orchestrator.cli.verdict_table import conclusions, verdict_table
 from orchestrator.model.clock import Clock
 from orchestrator.model.document_writer import to_json
 from orchestrator.operator.errors import OperatingError
+from orchestrator.report.campaign_report import WrittenReport
 
 
 @Parameter(name="*")
@@ -178,7 +181,9 @@ def _announcement(campaign: Campaign, settings: FlyingSettings) -> str:
     return f"{campaign.name}: {runs} to fly, {at_once} at a time, {settings.clock} clock"
 
 
-def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign, report: Path | None) -> None:
+def _print_verdicts(
+    outcome: CampaignOutcome, campaign: Campaign, report: WrittenReport | None
+) -> None:
     """Print the verdict table of `run`, and where its report and its results are."""
     console = Console(file=ignore_broken_pipe())
     table = verdict_table(outcome.summary, campaign.requirements)
@@ -186,10 +191,12 @@ def _print_verdicts(outcome: CampaignOutcome, campaign: Campaign, report: Path |
     wide = Console(file=ignore_broken_pipe(), width=_WIDEST)
     width = max(console.width, wide.measure(table).maximum)
     Console(file=ignore_broken_pipe(), width=width).print(table)
+    if report is not None and has_modes_to_compare(report.study):
+        console.print(study_text(report.study), highlight=False, markup=False, soft_wrap=True)
     for line in conclusions(outcome.summary):
         console.print(line, soft_wrap=True)
     if report is not None:
-        console.print(f"report: {report}", highlight=False, soft_wrap=True)
+        console.print(f"report: {report.path}", highlight=False, soft_wrap=True)
     console.print(f"results: {outcome.folder}", highlight=False, soft_wrap=True)
 
 

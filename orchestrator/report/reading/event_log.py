@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from orchestrator.analysis.reading.results_folder import UnreadableError, read_text
 from orchestrator.report.model import LogEvent
-from orchestrator.report.reading.results_folder import UnreadableError, read_text
 
 MOST_EVENTS = 400
 """What a page shows of a run; a vehicle that repeats itself would drown the rest."""

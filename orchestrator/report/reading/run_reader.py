@@ -5,11 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from orchestrator.analysis.model import Commanded, RunEntry
+from orchestrator.analysis.reading.judged_motion import JudgedMotion, read_judged_motion
+from orchestrator.analysis.reading.trajectory_file import Row, read_trajectory
 from orchestrator.report.model import (
-    Commanded,
     DrawnWorld,
     Point,
-    RunEntry,
     RunReport,
     Sight,
     Track,
@@ -18,12 +19,10 @@ from orchestrator.report.model import (
 from orchestrator.report.reading.cause import cause_of, moment_of
 from orchestrator.report.reading.even_tracks import EvenTimes, TimedPose, even_poses, track_of
 from orchestrator.report.reading.event_log import EventLog, read_event_log
-from orchestrator.report.reading.judged_motion import JudgedMotion, read_judged_motion
 from orchestrator.report.reading.outlines import outlines_of
 from orchestrator.report.reading.recorded_sights import read_facts, read_sights
 from orchestrator.report.reading.sight_decoding import ImageSize, decode_sights, video_sights
 from orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
-from orchestrator.report.reading.trajectory_file import Row, read_trajectory
 from orchestrator.report.reading.world_facts import RecordedWorld, recorded_world
 from orchestrator.report.words import place_text, velocity_text
 from worlds.frames import Pose, quat_from_euler

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
+from orchestrator.analysis.reading.judged_motion import JudgedMotion
 from orchestrator.report.model import Curve, Plot, Point
 from orchestrator.report.reading.distances import (
     SHOWN_WITHIN_M,
@@ -14,7 +15,6 @@ from orchestrator.report.reading.distances import (
     heights,
     separations,
 )
-from orchestrator.report.reading.judged_motion import JudgedMotion
 from orchestrator.report.reading.world_facts import RecordedWorld
 
 _MOST_POINTS = 500

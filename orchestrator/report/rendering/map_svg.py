@@ -7,7 +7,8 @@ from typing import Literal
 
 from markupsafe import Markup
 
-from orchestrator.report.model import Commanded, DrawnWorld, Outline, Point, RunReport, Track
+from orchestrator.analysis.model import Commanded
+from orchestrator.report.model import DrawnWorld, Outline, Point, RunReport, Track
 from orchestrator.report.rendering.markup import element, points_text
 from orchestrator.report.rendering.scales import ticks_within
 from safety.fence.areas import Area, Circle

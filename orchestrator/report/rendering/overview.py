@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from campaigns.values.acceptance import Share, parse_share
+from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.model.caveats import caveats
 from orchestrator.model.control_results import expected_text
 from orchestrator.model.results import RunResult, Summary
-from orchestrator.report.model import CampaignReport
 from orchestrator.report.words import NOTHING, number_text
 from safety.model.oracle_results import EvidenceResult
 
@@ -38,7 +38,7 @@ class CaseRow:
     is_control: bool = False
 
 
-def verdict_of(campaign: CampaignReport) -> Verdict:
+def verdict_of(campaign: CampaignDocuments) -> Verdict:
     """Return the campaign's verdict in a word and in a sentence."""
     summary = campaign.summary
     if summary is None:
@@ -58,7 +58,7 @@ def verdict_of(campaign: CampaignReport) -> Verdict:
     return Verdict("not accepted", "bad", counted)
 
 
-def grounds(campaign: CampaignReport) -> list[tuple[str, str]]:
+def grounds(campaign: CampaignDocuments) -> list[tuple[str, str]]:
     """Return what the verdict rests on: vehicles, sensors, evidence, mixture, controls."""
     summary = campaign.summary
     if summary is None:
@@ -73,7 +73,7 @@ def grounds(campaign: CampaignReport) -> list[tuple[str, str]]:
     return found
 
 
-def cautions(campaign: CampaignReport) -> list[str]:
+def cautions(campaign: CampaignDocuments) -> list[str]:
     """Return what a green result has to be read with."""
     summary = campaign.summary
     if summary is None:
@@ -86,7 +86,7 @@ def cautions(campaign: CampaignReport) -> list[str]:
     return found
 
 
-def case_rows(campaign: CampaignReport) -> list[CaseRow]:
+def case_rows(campaign: CampaignDocuments) -> list[CaseRow]:
     """Return a row for each case and mode, the controls last."""
     groups: dict[tuple[str, str, bool], list[RunResult]] = {}
     for entry in campaign.entries:
@@ -98,7 +98,7 @@ def case_rows(campaign: CampaignReport) -> list[CaseRow]:
 
 
 def _case_row(
-    campaign: CampaignReport, case: str, mode: str, is_control: bool, runs: Sequence[RunResult]
+    campaign: CampaignDocuments, case: str, mode: str, is_control: bool, runs: Sequence[RunResult]
 ) -> CaseRow:
     passed = sum(run.verdict == "PASS" for run in runs)
     required, verdict = _standing(campaign, case, mode, runs, passed)
@@ -134,7 +134,7 @@ def _case_row(
 
 
 def _standing(
-    campaign: CampaignReport, case: str, mode: str, runs: Sequence[RunResult], passed: int
+    campaign: CampaignDocuments, case: str, mode: str, runs: Sequence[RunResult], passed: int
 ) -> tuple[str, str]:
     """Return what is required of a case and mode, and whether it is met."""
     if not any(run.required for run in runs):
@@ -146,7 +146,7 @@ def _standing(
     return str(share), next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
 
 
-def _share(campaign: CampaignReport, case: str, mode: str) -> Share | None:
+def _share(campaign: CampaignDocuments, case: str, mode: str) -> Share | None:
     """Return the share that the campaign file requires, for as many repetitions as it has."""
     document = campaign.manifest.get("document")
     accept = document.get("accept") if isinstance(document, dict) else None

@@ -14,8 +14,11 @@ import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from orchestrator.analysis.model import CampaignDocuments
+from orchestrator.analysis.study import Study
+from orchestrator.analysis.study_tables import gap_rows, result_rows, statements
 from orchestrator.model.results import RunResult
-from orchestrator.report.model import CampaignReport, Frame, RunReport, Sight
+from orchestrator.report.model import Frame, RunReport, Sight
 from orchestrator.report.rendering import overview
 from orchestrator.report.rendering.map_svg import map_svg
 from orchestrator.report.rendering.markup import shown, visible
@@ -105,7 +108,9 @@ def render_run(run: RunReport, *, anchor: str, video: str | None = None) -> RunP
     )
 
 
-def render_page(campaign: CampaignReport, pages: Sequence[RunPage], *, made_utc: str) -> str:
+def render_page(
+    campaign: CampaignDocuments, study: Study, pages: Sequence[RunPage], *, made_utc: str
+) -> str:
     """Return the whole page."""
     style, script = _resource("style.css"), _resource("script.js")
     return (
@@ -118,6 +123,9 @@ def render_page(campaign: CampaignReport, pages: Sequence[RunPage], *, made_utc:
             grounds=overview.grounds(campaign),
             cautions=overview.cautions(campaign),
             rows=overview.case_rows(campaign),
+            results=result_rows(study),
+            gap=gap_rows(study),
+            statements=statements(study),
             pages=pages,
             bad=[page for page in pages if page.is_bad],
             problems=campaign.problems,
@@ -192,7 +200,7 @@ def _hash(text: str) -> str:
     return "sha256-" + base64.b64encode(digest).decode("ascii")
 
 
-def _document_text(campaign: CampaignReport) -> str:
+def _document_text(campaign: CampaignDocuments) -> str:
     """Return the campaign file as flown."""
     document = campaign.manifest.get("document")
     if document is None:

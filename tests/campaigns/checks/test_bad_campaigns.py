@@ -119,6 +119,12 @@ ONE_PLACE = [
         "@lagre: {sim: 3/3",
         "accept names an unknown case 'lagre'; did you mean 'large'",
     ),
+    (
+        "accept: {",
+        "published: {passed: {@lagre: {sim: 3/3}}}\naccept: {",
+        "published names an unknown case 'lagre'; did you mean 'large'",
+    ),
+    ("accept: {", "published: {passed: {large: {sm: @3/3}}}\naccept: {", "must be sim, wil or re"),
     ("{sim: 3/3", "{@real: 3/3", "mode 'real' is not flown (modes: sim, wil)"),
     ("{sim: 3/3", "{sim: @3/4", "3/4 is of 4 runs, but there are 3 repetitions"),
     ("{sim: 3/3", "{sim: @4/3", "must ask for at least 1 pass and at most all, is '4/3'"),

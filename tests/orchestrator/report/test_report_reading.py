@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from orchestrator.analysis.errors import ResultsFolderError
+from orchestrator.analysis.model import CampaignDocuments
+from orchestrator.analysis.reading.results_folder import read_campaign
 from orchestrator.report.campaign_report import write_report
-from orchestrator.report.errors import ReportError
-from orchestrator.report.model import CampaignReport, Frame, RunReport
-from orchestrator.report.reading.results_folder import read_campaign
+from orchestrator.report.model import Frame, RunReport
 from orchestrator.report.reading.run_reader import read_run
 from orchestrator.report.reading.sight_decoding import ImageSize
 from orchestrator.report.words import limit_text, number_text, short_time
@@ -170,13 +171,13 @@ def test_a_folder_of_no_campaign_is_refused_in_words(recorded: Path, tmp_path: P
         (recorded / "summary.json", "is a file"),
         (recorded.parent, "did you mean"),
     ):
-        with pytest.raises(ReportError, match=says):
+        with pytest.raises(ResultsFolderError, match=says):
             read_campaign(folder)
 
 
 def test_a_campaign_without_runs_says_so(tmp_path: Path) -> None:
     (tmp_path / "campaign.json").write_text('{"campaign": "empty"}')
-    campaign: CampaignReport = read_campaign(tmp_path)
+    campaign: CampaignDocuments = read_campaign(tmp_path)
     assert campaign.name == "empty"
     assert "no run was begun in this folder" in campaign.problems
 

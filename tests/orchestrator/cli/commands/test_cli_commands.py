@@ -152,7 +152,9 @@ def test_plan_shows_a_table(cli: Cli) -> None:
     assert lines[0].startswith("gate: 5 runs; accepted: large/sim 5/5")
     assert lines[2].split() == ["case", "mode", "rep", "seed", "counts"]
     assert lines[4].split() == ["large", "sim", "1", "3820083363037036", "required"]
-    assert len(lines) == 9
+    assert len(lines) == 11
+    assert "all passed, show a pass rate of at least 0.55" in lines[10]
+    assert "0.80 needs 14, 0.90 needs 29, 0.95 needs 59, 0.99 needs 299" in lines[10]
 
 
 def test_plan_as_json_is_one_document(cli: Cli) -> None:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from orchestrator.report.model import Commanded
-from orchestrator.report.reading.results_folder import UnreadableError, read_text
+from orchestrator.analysis.model import Commanded
+from orchestrator.analysis.reading.results_folder import UnreadableError, read_text
 from worlds.frames import Vec3
 
 _NEEDED = frozenset({"t_s", "vehicle", "stage"})

@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from orchestrator.analysis.errors import ResultsFolderError
+from orchestrator.analysis.model import CampaignDocuments, RunEntry
 from orchestrator.model.results import RunResult, Summary
-from orchestrator.report.errors import ReportError
-from orchestrator.report.model import CampaignReport, RunEntry
 
 T = TypeVar("T")
 
@@ -24,8 +24,8 @@ class UnreadableError(Exception):
     """A document that cannot be used; says which and why."""
 
 
-def read_campaign(folder: Path) -> CampaignReport:
-    """Return what the documents of a results folder tell. Raises ReportError for no such folder."""
+def read_campaign(folder: Path) -> CampaignDocuments:
+    """Return what the documents of a results folder tell. Raises ResultsFolderError."""
     _require_campaign(folder)
     problems: list[str] = []
     manifest = _read_document(folder / "campaign.json", _mapping, problems) or {}
@@ -38,7 +38,7 @@ def read_campaign(folder: Path) -> CampaignReport:
         problems.append(f"{unfinished} of {len(entries)} runs have no result that can be read")
     named = manifest.get("campaign")
     name = named if isinstance(named, str) else summary.campaign if summary else folder.name
-    return CampaignReport(
+    return CampaignDocuments(
         name=name,
         folder=folder.name,
         entries=entries,
@@ -50,18 +50,20 @@ def read_campaign(folder: Path) -> CampaignReport:
 
 def _require_campaign(folder: Path) -> None:
     if not folder.exists():
-        raise ReportError(f"{folder} does not exist; give the results folder of a campaign")
+        raise ResultsFolderError(f"{folder} does not exist; give the results folder of a campaign")
     if not folder.is_dir():
-        raise ReportError(f"{folder} is a file; give the results folder of a campaign")
+        raise ResultsFolderError(f"{folder} is a file; give the results folder of a campaign")
     if any((folder / name).is_file() for name in ("campaign.json", "summary.json")):
         return
     if any(_run_names_on_disk(folder)):
         return
     if any((folder / name).is_file() for name in _OF_A_RUN):
-        raise ReportError(f"{folder} is the folder of one run; give the campaign's, three above it")
+        raise ResultsFolderError(
+            f"{folder} is the folder of one run; give the campaign's, three above it"
+        )
     newest = max(folder.glob("*/campaign.json"), default=None)
     hint = "" if newest is None else f"; did you mean {newest.parent}?"
-    raise ReportError(
+    raise ResultsFolderError(
         f"{folder} is no results folder of a campaign: it has neither campaign.json nor runs{hint}"
     )
 

@@ -1,0 +1,1 @@
+"""Statistics of flights: proportions, exact tests, intervals by resampling, sequential tests."""

@@ -1,0 +1,1 @@
+"""What flown campaigns show, from their results folders: statistics, gap, comparison, history."""

@@ -1,0 +1,5 @@
+"""Errors of reading and comparing results folders."""
+
+
+class ResultsFolderError(Exception):
+    """A folder that is no results folder of a campaign; says why, and what to give instead."""

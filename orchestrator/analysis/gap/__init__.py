@@ -1,0 +1,1 @@
+"""The gap between modes: distances of flights, split by where they arise."""

@@ -1,0 +1,209 @@
+"""The gap: is the behaviour in `wil` nearer to reality than in `sim`, and by how much; pure.
+
+diff(B(S), B(Sm)) < diff(B(S), B(Sv)): each diff is the mean distance over all pairs of a flight of
+reality and one of the other mode. Intervals resample flights, never pairs: a pair shares its
+flights with others.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from campaigns.statistics.bootstrap import Statistic, bootstrap_interval
+from campaigns.statistics.proportions import Interval
+from orchestrator.analysis.gap.measures import MEASURES, Measure, Part
+from orchestrator.analysis.gap.motion import RunMotion
+from worlds.jit import F64
+
+ALL_CASES = "all cases"
+_SEED = 20210530
+_RESOLUTION = 1e-9
+"""Distances below it are none: rounding."""
+
+Flights = Mapping[tuple[str, str], Sequence[RunMotion]]
+"""Motions by case and mode."""
+
+
+@dataclass(frozen=True, slots=True)
+class GapFigure:
+    """One measure of one case. real_to_*: mean distance; real_to_real: the spread of reality.
+
+    closed_percent: how much of the gap of `sim` is closed in `wil`: 100 for all, negative where it
+    is wider. nearer_by: real_to_sim less real_to_wil. The intervals are None where flights are
+    equal or single, as `basis` says. holds: whether wil is nearer, beyond chance; None where the
+    interval of nearer_by contains 0, or where there is none.
+    """
+
+    case: str
+    measure: str
+    part: Part
+    text: str
+    real_to_sim: float | None
+    real_to_wil: float | None
+    real_to_real: float | None
+    closed_percent: float | None
+    closed_interval: Interval | None
+    nearer_by: float | None
+    nearer_interval: Interval | None
+    holds: bool | None
+    basis: str
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """The gap of a campaign. flights: how many were compared, by case and mode as "small/wil".
+
+    left_out: runs that could not be compared, and why.
+    """
+
+    figures: tuple[GapFigure, ...] = ()
+    flights: Mapping[str, int] | None = None
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Distances:
+    """Of one case: from each flight of reality to each of sim and of wil; None: not flown."""
+
+    sim: F64 | None
+    wil: F64 | None
+    real: float | None
+    sizes: tuple[int, int, int]
+
+
+def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> Gap:
+    """Return the gap of flights: each case with reality and another mode, and all that have all."""
+    cases = [
+        case
+        for case in dict.fromkeys(case for case, _ in flights)
+        if flights.get((case, "real")) and any(flights.get((case, m)) for m in ("sim", "wil"))
+    ]
+    figures: list[GapFigure] = []
+    complete: dict[str, list[_Distances]] = {}
+    for case in cases:
+        for measure in MEASURES:
+            distances = _distances(flights, case, measure)
+            figures.append(_figure(case, measure, [distances]))
+            if distances.sim is not None and distances.wil is not None:
+                complete.setdefault(measure.name, []).append(distances)
+    figures += [
+        _figure(ALL_CASES, measure, found)
+        for measure in MEASURES
+        if len(found := complete.get(measure.name, [])) > 1
+    ]
+    counts = {f"{case}/{mode}": len(motions) for (case, mode), motions in flights.items()}
+    return Gap(tuple(figures), counts, tuple(left_out))
+
+
+def _distances(flights: Flights, case: str, measure: Measure) -> _Distances:
+    real, sim, wil = (flights.get((case, mode), ()) for mode in ("real", "sim", "wil"))
+    within = [measure.between(one, other) for one, other in combinations(real, 2)]
+    known = [each for each in within if each is not None]
+    return _Distances(
+        sim=_matrix(real, sim, measure),
+        wil=_matrix(real, wil, measure),
+        real=sum(known) / len(known) if known and len(known) == len(within) else None,
+        sizes=(len(real), len(sim), len(wil)),
+    )
+
+
+def _matrix(real: Sequence[RunMotion], other: Sequence[RunMotion], measure: Measure) -> F64 | None:
+    rows = [[measure.between(one, each) for each in other] for one in real]
+    if not other or any(value is None for row in rows for value in row):
+        return None
+    found = np.array(rows, np.float64)
+    found[found < _RESOLUTION] = 0.0
+    return found
+
+
+def _figure(case: str, measure: Measure, parts: Sequence[_Distances]) -> GapFigure:
+    """Return the figure over the parts: one case, or several with equal weights."""
+    sim = _mean([None if one.sim is None else float(one.sim.mean()) for one in parts])
+    wil = _mean([None if one.wil is None else float(one.wil.mean()) for one in parts])
+    closed = nearer = None
+    closed_interval = nearer_interval = None
+    if sim is not None and wil is not None:
+        nearer = sim - wil
+        closed = 100.0 * (1.0 - wil / sim) if sim > 0.0 else None
+        sizes = [size for one in parts for size in one.sizes]
+        nearer_interval = bootstrap_interval(sizes, _nearer(parts), seed=_SEED)
+        if nearer_interval is not None and closed is not None:
+            closed_interval = bootstrap_interval(sizes, _closed(parts), seed=_SEED)
+    return GapFigure(
+        case=case,
+        measure=measure.name,
+        part=measure.part,
+        text=measure.text,
+        real_to_sim=sim,
+        real_to_wil=wil,
+        real_to_real=_mean([one.real for one in parts]),
+        closed_percent=closed,
+        closed_interval=closed_interval,
+        nearer_by=nearer,
+        nearer_interval=nearer_interval,
+        holds=_beyond_chance(nearer_interval),
+        basis=_basis(parts, nearer, nearer_interval),
+    )
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    return sum(known) / len(known) if known and len(known) == len(values) else None
+
+
+def _beyond_chance(interval: Interval | None) -> bool | None:
+    if interval is None:
+        return None
+    return True if interval.low > 0.0 else False if interval.high < 0.0 else None
+
+
+def _basis(parts: Sequence[_Distances], nearer: float | None, interval: Interval | None) -> str:
+    """Return what a figure rests on, in words: the number of flights, and why no interval."""
+    real, sim, wil = (sum(one.sizes[place] for one in parts) for place in range(3))
+    counted = f"{real} real, {sim} sim, {wil} wil"
+    if nearer is None:
+        return f"{counted}; not all of them recorded it" if sim and wil else counted
+    if interval is not None:
+        return counted
+    single = all(size == 1 for one in parts for size in one.sizes)
+    why = "one flight of each mode" if single else "equal flights: deterministic, no spread"
+    return f"{counted}; {why}"
+
+
+def _means(parts: Sequence[_Distances], weights: Sequence[F64]) -> tuple[F64, F64]:
+    """Return of each resample the mean distances from reality to sim and to wil."""
+    sims, wils = [], []
+    for index, one in enumerate(parts):
+        real, sim, wil = weights[3 * index : 3 * index + 3]
+        sims.append(_weighted_mean(real, one.sim, sim))
+        wils.append(_weighted_mean(real, one.wil, wil))
+    return np.mean(sims, axis=0), np.mean(wils, axis=0)
+
+
+def _weighted_mean(real: F64, distances: F64 | None, other: F64) -> F64:
+    """Return the mean of distances (real, other) for each row of weights of both."""
+    if distances is None:
+        raise ValueError("a mode without distances has no mean")
+    found: F64 = np.sum((real @ distances) * other, axis=1)
+    return found
+
+
+def _nearer(parts: Sequence[_Distances]) -> Statistic:
+    def statistic(weights: Sequence[F64]) -> F64:
+        sim, wil = _means(parts, weights)
+        return sim - wil
+
+    return statistic
+
+
+def _closed(parts: Sequence[_Distances]) -> Statistic:
+    def statistic(weights: Sequence[F64]) -> F64:
+        sim, wil = _means(parts, weights)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found: F64 = 100.0 * (1.0 - wil / sim)
+        return found
+
+    return statistic

@@ -1,0 +1,88 @@
+"""The motion of a run under its goal, on even times; of judged.msgpack and trajectory.csv."""
+
+import bisect
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from orchestrator.analysis.model import Commanded
+from orchestrator.analysis.reading.judged_motion import read_judged_motion
+from orchestrator.analysis.reading.trajectory_file import read_trajectory
+from worlds.frames import Pose
+from worlds.jit import F64
+
+STEP_S = 0.1
+_LEAST, _MOST = 5, 3000
+"""Samples of a motion: below there is nothing to compare, above a comparison takes too long."""
+
+
+class MotionError(Exception):
+    """The motion of a run cannot be compared; says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunMotion:
+    """The judged vehicle from the moment its goal was given until it was done, every STEP_S.
+
+    positions_ned_m (samples, 3): as judged. commands (samples, 3): the setpoints of the autonomy,
+    by kind "velocity" in m/s or "position" in m, NED; answers: the same quantity of the vehicle.
+    kind: empty, with no rows, where no setpoints of one kind were recorded.
+    """
+
+    positions_ned_m: F64
+    kind: str
+    commands: F64
+    answers: F64
+
+
+def read_motion(folder: Path, vehicle: str) -> RunMotion:
+    """Return the motion of a vehicle in a run's folder. Raises MotionError."""
+    judged = read_judged_motion(folder / "judged.msgpack")
+    poses, begin_s = judged.poses.get(vehicle), judged.stages.get("goal")
+    if judged.problems:
+        raise MotionError(judged.problems[0])
+    if not poses or begin_s is None:
+        raise MotionError(f"it has no poses of {vehicle} under the goal")
+    ends = [judged.stages[name] for name in ("done", "land", "end") if name in judged.stages]
+    times = _even_times(begin_s, min([*ends, poses[-1][0]]))
+    rows = read_trajectory(folder / "trajectory.csv")
+    given = [row.decoded() for row in rows.rows if row.vehicle == vehicle]
+    kind, commands, answers = _commands([one for one in given if one.setpoint], times)
+    return RunMotion(_positions(poses, times), kind, commands, answers)
+
+
+def _even_times(begin_s: float, end_s: float) -> F64:
+    count = int((end_s - begin_s) / STEP_S + 1e-6) + 1
+    if count < _LEAST:
+        raise MotionError(f"its goal was flown for {max(0.0, end_s - begin_s):.1f} s")
+    if count > _MOST:
+        raise MotionError(f"its goal was flown for {end_s - begin_s:.0f} s: longer than compared")
+    return begin_s + STEP_S * np.arange(count, dtype=np.float64)
+
+
+def _positions(poses: Sequence[tuple[float, Pose]], times: F64) -> F64:
+    stamps = np.array([t_s for t_s, _ in poses])
+    places = np.array([pose.position_ned_m for _, pose in poses])
+    return np.stack([np.interp(times, stamps, places[:, axis]) for axis in range(3)], axis=1)
+
+
+def _commands(rows: Sequence[Commanded], times: F64) -> tuple[str, F64, F64]:
+    """Return kind, commands and answers: the newest row at each time."""
+    nothing = np.zeros((0, 3))
+    stamps = [row.t_s for row in rows]
+    # Before the first command there is none: the first is taken, a tick early.
+    newest = [max(0, bisect.bisect_right(stamps, t_s + 1e-6) - 1) for t_s in times]
+    chosen = [rows[index] for index in newest] if rows else []
+    kinds = {row.setpoint_kind for row in chosen}
+    if len(kinds) != 1:
+        return "", nothing, nothing
+    kind = kinds.pop()
+    answers = [
+        row.velocity_ned_m_s if kind == "velocity" else row.truth_ned_m or row.position_ned_m
+        for row in chosen
+    ]
+    if any(one is None for one in answers):
+        return "", nothing, nothing
+    return kind, np.array([row.setpoint for row in chosen]), np.array(answers, np.float64)

@@ -1,0 +1,151 @@
+"""The statistics of a campaign as rows and sentences, for the terminal and the report; pure."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from campaigns.statistics.proportions import Interval
+from orchestrator.analysis.gap.gap import GapFigure
+from orchestrator.analysis.pass_rates import MODES, ModeTest, PassRate
+from orchestrator.analysis.study import Study
+
+NONE = "-"
+_MODE_NAMES = {"sim": "simulation", "wil": "WIL", "real": "reality"}
+
+_GAP_HEAD = (
+    "case",
+    "part",
+    "measure",
+    "real to sim",
+    "real to wil",
+    "real to real",
+    "gap closed",
+    "nearer by",
+    "wil nearer",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """A table: the head, and rows of as many texts."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def result_rows(study: Study) -> Rows:
+    """Return passes and failures by case and mode, laid out as the paper's Table I.
+
+    Beside each count its interval, and where the campaign carries published counts, those.
+    """
+    rates = {(one.case, one.mode): one for one in study.rates.rates}
+    published = study.published.passed
+    cases = dict.fromkeys([*(case for case, _ in rates), *(case for case, _ in published)])
+    modes = [one for one in MODES if any(mode == one for _, mode in (*rates, *published))]
+    head = ["case"]
+    for mode in modes:
+        head += [_MODE_NAMES[mode], *(["published"] if published else [])]
+    rows = []
+    for case in cases:
+        row = [case]
+        for mode in modes:
+            row.append(_rate_text(rates.get((case, mode))))
+            if published:
+                row.append(_published_text(published.get((case, mode), "")))
+        rows.append(tuple(row))
+    return Rows(tuple(head), tuple(rows))
+
+
+def gap_rows(study: Study) -> Rows:
+    """Return the gap by case and measure."""
+    return Rows(_GAP_HEAD, tuple(_gap_row(one) for one in study.gap.figures))
+
+
+def statements(study: Study) -> list[str]:
+    """Return in sentences what tests and agreement say, and what was left out."""
+    found = [_test_text(test) for test in study.rates.tests]
+    found += [
+        f"{_MODE_NAMES[one.mode]} agrees with reality on whether there are failures in "
+        f"{one.cases_agree} of {one.cases} cases; a flight of each ends alike with "
+        f"probability {one.verdicts_agree:.2f}"
+        for one in study.rates.agreement
+    ]
+    found += list(_bases(study.gap.figures))
+    if study.published.source:
+        found.append(f"published: {study.published.source}")
+    return [*found, *(f"not compared: {text}" for text in study.gap.left_out)]
+
+
+def has_modes_to_compare(study: Study) -> bool:
+    """Return whether reality was flown beside another mode, or counts were published."""
+    modes = {one.mode for one in study.rates.rates}
+    return bool(study.published.passed) or ("real" in modes and len(modes) > 1)
+
+
+def interval_text(interval: Interval | None, digits: int = 2) -> str:
+    """Return an interval as [low, high]; empty for none."""
+    return "" if interval is None else f"[{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
+
+
+def _rate_text(rate: PassRate | None) -> str:
+    if rate is None:
+        return NONE
+    text = f"P {rate.passed} F {rate.flown - rate.passed}"
+    if rate.deterministic:
+        text += " equal runs"
+    elif rate.interval is not None:
+        text += f" {interval_text(rate.interval)}"
+    return f"{text} +{rate.unproven} unproven" if rate.unproven else text
+
+
+def _published_text(text: str) -> str:
+    """Return published counts as the table has its own; other texts as they are."""
+    passed, is_count, flown = text.partition("/")
+    if is_count and passed.strip().isdecimal() and flown.strip().isdecimal():
+        return f"P {int(passed)} F {int(flown) - int(passed)}"
+    return text or NONE
+
+
+def _test_text(test: ModeTest) -> str:
+    where = test.case or "all cases"
+    kind = "Fisher's exact test" if test.case else "exact test stratified by case"
+    names = f"{_MODE_NAMES[test.one]} and {_MODE_NAMES[test.other]}"
+    if test.p is None:
+        return f"{names}, {where}: no test, {test.why}"
+    return f"{names}, {where}: p {test.p:.2g} ({kind}{f'; {test.why}' if test.why else ''})"
+
+
+def _gap_row(figure: GapFigure) -> tuple[str, ...]:
+    closed = NONE if figure.closed_percent is None else f"{figure.closed_percent:.0f} %"
+    nearer = _number(figure.nearer_by)
+    if figure.nearer_interval is not None:
+        closed = f"{closed} {interval_text(figure.closed_interval, 0)}".rstrip()
+        nearer = f"{nearer} {interval_text(figure.nearer_interval, 3)}"
+    return (
+        figure.case,
+        figure.part,
+        figure.measure,
+        _number(figure.real_to_sim),
+        _number(figure.real_to_wil),
+        _number(figure.real_to_real),
+        closed,
+        nearer,
+        _holds_text(figure),
+    )
+
+
+def _holds_text(figure: GapFigure) -> str:
+    if figure.nearer_by is None:
+        return NONE
+    if figure.nearer_interval is None:
+        return "no spread"
+    return {True: "yes", False: "no", None: "undecided"}[figure.holds]
+
+
+def _bases(figures: Sequence[GapFigure]) -> Iterator[str]:
+    """Yield on what flights the gap of each case rests, each once."""
+    texts = dict.fromkeys(f"gap of {one.case}: {one.basis}" for one in figures)
+    yield from texts
+
+
+def _number(value: float | None) -> str:
+    return NONE if value is None else f"{value:.3f}"

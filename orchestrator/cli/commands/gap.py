@@ -1,0 +1,48 @@
+"""`wil-campaign gap`: pass rates by mode and the gap between simulation and reality."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from orchestrator.analysis.errors import ResultsFolderError
+from orchestrator.analysis.reading.results_folder import read_campaign
+from orchestrator.analysis.study import read_study, study_json
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.cli.study_text import study_text
+from worlds.files.problems import printable
+
+
+def gap(
+    folder: Path, *, json_: Annotated[bool, Parameter(name="--json", negative=())] = False
+) -> int:
+    """Print what a flown campaign says about its modes: pass rates, tests, and the gap.
+
+    The gap is how far flights of `sim` and of `wil` are from flights of `real`. Exit code 2: no
+    campaign's folder, or one that flew no reality beside another mode; 3: something is missing or
+    damaged.
+
+    Parameters
+    ----------
+    folder
+        The results folder of a campaign: DIR/<campaign>/<UTC start>.
+    json_
+        Print statistics.json.
+    """
+    try:
+        campaign = read_campaign(folder)
+    except ResultsFolderError as error:
+        err(printable(str(error)))
+        return 2
+    study = read_study(folder, campaign)
+    if json_:
+        out(study_json(campaign, study).rstrip())
+    else:
+        out(study_text(study))
+    problems = [text for entry in campaign.entries for text in entry.problems]
+    for text in (*campaign.problems, *dict.fromkeys(problems)):
+        err(printable(text))
+    if not study.gap.figures:
+        err("there is no gap to measure: it needs flights of mode real, and of sim or wil")
+    damaged = bool(campaign.problems or problems or study.gap.left_out)
+    return 3 if damaged else 0 if study.gap.figures else 2

@@ -1,0 +1,158 @@
+"""Statistics against published values, brute force and scipy.stats."""
+
+import itertools
+from math import comb
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from campaigns.statistics.bootstrap import F64, bootstrap_interval
+from campaigns.statistics.exact_tests import Counts, fisher_exact, stratified_exact
+from campaigns.statistics.proportions import (
+    clopper_pearson,
+    flights_without_failure,
+    least_pass_rate,
+)
+from campaigns.statistics.trajectory_distances import dtw_m, frechet_m, time_aligned_rmse_m
+
+
+@pytest.mark.parametrize(
+    ("passed", "flown", "low", "high"),
+    [
+        # Newcombe, Statistics in Medicine 17 (1998), table I, method 5.
+        (81, 263, 0.2527, 0.3676),
+        (15, 148, 0.0578, 0.1617),
+        (0, 20, 0.0000, 0.1684),
+        (1, 29, 0.0009, 0.1776),
+        (5, 5, 0.4782, 1.0000),
+    ],
+)
+def test_the_interval_of_a_pass_rate_is_as_published(
+    passed: int, flown: int, low: float, high: float
+) -> None:
+    interval = clopper_pearson(passed, flown)
+    assert interval is not None
+    assert (interval.low, interval.high) == pytest.approx((low, high), abs=6e-5)
+
+
+def test_no_flight_has_no_interval_and_impossible_counts_are_refused() -> None:
+    assert clopper_pearson(0, 0) is None
+    with pytest.raises(ValueError, match="6 of 5"):
+        clopper_pearson(6, 5)
+    with pytest.raises(ValueError, match="confidence"):
+        clopper_pearson(1, 5, confidence=1.0)
+
+
+def test_a_claim_needs_so_many_flights_without_failure() -> None:
+    assert [flights_without_failure(rate) for rate in (0.8, 0.9, 0.95, 0.99)] == [14, 29, 59, 299]
+    assert least_pass_rate(59) >= 0.95 > least_pass_rate(58)
+    assert least_pass_rate(0) == 0.0
+
+
+def test_fishers_test_gives_what_is_published() -> None:
+    # Fisher's tea: Agresti, Categorical Data Analysis, section 3.5.2.
+    assert fisher_exact(Counts(3, 4), Counts(1, 4)) == pytest.approx(0.4857, abs=1e-4)
+    assert fisher_exact(Counts(1, 4), Counts(3, 4), "less") == pytest.approx(0.2429, abs=1e-4)
+    assert fisher_exact(Counts(5, 5), Counts(1, 5)) == pytest.approx(0.0476, abs=1e-4)
+    assert fisher_exact(Counts(5, 5), Counts(4, 5)) == 1.0
+    assert fisher_exact(Counts(30, 30), Counts(21, 30)) == pytest.approx(0.0019, abs=1e-4)
+    assert fisher_exact(Counts(0, 0), Counts(3, 5)) == 1.0
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.tuples(*[st.integers(0, 3)] * 4), min_size=1, max_size=3),
+    st.sampled_from(["two-sided", "less"]),
+)
+def test_the_stratified_test_is_that_of_all_outcomes(
+    strata: list[tuple[int, int, int, int]], alternative: str
+) -> None:
+    tables = [(Counts(a, a + b), Counts(c, c + d)) for a, b, c, d in strata]
+    weights: dict[int, int] = {}
+    ranges = [range(one.passed + other.passed + 1) for one, other in tables]
+    for outcome in itertools.product(*ranges):
+        weight = 1
+        for count, (one, other) in zip(outcome, tables, strict=True):
+            rest = one.passed + other.passed - count
+            weight *= comb(one.flown, count) * comb(other.flown, rest)
+        weights[sum(outcome)] = weights.get(sum(outcome), 0) + weight
+    seen = sum(one.passed for one, _ in tables)
+    chosen = (
+        [weight for count, weight in weights.items() if count <= seen]
+        if alternative == "less"
+        else [weight for weight in weights.values() if weight <= weights[seen]]
+    )
+    expected = sum(chosen) / sum(weights.values())
+    found = stratified_exact(tables, "less" if alternative == "less" else "two-sided")
+    assert found == pytest.approx(expected)
+
+
+def test_the_bootstrap_agrees_with_scipys() -> None:
+    stats = pytest.importorskip("scipy.stats")
+    rng = np.random.default_rng(3)
+    one, other = rng.exponential(1.0, 20), rng.normal(0.0, 1.0, 15)
+    found = bootstrap_interval(
+        [20, 15], lambda weights: weights[0] @ one - weights[1] @ other, seed=1
+    )
+    reference = stats.bootstrap(
+        (one, other),
+        lambda a, b, axis: a.mean(axis=axis) - b.mean(axis=axis),
+        vectorized=True,
+        method="BCa",
+        random_state=np.random.default_rng(2),
+    ).confidence_interval
+    assert found is not None
+    assert (found.low, found.high) == pytest.approx((reference.low, reference.high), abs=0.04)
+
+
+def test_equal_runs_have_no_interval() -> None:
+    equal = np.full(5, 0.7)
+    assert bootstrap_interval([5], lambda weights: weights[0] @ equal, seed=1) is None
+    assert bootstrap_interval([1], lambda weights: weights[0] @ np.array([2.0]), seed=1) is None
+
+
+LINE = np.stack([np.linspace(0.0, 4.0, 41), np.zeros(41), np.zeros(41)], axis=1)
+
+
+def test_distances_of_known_trajectories() -> None:
+    beside = LINE + np.array([0.0, 0.5, 0.0])
+    for distance in (dtw_m, frechet_m, time_aligned_rmse_m):
+        assert distance(LINE, LINE) == 0.0
+        assert distance(LINE, beside) == pytest.approx(0.5)
+        assert distance(beside, LINE) == pytest.approx(0.5)
+
+
+def test_time_matters_to_one_of_them_alone() -> None:
+    late = np.concatenate([np.repeat(LINE[:1], 10, 0), LINE])
+    assert dtw_m(LINE, late) == pytest.approx(0.0)
+    assert frechet_m(LINE, late) == pytest.approx(0.0)
+    # 30 samples 1 m behind, then 0.9 to 0 m while the first stands at its end, of 51.
+    expected = np.sqrt((sum((k / 10) ** 2 for k in range(10)) * 2 + 31 * 1.0) / 51)
+    assert time_aligned_rmse_m(LINE, late) == pytest.approx(expected)
+
+
+def test_a_detour_lengthens_the_leash_and_hardly_the_mean() -> None:
+    spike = LINE.copy()
+    spike[20, 1] = 2.0
+    assert frechet_m(LINE, spike) == pytest.approx(2.0)
+    assert dtw_m(LINE, spike) < 0.1
+
+
+def _frechet_of(one: F64, other: F64, i: int, j: int) -> float:
+    """Return it by its definition (Eiter and Mannila)."""
+    apart = float(np.linalg.norm(one[i] - other[j]))
+    before = [
+        _frechet_of(one, other, a, b)
+        for a, b in ((i - 1, j), (i, j - 1), (i - 1, j - 1))
+        if a >= 0 and b >= 0
+    ]
+    return max(apart, min(before)) if before else apart
+
+
+def test_the_distance_is_that_of_its_definition() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        one, other = rng.normal(size=(5, 3)), rng.normal(size=(6, 3))
+        assert frechet_m(one, other) == pytest.approx(_frechet_of(one, other, 4, 5))

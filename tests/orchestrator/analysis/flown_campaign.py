@@ -1,0 +1,148 @@
+"""Results folders that nothing flew: each flight is a path, a verdict and a duration."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from orchestrator.model.document_writer import to_json
+from orchestrator.model.results import RunResult, Summary, SyncResult, summarize
+from orchestrator.recording.judge_log_file import JudgeLogWriter
+from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
+from safety.model.oracle_results import OracleResult, Verdict
+from safety.model.samples import PoseSample, StageSample
+from vehicles.setpoints import VelocitySetpoint
+from worlds.frames import Pose
+
+GOAL_S, DONE_S = 2.0, 6.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flight:
+    """One flight. east_m: how far beside the straight way; lag_m_s: behind the command."""
+
+    case: str
+    mode: str
+    rep: int
+    verdict: Verdict = "PASS"
+    east_m: float = 0.0
+    margin_m: float = 0.3
+    duration_s: float = 10.0
+    lag_m_s: float = 0.0
+    command_m_s: float = 1.0
+    seed: int | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{self.case}/{self.mode}/{self.rep}"
+
+    def result(self) -> RunResult:
+        subject = "twin" if self.mode == "sim" else "real"
+        verdict: Literal["PASS", "FAIL"] = "PASS" if self.verdict == "PASS" else "FAIL"
+        oracle = OracleResult(
+            "collision", subject, True, verdict, self.margin_m, 0.0, "m", self.margin_m, 4.0
+        )
+        return RunResult(
+            case=self.case,
+            mode=self.mode,
+            rep=self.rep,
+            seed=100 + self.rep if self.seed is None else self.seed,
+            verdict=self.verdict,
+            reason="" if self.verdict == "PASS" else "real touched gate.left",
+            also=(),
+            required=True,
+            duration_s=self.duration_s,
+            wall_s=1.0,
+            oracles=(oracle,),
+            sync=SyncResult(),
+            mixing=None,
+        )
+
+
+def flights(
+    case: str, mode: str, verdicts: str, easts_m: Sequence[float] = (), **more: Any
+) -> list[Flight]:
+    """Return a flight for each letter: P for PASS, F for FAIL, I for INVALID."""
+    words: dict[str, Verdict] = {"P": "PASS", "F": "FAIL", "I": "INVALID"}
+    spread = list(easts_m) or [0.0] * len(verdicts)
+    return [
+        Flight(
+            case=case,
+            mode=mode,
+            rep=number,
+            verdict=words[letter],
+            east_m=east_m,
+            margin_m=round(0.3 - abs(east_m), 6),
+            duration_s=10.0 + east_m,
+            **more,
+        )
+        for number, (letter, east_m) in enumerate(zip(verdicts, spread, strict=True), 1)
+    ]
+
+
+def summary_of(given: Sequence[Flight], name: str = "gate", clock: str = "virtual") -> Summary:
+    return summarize(
+        [one.result() for one in given],
+        (),
+        campaign=name,
+        clock="virtual" if clock == "virtual" else "wall",
+        surrogate=True,
+        real_kind="embedded",
+        sensors={},
+    )
+
+
+def write_flown(
+    folder: Path,
+    given: Sequence[Flight],
+    *,
+    name: str = "gate",
+    started_utc: str = "2026-11-20T10:00:00Z",
+    version: str = "1.0",
+    clock: str = "virtual",
+    document: Mapping[str, object] | None = None,
+    with_motion: bool = True,
+    documents: Callable[[Flight], str] = lambda _: "sha256:0",
+) -> Path:
+    """Write the results folder of flights, and return it."""
+    folder.mkdir(parents=True)
+    for one in given:
+        place = folder / one.name
+        place.mkdir(parents=True)
+        (place / "result.json").write_text(to_json(one.result()))
+        if with_motion:
+            _write_motion(place, one)
+    (folder / "summary.json").write_text(to_json(summary_of(given, name, clock)))
+    manifest = {
+        "campaign": name,
+        "started_utc": started_utc,
+        "clock": clock,
+        "versions": {"wil-campaign": version},
+        "files": {"gate.yaml": "sha256:0"},
+        "host": {"name": "here", "machine": "x86_64", "cores": 2},
+        "runs": [{"run": one.name, "seed": 1, "documents": documents(one)} for one in given],
+        "document": dict(document or {"campaign": name}),
+    }
+    (folder / "campaign.json").write_text(json.dumps(manifest))
+    return folder
+
+
+def _write_motion(place: Path, flight: Flight) -> None:
+    vehicle = "twin" if flight.mode == "sim" else "real"
+    with (
+        TrajectoryWriter(path=place / "trajectory.csv") as rows,
+        JudgeLogWriter(path=place / "judged.msgpack") as judged,
+    ):
+        for k in range(71):
+            t_s = k / 10
+            speed_m_s = flight.command_m_s - flight.lag_m_s
+            pose = Pose.of(max(0.0, t_s - GOAL_S), flight.east_m, 1.2)
+            judged.write(PoseSample(t_s, vehicle, pose, (speed_m_s, 0.0, 0.0)))
+            setpoint = VelocitySetpoint((flight.command_m_s, 0.0, 0.0), 0.0)
+            row = (t_s, vehicle, "goal", "OFFBOARD", True, pose, (speed_m_s, 0.0, 0.0), pose)
+            rows.write(TrajectoryRow(*row, setpoint, ""))
+            if t_s == GOAL_S:
+                judged.write(StageSample(t_s, "goal"))
+            if t_s == DONE_S:
+                judged.write(StageSample(t_s, "done"))
