@@ -321,14 +321,15 @@ def _runs(
     """Yield the planned runs of the chosen cases and modes, repetition by repetition."""
     for case, mode in chosen:
         for repetition in range(1, part.repetitions + 1):
+            seed = run_seed(part.seed, case, repetition)
             yield RunPlan(
                 campaign=part.campaign,
                 case=case,
                 mode=mode,
                 repetition=repetition,
-                seed=run_seed(part.seed, case, repetition),
+                seed=seed,
                 required=(case, mode) in shares,
-                files=files[case],
+                files=files[case].seeded(seed),
                 loads_code=options.loads_code,
             )
 
@@ -342,15 +343,16 @@ def _controls(
     """
     for name, control in part.controls.items():
         expected = expectation(part, control)
+        seed = run_seed(part.seed, expected.case, 1)
         for mode in modes_of(part, control):
             yield RunPlan(
                 campaign=part.campaign,
                 case=name,
                 mode=mode,
                 repetition=1,
-                seed=run_seed(part.seed, expected.case, 1),
+                seed=seed,
                 required=False,
-                files=files[name],
+                files=files[name].seeded(seed),
                 control=expected,
                 loads_code=options.loads_code,
             )

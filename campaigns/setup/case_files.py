@@ -2,12 +2,21 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from campaigns.schema import MATRIX_KEYS
 from recipes.language.recipe_files import load_recipe_document
-from worlds.files.documents import BadInput, Document, Entry, Problem, closest, load, parse_value
+from worlds.files.documents import (
+    BadInput,
+    Data,
+    Document,
+    Entry,
+    Problem,
+    closest,
+    load,
+    parse_value,
+)
 from worlds.files.documents import Path as DocumentPath
 
 _INTO = ("world", "recipe")
@@ -52,11 +61,30 @@ class CaseFiles:
         """Return the folder to which file names of the case are relative."""
         return self.campaign.path.parent
 
+    def seeded(self, seed: int) -> "CaseFiles":
+        """Return the files for a run: its seed in a world that draws speeds and has none itself."""
+        if self.world is None or self.world.get(("seed",)) is not None:
+            return self
+        if not _draws_speeds(self.world.get(("objects",))):
+            return self
+        entry = parse_value(str(seed), name="the run's seed")
+        return replace(self, world=self.world.override("seed", entry))
+
     @property
     def paths(self) -> tuple[Path, ...]:
         """Return the paths of the case's files."""
         documents = (self.campaign, self.world, self.recipe, *self.fences.values())
         return tuple(document.path for document in documents if document is not None)
+
+
+def _draws_speeds(objects: Data) -> bool:
+    """Return whether an object of a case's world moves at a speed that is drawn."""
+    motions = [
+        one.get("motion")
+        for one in (objects if isinstance(objects, dict) else {}).values()
+        if isinstance(one, dict)
+    ]
+    return any(isinstance(one, dict) and one.get("speed_sd_m_s") for one in motions)
 
 
 def override_from_option(option: str, text: str) -> Override:

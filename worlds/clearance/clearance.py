@@ -16,7 +16,7 @@ from worlds.clearance.distance import Body, BodySolid, Gap, PartSolid
 from worlds.frames import Pose, angle_between
 from worlds.scene.motion import Travel
 from worlds.scene.parts import BoxShape, SphereShape
-from worlds.scene.scene import NO_EVENTS, Scene, SceneObject
+from worlds.scene.scene import NO_EVENTS, RigidBody, Scene
 
 __all__ = ["Body", "BoxShape", "Clearance", "ClearanceProbe", "SphereShape"]
 
@@ -66,9 +66,9 @@ class ClearanceProbe:
         self._within_m = within_m
         self._targets = [
             target
-            for thing in scene.objects
-            if thing.name not in exclude
-            for target in (_Target(thing, is_floor=False), _Target(thing, is_floor=True))
+            for part in scene.bodies
+            if part.thing.name not in exclude
+            for target in (_Target(part, is_floor=False), _Target(part, is_floor=True))
             if target.parts and (floors or not target.is_floor)
         ]
 
@@ -88,17 +88,19 @@ class ClearanceProbe:
         below_m: by `Clearance.key`, what is known already: only what is less is reported.
         """
         stretch = _Stretch(pose_0, t_0_s, pose_1, t_1_s, events)
-        found = []
+        found: dict[_Key, Clearance] = {}
         within_m, radius_m = self._within_m, self._body.radius_m
         for target in self._targets:
             limit_m = within_m
+            if target.is_limb and target.key in found:
+                limit_m = found[target.key].clearance_m
             if below_m is not None:
                 limit_m = min(limit_m, below_m.get(target.key, limit_m))
             if limit_m > 0.0 and target.is_near(stretch, radius_m, limit_m):
                 clearance = _Sweep(self._body, target, stretch).least(limit_m)
                 if clearance is not None:
-                    found.append(clearance)
-        return tuple(found)
+                    found[target.key] = clearance
+        return tuple(found.values())
 
 
 class _Stretch:
@@ -121,14 +123,16 @@ class _Stretch:
 
 
 class _Target:
-    """An object (or its floor) with its parts ready for clearance measurement."""
+    """A rigid body (or its floor) with its parts ready for clearance measurement."""
 
-    def __init__(self, thing: SceneObject, *, is_floor: bool) -> None:
-        self.thing = thing
+    def __init__(self, body: RigidBody, *, is_floor: bool) -> None:
+        thing = body.thing
+        self.body = body
         self.is_floor = is_floor
+        self.is_limb = body.joint is not None
         self.key = (thing.name, is_floor)
-        self.parts = [PartSolid(p) for p in thing.shape.parts if p.is_floor is is_floor]
-        self.radius_m = thing.shape.radius_m
+        self.parts = [PartSolid(p) for p in body.shape.parts if p.is_floor is is_floor]
+        self.radius_m = body.radius_m
         self.place_m = thing.pose.position_ned_m if thing.motion is None else None
         self.at_rest = thing.pose.inverse() if thing.motion is None else None
 
@@ -137,7 +141,7 @@ class _Target:
         reach_m = self.radius_m + body_radius_m + limit_m
         way_m, center = stretch.way_m, self.place_m
         if center is None:
-            thing = self.thing
+            thing = self.body.thing
             center = thing.pose_at(stretch.t_0_s, stretch.events).position_ned_m
             way_m += thing.travel(stretch.t_0_s, stretch.t_1_s, stretch.events).length_m
         return math.dist(stretch.pose_0.position_ned_m, center) - way_m < reach_m
@@ -170,7 +174,7 @@ class _Sweep:
     def _straight(self) -> bool:
         """Return whether the object rests or moves evenly during the sweep."""
         stretch = self._stretch
-        return self._target.thing.is_even(stretch.t_0_s, stretch.t_1_s, stretch.events)
+        return self._target.body.is_even(stretch.t_0_s, stretch.t_1_s, stretch.events)
 
     def least(self, limit_m: float) -> Clearance | None:
         """Return the least clearance over all parts; None when it is not below the limit."""
@@ -265,7 +269,7 @@ class _Sweep:
         """Return a pose of the swept body in the object's frame."""
         frame = self._target.at_rest
         if frame is None:
-            frame = self._target.thing.pose_at(t_s, self._stretch.events).inverse()
+            frame = self._target.body.pose_at(t_s, self._stretch.events).inverse()
         return frame.compose(body)
 
     def _motion_m(self, from_fraction: float, to_fraction: float) -> float:
@@ -281,7 +285,7 @@ class _Sweep:
         """Return how far the object moves and turns between two fractions of the sweep."""
         stretch = self._stretch
         first_s, last_s = stretch.time_s(from_fraction), stretch.time_s(to_fraction)
-        return self._target.thing.travel(first_s, last_s, stretch.events)
+        return self._target.body.travel(first_s, last_s, stretch.events)
 
 
 def _bound(bounded: tuple[float, PartSolid]) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from worlds.frames import AT_ORIGIN, Pose, Vec3, matrix_from_quat
 from worlds.scene.meshes import FloatArray
-from worlds.scene.scene import NO_EVENTS, Scene, SceneObject
+from worlds.scene.scene import NO_EVENTS, RigidBody, Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,10 +30,11 @@ class RayCaster:
     """
 
     def __init__(self, scene: Scene) -> None:
-        resting = [thing for thing in scene.objects if thing.motion is None]
-        self._resting = _Group(resting, [thing.pose for thing in resting]) if resting else None
-        moving = [thing for thing in scene.objects if thing.motion is not None]
-        self._moving = [(thing, _Group([thing], [AT_ORIGIN])) for thing in moving]
+        resting = [body for body in scene.bodies if body.thing.motion is None]
+        poses = [body.thing.pose for body in resting]
+        self._resting = _Group(resting, poses) if resting else None
+        moving = [body for body in scene.bodies if body.thing.motion is not None]
+        self._moving = [(body, _Group([body], [AT_ORIGIN])) for body in moving]
 
     def cast(
         self,
@@ -46,7 +47,7 @@ class RayCaster:
         count = len(directions_ned)
         ranges_m, object_ids = np.full(count, np.inf), np.zeros(count, np.uint8)
         groups = [(self._resting, AT_ORIGIN)] if self._resting else []
-        groups += [(group, thing.pose_at(t_s, events)) for thing, group in self._moving]
+        groups += [(group, body.pose_at(t_s, events)) for body, group in self._moving]
         for group, pose in groups:
             rotation = matrix_from_quat(pose.q_wxyz)
             hits = group.cast(np.array(pose.to_local(origin_ned_m)), directions_ned @ rotation)
@@ -57,19 +58,19 @@ class RayCaster:
 
 
 class _Group:
-    """Objects with fixed relative places in one tree for ray casting."""
+    """Bodies with fixed relative places in one tree for ray casting."""
 
-    def __init__(self, things: Sequence[SceneObject], poses: Sequence[Pose]) -> None:
+    def __init__(self, bodies: Sequence[RigidBody], poses: Sequence[Pose]) -> None:
         # Needed by few: lidars and tests.
         from embreex.mesh_construction import TriangleMesh  # noqa: PLC0415
         from embreex.rtcore_scene import EmbreeScene  # noqa: PLC0415
 
         self._scene: Any = EmbreeScene()
-        self._ids = np.array([thing.object_id for thing in things], np.uint8)
+        self._ids = np.array([body.thing.object_id for body in bodies], np.uint8)
         self._corners: list[FloatArray] = []
         self._meshes: list[Any] = []
-        for thing, pose in zip(things, poses, strict=True):
-            mesh = thing.shape.mesh.moved(pose)
+        for body, pose in zip(bodies, poses, strict=True):
+            mesh = body.shape.mesh.moved(pose)
             corners = mesh.vertices_m[mesh.faces]
             self._corners.append(corners)
             self._meshes.append(TriangleMesh(self._scene, corners.astype(np.float32)))

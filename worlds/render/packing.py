@@ -15,13 +15,14 @@ _GROUND_FAR, _GROUND_NEAR = (168, 176, 172), (96, 108, 104)
 
 
 def pack_geometry(scene: Scene) -> Geometry:
-    """Pack all triangles of a scene into render arrays, each object in its own frame."""
-    shapes = [thing.shape.mesh for thing in scene.objects]
+    """Pack all triangles of a scene into render arrays, each rigid body in its own frame."""
+    bodies = scene.bodies
+    shapes = [body.shape.mesh for body in bodies]
     vertex_range = _ranges([len(mesh.vertices_m) for mesh in shapes])
     face_range = _ranges([len(mesh.faces) for mesh in shapes])
     material_range = _ranges([len(mesh.materials) for mesh in shapes])
     objects = range(len(shapes))
-    ids = np.array([thing.object_id for thing in scene.objects], np.uint8)
+    ids = np.array([body.thing.object_id for body in bodies], np.uint8)
     return Geometry(
         vertices=_stack([mesh.vertices_m for mesh in shapes], 3, np.float64),
         normals=_stack([mesh.normals for mesh in shapes], 3, np.float64),
@@ -47,7 +48,7 @@ def bounding_sphere(mesh: Mesh) -> F64:
 
 def pack_looks(scene: Scene) -> Looks:
     """Pack colours and textures of a scene into render arrays; equal textures once."""
-    materials = [material for thing in scene.objects for material in thing.shape.mesh.materials]
+    materials = [material for body in scene.bodies for material in body.shape.mesh.materials]
     levels: list[list[U32]] = []
     places: dict[tuple[int, tuple[int, int, int]], int] = {}
     texture = np.full(len(materials), -1, np.int32)

@@ -51,13 +51,13 @@ class Renderer:
     """Renders one scene. Several threads may call `render` at once; equal calls, equal bits."""
 
     def __init__(self, scene: Scene) -> None:
-        self._scene = scene
+        self._bodies = scene.bodies
         self._geometry: Geometry = pack_geometry(scene)
         self._looks: Looks = pack_looks(scene)
         self._local = threading.local()
-        poses = [thing.pose for thing in scene.objects]
-        self._closed = np.array([each.shape.mesh.closed for each in scene.objects], bool)
-        self._moving = [(k, each) for k, each in enumerate(scene.objects) if each.motion]
+        poses = [body.thing.pose for body in self._bodies]
+        self._closed = np.array([body.shape.mesh.closed for body in self._bodies], bool)
+        self._moving = [(k, body) for k, body in enumerate(self._bodies) if body.thing.motion]
         self._rotations = np.array([matrix_from_quat(pose.q_wxyz) for pose in poses])
         self._rotations = self._rotations.reshape(-1, 3, 3)
         self._positions_m = np.array([pose.position_ned_m for pose in poses]).reshape(-1, 3)
@@ -126,7 +126,7 @@ class Renderer:
         shifts = (positions_ned_m - np.array(camera_pose.position_ned_m)) @ optical_from_ned.T
         shown, outside = self._show(rotations, shifts, intrinsics)
         if only is not None:
-            shown &= np.array([thing.name in only for thing in self._scene.objects], bool)
+            shown &= np.array([body.thing.name in only for body in self._bodies], bool)
         return View(
             rotations=rotations,
             shifts=shifts,
@@ -143,18 +143,18 @@ class Renderer:
         )
 
     def _places(self, t_s: float, events: Mapping[str, float]) -> tuple[F64, F64]:
-        """Return every rendered object's rotation (n, 3, 3) to NED and position (n, 3)."""
+        """Return every rendered body's rotation (n, 3, 3) to NED and position (n, 3)."""
         if not self._moving:
             return self._rotations, self._positions_m
         rotations, positions_m = self._rotations.copy(), self._positions_m.copy()
-        for k, thing in self._moving:
-            pose = thing.pose_at(t_s, events)
+        for k, body in self._moving:
+            pose = body.pose_at(t_s, events)
             rotations[k] = matrix_from_quat(pose.q_wxyz)
             positions_m[k] = pose.position_ned_m
         return rotations, positions_m
 
     def _show(self, rotations: F64, shifts: F64, camera: Intrinsics) -> tuple[Bools, Bools]:
-        """Return which objects may be in view, and which surely do not contain the camera."""
+        """Return which bodies may be in view, and which surely do not contain the camera."""
         spheres = self._geometry.spheres
         centers = np.matmul(rotations, spheres[:, :3, None])[:, :, 0] + shifts
         x, y, z = centers[:, 0], centers[:, 1], centers[:, 2]

@@ -6,10 +6,13 @@ Pure: the pose depends on the time and on when events happened, on nothing else.
 import bisect
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
+import numpy as np
+
 from worlds.frames import Pose, Vec3, angle_between, norm, quat_from_euler, subtract
+from worlds.scene.speed_ramp import ramped_leg, way_share
 
 Moment = Literal["takeoff", "at_height", "goal", "done"]
 MOMENTS: tuple[Moment, ...] = get_args(Moment)
@@ -61,7 +64,10 @@ class Waypoint:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A leg of a motion: a straight way between two poses at constant speed and turning rate."""
+    """A leg of a motion: a straight way between two poses; turns go evenly with the way.
+
+    speed_m_s: the waypoint's. ramp: as of `speed_ramp`; 0 is a constant speed.
+    """
 
     begin_s: float
     duration_s: float
@@ -69,6 +75,28 @@ class Leg:
     end: Pose
     length_m: float
     turn_rad: float
+    speed_m_s: float = 0.0
+    ramp: float = 0.0
+
+    def share(self, since_s: float) -> float:
+        """Return the share of the leg's way that is behind at a time of the motion."""
+        time_share = (since_s - self.begin_s) / self.duration_s
+        return way_share(min(max(time_share, 0.0), 1.0), self.ramp)
+
+    def is_even(self, first_s: float, last_s: float) -> bool:
+        """Return whether the leg is straight, unturned and at one speed between two times."""
+        rise_s = self.ramp * self.duration_s
+        begin_s, end_s = self.begin_s + rise_s, self.begin_s + self.duration_s - rise_s
+        return self.turn_rad == 0.0 and begin_s <= first_s and last_s <= end_s
+
+
+@dataclass(frozen=True, slots=True)
+class Stride:
+    """Where on its leg a moving object is: how far along, of which length, at which speed."""
+
+    along_m: float
+    length_m: float
+    speed_m_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,18 +115,21 @@ class Motion:
     """An object's motion through waypoints from its pose; `loop` repeats for ever.
 
     Times of events and `start` are on one clock, seconds. Where a loop closes, the last leg
-    leads back to the beginning at the speed of the first waypoint.
+    leads back to the beginning at the speed of the first waypoint. acceleration_m_s2: every leg
+    begins and ends at rest; None: speeds change at once. speed_sd_m_s: what `drawn` varies by.
     """
 
     begin: Pose
     waypoints: tuple[Waypoint, ...]
     start: Start = StartAt()
     loop: bool = False
+    acceleration_m_s2: float | None = None
+    speed_sd_m_s: float = 0.0
     legs: tuple[Leg, ...] = field(init=False, repr=False, compare=False)
     _begins_s: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        legs = _legs(self.begin, self.waypoints, loop=self.loop)
+        legs = _legs(self.begin, self.waypoints, self.acceleration_m_s2, loop=self.loop)
         object.__setattr__(self, "legs", legs)
         object.__setattr__(self, "_begins_s", tuple(leg.begin_s for leg in legs))
 
@@ -107,17 +138,43 @@ class Motion:
         """Return how long one round of the motion takes."""
         return self.legs[-1].begin_s + self.legs[-1].duration_s if self.legs else 0.0
 
+    def drawn(self, rng: np.random.Generator) -> "Motion":
+        """Return the motion with each waypoint's speed drawn anew.
+
+        Normal about the waypoint's speed with a standard deviation of speed_sd_m_s, cut at three
+        of them and at a tenth of the speed: nothing stands still or goes backwards.
+        """
+        if self.speed_sd_m_s == 0.0:
+            return self
+        drawn = (min(max(float(rng.standard_normal()), -3.0), 3.0) for _ in self.waypoints)
+        waypoints = tuple(
+            replace(one, speed_m_s=max(one.speed_m_s + x * self.speed_sd_m_s, one.speed_m_s / 10))
+            for one, x in zip(self.waypoints, drawn, strict=True)
+        )
+        return replace(self, waypoints=waypoints, speed_sd_m_s=0.0)
+
     def pose_at(self, t_s: float, events: Mapping[str, float]) -> Pose:
         """Return the moving object's pose at a time, given when each event happened."""
         since_s = self._since_start_s(t_s, events)
         if since_s <= 0.0 or not self.legs:
             return self.begin
-        if since_s >= self.duration_s:
-            if not self.loop:
-                return self.legs[-1].end
-            since_s %= self.duration_s
-        leg = self.legs[bisect.bisect_right(self._begins_s, since_s) - 1]
-        return leg.begin.interpolate(leg.end, (since_s - leg.begin_s) / leg.duration_s)
+        if since_s >= self.duration_s and not self.loop:
+            return self.legs[-1].end
+        since_s %= self.duration_s
+        leg = self._leg_at(since_s)
+        return leg.begin.interpolate(leg.end, leg.share(since_s))
+
+    def stride_at(self, t_s: float, events: Mapping[str, float]) -> Stride | None:
+        """Return where on its leg the object is; None before the first and after the last."""
+        since_s = self._since_start_s(t_s, events)
+        if since_s <= 0.0 or not self.legs or (since_s >= self.duration_s and not self.loop):
+            return None
+        since_s %= self.duration_s
+        leg = self._leg_at(since_s)
+        return Stride(leg.share(since_s) * leg.length_m, leg.length_m, leg.speed_m_s)
+
+    def _leg_at(self, since_s: float) -> Leg:
+        return self.legs[bisect.bisect_right(self._begins_s, since_s) - 1]
 
     def travel(self, from_s: float, to_s: float, events: Mapping[str, float]) -> Travel:
         """Return how far the motion goes and turns between two times; exact, also at corners."""
@@ -137,12 +194,7 @@ class Motion:
         if self.loop and first_s > 0.0:
             rounds = math.floor(first_s / self.duration_s)
             first_s, last_s = (each - rounds * self.duration_s for each in (first_s, last_s))
-        return any(
-            leg.turn_rad == 0.0
-            and leg.begin_s <= first_s
-            and last_s <= leg.begin_s + leg.duration_s
-            for leg in self.legs
-        )
+        return any(leg.is_even(first_s, last_s) for leg in self.legs)
 
     def _since_start_s(self, t_s: float, events: Mapping[str, float]) -> float:
         started_s = self.start.started_s(events)
@@ -151,8 +203,7 @@ class Motion:
     def _travel_once(self, first_s: float, last_s: float) -> Travel:
         length_m = turn_rad = 0.0
         for leg in self.legs:
-            end_s = leg.begin_s + leg.duration_s
-            share = (min(last_s, end_s) - max(first_s, leg.begin_s)) / leg.duration_s
+            share = leg.share(last_s) - leg.share(first_s)
             if share > 0.0:
                 length_m += share * leg.length_m
                 turn_rad += share * leg.turn_rad
@@ -173,7 +224,9 @@ class Motion:
         )
 
 
-def _legs(begin: Pose, waypoints: tuple[Waypoint, ...], *, loop: bool) -> tuple[Leg, ...]:
+def _legs(
+    begin: Pose, waypoints: tuple[Waypoint, ...], acceleration_m_s2: float | None, *, loop: bool
+) -> tuple[Leg, ...]:
     """Return the legs of a motion through waypoints, back to the begin for a loop."""
     route = [*waypoints]
     if loop and waypoints:
@@ -181,20 +234,22 @@ def _legs(begin: Pose, waypoints: tuple[Waypoint, ...], *, loop: bool) -> tuple[
     legs: list[Leg] = []
     at, begin_s = begin, 0.0
     for waypoint in route:
-        leg = _leg(begin_s, at, waypoint)
+        leg = _leg(begin_s, at, waypoint, acceleration_m_s2)
         if leg.duration_s > 0.0:
             legs.append(leg)
             at, begin_s = leg.end, leg.begin_s + leg.duration_s
     return tuple(legs)
 
 
-def _leg(begin_s: float, begin: Pose, waypoint: Waypoint) -> Leg:
+def _leg(begin_s: float, begin: Pose, waypoint: Waypoint, acceleration_m_s2: float | None) -> Leg:
     """Return the motion's leg to a waypoint; it takes at least as long as turning does."""
     upright = waypoint.yaw_rad is not None
     q_wxyz = quat_from_euler(0.0, 0.0, waypoint.yaw_rad or 0.0) if upright else begin.q_wxyz
     turn_rad = angle_between(begin.q_wxyz, q_wxyz)
     length_m = norm(subtract(waypoint.position_ned_m, begin.position_ned_m))
-    duration_s = max(length_m / waypoint.speed_m_s, turn_rad / TURN_RATE_RAD_S)
-    return Leg(
-        begin_s, duration_s, begin, Pose(waypoint.position_ned_m, q_wxyz), length_m, turn_rad
-    )
+    duration_s, ramp = length_m / waypoint.speed_m_s, 0.0
+    if acceleration_m_s2 is not None:
+        duration_s, ramp = ramped_leg(length_m, waypoint.speed_m_s, acceleration_m_s2)
+    duration_s = max(duration_s, turn_rad / TURN_RATE_RAD_S / (1.0 - ramp))
+    end = Pose(waypoint.position_ned_m, q_wxyz)
+    return Leg(begin_s, duration_s, begin, end, length_m, turn_rad, waypoint.speed_m_s, ramp)

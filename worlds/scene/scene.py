@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from worlds.frames import Pose
+from worlds.scene.gait import Joint, limb_pose, limb_travel
 from worlds.scene.motion import AT_REST, Motion, Travel
 from worlds.scene.shapes import Shape
 
@@ -43,6 +44,49 @@ class SceneObject:
         """Return whether the scene object rests, or moves straight, evenly and unturned."""
         return self.motion is None or self.motion.is_even(from_s, to_s, events)
 
+    @property
+    def bodies(self) -> tuple["RigidBody", ...]:
+        """Return the rigid bodies of the scene object: its limbs where they move, else itself."""
+        if self.motion is None or not self.shape.limbs:
+            return (RigidBody(self, self.shape),)
+        return tuple(RigidBody(self, limb.shape, limb.joint) for limb in self.shape.limbs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidBody:
+    """A scene object that does not change its shape, or one limb of an object that does.
+
+    joint: what moves the limb; None for a whole object. Poses are those of the object's frame,
+    displaced as the limb is.
+    """
+
+    thing: SceneObject
+    shape: Shape
+    joint: Joint | None = None
+
+    @property
+    def radius_m(self) -> float:
+        """Return the radius of the sphere about the body's origin that holds it at any time."""
+        return self.thing.shape.radius_m if self.joint else self.shape.radius_m
+
+    def pose_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> Pose:
+        """Return the body's pose at a time; events: when each happened."""
+        pose, motion = self.thing.pose_at(t_s, events), self.thing.motion
+        if self.joint is None or motion is None:
+            return pose
+        return pose.compose(limb_pose(self.joint, motion.stride_at(t_s, events)))
+
+    def travel(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> Travel:
+        """Return how far the body goes and turns at most between two times."""
+        travel = self.thing.travel(from_s, to_s, events)
+        return travel if self.joint is None else limb_travel(self.joint, travel)
+
+    def is_even(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> bool:
+        """Return whether the body rests, or moves straight, evenly and unturned."""
+        if self.joint is None:
+            return self.thing.is_even(from_s, to_s, events)
+        return self.thing.travel(from_s, to_s, events) == AT_REST
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
@@ -62,6 +106,11 @@ class Scene:
         if not all(1 <= object_id <= MAX_OBJECTS for object_id in ids):
             raise ValueError(f"object ids are 1 to {MAX_OBJECTS}")
         object.__setattr__(self, "_by_name", by_name)
+
+    @property
+    def bodies(self) -> tuple[RigidBody, ...]:
+        """Return the rigid bodies of all objects of the scene, in the order of the file."""
+        return tuple(body for thing in self.objects for body in thing.bodies)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -15,7 +15,8 @@ import numpy as np
 from worlds.frames import Pose, Vec3
 from worlds.scene import meshes, textures
 from worlds.scene.colors import NAMED, Rgb
-from worlds.scene.meshes import Material, Mesh
+from worlds.scene.gait import ANKLE_M, HIP_M, JOINTS, KNEE_M, Joint
+from worlds.scene.meshes import BgrTexture, Material, Mesh
 from worlds.scene.parts import BoxShape, HullShape, Opening, Part
 
 RING_SEGMENTS = 48
@@ -25,18 +26,35 @@ SHIRT_RGB: Rgb = (70, 110, 160)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """An object's shape in its own frame: visible mesh, touchable parts, openings."""
+    """An object's shape in its own frame: visible mesh, touchable parts, openings.
+
+    limbs: what moves against the rest while the object moves, together the whole shape at rest.
+    """
 
     kind: str
     mesh: Mesh
     parts: tuple[Part, ...]
     openings: tuple[Opening, ...] = ()
+    limbs: tuple["Limb", ...] = ()
 
     @property
     def radius_m(self) -> float:
         """Return the radius of the sphere about the origin that holds the shape's parts."""
         reach = (math.hypot(*part.pose.position_ned_m) + part.shape.radius_m for part in self.parts)
         return max(reach, default=0.0)
+
+    def textured(self, texture: BgrTexture) -> "Shape":
+        """Return this shape with one texture on every surface, in the texture's own colours."""
+        limbs = tuple(replace(limb, shape=limb.shape.textured(texture)) for limb in self.limbs)
+        return replace(self, mesh=self.mesh.textured(texture), limbs=limbs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Limb:
+    """A limb of a shape, where it is at rest, and the joint that moves it."""
+
+    joint: Joint
+    shape: Shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +212,7 @@ def person(color: Rgb = SHIRT_RGB) -> Shape:
         tilt = Pose.of(0.0, right_m, (top_m + bottom_m) / 2.0, roll_rad=math.radians(tilt_deg))
         return meshes.frustum(*radii, top_m - bottom_m, material, flatten=flatten).moved(tilt)
 
-    pieces = [
+    trunk = [
         _Piece("hips", limb(0.98, 0.80, (0.168, 0.178), 0.0, trousers, flatten=0.62)),
         _Piece("torso", limb(1.38, 0.96, (0.205, 0.165), 0.0, shirt, flatten=0.58)),
         _Piece("shoulders", ball((0.112, 0.225, 0.080), (0.0, 0.0, -1.385), shirt)),
@@ -202,8 +220,9 @@ def person(color: Rgb = SHIRT_RGB) -> Shape:
         _Piece("head", ball((0.095, 0.078, 0.118), (0.01, 0.0, -1.622), skin)),
         _Piece("hair", ball((0.098, 0.086, 0.100), (-0.018, 0.0, -1.650), hair)),
     ]
+    pieces: dict[str, list[_Piece]] = {"trunk": trunk}
     for side, sign in (("right", 1.0), ("left", -1.0)):
-        pieces += [
+        pieces[f"{side} arm"] = [
             _Piece(
                 f"{side} upper arm",
                 limb(1.40, 1.09, (0.056, 0.047), sign * 0.235, shirt, tilt_deg=-sign * 7.0),
@@ -213,10 +232,16 @@ def person(color: Rgb = SHIRT_RGB) -> Shape:
                 limb(1.10, 0.83, (0.042, 0.034), sign * 0.262, skin, tilt_deg=-sign * 3.0),
             ),
             _Piece(f"{side} hand", ball((0.05, 0.03, 0.08), (0.01, sign * 0.27, -0.79), skin)),
-            _Piece(f"{side} leg", limb(0.90, 0.06, (0.088, 0.06), sign * 0.09, trousers)),
-            _Piece(f"{side} foot", ball((0.14, 0.05, 0.05), (0.05, sign * 0.1, -0.05), shoes)),
         ]
-    return _assemble("person", pieces)
+        thigh = limb(HIP_M + 0.02, KNEE_M - 0.02, (0.088, 0.073), sign * 0.09, trousers)
+        pieces[f"{side} thigh"] = [_Piece(f"{side} thigh", thigh)]
+        shank = limb(KNEE_M + 0.02, ANKLE_M - 0.01, (0.074, 0.06), sign * 0.09, trousers)
+        pieces[f"{side} shank"] = [_Piece(f"{side} shank", shank)]
+        foot = ball((0.14, 0.05, 0.05), (0.05, sign * 0.1, -0.05), shoes)
+        pieces[f"{side} foot"] = [_Piece(f"{side} foot", foot)]
+    standing = _assemble("person", [piece for some in pieces.values() for piece in some])
+    limbs = (Limb(joint, _assemble("person", pieces[joint])) for joint in JOINTS)
+    return replace(standing, limbs=tuple(limbs))
 
 
 def room(

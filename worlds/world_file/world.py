@@ -27,7 +27,7 @@ class World:
         Raises BadInput with every fault found: first those of form, then those of meaning.
         """
         model = check(document, WorldModel)
-        reader = WorldReader(document)
+        reader = WorldReader(document, seed=model.seed)
         placed = reader.read(model.objects)
         if reader.problems:
             raise BadInput(sorted(reader.problems, key=lambda each: (each.line, each.column)))

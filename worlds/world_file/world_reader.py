@@ -44,10 +44,14 @@ class Placed:
 
 
 class WorldReader:
-    """Reads the objects of one world document and collects their problems."""
+    """Reads the objects of one world document and collects their problems.
 
-    def __init__(self, document: Document) -> None:
+    seed: of the speeds that motions draw; None: every motion has the speeds of the file.
+    """
+
+    def __init__(self, document: Document, *, seed: int | None = None) -> None:
         self._document = document
+        self._seed = seed
         self._folder = document.path.parent
         self._unreadable: set[str] = set()
         self.problems: list[Problem] = []
@@ -75,6 +79,8 @@ class WorldReader:
         if model.motion is not None and model.shape.room is not None:
             self._note((*at, "motion"), "a room does not move")
         motion = _motion(pose, model.motion) if model.motion else None
+        if motion is not None and self._seed is not None:
+            motion = motion.drawn(np.random.default_rng([self._seed, object_id]))
         shape = self._apply_colors(at, model, self._shape(at, model))
         return SceneObject(object_id, name, shape, pose, motion)
 
@@ -113,7 +119,7 @@ class WorldReader:
             return shape
         path = self._folder / model.texture
         try:
-            return replace(shape, mesh=shape.mesh.textured(load_texture(path)))
+            return shape.textured(load_texture(path))
         except (OSError, ValueError) as error:
             reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
             message = f"texture file '{model.texture}': {reason}"
@@ -197,4 +203,4 @@ def _motion(pose: Pose, model: MotionModel) -> Motion:
         )
         for each in model.waypoints
     )
-    return Motion(pose, waypoints, begin, model.loop)
+    return Motion(pose, waypoints, begin, model.loop, model.acceleration_m_s2, model.speed_sd_m_s)

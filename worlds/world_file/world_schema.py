@@ -172,11 +172,17 @@ class StartModel(FilePart):
 
 
 class MotionModel(FilePart):
-    """An object's `motion` in a world file: waypoints from its pose."""
+    """An object's `motion` in a world file: waypoints from its pose.
+
+    acceleration_m_s2: with it each way begins and ends at rest. speed_sd_m_s: the standard
+    deviation with which the speed of each way is drawn.
+    """
 
     waypoints: Annotated[tuple[WaypointModel, ...], Field(min_length=1, max_length=1000)]
     start: StartModel = StartModel(at_s=0.0)
     loop: bool = False
+    acceleration_m_s2: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
+    speed_sd_m_s: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
 
 
 class ObjectModel(FilePart):
@@ -200,9 +206,13 @@ class ObjectModel(FilePart):
 
 
 class WorldModel(FilePart):
-    """A world file."""
+    """A world file. seed: of the speeds that are drawn; a run without one in the file has its own.
+
+    Without a seed everything moves at the speeds of the file.
+    """
 
     schema_: Annotated[Literal["wil/world/1"], Field(alias="schema")]
     description: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = None
     origin: OriginModel
     objects: Annotated[dict[str, ObjectModel], Field(default_factory=dict)]

@@ -330,3 +330,36 @@ def test_standings_count_passes_of_their_own_case_and_mode() -> None:
     assert (standing.passed, standing.flown, standing.met) == (1, 2, False)
     assert str(standing) == "a/sim: 1 passed, 2/3 required, 1 not flown"
     assert standings([wanted], [*runs, ("a", "sim", True)])[0].met
+
+
+PERSON = """\
+  person:
+    shape: person
+    pose: {north_m: 2, east_m: 2}
+    motion:
+      speed_sd_m_s: 0.2
+      waypoints: [{north_m: 3, east_m: 2, speed_m_s: 1.4}]
+"""
+
+
+def speed_m_s(run: RunPlan) -> float:
+    motion = run.setup().world.scene("sim", "Wv")["person"].motion
+    assert motion is not None
+    return motion.waypoints[0].speed_m_s
+
+
+def test_a_drawn_speed_is_that_of_the_repetition_in_every_mode(files: Any) -> None:
+    files.append(PERSON, "world.yaml")
+    runs = [run for run in files.load().runs if run.case == "large"]
+    speeds = {(run.mode, run.repetition): speed_m_s(run) for run in runs}
+    of_sim = [speeds["sim", repetition] for repetition in (1, 2, 3)]
+    assert of_sim == [speeds["wil", repetition] for repetition in (1, 2, 3)]
+    assert len(set(of_sim)) == 3
+    assert all(run.files.world.get(("seed",)) == run.seed for run in runs)
+
+
+def test_a_world_that_draws_nothing_or_has_a_seed_is_as_its_file(files: Any) -> None:
+    assert all(run.files.world.get(("seed",)) is None for run in files.load().runs)
+    files.append(PERSON, "world.yaml")
+    files.append("seed: 5\n", "world.yaml")
+    assert len({speed_m_s(run) for run in files.load().runs}) == 1

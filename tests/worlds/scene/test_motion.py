@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,6 +26,7 @@ motions = st.builds(
     st.lists(waypoints, min_size=1, max_size=4).map(tuple),
     st.builds(StartAt, st.floats(0.0, 3.0)) | st.builds(StartOn, st.just("go"), st.floats(0, 2)),
     st.booleans(),
+    st.none() | st.floats(0.2, 10.0),
 )
 EVENTS = {"go": 1.5}
 
@@ -127,3 +129,51 @@ def test_even_motion_ends_at_a_corner() -> None:
     assert not motion.is_even(1.9, 2.1, {})
     assert not motion.is_even(-0.1, 0.1, {})
     assert motion.is_even(50.0, 60.0, {})
+
+
+def test_with_an_acceleration_each_way_begins_and_ends_at_rest() -> None:
+    motion = Motion(BEGIN, (Waypoint((4.0, 0.0, -1.0), 2.0),), acceleration_m_s2=2.0)
+    assert motion.duration_s == pytest.approx(3.0)
+    assert place(motion, 0.5)[0] == pytest.approx(0.25)
+    assert place(motion, 1.0)[0] == pytest.approx(1.0)
+    assert place(motion, 2.0)[0] == pytest.approx(3.0)
+    assert place(motion, 2.5)[0] == pytest.approx(3.75)
+    assert motion.is_even(1.0, 2.0, {})
+    assert not motion.is_even(0.9, 1.1, {})
+
+
+def test_a_way_too_short_for_its_speed_is_sped_up_and_slowed_down() -> None:
+    motion = Motion(BEGIN, (Waypoint((1.0, 0.0, -1.0), 9.0),), acceleration_m_s2=1.0)
+    assert motion.duration_s == pytest.approx(2.0)
+    assert place(motion, 1.0)[0] == pytest.approx(0.5)
+    assert place(motion, 0.5)[0] == pytest.approx(0.125)
+
+
+@given(motions, times)
+def test_a_turn_is_never_faster_than_its_bound(motion: Motion, t_s: float) -> None:
+    step_s = 0.01
+    first, last = motion.pose_at(t_s, EVENTS), motion.pose_at(t_s + step_s, EVENTS)
+    turned_rad = angle_between(first.q_wxyz, last.q_wxyz)
+    assert turned_rad <= TURN_RATE_RAD_S * step_s * (1.0 + 1e-6) + 1e-5
+
+
+def test_speeds_are_drawn_once_for_each_way_about_the_speed_of_the_file() -> None:
+    motion = Motion(BEGIN, L_WAY, speed_sd_m_s=0.2)
+    drawn = motion.drawn(np.random.default_rng(1))
+    assert drawn == motion.drawn(np.random.default_rng(1))
+    assert drawn != motion.drawn(np.random.default_rng(2))
+    speeds = [
+        one.speed_m_s
+        for seed in range(400)
+        for one in motion.drawn(np.random.default_rng(seed)).waypoints[:1]
+    ]
+    assert np.mean(speeds) == pytest.approx(2.0, abs=0.03)
+    assert np.std(speeds) == pytest.approx(0.2, abs=0.02)
+    assert Motion(BEGIN, L_WAY).drawn(np.random.default_rng(1)) == Motion(BEGIN, L_WAY)
+
+
+def test_a_drawn_speed_is_never_backwards() -> None:
+    motion = Motion(BEGIN, L_WAY, speed_sd_m_s=50.0)
+    for seed in range(50):
+        speeds = [one.speed_m_s for one in motion.drawn(np.random.default_rng(seed)).waypoints]
+        assert min(speeds) > 0.0

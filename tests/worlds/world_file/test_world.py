@@ -269,3 +269,32 @@ def test_colours() -> None:
     for wrong in ("#ff80", "Orange ", [1, 2, 3, 4], [-1, 0, 0]):
         with pytest.raises(ValueError, match="colour"):
             parse_color(wrong)
+
+
+WALKS = """\
+  who:
+    shape: person
+    motion:
+      speed_sd_m_s: 0.2
+      acceleration_m_s2: 1
+      waypoints: [{north_m: 9, east_m: 0, speed_m_s: 1}]
+"""
+
+
+def test_speeds_are_those_of_the_file_until_the_world_has_a_seed() -> None:
+    def speed_m_s(text: str) -> float:
+        motion = World.parse(parse(text.encode(), name="w", path=Path("w"))).placed[0].thing.motion
+        assert motion is not None
+        return motion.waypoints[0].speed_m_s
+
+    assert speed_m_s(HEAD + WALKS) == 1.0
+    drawn = [speed_m_s(f"seed: {seed}\n" + HEAD + WALKS) for seed in (1, 2, 1)]
+    assert drawn[0] == drawn[2] != drawn[1]
+    assert 0.3 < drawn[0] < 1.7
+
+
+def test_who_walks_has_limbs_and_who_stands_is_one_body() -> None:
+    walking = world(WALKS).scene("sim", "Wv")
+    assert len(walking.bodies) == 9
+    assert {body.thing.name for body in walking.bodies} == {"who"}
+    assert len(world("  who: {shape: person}\n").scene("sim", "Wv").bodies) == 1

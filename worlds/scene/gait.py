@@ -1,0 +1,94 @@
+"""How the limbs of a walking person move, from the way walked alone; pure.
+
+Hips swing like pendulums, half a step to either side, arms against them; the knee bends while its
+leg swings forward, feet stay level, and the trunk is as low as the straight leg lets it. On each
+leg of its path a person starts from, and comes back to, standing with both feet together. As the
+pose depends on the way only, no point moves faster than a bound times the person's own speed.
+
+Step length: speed = length x rate, and length / rate (the walk ratio) is about 0.0065 m per
+step/min for adults at any speed (Sekiya and Nagasaki, Gait & Posture 7, 1998, 225-227).
+"""
+
+import math
+from typing import Literal, get_args
+
+from worlds.frames import AT_ORIGIN, Pose, Vec3
+from worlds.scene.motion import Stride, Travel
+
+Joint = Literal[
+    "trunk",
+    "right arm",
+    "left arm",
+    "right thigh",
+    "left thigh",
+    "right shank",
+    "left shank",
+    "right foot",
+    "left foot",
+]
+JOINTS: tuple[Joint, ...] = get_args(Joint)
+
+HIP_M, KNEE_M, ANKLE_M, SHOULDER_M = 0.88, 0.48, 0.07, 1.38
+"""Heights of the joints of a standing person of 1.75 m."""
+_WALK_RATIO_M_MIN = 0.0065
+_LONGEST_STEP_M = 1.2
+_KNEE_TO_HIP = 2.6
+"""Bend of the knee against swing of the hip: 60 degrees at 23, usual in walking."""
+_ARM_TO_HIP = 0.8
+_HIP_RAD_PER_M = (math.pi + 2.0) * math.asin(_LONGEST_STEP_M / 2.0 / HIP_M) / _LONGEST_STEP_M
+"""How fast the hip turns at most, for each metre walked: swing and its beginning together."""
+_KNEE_RAD_PER_M = _KNEE_TO_HIP * _HIP_RAD_PER_M
+
+
+def step_m(speed_m_s: float) -> float:
+    """Return the length of a step at a speed."""
+    return min(math.sqrt(_WALK_RATIO_M_MIN * 60.0 * speed_m_s), _LONGEST_STEP_M)
+
+
+def limb_pose(joint: Joint, stride: Stride | None) -> Pose:
+    """Return where a limb is against where it is on a standing person; None: standing."""
+    if stride is None or stride.length_m <= 0.0:
+        return AT_ORIGIN
+    length_m = step_m(stride.speed_m_s)
+    left_m = stride.length_m - stride.along_m
+    weight = max(0.0, min(1.0, 2.0 * stride.along_m / length_m, 2.0 * left_m / length_m))
+    reach_rad = weight * math.asin(length_m / 2.0 / HIP_M)
+    phase_rad = math.pi * stride.along_m / length_m + (0.0 if "right" in joint else math.pi)
+    hip_rad = reach_rad * math.sin(phase_rad)
+    low = Pose((0.0, 0.0, (HIP_M - ANKLE_M) * (1.0 - math.cos(hip_rad))))
+    if joint == "trunk":
+        return low
+    if joint in {"right arm", "left arm"}:
+        return low.compose(_turn(SHOULDER_M, -_ARM_TO_HIP * hip_rad))
+    thigh = low.compose(_turn(HIP_M, hip_rad))
+    if joint in {"right thigh", "left thigh"}:
+        return thigh
+    bend_rad = _KNEE_TO_HIP * reach_rad * max(0.0, math.cos(phase_rad)) ** 2
+    shank = thigh.compose(_turn(KNEE_M, -bend_rad))
+    if joint in {"right shank", "left shank"}:
+        return shank
+    forward, right, down = shank.to_parent((0.0, 0.0, -ANKLE_M))
+    # A knee that bends before the hip swings back stretches the leg by some millimetres.
+    return Pose((forward, right, min(0.0, down + ANKLE_M)))
+
+
+def limb_travel(joint: Joint, walked: Travel) -> Travel:
+    """Return a bound of how far a limb goes and turns while its person walks."""
+    hip_rad, knee_rad = _HIP_RAD_PER_M, _KNEE_RAD_PER_M
+    low_m, hip_m, knee_m = hip_rad * HIP_M, hip_rad * HIP_M, knee_rad * KNEE_M
+    bounds: dict[str, tuple[float, float]] = {
+        "trunk": (low_m, 0.0),
+        "arm": (low_m + hip_rad * SHOULDER_M, hip_rad),
+        "thigh": (low_m + hip_m, hip_rad),
+        "shank": (low_m + hip_m + knee_m + hip_rad * 2.0 * KNEE_M, hip_rad + knee_rad),
+        "foot": (low_m + hip_m + knee_m, 0.0),
+    }
+    length_m, turn_rad = bounds[joint.rpartition(" ")[2]]
+    return Travel(walked.length_m * (1.0 + length_m), walked.turn_rad + walked.length_m * turn_rad)
+
+
+def _turn(height_m: float, pitch_rad: float) -> Pose:
+    """Return the pose of what turns about an axis to the right at a height; forward is positive."""
+    at: Vec3 = (0.0, 0.0, -height_m)
+    turned = Pose.of(0.0, 0.0, 0.0, pitch_rad=pitch_rad)
+    return Pose(at).compose(turned).compose(Pose((0.0, 0.0, height_m)))
