@@ -11,6 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from campaigns.expansion.expansion import Campaign
+from campaigns.setup.case_files import CaseFiles
 from orchestrator.model.clock import Clock
 from orchestrator.recording.timestamps import utc_text
 from worlds.files.documents import Data
@@ -59,7 +60,7 @@ def _digests(campaign: Campaign) -> dict[str, str]:
     """
     home = campaign.document.path.resolve().parent
     files = {path.resolve() for path in campaign.paths}
-    for case in {run.case: run.files for run in campaign.plans}.values():
+    for case in _files_by_case(campaign).values():
         for document in (case.campaign, case.world, case.recipe):
             if document is not None:
                 files.update(_name_paths(document.data, document.path))
@@ -78,15 +79,32 @@ def _runs(campaign: Campaign) -> list[dict[str, object]]:
             plain = [None if one is None else one.data for one in read]
             text = json.dumps(plain, sort_keys=True, default=str)
             digests[run.case] = f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
+    worlds = {case: world_digest(files) for case, files in _files_by_case(campaign).items()}
     return [
         {
             "run": run.name,
             "seed": run.seed,
             "required": run.required,
             "documents": digests[run.case],
+            "world": worlds[run.case],
         }
         for run in campaign.plans
     ]
+
+
+def _files_by_case(campaign: Campaign) -> dict[str, CaseFiles]:
+    """Return the files of each case and control of a campaign for its manifest."""
+    return {run.case: run.files for run in campaign.plans}
+
+
+def world_digest(files: CaseFiles) -> str:
+    """Return a digest of a case's world for the manifest: as overridden, with meshes it names."""
+    if files.world is None:
+        return ""
+    digest = hashlib.sha256(json.dumps(files.world.data, sort_keys=True, default=str).encode())
+    for path in _name_paths(files.world.data, files.world.path):
+        digest.update(path.read_bytes())
+    return f"sha256:{digest.hexdigest()}"
 
 
 def _name_paths(value: Data, beside: Path) -> Iterator[Path]:

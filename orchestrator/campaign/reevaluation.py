@@ -1,12 +1,13 @@
 """Judges recorded runs again, by the oracles that the campaign file has now."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from campaigns.expansion.expansion import Campaign, RunPlan
+from orchestrator.campaign.manifest import world_digest
 from orchestrator.model.control_results import control_result
 from orchestrator.model.results import RunResult, Summary, summarize
 from orchestrator.model.results_reader import ResultError, read_result
@@ -43,7 +44,7 @@ def summary_of(campaign: Campaign, folder: Path, rejudged: Iterable[Reevaluation
     """
     runs = [each.now for each in rejudged]
     found = {f"{run.case}/{run.mode}/{run.rep}" for run in runs}
-    before = _summary_before(folder)
+    before = _document(folder / "summary.json")
     return summarize(
         runs,
         campaign.requirements,
@@ -59,10 +60,10 @@ def summary_of(campaign: Campaign, folder: Path, rejudged: Iterable[Reevaluation
     )
 
 
-def _summary_before(folder: Path) -> dict[str, Any]:
-    """Return the summary.json of a campaign before its reevaluation; empty without."""
+def _document(path: Path) -> dict[str, Any]:
+    """Return a document of the results folder as it was before the reevaluation; empty without."""
     try:
-        found = json.loads((folder / "summary.json").read_text("utf-8"))
+        found = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
@@ -71,17 +72,32 @@ def _summary_before(folder: Path) -> dict[str, Any]:
 def judge_campaign_again(campaign: Campaign, folder: Path) -> tuple[Reevaluation, ...]:
     """Reevaluate every recorded run of the campaign in a results folder.
 
-    Raises RecordingError when there is none, or when a recording cannot be read.
+    Raises RecordingError when there is none, when a recording cannot be read, or when a run was
+    flown in another world than the one that would judge it.
     """
-    found = tuple(
-        judge_run_again(plan, folder / plan.name)
-        for plan in campaign.plans
-        if (folder / plan.name).is_dir()
-    )
+    recorded = [plan for plan in campaign.plans if (folder / plan.name).is_dir()]
+    _require_same_worlds(recorded, folder)
+    found = tuple(judge_run_again(plan, folder / plan.name) for plan in recorded)
     if not found:
         first = campaign.plans[0].name
         raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
     return found
+
+
+def _require_same_worlds(plans: Iterable[RunPlan], folder: Path) -> None:
+    """Raise RecordingError for a run that was flown in another world than its files describe.
+
+    The vehicle met what stood there then: that it misses what stands there now shows nothing.
+    """
+    runs = _document(folder / "campaign.json").get("runs", [])
+    flown_in = {run.get("run"): run.get("world") for run in runs if isinstance(run, dict)}
+    for plan in plans:
+        flown = flown_in.get(plan.name)
+        if flown is not None and flown != world_digest(plan.files):
+            raise RecordingError(
+                f"{plan.name} was flown in another world than its files describe now: bring the "
+                "world back, or fly it again"
+            )
 
 
 def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
@@ -133,22 +149,40 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
     return Reevaluation(before, now)
 
 
-def _foreign_events(log: Path, before: RunResult) -> Iterator[DecisiveEvent]:
-    """Yield what decided the run beside its oracles: guard, mixing, autonomy, operator."""
+def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
+    """Return what decided the run beside its oracles: guard, mixing, autonomy, operator.
+
+    Raises RecordingError when the log is damaged, was cut, or lacks what decided the run.
+    """
     own = {source_of(oracle.name, oracle.vehicle) for oracle in before.oracles}
     try:
         lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
-        for line in lines:
-            source = line.get("source", "")
-            judged = source in own or source.startswith(SOURCE)
-            if line["event"] == "decisive" and not judged:
-                yield DecisiveEvent(
-                    line["t_s"],
-                    _KINDS[line["kind"]],
-                    line["reason"],
-                    source,
-                    line.get("note", ""),
-                    line.get("trace", ""),
-                )
-    except (OSError, ValueError, KeyError, AttributeError) as error:
+        events = [_event(line) for line in lines if line["event"] == "decisive"]
+        is_whole = any(line["event"] == "stage" and line["stage"] == "end" for line in lines)
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise RecordingError(f"{log} cannot be read: {error}") from error
+    if not is_whole:
+        raise RecordingError(f"{log} was cut before the end of the run")
+    foreign = [one for one in events if one.source not in own and not _is_evidence(one.source)]
+    decided_by = before.decided_by
+    known = {"", *own, *(one.source for one in foreign)}
+    if decided_by not in known and not _is_evidence(decided_by):
+        raise RecordingError(f"{log} lacks what decided the run: {before.reason}")
+    return foreign
+
+
+def _is_evidence(source: str) -> bool:
+    """Return whether a decisive event is of the evidence, which the reevaluation judges itself."""
+    return source.startswith(SOURCE)
+
+
+def _event(line: dict[str, Any]) -> DecisiveEvent:
+    """Return the decisive event of a line of log.jsonl."""
+    return DecisiveEvent(
+        line["t_s"],
+        _KINDS[line["kind"]],
+        line["reason"],
+        line.get("source", ""),
+        line.get("note", ""),
+        line.get("trace", ""),
+    )

@@ -26,9 +26,10 @@ from safety.oracles.stl_signals import (
     signals_of,
 )
 from safety.oracles.stl_trace import Trace
+from safety.stl.arithmetic import written
 from safety.stl.deciding import part_of
 from safety.stl.evaluation import Unevaluable
-from safety.stl.formula import Formula, StlError, names_of
+from safety.stl.formula import Formula, StlError, first_needed_s, names_of
 from safety.stl.parser import parse_stl
 from safety.stl.robustness import Robustness, StlMonitor
 from safety.stl.units import has_several_units, require_sound
@@ -156,6 +157,12 @@ class Stl(Oracle):
         if not self._trace.times_s:
             return Unevaluable("the formula", None, "was not evaluated: its window never began")
         end_s = self.stages.end_s if self.stages.end_s is not None else t_s
+        begin_s = self._trace.times_s[0]
+        for atom, needed_s in first_needed_s(self._formula):
+            if begin_s + needed_s > end_s:
+                # Its last value would decide, at a time that nobody saw.
+                said = f"is needed from {needed_s:g} s of its window on, and that ended"
+                return Unevaluable(written(atom), end_s, said)
         return self._monitor.robustness(self._trace.times_s, self._trace.values(), end_s)
 
     def _add_row(self, t_s: float) -> None:

@@ -1,5 +1,6 @@
 """What an STL formula is made of: nodes that know where in the text they stand; no behaviour."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -145,6 +146,29 @@ def names_of(node: Node) -> tuple[Name, ...]:
     if isinstance(node, Name):
         return (node,)
     return tuple(name for child in children(node) for name in names_of(child))
+
+
+def first_needed_s(formula: Formula, at_s: float = 0.0) -> Iterator[tuple[Atom, float]]:
+    """Yield each atom of a formula with the first time at which the formula needs it, seconds.
+
+    at_s: when the formula itself is needed; times count from the opening of the window.
+    """
+    match formula:
+        case Comparison() | Holds():
+            yield formula, at_s
+        case Not(inner):
+            yield from first_needed_s(inner, at_s)
+        case Temporal("always" | "eventually", interval, inner):
+            yield from first_needed_s(inner, at_s + interval.from_s)
+        case Temporal(_, interval, inner):
+            back_s = at_s if interval.until_s is None else interval.until_s
+            yield from first_needed_s(inner, max(0.0, at_s - back_s))
+        case Junctor(_, left, right):
+            yield from first_needed_s(left, at_s)
+            yield from first_needed_s(right, at_s)
+        case Until(interval, left, right):
+            yield from first_needed_s(left, at_s)
+            yield from first_needed_s(right, at_s + interval.from_s)
 
 
 FORMULAS = (Comparison, Holds, Not, Junctor, Temporal, Until)

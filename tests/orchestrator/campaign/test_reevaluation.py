@@ -12,6 +12,7 @@ from orchestrator.campaign.reevaluation import judge_run_again
 from orchestrator.cli import main
 from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.results import RunResult
+from orchestrator.model.results_reader import read_result
 from orchestrator.recording.errors import RecordingError
 from tests.orchestrator.conftest import ROOT
 
@@ -145,6 +146,7 @@ def test_what_is_no_recording_is_reported(recorded: Path, tmp_path: Path, capsys
         ("judged.msgpack", lambda data: data[:-30], "was cut before the end of the run"),
         ("judged.msgpack", lambda _: b"", "does not begin with wil/judged/2"),
         ("log.jsonl", lambda data: data[:-3], "log.jsonl cannot be read"),
+        ("log.jsonl", lambda data: b"\n".join(data.splitlines()[:5]), "cut before the end"),
     ],
 )
 def test_a_damaged_recording_is_refused(
@@ -157,3 +159,21 @@ def test_a_damaged_recording_is_refused(
     (tmp_path / name).write_bytes(change((tmp_path / name).read_bytes()))
     with pytest.raises(RecordingError, match=said):
         judge_run_again(plan, tmp_path)
+
+
+def test_a_run_whose_log_lacks_what_decided_it_is_refused(recorded: Path, tmp_path: Path) -> None:
+    for path in (recorded / "large" / "sim" / "1").iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    flown = read_result(tmp_path / "result.json")
+    invalid = replace(flown, verdict="INVALID", reason="late frames", decided_by="mixing/camera")
+    write_whole(tmp_path / "result.json", to_json(invalid))
+    with pytest.raises(RecordingError, match="lacks what decided the run: late frames"):
+        judge_run_again(replace(plan_of(()), case="large", mode="sim"), tmp_path)
+
+
+def test_a_flight_proves_nothing_of_a_world_that_it_was_not_flown_in(
+    recorded: Path, capsys: Any
+) -> None:
+    assert judge(recorded, "world.objects.gate.pose.north_m=2.9") == 3
+    said = capsys.readouterr().err
+    assert "large/sim/1 was flown in another world than its files describe now" in said

@@ -236,6 +236,33 @@ def test_a_first_value_counts_from_the_opening_on_if_it_is_not_late(
     assert judge.result(9.0).verdict == verdict
 
 
+@pytest.mark.parametrize(
+    ("text", "detail"),
+    [
+        ("always[0,90] (up_m <= 2)", ""),
+        ("eventually[0,90] (up_m <= 2)", ""),
+        ("always[6,6] (up_m <= 2)", ""),
+        ("always[8,9] (once[0,5] (up_m <= 2))", ""),
+        ("always[60,90] (up_m <= 2)", "up_m <= 2 is needed from 60 s"),
+        ("up_m > 0 and not eventually[6.1,7] (not up_m <= 2)", "up_m <= 2 is needed from 6.1 s"),
+        ("always[3,4] (eventually[4,9] (up_m > 0))", "up_m > 0 is needed from 7 s"),
+        ("always[20,30] (once[0,5] (up_m <= 2))", "up_m <= 2 is needed from 15 s"),
+        ("(up_m > 0) until[60,90] (up_m <= 2)", "up_m <= 2 is needed from 60 s"),
+    ],
+)
+def test_what_a_formula_needs_only_after_its_window_cannot_be_judged(
+    text: str, detail: str
+) -> None:
+    judge = stl(text)
+    stage(judge, goal=3.0)
+    heights(judge, *[1.0] * 6)
+    stage(judge, land=9.0)
+    result = judge.result(12.0)
+    assert result.verdict == ("INVALID" if detail else "PASS")
+    whole = f"{detail} of its window on, and that ended at 9.000 s"
+    assert result.detail == (whole if detail else "")
+
+
 def test_a_window_that_never_opens_cannot_be_judged() -> None:
     judge = stl("always (up_m <= 2)")
     heights(judge, 1.0)
