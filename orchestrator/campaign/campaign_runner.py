@@ -29,6 +29,7 @@ from orchestrator.campaign.resumption import (
     resumed_manifest,
 )
 from orchestrator.campaign.run_order import fly_order
+from orchestrator.campaign.run_output import OUTPUT_FILE, output_tail
 from orchestrator.campaign.worker_pool import Pool, WorkerLost
 from orchestrator.model.attempts import after_attempts, attempt_of, retry_due
 from orchestrator.model.clock import Clock
@@ -55,9 +56,12 @@ from orchestrator.run.flight.return_flight import return_plan
 from orchestrator.run.vehicles.preflight_checks import disk_item
 from orchestrator.state.run_setup import RunOrder
 from vehicles.tasks import TaskAccount
+from worlds.files.problems import printable
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
 """What lands all and ends the campaign; SIGHUP unless it is ignored, as under nohup."""
+_OUTPUT_LINES = 3
+"""How much of what a run printed is shown with a verdict that is no PASS."""
 _REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered")
 
 
@@ -320,9 +324,19 @@ class _Flight:
             )
             with self._faults.taking("a verdict"):
                 self._watcher.finished(result)
+                if result.verdict != "PASS":
+                    self._show_output(order)
         if following is None and flown and len(self._results) < len(self._plans):
             following = self._between.after(order, result)
         return following
+
+    def _show_output(self, order: RunOrder) -> None:
+        """Show how the output of a run's process ends, if it had any."""
+        lines = output_tail(order.folder, _OUTPUT_LINES)
+        if lines:
+            self._watcher.say(f"{order.plan.name}: {order.folder / OUTPUT_FILE} ends with")
+        for line in lines:
+            self._watcher.say(f"  {printable(line)}")
 
     def _retry_run(self, order: RunOrder, result: RunResult) -> RunOrder:
         """Set a run's files aside and return the order to fly it once more."""

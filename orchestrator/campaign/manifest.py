@@ -12,6 +12,7 @@ from pathlib import Path
 
 from campaigns.expansion.expansion import Campaign
 from campaigns.setup.case_files import CaseFiles
+from orchestrator.campaign.imported_files import imported_by
 from orchestrator.model.clock import Clock
 from orchestrator.recording.timestamps import utc_text
 from worlds.files.documents import Data
@@ -32,6 +33,8 @@ _VERSIONED = (
 
 def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str, object]:
     """Return the manifest campaign.json: what is flown, with what, where; arm: not --no-arm."""
+    files = _files(campaign)
+    imported = imported_by({path for path in files if path.suffix == ".py"})
     return {
         "campaign": campaign.name,
         "description": campaign.description,
@@ -45,29 +48,34 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
         },
         "started_utc": utc_text(time.time()),
         "host": {"name": platform.node(), "machine": platform.machine(), "cores": os.cpu_count()},
-        "versions": {"python": platform.python_version(), **_versions()},
-        "files": _digests(campaign),
+        "versions": {"python": platform.python_version(), **_versions(imported.packages)},
+        "files": _digests(files | imported.files, campaign),
         "runs": _runs(campaign),
         "document": campaign.document.data,
     }
 
 
-def _digests(campaign: Campaign) -> dict[str, str]:
-    """Return for the manifest the SHA-256 of every file that the campaign reads or names.
-
-    By path from the campaign's folder: the campaign, its worlds and recipes, and what a text in
-    one of them names beside it: the autonomy, profiles, meshes, textures, steps, models.
-    """
+def _digests(files: set[Path], campaign: Campaign) -> dict[str, str]:
+    """Return for the manifest the SHA-256 of files, by their paths from the campaign's folder."""
     home = campaign.document.path.resolve().parent
+    return {
+        os.path.relpath(path, home): f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
+        for path in sorted(files)
+    }
+
+
+def _files(campaign: Campaign) -> set[Path]:
+    """Return every file that the campaign reads or names.
+
+    The campaign, its worlds and recipes, and what a text in one of them names beside it: the
+    autonomy, profiles, meshes, textures, steps, models.
+    """
     files = {path.resolve() for path in campaign.paths}
     for case in _files_by_case(campaign).values():
         for document in (case.campaign, case.world, case.recipe):
             if document is not None:
                 files.update(_name_paths(document.data, document.path))
-    return {
-        os.path.relpath(path, home): f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
-        for path in sorted(files)
-    }
+    return files
 
 
 def _runs(campaign: Campaign) -> list[dict[str, object]]:
@@ -123,10 +131,10 @@ def _name_paths(value: Data, beside: Path) -> Iterator[Path]:
                 yield path
 
 
-def _versions() -> dict[str, str]:
-    """Return for the manifest the versions of the packages in use."""
+def _versions(imported: frozenset[str]) -> dict[str, str]:
+    """Return for the manifest the versions of the packages in use; imported: by users' files."""
     found: dict[str, str] = {}
-    for name in _VERSIONED:
+    for name in (*_VERSIONED, *sorted(imported - set(_VERSIONED))):
         try:
             found[name] = version(name)
         except PackageNotFoundError:

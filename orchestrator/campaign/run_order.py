@@ -4,6 +4,7 @@ import cv2
 
 from orchestrator.campaign.campaign_folder import held, make_run_folder
 from orchestrator.campaign.limited_loading import limited_loading
+from orchestrator.campaign.run_output import kept_output
 from orchestrator.model.attempts import after_attempts
 from orchestrator.model.document_writer import sync_files, to_json, write_whole
 from orchestrator.model.operator_command import Inbox
@@ -24,7 +25,7 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     cv2.setNumThreads(1)  # runs share the cores by processes
     forget_loaded()  # else the runs that a worker flew before this one could tell
     make_run_folder(order.folder, order.plan.name)
-    with held(order.folder):
+    with held(order.folder), kept_output(order.folder):
         with limited_loading():
             setup = RunSetup.of(order)
         if order.back is not None:

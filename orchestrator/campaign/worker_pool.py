@@ -1,4 +1,4 @@
-"""Worker processes: each flies one run at a time, in a process of its own.
+"""Worker processes: each run has one of its own, forked from the run server.
 
 The parent owns Ctrl-C and the terminal. A worker that dies takes one run with it, never more:
 the caller is told and a new worker takes the next run. A worker whose parent has died treats
@@ -7,18 +7,21 @@ that as an operator's abort: it lands, writes its result, and ends.
 
 import asyncio
 import contextlib
-import multiprocessing as mp
 import os
 import select
 import signal
 import sys
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from multiprocessing import reduction
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any, Generic, TypeVar
 
+from orchestrator.campaign.left_processes import adopt_descendants, end_descendants
+from orchestrator.campaign.run_server import run_context
 from orchestrator.model.faults import Fault
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import News, Report
@@ -26,7 +29,7 @@ from safety.guard.core.operator_command import OperatorCommand
 from vehicles.tasks import finish
 
 _FIRST_WORD_S = 600.0
-"""Until its first word a worker imports and compiles."""
+"""Until its first word a worker loads the campaign's files and compiles."""
 _ABORTED_S = 5.0
 """What is left of that once an abort has come: nothing flies yet that would have to land."""
 Order = TypeVar("Order")
@@ -62,6 +65,22 @@ class _Done(Generic[Outcome]):
 _ITSELF = "the run itself: its parent process died"
 
 
+class _Stderr:
+    """The stderr of the pool's process, handed to a worker; number: its descriptor there."""
+
+    def __init__(self, number: int = 2) -> None:
+        self.number = number
+
+    def __reduce__(self) -> "tuple[Callable[[Any], _Stderr], tuple[object]]":
+        """Return what a worker makes it of again: a copy of the descriptor goes with it."""
+        return _received, (reduction.DupFd(self.number),)
+
+
+def _received(descriptor: Any) -> _Stderr:
+    """Return the pool's stderr as it arrived in a worker."""
+    return _Stderr(descriptor.detach())
+
+
 class PipeInbox:
     """A worker's inbox of operator commands from the parent; the parent's death is an abort."""
 
@@ -83,14 +102,25 @@ class PipeInbox:
         return command if isinstance(command, OperatorCommand) else None
 
 
-def _work(connection: Connection, fly: "Fly[Any, Any]") -> None:
-    """Fly orders in a worker process until the parent closes the pipe."""
+def _work(
+    connection: Connection,
+    fly: "Fly[Any, Any]",
+    environment: Mapping[str, str],
+    stderr: _Stderr,
+) -> None:
+    """Fly an order in a worker process, and end when the parent closes the pipe."""
+    # The run server's environment and terminal may be older than its campaign's.
+    os.environ.clear()
+    os.environ.update(environment)
+    os.dup2(stderr.number, 2)
+    os.close(stderr.number)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGHUP):
         # `timeout`, a service manager and a terminal that closes send these to the whole group; the
         # parent tells us what to do. A handler, for what is ignored our children would ignore too.
         signal.signal(number, lambda *_: None)
     os.dup2(2, 1)  # stdout is the parent's document; whatever a library prints goes to stderr
+    adopt_descendants()
     inbox = PipeInbox(connection)
 
     def report(news: News) -> None:
@@ -100,23 +130,33 @@ def _work(connection: Connection, fly: "Fly[Any, Any]") -> None:
             with contextlib.suppress(OSError):
                 connection.send(news)
 
+    order = _first_order(connection)
+    if order is None:
+        return
+    try:
+        outcome = fly(order, report, inbox)
+    except BaseException as error:  # noqa: BLE001  # a worker must tell, whatever it was
+        outcome = _lost_by(error)
+    if left := end_descendants():
+        sys.stderr.write(f"ended what a run left behind: {', '.join(left)}\n")
+    try:
+        connection.send(_Done(outcome))
+    except OSError:
+        return
+    except Exception as error:  # noqa: BLE001  # an outcome that cannot be sent
+        connection.send(_Done(_lost_by(error)))
+    _first_order(connection)  # until the parent has read it, and closes the pipe
+
+
+def _first_order(connection: Connection) -> Any:  # what the pool's owner flies
+    """Return a worker's order; None once the parent has closed the pipe."""
     while True:
         try:
             order = connection.recv()
         except (EOFError, OSError):
-            return
-        if isinstance(order, OperatorCommand):
-            continue  # it came after the run that it was meant for
-        try:
-            outcome = fly(order, report, inbox)
-        except BaseException as error:  # noqa: BLE001  # a worker must tell, whatever it was
-            outcome = _lost_by(error)
-        try:
-            connection.send(_Done(outcome))
-        except OSError:
-            return
-        except Exception as error:  # noqa: BLE001  # an outcome that cannot be sent
-            connection.send(_Done(_lost_by(error)))
+            return None
+        if not isinstance(order, OperatorCommand):  # one came after the run that it was meant for
+            return order
 
 
 def _lost_by(error: BaseException) -> "WorkerLost":
@@ -127,7 +167,7 @@ def _lost_by(error: BaseException) -> "WorkerLost":
 
 @dataclass(slots=True)
 class _Worker:
-    process: mp.process.BaseProcess
+    process: BaseProcess
     connection: Connection
     preparing: asyncio.Timeout | None = None
     """Runs until the first word of the present order."""
@@ -167,7 +207,7 @@ class Pool(Generic[Order, Outcome]):
         self._fly = fly
         self._report = report
         self._done = done
-        self._context = mp.get_context("spawn")
+        self._context = run_context()
         self._stall_s = stall_s
         self._busy: list[_Worker] = []
         self._stopped: OperatorCommand | None = None
@@ -207,20 +247,22 @@ class Pool(Generic[Order, Outcome]):
                 group.create_task(self._serve(waiting), name=f"worker {number}")
 
     async def _serve(self, waiting: "deque[Order]") -> None:
+        loop = asyncio.get_running_loop()
         worker: _Worker | None = None
         try:
             while waiting:
                 await self._going.wait()
+                # Preparing the run server takes seconds; signals are heeded meanwhile.
+                worker = await loop.run_in_executor(None, self._start)
+                await self._going.wait()
                 if self._stopped is not None or not waiting:
                     break
                 order = self._ready(waiting.popleft())
-                worker = worker or self._start()
                 outcome = await self._fly_one(worker, order)
-                if not worker.process.is_alive() or isinstance(outcome, WorkerLost):
-                    ended = await self._end(worker)
-                    worker = None
-                    if ended and not isinstance(outcome, WorkerLost):
-                        self._ended_badly(ended)
+                over, worker = worker, None
+                ended = await finish(self._end(over), name="the end of a worker")
+                if ended and not isinstance(outcome, WorkerLost):
+                    self._ended_badly(ended)
                 again = self._done(order, outcome)
                 if again is not None:
                     waiting.appendleft(again)
@@ -233,7 +275,10 @@ class Pool(Generic[Order, Outcome]):
     def _start(self) -> _Worker:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(
-            target=_work, args=(theirs, self._fly), name="wil-campaign run", daemon=False
+            target=_work,
+            args=(theirs, self._fly, dict(os.environ), _Stderr()),
+            name="wil-campaign run",
+            daemon=False,
         )
         process.start()
         theirs.close()

@@ -69,8 +69,8 @@ def roles(program: int, runtime: Path) -> dict[str, ProcessId]:
             found["guard"] = pid
         elif "vehicles.embedded" in words:
             found[vehicle_of(words)] = pid
-        elif parent == program and "spawn_main" in words:
-            found["flight"] = pid
+        elif "multiprocessing.forkserver" in words and parent != program:
+            found["flight"] = pid  # what the run server, the program's child, has forked
         elif "pilot_program" in words and not any(one in words for one in _TELLERS):
             found.setdefault("autonomy", pid)
     return {name: one for name, pid in found.items() if (one := ProcessId.of(pid)) is not None}

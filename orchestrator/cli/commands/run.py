@@ -18,6 +18,7 @@ from orchestrator.campaign.campaign_runner import (
     planned,
 )
 from orchestrator.campaign.resumption import ResumeError
+from orchestrator.campaign.run_server import start_run_server
 from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
 from orchestrator.cli.final_report import write_final_report
 from orchestrator.cli.progress_display import Display, LineDisplay, SilentDisplay, TerminalDisplay
@@ -102,6 +103,7 @@ def run(
         err("--no-arm leaves no results that --resume could continue")
         return 2
     campaign = load_campaign(file, choice.options(*_sets(flights)))
+    start_run_server()
     try:
         require_writable(out_, junit=junit)
         cleared = _clear_arming(campaign, flights)

@@ -9,6 +9,7 @@ from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.autonomy import Autonomy, PerceivesRaw
 from vehicles.cameras.rendered_cameras import sleep_until
 from vehicles.readings import Reading
+from vehicles.readings.copies import copied
 from vehicles.setpoints import Setpoint
 
 SetpointListener = Callable[[Setpoint, float], None]
@@ -53,7 +54,7 @@ class AutonomyRunner:
         if self._crashed:
             return
         try:
-            call_autonomy(lambda: perceive(reading))
+            call_autonomy(lambda: perceive(copied(reading)))
         except AutonomyFault as fault:
             self._report_fault(fault)
 

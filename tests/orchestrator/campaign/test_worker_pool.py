@@ -4,7 +4,10 @@ import asyncio
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -180,3 +183,29 @@ def test_loading_that_hangs_is_cut_off_where_it_hangs() -> None:
     with limited_loading(0.2):
         pass
     time.sleep(0.3)
+
+
+_STATE: list[str] = []
+
+
+def fly_counting(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for an autonomy whose modules keep state, and that starts a daemon."""
+    del report, inbox
+    _STATE.append(order)
+    daemon = "import os, time; os.setsid(); time.sleep(60)"
+    child = subprocess.Popen([sys.executable, "-c", daemon])  # noqa: S603 - our own
+    return f"{len(_STATE)} {child.pid} {os.environ['ASKED']}"
+
+
+def test_each_run_begins_anew_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    outcomes: Outcomes = {}
+    monkeypatch.setenv("ASKED", "as the campaign's process has it")
+    pool = Pool[str, str](
+        jobs=1, fly=fly_counting, report=lambda _: None, done=outcomes.__setitem__
+    )
+    asyncio.run(pool.fly(["one", "two"]))
+    for outcome in outcomes.values():
+        assert isinstance(outcome, str)
+        count, child, asked = outcome.split(" ", 2)
+        assert (count, asked) == ("1", "as the campaign's process has it")
+        assert not Path(f"/proc/{child}").exists()
