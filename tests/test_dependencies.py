@@ -51,6 +51,21 @@ def test_imports_and_declarations_agree() -> None:
     assert used - OF_AN_EXTRA == declared() - NOT_IMPORTED
 
 
+def test_what_is_slow_to_import_is_imported_only_where_it_is_needed() -> None:
+    """Every process of every run pays for what stands at the top of a module: SciPy half a second.
+
+    Calibration and statistics begin with it; no process that flies imports them.
+    """
+    tops = {
+        str(path.relative_to(HERE))
+        for path in sources(*PACKAGES)
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.Import | ast.ImportFrom) and "scipy" in imported(node)
+    }
+    statistics = {f"campaigns/statistics/{name}.py" for name in ("bootstrap", "proportions")}
+    assert tops <= {"vehicles/calibration/mounting.py", *statistics}
+
+
 @pytest.mark.parametrize("folder", [*PACKAGES, "tests", "bench"])
 def test_the_syntax_is_that_of_the_oldest_python(folder: str) -> None:
     for path in sources(folder):

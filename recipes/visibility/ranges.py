@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from recipes.visibility.model import (
     ExpectedRanges,
@@ -79,7 +78,7 @@ def compare_points(
     due = virtual.mask_of(ids)
     distance = np.full(len(expected_m), np.inf)
     if due.any() and len(added):
-        distance[due] = cKDTree(added).query(expected_m[due])[0]
+        distance[due] = nearest_m(expected_m[due], added)
     limit = limits_m(np.linalg.norm(expected_m, axis=1))
     drawn = np.full(len(expected_m), len(added) >= LEAST_ELEMENTS)
     elements = _Elements(distance, drawn, limit)
@@ -88,6 +87,14 @@ def compare_points(
         for object_id, name in virtual.names.items()
     )
     return FrameVisibility(t_s, objects, len(added) / max(1, len(mixed_m)))
+
+
+def nearest_m(points_m: NDArray[np.float64], cloud_m: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return how far the nearest point of a cloud is from each point, metres; both are (n, 3)."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415 - slow to import; only 3-D lidars need it
+
+    found: NDArray[np.float64] = cKDTree(cloud_m).query(points_m)[0]
+    return found
 
 
 def _added_points(real_m: NDArray[np.float32], mixed_m: NDArray[np.float32]) -> NDArray[np.float32]:

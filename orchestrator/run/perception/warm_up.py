@@ -7,8 +7,12 @@ has nothing kept and much to do it takes minutes: the pool would take that for a
 
 import math
 
+import numpy as np
+
+from campaigns.values.sensor_setups import LidarPointsSetup
 from orchestrator.run.vehicles.vehicle_backends import BODY
 from orchestrator.state.run_setup import RunSetup
+from recipes.visibility.ranges import nearest_m
 from vehicles.perception.hsv import NAMED_COLORS, HsvMask
 from worlds.camera import Intrinsics
 from worlds.clearance.clearance import ClearanceProbe
@@ -20,7 +24,10 @@ _SMALL = Intrinsics.from_fov(64, 48, math.radians(60.0))
 
 
 def warm_up(setup: RunSetup) -> None:
-    """Warm up perception before the flight: compile clearance, rendering, colour search."""
+    """Warm up perception before the flight: compile clearance, rendering, search for colours.
+
+    Where there are clouds of points, the search for the nearest point is imported.
+    """
     probe = ClearanceProbe(setup.judged_scene, BODY, within_m=_FAR_M)
     probe.sweep(Pose((0.0, 0.0, -1.0)), 0.0, Pose((0.1, 0.0, -1.0)), 0.1)
     if any(vehicle.cameras for vehicle in setup.vehicles):
@@ -29,3 +36,6 @@ def warm_up(setup: RunSetup) -> None:
             for ids in (False, True):
                 seen = renderer.render(Pose((0.0, 0.0, -1.0)), _SMALL, 0.0, {}, want_ids=ids)
         HsvMask(NAMED_COLORS["orange"]).of(seen.image_bgr)
+    sensors = [sensor for vehicle in setup.with_sensors for sensor in vehicle.sensors]
+    if any(isinstance(sensor, LidarPointsSetup) for sensor in sensors):
+        nearest_m(np.zeros((1, 3)), np.zeros((1, 3), np.float32))

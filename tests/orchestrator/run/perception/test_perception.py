@@ -10,6 +10,8 @@ import pytest
 from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.model.results import CombinationResult, RunResult
 from orchestrator.recording.mcap_reader import RecordedProvenance, RecordedReading, Recording
+from orchestrator.run.perception import warm_up
+from orchestrator.state.run_setup import RunOrder, RunSetup
 from vehicles.autonomy import Command, Telemetry
 from vehicles.readings import Reading, sensor_type_of
 from vehicles.setpoints import VelocitySetpoint
@@ -252,6 +254,18 @@ def test_alone_a_vehicle_perceives_all_its_own_sensors(
     assert {reading.source for reading in alone.heard} == {"twin"}
     assert all(knows_nothing(reading) for reading in alone.heard)
     assert (folder / "mixed.mp4").is_file()
+
+
+@pytest.mark.parametrize("sets", [(), CARRIED])
+def test_where_there_are_clouds_their_search_is_imported_before_the_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sets: tuple[str, ...]
+) -> None:
+    searched: list[int] = []
+    monkeypatch.setattr(warm_up, "nearest_m", lambda points, _: searched.append(len(points)))
+    options = Options(cases=("large",), modes=("sim",), sets=sets)
+    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
+    warm_up.warm_up(RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual")))
+    assert searched == ([1] if sets else [])
 
 
 def test_a_recipe_that_wants_more_than_its_source_gives_is_refused(tmp_path: Path) -> None:
