@@ -1,12 +1,15 @@
-"""Runs of the shipped campaigns, small enough for tests."""
+"""Runs of the shipped campaigns, small enough for tests; workers that need not import anew."""
 
-from collections.abc import Callable
+import multiprocessing
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.campaign.run_server import start_run_server
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
 from orchestrator.model.results import RunResult
@@ -21,6 +24,12 @@ SMALL_CAMERAS = tuple(
     for key, value in (("width_px", 320), ("height_px", 240))
 )
 """A quarter of the pixels: the same flight, sooner."""
+BRIEF = (
+    "autonomy={use: autonomies/straight.py:StraightAutonomy, with: {speed_m_s: 0.8, for_s: 1}}",
+    "goal.altitude_m=0.5",
+    "oracles.reached.required=false",
+)
+"""Up, a step ahead, and down, for what is no matter of the mission: half of the gate's costs."""
 
 
 class NoCommands:
@@ -32,6 +41,35 @@ class NoCommands:
 
 Flown = tuple[RunResult, Path]
 Fly = Callable[..., Flown]
+
+
+@pytest.fixture(scope="session")
+def fork_server() -> None:
+    """Start the server of runs before any test changes the environment."""
+    start_run_server()
+
+
+@contextmanager
+def workers_forked() -> Iterator[None]:
+    """Have what is otherwise spawned forked from the server of runs: 2 s of CPU less each.
+
+    It checks autonomies and draws reports; it has the environment of the first test.
+    """
+    context_of = multiprocessing.get_context
+
+    def forked(method: str | None = None) -> object:
+        return context_of("forkserver" if method == "spawn" else method)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(multiprocessing, "get_context", forked)
+        yield
+
+
+@pytest.fixture
+def forked_workers(fork_server: None) -> Iterator[None]:
+    """Have all workers forked during the test."""
+    with workers_forked():
+        yield
 
 
 @pytest.fixture

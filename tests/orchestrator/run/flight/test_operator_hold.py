@@ -11,9 +11,11 @@ from orchestrator.model.results import RunResult
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState, Stage
 from safety.guard.core.operator_command import OperatorCommand, OperatorKind
+from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of
 
 Fly = Callable[..., tuple[RunResult, Path]]
+LONGER = (*BRIEF, "autonomy.with.for_s=6")
 
 
 class Operator:
@@ -77,7 +79,7 @@ def test_a_hold_before_the_goal_only_delays_it(
         (after_s, "hold"),
         (after_s + 12.0, "resume"),
         campaign=campaign,
-        sets=("sync.max_takeoff_skew_s=9",),
+        sets=(*BRIEF, "sync.max_takeoff_skew_s=9"),
     )
     assert (result.verdict, result.reason) == ("PASS", "")
     times = entered(folder)
@@ -89,7 +91,10 @@ def test_a_hold_before_the_goal_only_delays_it(
 def test_a_hold_after_the_goal_proves_nothing_and_the_flight_goes_on(
     fly_run: Fly, campaign: str
 ) -> None:
-    result, folder = fly_held(fly_run, "goal", (2.0, "hold"), (12.0, "resume"), campaign=campaign)
+    script: list[tuple[float, OperatorKind]] = [(2.0, "hold"), (12.0, "resume")]
+    result, folder = fly_held(
+        fly_run, "goal", *script, campaign=campaign, sets=(*BRIEF, "autonomy.with.for_s=13")
+    )
     assert result.verdict == "INVALID"
     assert result.reason == "held by anna after the goal was given: the flight proves nothing"
     times = entered(folder)
@@ -99,7 +104,11 @@ def test_a_hold_after_the_goal_proves_nothing_and_the_flight_goes_on(
 
 def test_nothing_of_the_flight_ends_it_while_it_is_held(fly_run: Fly) -> None:
     result, folder = fly_held(
-        fly_run, "goal", (1.0, "hold"), (14.0, "resume"), sets=("oracles.time_limit.limit_s=5",)
+        fly_run,
+        "goal",
+        (1.0, "hold"),
+        (14.0, "resume"),
+        sets=(*LONGER, "oracles.time_limit.limit_s=5"),
     )
     assert result.verdict == "INVALID"
     assert result.also[0].reason == "real was not done 5 s after its goal"
@@ -109,7 +118,7 @@ def test_nothing_of_the_flight_ends_it_while_it_is_held(fly_run: Fly) -> None:
 
 
 def test_a_hold_while_landing_stops_it_in_the_air(fly_run: Fly) -> None:
-    result, folder = fly_held(fly_run, "land", (1.0, "hold"), (20.0, "resume"))
+    result, folder = fly_held(fly_run, "land", (1.0, "hold"), (20.0, "resume"), sets=BRIEF)
     assert result.verdict == "INVALID"
     times = entered(folder)
     assert times["landed"] > times["land"] + 20.0
@@ -117,7 +126,8 @@ def test_a_hold_while_landing_stops_it_in_the_air(fly_run: Fly) -> None:
 
 
 def test_whoever_holds_may_abort(fly_run: Fly) -> None:
-    result, folder = fly_held(fly_run, "takeoff", (2.0, "hold"), (4.0, "hold"), (12.0, "abort"))
+    script: list[tuple[float, OperatorKind]] = [(2.0, "hold"), (4.0, "hold"), (12.0, "abort")]
+    result, folder = fly_held(fly_run, "takeoff", *script, sets=BRIEF)
     assert (result.verdict, result.reason) == ("ABORTED", "aborted by anna")
     said = [line["text"] for line in log_of(folder) if line["event"] == "guard"]
     assert "anna: hold: all vehicles hold already" in said
