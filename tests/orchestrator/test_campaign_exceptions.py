@@ -46,6 +46,7 @@ def fly(folder: Path, watcher: SilentDisplay | None = None) -> CampaignOutcome:
     return fly_campaign(campaign, settings, watcher or SilentDisplay())
 
 
+@pytest.mark.usefixtures("forked_workers")
 @pytest.mark.parametrize(
     ("fly_order", "kind"), [(raise_key_error, "KeyError"), (raise_cancelled, "CancelledError")]
 )
@@ -63,6 +64,7 @@ def test_what_a_worker_raises_is_an_error_with_its_traceback(
     assert "Traceback" in line["trace"]
 
 
+@pytest.mark.usefixtures("forked_workers")
 def test_a_display_that_raises_is_never_exit_0(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

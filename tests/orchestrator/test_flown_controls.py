@@ -9,6 +9,7 @@ import pytest
 from orchestrator.cli import main
 from tests.orchestrator.hover import write_hover
 
+pytestmark = pytest.mark.usefixtures("forked_workers")
 CONTROLS = """\
 repetitions: 1
 controls:

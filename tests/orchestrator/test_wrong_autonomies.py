@@ -5,7 +5,6 @@ One that does it right flies among them, so that a campaign that fails whatever 
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -93,37 +92,21 @@ EXPECTED = {
 """Of each wrong autonomy what decides, and a part of the reason."""
 
 
-@pytest.fixture(scope="module")
-def summary(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Fly all of them once, by the command line."""
-    folder = tmp_path_factory.mktemp("wrong")
-    (folder / "campaign.yaml").write_text(CAMPAIGN)
-    (folder / "world.yaml").write_text(WORLD)
-    (folder / "path.py").write_text(AUTONOMY)
-    code = main(["run", str(folder / "campaign.yaml"), "--out", str(folder / "out"), "--json"])
-    assert code == 1
-    (path,) = (folder / "out" / "wrong").glob("*/summary.json")
-    document: dict[str, Any] = json.loads(Path(path).read_text("utf-8"))
-    return document
-
-
-def run_of(summary: dict[str, Any], case: str) -> dict[str, Any]:
-    (run,) = [one for one in summary["runs"] if one["case"] == case]
-    found: dict[str, Any] = run
-    return found
-
-
 @pytest.mark.timeout(900)
-def test_the_right_one_passes(summary: dict[str, Any]) -> None:
-    run = run_of(summary, "right")
-    assert (run["verdict"], run["reason"]) == ("PASS", "")
-
-
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("case", list(EXPECTED))
-def test_the_wrong_one_fails_by_the_right_oracle(summary: dict[str, Any], case: str) -> None:
-    run = run_of(summary, case)
-    source, text = EXPECTED[case]
-    assert (run["verdict"], run["decided_by"]) == ("FAIL", source), run["reason"]
-    assert text in run["reason"]
-    assert run["reason"].endswith("to go'"), "the autonomy's last note is missing"
+@pytest.mark.usefixtures("forked_workers")
+def test_the_right_one_passes_and_each_wrong_one_fails_by_the_right_oracle(tmp_path: Path) -> None:
+    """All are flown by one campaign."""
+    (tmp_path / "campaign.yaml").write_text(CAMPAIGN)
+    (tmp_path / "world.yaml").write_text(WORLD)
+    (tmp_path / "path.py").write_text(AUTONOMY)
+    assert main(["run", str(tmp_path / "campaign.yaml"), "--out", str(tmp_path / "out")]) == 1
+    (path,) = (tmp_path / "out" / "wrong").glob("*/summary.json")
+    runs = {run["case"]: run for run in json.loads(path.read_text("utf-8"))["runs"]}
+    assert runs.keys() == {"right", *EXPECTED}
+    right = runs.pop("right")
+    assert (right["verdict"], right["reason"]) == ("PASS", "")
+    for case, run in runs.items():
+        source, text = EXPECTED[case]
+        assert (run["verdict"], run["decided_by"]) == ("FAIL", source), (case, run["reason"])
+        assert text in run["reason"], case
+        assert run["reason"].endswith("to go'"), f"{case}: the autonomy's last note is missing"

@@ -1,5 +1,6 @@
 """Recorded runs judged again: the same by the same oracles, and by others what these say."""
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import read_result
 from orchestrator.recording.errors import RecordingError
-from tests.orchestrator.conftest import ROOT
+from tests.orchestrator.conftest import ROOT, workers_forked
 
 Fly = Callable[..., tuple[RunResult, Path]]
 GATE = ROOT / "campaigns" / "gate.yaml"
@@ -60,11 +61,12 @@ def test_a_recorded_run_is_judged_as_it_was_flown(
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(fork_server: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the results folder of one good run in mode sim, flown as users fly."""
     out = tmp_path_factory.mktemp("out")
     given = ("--case", "large", "--mode", "sim", "--repetitions", "1", "--out", str(out))
-    assert main(["run", str(GATE), *given, "--json"]) == 0
+    with workers_forked():
+        assert main(["run", str(GATE), *given, "--json"]) == 0
     (folder,) = (out / "gate").iterdir()
     return folder
 
@@ -123,42 +125,40 @@ def test_no_code_that_the_files_name_is_run(recorded: Path, tmp_path: Path, caps
     assert marker.exists()
 
 
-def test_what_is_required_and_not_in_the_folder_was_not_flown(recorded: Path, capsys: Any) -> None:
+def test_what_was_not_flown_and_what_is_no_recording_are_reported(
+    recorded: Path, tmp_path: Path, capsys: Any
+) -> None:
     given = ("--case", "large", "--mode", "sim", "--repetitions", "4")
     assert main(["judge", str(GATE), str(recorded), *given]) == 3
     *_, missing, last = capsys.readouterr().out.splitlines()
     assert missing == "never flown: large/sim/2, large/sim/3, large/sim/4"
     assert last.startswith("not accepted of what was flown; never flown: 3 of 4; required, and")
     assert "left out: large/wil" in last
-
-
-def test_what_is_no_recording_is_reported(recorded: Path, tmp_path: Path, capsys: Any) -> None:
     assert judge(tmp_path) == 3
     assert "has no run of this campaign, such as large/sim/1" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "said"),
-    [
-        ("result.json", lambda data: data[:-20], "is truncated, damaged or of another version"),
-        ("result.json", lambda data: data.replace(b'"PASS"', b'"FINE"'), "verdict"),
-        ("result.json", lambda data: data.replace(b"\n", b" \n"), "was changed"),
-        ("judged.msgpack", lambda data: data[:-30], "was cut before the end of the run"),
-        ("judged.msgpack", lambda _: b"", "does not begin with wil/judged/2"),
-        ("log.jsonl", lambda data: data[:-3], "log.jsonl cannot be read"),
-        ("log.jsonl", lambda data: b"\n".join(data.splitlines()[:5]), "cut before the end"),
-    ],
+DAMAGE: tuple[tuple[str, Callable[[bytes], bytes], str], ...] = (
+    ("result.json", lambda data: data[:-20], "is truncated, damaged or of another version"),
+    ("result.json", lambda data: data.replace(b'"PASS"', b'"FINE"'), "verdict"),
+    ("result.json", lambda data: data.replace(b"\n", b" \n"), "was changed"),
+    ("judged.msgpack", lambda data: data[:-30], "was cut before the end of the run"),
+    ("judged.msgpack", lambda _: b"", "does not begin with wil/judged/2"),
+    ("log.jsonl", lambda data: data[:-3], "log.jsonl cannot be read"),
+    ("log.jsonl", lambda data: b"\n".join(data.splitlines()[:5]), "cut before the end"),
 )
-def test_a_damaged_recording_is_refused(
-    recorded: Path, tmp_path: Path, name: str, change: Callable[[bytes], bytes], said: str
-) -> None:
+
+
+def test_a_damaged_recording_is_refused(recorded: Path, tmp_path: Path) -> None:
     plan = replace(plan_of(()), case="large", mode="sim")
-    for path in (recorded / "large" / "sim" / "1").iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
+    shutil.copytree(recorded / "large" / "sim" / "1", tmp_path, dirs_exist_ok=True)
     judge_run_again(plan, tmp_path)
-    (tmp_path / name).write_bytes(change((tmp_path / name).read_bytes()))
-    with pytest.raises(RecordingError, match=said):
-        judge_run_again(plan, tmp_path)
+    for name, change, said in DAMAGE:
+        whole = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(change(whole))
+        with pytest.raises(RecordingError, match=said):
+            judge_run_again(plan, tmp_path)
+        (tmp_path / name).write_bytes(whole)
 
 
 def test_a_run_whose_log_lacks_what_decided_it_is_refused(recorded: Path, tmp_path: Path) -> None:

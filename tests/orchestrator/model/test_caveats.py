@@ -124,6 +124,7 @@ def test_what_would_be_noise_is_not_reported(silent: RunResult) -> None:
     assert properties(silent) == {}
 
 
+@pytest.mark.usefixtures("forked_workers")
 def test_a_flown_campaign_says_what_failed_and_was_only_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
