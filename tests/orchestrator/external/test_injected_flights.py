@@ -34,7 +34,7 @@ def farthest_north_m(folder: Path, vehicle: str) -> float:
     return max(float(row["true_north_m"]) for row in rows)
 
 
-def test_the_real_autopilot_stops_before_a_wall_that_is_not_there(fly_run: Fly) -> None:
+def test_the_real_autopilot_stops_before_a_wall_that_is_not_there_and_again(fly_run: Fly) -> None:
     result, folder = flown(fly_run)
     assert (result.verdict, result.reason) == ("PASS", "")
     farthest_m = farthest_north_m(folder, "real")
@@ -44,6 +44,10 @@ def test_the_real_autopilot_stops_before_a_wall_that_is_not_there(fly_run: Fly) 
     assert result.outside is not None
     assert {one.vehicle for one in result.outside.injected} == {"real", "twin"}
     assert all(one.sent > 100 and one.stale == 0 for one in result.outside.injected)
+    assert all_landed(folder)
+    again, beside = flown(fly_run)
+    assert again.outside == result.outside, "the same seed injects the same"
+    assert rows_of(beside) == rows_of(folder)
 
 
 def test_in_mode_sim_the_twin_gets_its_own_lidar(fly_run: Fly) -> None:
@@ -77,13 +81,6 @@ def test_a_feature_that_the_vehicle_lacks_is_reported_by_its_parameter(
     )
     assert result.verdict == "ERROR"
     assert f"{parameter} does not exist on this autopilot" in result.reason
-
-
-def test_the_same_seed_injects_the_same(fly_run: Fly) -> None:
-    first, second = (flown(fly_run) for _ in range(2))
-    assert first[0].outside == second[0].outside
-    assert rows_of(first[1]) == rows_of(second[1])
-    assert all_landed(first[1])
 
 
 BY_POSITIONS = """

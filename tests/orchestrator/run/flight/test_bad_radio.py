@@ -9,8 +9,10 @@ import pytest
 
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult
+from tests.orchestrator.conftest import BRIEF
 
 Fly = Callable[..., tuple[RunResult, Path]]
+LONGER = (*BRIEF, "autonomy.with={speed_m_s: 0.4, for_s: 6}")
 BAD = "links.real={latency_ms: 80, jitter_ms: 40, loss: 0.05}"
 DARK = "links.real={blackouts: [{on: goal, after_s: 2, for_s: %g}]}"
 BOTH = pytest.mark.parametrize("campaign", ["gate", "gate-ardupilot"])
@@ -38,7 +40,7 @@ def test_the_pair_flies_over_a_radio_that_loses_and_is_late(
 
 def test_luck_on_the_radio_is_seeded(fly_run: Fly) -> None:
     def everything(seed: int) -> tuple[str, bytes]:
-        result, folder = fly_run(sets=(BAD,), seed=seed)
+        result, folder = fly_run(sets=(*BRIEF, BAD), seed=seed)
         document = json.loads(to_json(result))
         del document["wall_s"]
         return json.dumps(document), (folder / "real.tlog").read_bytes()
@@ -53,7 +55,7 @@ def test_px4_returns_by_itself_in_a_outage_and_that_ends_at_the_ceiling(fly_run:
         "preflight.failsafe=check",
         "preflight.override={failsafe: a test, return_altitude: a test}",
     )
-    result, folder = fly_run(sets=(DARK % 3.0, *by_default))
+    result, folder = fly_run(sets=(*LONGER, DARK % 3.0, *by_default))
     assert {item.by for item in result.preflight if item.outcome == "overridden"} == {"a test"}
     assert result.verdict == "FAIL"
     assert "ceiling" in result.reason
@@ -63,7 +65,7 @@ def test_px4_returns_by_itself_in_a_outage_and_that_ends_at_the_ceiling(fly_run:
 def test_ardupilot_waits_where_it_is_and_a_lost_vehicle_is_no_verdict_of_the_autonomy(
     fly_run: Fly,
 ) -> None:
-    result, folder = fly_run("gate-ardupilot", sets=(DARK % 3.5,))
+    result, folder = fly_run("gate-ardupilot", sets=(*LONGER, DARK % 3.5))
     assert result.verdict == "ERROR"
     assert result.reason.startswith("real was not heard for 3 s")
     assert {"lost", "heard"} <= set(guard_events(folder))
@@ -71,8 +73,8 @@ def test_ardupilot_waits_where_it_is_and_a_lost_vehicle_is_no_verdict_of_the_aut
 
 @BOTH
 def test_a_gap_that_was_recovered_but_too_long_fails(fly_run: Fly, campaign: str) -> None:
-    sets = (DARK % 1.2, "vehicles.real.params={COM_OF_LOSS_T: 2.0}")
-    result, _ = fly_run(campaign, sets=sets if campaign == "gate" else sets[:1])
+    sets = (*LONGER, DARK % 1.2, "vehicles.real.params={COM_OF_LOSS_T: 2.0}")
+    result, _ = fly_run(campaign, sets=sets if campaign == "gate" else sets[:-1])
     assert result.verdict == "FAIL"
     assert re.match(r"real was silent for 1\.[23] s, more than 1 s", result.reason)
 
@@ -107,7 +109,7 @@ def test_a_radio_that_flaps_for_less_than_the_limit_is_flown_by(
     fly_run: Fly, campaign: str
 ) -> None:
     # Half of the heartbeats are lost, and the campaign declares it.
-    sets = (flaps(0.3, 0.6, 16), "vehicles.real.telemetry={max_gap_s: 4}")
+    sets = (*LONGER, flaps(0.3, 0.6, 10), "vehicles.real.telemetry={max_gap_s: 4}")
     result, folder = fly_run(campaign, sets=sets)
     assert (result.verdict, result.reason) == ("PASS", "")
     (link,) = [one for one in result.oracles if (one.name, one.vehicle) == ("link", "real")]
@@ -121,7 +123,7 @@ def test_a_radio_that_flaps_for_less_than_the_limit_is_flown_by(
 
 
 def test_a_radio_that_flaps_for_longer_fails_at_its_first_gap(fly_run: Fly) -> None:
-    sets = (flaps(1.3, 1.8, 6), "vehicles.real.params={COM_OF_LOSS_T: 2.5}")
+    sets = (*LONGER, flaps(1.3, 1.8, 3), "vehicles.real.params={COM_OF_LOSS_T: 2.5}")
     result, folder = fly_run(sets=sets)
     assert result.verdict == "FAIL"
     assert re.match(r"real was silent for 1\.[345] s, more than 1 s", result.reason)

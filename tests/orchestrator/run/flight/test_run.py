@@ -17,6 +17,7 @@ from orchestrator.recording import run_recorder
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState, Stage
 from safety.guard.core.operator_command import OperatorCommand
+from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from vehicles.autonomy import Command, Telemetry
 from vehicles.readings import Reading
@@ -52,8 +53,41 @@ class Script:
         return OperatorCommand("abort", "tester", "enough seen")
 
 
+def assert_whole(folder: Path, result: RunResult) -> None:
+    """Find every file of a run, readable."""
+    assert result.mixing is not None
+    assert set(result.artifacts) == {
+        "judged.msgpack",
+        "log.jsonl",
+        "mixed.mp4",
+        "mixed.png",
+        "real.tlog",
+        "run.mcap",
+        "trajectory.csv",
+        "twin.tlog",
+    }
+    with av.open(str(folder / "mixed.mp4")) as video:
+        frames = sum(1 for _ in video.decode(video=0))
+    assert frames == result.mixing.frames
+    stages = [line["stage"] for line in log_of(folder) if line["event"] == "stage"]
+    assert stages == [
+        "identify",
+        "ready",
+        "arm",
+        "takeoff",
+        "at_height",
+        "goal",
+        "done",
+        "land",
+        "landed",
+        "end",
+    ]
+
+
 @pytest.mark.parametrize("campaign", ["gate", "gate-ardupilot"])
-def test_the_pair_flies_through_the_virtual_gate(fly_run: Fly, campaign: str) -> None:
+def test_the_pair_flies_through_the_virtual_gate_and_leaves_its_files(
+    fly_run: Fly, campaign: str
+) -> None:
     result, folder = fly_run(campaign)
     assert (result.verdict, result.reason) == ("PASS", "")
     oracles = {(o.name, o.vehicle): o for o in result.oracles}
@@ -77,37 +111,7 @@ def test_the_pair_flies_through_the_virtual_gate(fly_run: Fly, campaign: str) ->
     assert result.mixing.registration_error_px is not None
     assert result.mixing.registration_error_px.p50 is not None
     assert all_landed(folder)
-
-
-def test_the_files_of_a_run_are_all_there_and_readable(fly_run: Fly) -> None:
-    result, folder = fly_run()
-    assert set(result.artifacts) == {
-        "judged.msgpack",
-        "log.jsonl",
-        "mixed.mp4",
-        "mixed.png",
-        "real.tlog",
-        "run.mcap",
-        "trajectory.csv",
-        "twin.tlog",
-    }
-    with av.open(str(folder / "mixed.mp4")) as video:
-        frames = sum(1 for _ in video.decode(video=0))
-    assert result.mixing is not None
-    assert frames == result.mixing.frames
-    stages = [line["stage"] for line in log_of(folder) if line["event"] == "stage"]
-    assert stages == [
-        "identify",
-        "ready",
-        "arm",
-        "takeoff",
-        "at_height",
-        "goal",
-        "done",
-        "land",
-        "landed",
-        "end",
-    ]
+    assert_whole(folder, result)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(fly_run: Fly) -> None:
@@ -190,7 +194,8 @@ def test_a_vehicle_that_dies_in_flight_is_an_error_and_the_other_lands(
     fly_run: Fly, stage: Stage
 ) -> None:
     result, folder = fly_run(
-        disturb=at_stage(stage, 1.0, lambda pair: cast("Any", pair.vehicles["real"]).kill())
+        disturb=at_stage(stage, 0.5, lambda pair: cast("Any", pair.vehicles["real"]).kill()),
+        sets=BRIEF,
     )
     assert result.verdict == "ERROR"
     assert result.reason.startswith("real was not heard for 3 s; its last STATUSTEXT: ")
@@ -332,7 +337,7 @@ def test_an_oracle_lands_the_run_at_once_where_the_campaign_says(
     fly_run: Fly, fast: str, last: str
 ) -> None:
     limit = f"oracles.altitude={{max_m: 0.6, fail_fast: {fast}}}"
-    result, folder = fly_run(sets=(limit,))
+    result, folder = fly_run(sets=(*BRIEF, "goal.altitude_m=0.8", limit))
     assert result.verdict == "FAIL"
     assert result.reason.startswith("real is 0.6")
     stages = [line["stage"] for line in log_of(folder) if line["event"] == "stage"]

@@ -1,5 +1,6 @@
 """Preflight in a run: what is refused never arms, what is overridden says by whom."""
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ from orchestrator.model.results import RunResult
 from orchestrator.run.vehicles import onboard_fences
 from orchestrator.state.run_setup import RunOrder
 from safety.preflight import Item
-from tests.orchestrator.conftest import Fly, NoCommands
+from tests.orchestrator.conftest import BRIEF, Fly, NoCommands
 from tests.orchestrator.flights import log_of
 from tests.orchestrator.hover import write_hover
 from vehicles.driver.onboard.fence_protocol import AutopilotFence
@@ -49,7 +50,7 @@ def hover(tmp_path: Path) -> Any:
 
 
 def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
-    result, folder = fly_run(has_cameras=False)
+    result, folder = fly_run(sets=BRIEF)
     assert {item.outcome for item in result.preflight} == {"ok"}
     found = [(item.check, item.vehicle) for item in result.preflight]
     first = ["failsafe", "return_altitude", "battery", "estimator", "position"]
@@ -92,20 +93,20 @@ def test_what_is_refused_never_arms(hover: Any, sets: tuple[str, ...], said: str
     assert any(item.outcome == "refused" for item in flight.result.preflight)
 
 
-def test_what_is_overridden_flies_and_says_by_whom(hover: Any) -> None:
-    flight = hover("vehicles.twin.params={NAV_DLL_ACT: 0}", "preflight.override.failsafe=J. Doe")
-    assert flight.result.verdict == "PASS"
-    item = flight.item("failsafe")
-    assert (item.outcome, item.by) == ("overridden", "J. Doe")
-    assert item.text.startswith("NAV_DLL_ACT is 0")
-
-
-def test_what_is_overridden_is_reported_in_the_terminal(
+@pytest.mark.usefixtures("forked_workers")
+def test_what_is_overridden_flies_and_says_by_whom(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sets = ("vehicles.twin.params={NAV_DLL_ACT: 0}", "preflight.override.failsafe=J. Doe")
     words = [word for one in sets for word in ("--set", one)]
-    assert main(["run", str(write_hover(tmp_path)), "--out", str(tmp_path / "out"), *words]) == 0
+    given = ("--out", str(tmp_path / "out"), "--jobs", "1")
+    assert main(["run", str(write_hover(tmp_path)), *given, *words]) == 0
+    (summary,) = (tmp_path / "out").rglob("summary.json")
+    for run in json.loads(summary.read_text("utf-8"))["runs"]:
+        assert run["verdict"] == "PASS"
+        (item,) = [one for one in run["preflight"] if one["check"] == "failsafe"]
+        assert (item["outcome"], item["by"]) == ("overridden", "J. Doe")
+        assert item["text"].startswith("NAV_DLL_ACT is 0")
     said = " ".join(capsys.readouterr().out.split())
     assert "preflight, 2 of 2 runs: twin failsafe: NAV_DLL_ACT is 0" in said
     assert "(overridden by J. Doe) accepted; preflight overridden by J. Doe" in said
