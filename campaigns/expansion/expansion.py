@@ -28,7 +28,8 @@ from campaigns.setup.case_files import (
 )
 from campaigns.setup.case_setup import Setup
 from campaigns.setup.operator_setup import MqttSetup, mqtt_setup
-from campaigns.values.acceptance import Requirement, Share, parse_share
+from campaigns.statistics.sequential_test import SequentialTest
+from campaigns.values.acceptance import DECIDED, Requirement, Share, parse_share
 from campaigns.values.seeds import run_seed
 from worlds.files.documents import BadInput, Document, Problem, check, closest, load, parse_value
 
@@ -84,7 +85,8 @@ class Campaign:
     """A checked campaign expanded into runs, ordered by case, mode and repetition; then controls.
 
     document: the campaign file after --repetitions, --seed and --set. paths: every file it was
-    read from. modes, cases: those selected. setups: of these cases and of the controls. retries:
+    read from. modes, cases: those selected. repetitions: at most; test: what may
+    decide sooner, None for a fixed number. setups: of these cases and of the controls. retries:
     how often a run that proves nothing is flown again. requirements: of the selected cases and
     modes. left_out: what the file requires and the options do not have flown, in words. mqtt: how
     operators reach it by a broker; None for not at all. between: how an attached vehicle comes back
@@ -107,6 +109,7 @@ class Campaign:
     left_out: tuple[str, ...] = ()
     mqtt: MqttSetup | None = None
     retries: int = 0
+    test: SequentialTest | None = None
     between: BetweenRunsPart | None = None
     controls: tuple[RunPlan, ...] = ()
     warnings: tuple[Problem, ...] = ()
@@ -171,18 +174,19 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         paths=tuple(dict.fromkeys(p for name in names for p in files[name].paths)),
         cases=case_names,
         modes=modes,
-        repetitions=part.repetitions,
+        repetitions=part.most_repetitions,
         seed=part.seed,
         setups={name: setups[name] for name in names},
         runs=tuple(_runs(part, chosen, shares, files, options)),
         requirements=tuple(
-            Requirement(case, mode, shares[case, mode])
+            Requirement(case, mode, shares[case, mode], part.sequential_test)
             for case, mode in chosen
             if (case, mode) in shares
         ),
         left_out=left_out(original, part, selected, shares),
         mqtt=mqtt,
         retries=part.retries,
+        test=part.sequential_test,
         between=part.between_runs,
         controls=controls,
         warnings=unique([*unasked, *odd]),
@@ -286,8 +290,8 @@ def _shares(
     A share is written for the file's own repetitions. Where the command line changes them, it is
     scaled, rounded up: 4/5 of 1 is 1/1, of 10 it is 8/10.
     """
+    whole = Share(part.most_repetitions, part.most_repetitions)
     if part.accept is None:
-        whole = Share(part.repetitions, part.repetitions)
         return {(case, mode): whole for case in part.cases for mode in part.modes}
     written = original.get(("repetitions",), 1)
     found: dict[tuple[str, str], Share] = {}
@@ -299,15 +303,18 @@ def _shares(
             continue
         for mode, text in shares.items():
             path = ("accept", case, mode)
-            share = parse_share(text)
+            share = whole if text == DECIDED else parse_share(text)
             if mode not in part.modes:
                 said = f"mode '{mode}' is not flown (modes: {', '.join(part.modes)})"
                 problems.append(base.problem(path, said, closest(mode, part.modes), key=True))
-            elif share.runs != written:
+            elif (text == DECIDED) != (part.sequential_test is not None):
+                said = "'decided' and `repetitions: {until: decided, ...}` need each other"
+                problems.append(base.problem(path, said))
+            elif text != DECIDED and share.runs != written:
                 said = f"{share} is of {share.runs} runs, but there are {written} repetitions"
                 problems.append(base.problem(path, said))
             else:
-                found[case, mode] = share.scaled(part.repetitions)
+                found[case, mode] = share.scaled(part.most_repetitions)
     return found
 
 
@@ -320,7 +327,7 @@ def _runs(
 ) -> Iterable[RunPlan]:
     """Yield the planned runs of the chosen cases and modes, repetition by repetition."""
     for case, mode in chosen:
-        for repetition in range(1, part.repetitions + 1):
+        for repetition in range(1, part.most_repetitions + 1):
             seed = run_seed(part.seed, case, repetition)
             yield RunPlan(
                 campaign=part.campaign,

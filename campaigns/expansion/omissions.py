@@ -6,7 +6,7 @@ from functools import partial
 from campaigns.expansion.case_reader import gathered
 from campaigns.expansion.controls import modes_of
 from campaigns.schema import CampaignPart
-from campaigns.values.acceptance import Share, parse_share
+from campaigns.values.acceptance import DECIDED, Share, parse_share
 from worlds.files.documents import Document, check
 
 
@@ -23,8 +23,11 @@ def left_out(
     """
     was = gathered([], partial(check, original, CampaignPart)) or part
     left = list(_runs(was, part, chosen, shares))
-    if part.repetitions < was.repetitions:
-        left.append(f"{was.repetitions - part.repetitions} of {was.repetitions} repetitions")
+    fewer = was.most_repetitions - part.most_repetitions
+    if fewer > 0:
+        left.append(f"{fewer} of {was.most_repetitions} repetitions")
+    if part.sequential_test != was.sequential_test and was.sequential_test is not None:
+        left.append("the sequential test of the repetitions")
     left += [
         f"the control {name}/{mode}"
         for name, control in was.controls.items()
@@ -46,17 +49,17 @@ def _runs(
         now = shares.get((case, mode))
         if now is None or (case, mode) not in chosen:
             yield f"{case}/{mode}"
-        elif now.passes < share.scaled(part.repetitions).passes:
+        elif now.passes < share.scaled(part.most_repetitions).passes:
             yield f"{case}/{mode} {share} (only {now})"
 
 
 def _required_shares(part: CampaignPart) -> dict[tuple[str, str], Share]:
     """Return the required share of passes by case and mode, to find omissions."""
+    whole = Share(part.most_repetitions, part.most_repetitions)
     if part.accept is None:
-        whole = Share(part.repetitions, part.repetitions)
         return {(case, mode): whole for case in part.cases for mode in part.modes}
     return {
-        (case, mode): parse_share(text)
+        (case, mode): whole if text == DECIDED else parse_share(text)
         for case, shares in part.accept.items()
         for mode, text in shares.items()
     }

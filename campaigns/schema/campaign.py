@@ -15,7 +15,8 @@ from campaigns.schema.links import LinksPart
 from campaigns.schema.operator import OperatorPart
 from campaigns.schema.preflight import PreflightPart
 from campaigns.schema.vehicles import Speedup, VehiclesPart
-from campaigns.values.acceptance import parse_share
+from campaigns.statistics.sequential_test import SequentialTest
+from campaigns.values.acceptance import DECIDED, parse_share
 from worlds.files.documents import KeyFaultError, Part
 
 Mode = Literal["sim", "wil", "real"]
@@ -174,6 +175,36 @@ class RecordPart(Part):
     max_loss: Annotated[float, Field(ge=0, le=1)] = 0.01
 
 
+class UntilDecidedPart(Part):
+    """The campaign's `repetitions` until a sequential test of the pass rate has decided.
+
+    at_least: the pass rate that is claimed; against: one that would be too low; most: flights of a
+    case and mode after which it is left undecided; error: of either decision.
+    """
+
+    until: Literal["decided"]
+    at_least: Annotated[float, Field(gt=0, lt=1)]
+    against: Annotated[float, Field(gt=0, lt=1)]
+    most: Annotated[int, Field(ge=1, le=100_000)]
+    error: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
+
+    @model_validator(mode="after")
+    def _decidable(self) -> Self:
+        """Refuse a test that cannot decide for what is claimed."""
+        if self.against >= self.at_least:
+            raise KeyFaultError("against", f"must be below at_least, {self.at_least:g}")
+        least = self.test.least_flights
+        if self.most < least:
+            said = f"is too few to decide: {least} flights are needed when all of them pass"
+            raise KeyFaultError("most", said)
+        return self
+
+    @property
+    def test(self) -> SequentialTest:
+        """Return the sequential test."""
+        return SequentialTest(self.at_least, self.against, self.most, self.error)
+
+
 class PublishedPart(Part):
     """The campaign's `published`: counts of others, shown beside the campaign's own.
 
@@ -202,7 +233,7 @@ class CampaignPart(Part):
     modes: Annotated[list[Mode], Field(min_length=1)]
     cases: Annotated[Cases, Field(min_length=1)] = Field(default_factory=_one_case)
     controls: dict[SafeName, ControlPart] = Field(default_factory=dict)
-    repetitions: Annotated[int, Field(ge=1, le=100_000)] = 1
+    repetitions: Annotated[int, Field(ge=1, le=100_000)] | UntilDecidedPart = 1
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     retries: Annotated[int, Field(ge=0, le=10)] = 0
     sync: SyncPart = SyncPart()
@@ -223,6 +254,17 @@ class CampaignPart(Part):
     accept: dict[str, dict[str, str]] | None = None
     published: PublishedPart | None = None
 
+    @property
+    def most_repetitions(self) -> int:
+        """Return how often a case and mode is flown at most."""
+        given = self.repetitions
+        return given if isinstance(given, int) else given.most
+
+    @property
+    def sequential_test(self) -> SequentialTest | None:
+        """Return what decides early how many repetitions are flown; None for a fixed number."""
+        return None if isinstance(self.repetitions, int) else self.repetitions.test
+
     @field_validator("modes")
     @classmethod
     def _distinct(cls, modes: list[Mode]) -> list[Mode]:
@@ -240,6 +282,8 @@ class CampaignPart(Part):
             if not shares:
                 raise KeyFaultError(case, _ACCEPTS_NOTHING)
             for mode, share in shares.items():
+                if share == DECIDED:
+                    continue
                 try:
                     parse_share(share)
                 except ValueError as error:

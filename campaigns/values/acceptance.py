@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from campaigns.statistics.sequential_test import SequentialTest
+
 _OF = re.compile(r"\s*([0-9]{1,6})\s*/\s*([0-9]{1,6})\s*")
 
 
@@ -22,31 +24,59 @@ class Share:
         return Share(-(-self.passes * runs // self.runs), runs)
 
 
+DECIDED = "decided"
+"""In `accept` of a campaign whose repetitions go on until a sequential test has decided."""
+
+
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """An acceptance requirement: the share of a case in a mode that must pass."""
+    """An acceptance requirement: the share of a case in a mode that must pass.
+
+    test: instead, the sequential test that must decide for its pass rate; the share then is of the
+    most flights that there may be.
+    """
 
     case: str
     mode: str
     share: Share
+    test: SequentialTest | None = None
+
+    def __str__(self) -> str:
+        if self.test is None:
+            return str(self.share)
+        return f"a pass rate of {self.test.at_least:g} against {self.test.against:g}"
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """The standing of an acceptance requirement: its passes and its flown runs."""
+    """The standing of an acceptance requirement: its passes and its flown runs.
+
+    decision: of its sequential test; empty without one.
+    """
 
     requirement: Requirement
     passed: int
     flown: int
+    decision: str = ""
 
     @property
     def met(self) -> bool:
         """Return whether enough runs passed for acceptance."""
+        if self.requirement.test is not None:
+            return self.decision == "at least"
         return self.passed >= self.requirement.share.passes
+
+    @property
+    def is_complete(self) -> bool:
+        """Return whether no further run is due."""
+        decided = self.decision in {"at least", "below"}
+        return decided or self.flown >= self.requirement.share.runs
 
     def __str__(self) -> str:
         wanted = self.requirement
-        said = f"{wanted.case}/{wanted.mode}: {self.passed} passed, {wanted.share} required"
+        said = f"{wanted.case}/{wanted.mode}: {self.passed} passed, {wanted} required"
+        if self.decision:
+            return f"{said}: {self.decision} after {self.flown}"
         missing = wanted.share.runs - self.flown
         return f"{said}, {missing} not flown" if missing > 0 else said
 
@@ -63,14 +93,25 @@ def parse_share(text: str) -> Share:
 
 
 def standings(
-    requirements: Iterable[Requirement], passed: Iterable[tuple[str, str, bool]]
+    requirements: Iterable[Requirement], passed: Iterable[tuple[str, str, bool | None]]
 ) -> tuple[Standing, ...]:
-    """Return the standing of each requirement. passed: (case, mode, whether it passed) per run."""
-    counts: dict[tuple[str, str], list[bool]] = {}
+    """Return the standing of each requirement.
+
+    passed: (case, mode, whether it passed) per run in their order; None for one that proves
+    nothing, which a sequential test passes over.
+    """
+    counts: dict[tuple[str, str], list[bool | None]] = {}
     for case, mode, good in passed:
         counts.setdefault((case, mode), []).append(good)
     return tuple(
-        Standing(wanted, sum(flown), len(flown))
+        Standing(wanted, sum(map(bool, flown)), len(flown), _decision(wanted, flown))
         for wanted in requirements
         for flown in [counts.get((wanted.case, wanted.mode), [])]
     )
+
+
+def _decision(wanted: Requirement, flown: Iterable[bool | None]) -> str:
+    """Return the decision of a requirement's sequential test; empty without one."""
+    if wanted.test is None:
+        return ""
+    return wanted.test.decided_after(one for one in flown if one is not None)[0]

@@ -21,6 +21,7 @@ from orchestrator.campaign.campaign_folder import (
 )
 from orchestrator.campaign.liftoff_learning import LiftoffLearning
 from orchestrator.campaign.manifest import manifest
+from orchestrator.campaign.repetitions import runs_due
 from orchestrator.campaign.repositioning import Repositioning
 from orchestrator.campaign.resumption import (
     ResumedCampaign,
@@ -202,7 +203,7 @@ class _Flight:
             report=self._report,
             done=self._finish_run,
             ended_badly=lambda how: self._faults.take(RuntimeError(how), "a worker process"),
-            ready=self._learning.ready,
+            ready=self._ready,
         )
         self._controller = CampaignController(
             campaign=campaign.name,
@@ -282,6 +283,27 @@ class _Flight:
                     arm=self._settings.arm,
                 )
 
+    def _ready(self, order: RunOrder) -> RunOrder | None:
+        """Return an order with what is known by now; None where it is not needed any more."""
+        if order.back is None and order.plan.name not in {plan.name for plan in self._due()}:
+            return None
+        return self._learning.ready(order)
+
+    def _due(self) -> list[RunPlan]:
+        """Return the runs that count: a sequential test may have decided before the last."""
+        return runs_due(self._plans, self._campaign.test, self._results)
+
+    def _set_surplus_aside(self) -> None:
+        """Take runs out that were in flight when a repetition before them decided."""
+        due = {plan.name for plan in self._due()}
+        for name in [name for name in self._results if name not in due]:
+            del self._results[name]
+            try:
+                place = set_aside(self._folder, name).relative_to(self._folder)
+            except OSError as error:
+                raise OutputError(f"{self._folder / name} cannot be set aside: {error}") from error
+            self._watcher.say(f"{name}: flown beyond the decision, does not count; in {place}")
+
     def _report(self, news: News) -> None:
         """Pass a run's progress on to the campaign's operators and watcher."""
         # What only shows a flight must not end it.
@@ -309,6 +331,7 @@ class _Flight:
             result = outcome
         self._results[order.plan.name] = result
         self._learning.learn(order.plan, result)
+        self._set_surplus_aside()
         self.write_summary()
         # With hardware a person looks first what went wrong.
         alone = not self._settings.hardware and self._campaign.between is None
@@ -326,7 +349,7 @@ class _Flight:
                 self._watcher.finished(result)
                 if result.verdict != "PASS":
                     self._show_output(order)
-        if following is None and flown and len(self._results) < len(self._plans):
+        if following is None and flown and len(self._results) < len(self._due()):
             following = self._between.after(order, result)
         return following
 
@@ -349,7 +372,7 @@ class _Flight:
 
     def write_summary(self) -> Summary:
         """Write the campaign's summary.json and junit.xml so far. Raises OutputError."""
-        plans = self._plans
+        plans = self._due()
         runs = [self._results[plan.name] for plan in plans if plan.name in self._results]
         summary = summarize(
             [_with_paths(run) for run in runs],

@@ -8,6 +8,7 @@ from typing import Any
 
 from campaigns.expansion.expansion import Campaign, RunPlan
 from orchestrator.campaign.manifest import world_digest
+from orchestrator.campaign.repetitions import runs_due
 from orchestrator.model.control_results import control_result
 from orchestrator.model.results import RunResult, Summary, summarize
 from orchestrator.model.results_reader import ResultError, read_result
@@ -43,7 +44,7 @@ def summary_of(campaign: Campaign, folder: Path, rejudged: Iterable[Reevaluation
     What the folder says of its vehicles and sensors is kept; what is not in it, was not flown.
     """
     runs = [each.now for each in rejudged]
-    found = {f"{run.case}/{run.mode}/{run.rep}" for run in runs}
+    found = {f"{run.case}/{run.mode}/{run.rep}": run for run in runs}
     before = _document(folder / "summary.json")
     return summarize(
         runs,
@@ -56,7 +57,11 @@ def summary_of(campaign: Campaign, folder: Path, rejudged: Iterable[Reevaluation
         left_out=campaign.left_out,
         controls_due=len(campaign.controls),
         caveats=campaign.caveats,
-        not_flown=tuple(plan.name for plan in campaign.plans if plan.name not in found),
+        not_flown=tuple(
+            plan.name
+            for plan in runs_due(campaign.plans, campaign.test, found)
+            if plan.name not in found
+        ),
     )
 
 

@@ -183,7 +183,7 @@ class Pool(Generic[Order, Outcome]):
     """A pool of up to `jobs` worker processes that fly orders; outcomes come when done.
 
     done: takes an order's outcome; what it returns is flown next. ready: takes an order when its
-    turn has come, and returns it with what is known by then.
+    turn has come, and returns it with what is known by then; None: it is not flown any more.
 
     stall_s: a worker that has reported and then says nothing for so long is killed: it hangs, or
     was stopped. Its guard brings its vehicles down. ended_badly: told of a worker that had done all
@@ -199,7 +199,7 @@ class Pool(Generic[Order, Outcome]):
         done: Callable[[Order, Outcome | WorkerLost], Order | None],
         stall_s: float = 60.0,
         ended_badly: Callable[[str], None] = lambda _: None,
-        ready: Callable[[Order], Order] = lambda order: order,
+        ready: Callable[[Order], Order | None] = lambda order: order,
     ) -> None:
         self._ready = ready
         self._ended_badly = ended_badly
@@ -253,11 +253,13 @@ class Pool(Generic[Order, Outcome]):
             while waiting:
                 await self._going.wait()
                 # Preparing the run server takes seconds; signals are heeded meanwhile.
-                worker = await loop.run_in_executor(None, self._start)
+                worker = worker or await loop.run_in_executor(None, self._start)
                 await self._going.wait()
                 if self._stopped is not None or not waiting:
                     break
                 order = self._ready(waiting.popleft())
+                if order is None:
+                    continue
                 outcome = await self._fly_one(worker, order)
                 over, worker = worker, None
                 ended = await finish(self._end(over), name="the end of a worker")

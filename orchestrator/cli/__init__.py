@@ -39,6 +39,16 @@ _COMMANDS = (
         "Print pass rates by mode and the gap between them and reality.",
     ),
     (
+        "compare",
+        "orchestrator.cli.commands.compare:compare",
+        "Report whether a case became worse since other flights.",
+    ),
+    (
+        "history",
+        "orchestrator.cli.commands.history:history",
+        "Show pass rates, margins and durations of campaigns over time.",
+    ),
+    (
         "abort",
         "orchestrator.cli.commands.operate:abort",
         "Land all vehicles of this machine's campaigns at once.",

@@ -102,6 +102,8 @@ def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
     """
     if standing is None:
         return Text("reported", style="dim")
+    if standing.decision:
+        return _decision(standing)
     share = standing.requirement.share
     wanted = "" if share.passes == share.runs else f" ({share})"
     if standing.met and any(run.attempts for run in runs):
@@ -110,6 +112,16 @@ def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
         return Text(f"PASS{wanted}", style="green")
     worst = next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
     return Text(f"{worst}{wanted}", style=VERDICT_STYLES[worst])
+
+
+def _decision(standing: Standing) -> Text:
+    """Return what a sequential test decided, and for which pass rate."""
+    test = standing.requirement.test
+    rates = "" if test is None else f" ({test.at_least:g}:{test.against:g})"
+    word, style = {"at least": ("PASS", "green"), "below": ("FAIL", VERDICT_STYLES["FAIL"])}.get(
+        standing.decision, ("undecided", "yellow")
+    )
+    return Text(f"{word}{rates}", style=style)
 
 
 def _worst(runs: Sequence[RunResult], names: AbstractSet[str], *, largest: bool = False) -> str:

@@ -21,6 +21,7 @@ SensorKind = Literal["live", "rendered", "file"]
 Stop = Literal["signal", "command"]
 """What ended a campaign early: Ctrl-C or SIGTERM, or an operator's command."""
 
+_PROVEN = frozenset({"PASS", "FAIL"})
 VERDICTS: tuple[Verdict, ...] = ("PASS", "FAIL", "INVALID", "ERROR", "ABORTED")
 
 
@@ -337,7 +338,11 @@ def standings_of(
     """Return how far run results meet each requirement of the campaign."""
     return standings(
         requirements,
-        ((run.case, run.mode, run.verdict == "PASS") for run in runs if run.control is None),
+        (
+            (run.case, run.mode, run.verdict == "PASS" if run.verdict in _PROVEN else None)
+            for run in runs
+            if run.control is None
+        ),
     )
 
 
@@ -422,6 +427,6 @@ def _code_of(
     if not required:
         return 1 if unmet else 5
     short = _short(required, requirements)
-    if any(standing.flown < standing.requirement.share.runs for standing in short):
+    if not all(standing.is_complete for standing in short):
         return 3
     return 1 if short or unmet else 0

@@ -71,7 +71,10 @@ def _require_campaign(folder: Path) -> None:
 def _entries(folder: Path, manifest: dict[str, Any], summary: Summary | None) -> Iterator[RunEntry]:
     flown = () if summary is None else (*summary.runs, *summary.controls)
     summarised = {f"{run.case}/{run.mode}/{run.rep}": run for run in flown}
-    names = [*_names_in(manifest), *summarised, *_run_names_on_disk(folder)]
+    planned = [*_names_in(manifest)]
+    if summary is not None and _stops_early(manifest):
+        planned = [name for name in planned if name in {*summarised, *summary.not_flown}]
+    names = [*planned, *summarised, *_run_names_on_disk(folder)]
     for name in dict.fromkeys(name for name in names if _is_run_name(name)):
         case, mode, rep = name.split("/")
         problems: list[str] = []
@@ -85,6 +88,12 @@ def _names_in(manifest: dict[str, Any]) -> Iterator[str]:
     for run in runs if isinstance(runs, list) else ():
         if isinstance(run, dict) and isinstance(run.get("run"), str):
             yield run["run"]
+
+
+def _stops_early(manifest: dict[str, Any]) -> bool:
+    """Return whether the campaign planned more repetitions than it may need."""
+    document = manifest.get("document")
+    return isinstance(document, dict) and isinstance(document.get("repetitions"), dict)
 
 
 def _run_names_on_disk(folder: Path) -> Iterator[str]:

@@ -46,15 +46,22 @@ def _as_table(campaign: Campaign) -> str:
         (run.case, run.mode, run.repetition, run.seed, f"control: {run.control}")
         for run in campaign.controls
     ]
-    wanted = [f"{r.case}/{r.mode} {r.share}" for r in campaign.requirements]
+    wanted = [f"{r.case}/{r.mode} {r}" for r in campaign.requirements]
     accepted = ", ".join(wanted) if wanted else "nothing is required"
     shown = table(("case", "mode", "rep", "seed", "counts"), rows)
     head = f"{campaign.name}: {_count_text(campaign)}; accepted: {accepted}"
-    return f"{head}\n\n{shown}\n\n{_claim_text(campaign.repetitions)}"
+    return f"{head}\n\n{shown}\n\n{_claim_text(campaign)}"
 
 
-def _claim_text(repetitions: int) -> str:
+def _claim_text(campaign: Campaign) -> str:
     """Return what so many flights can show at most, and how many a stronger claim needs."""
+    repetitions = campaign.repetitions
+    if (test := campaign.test) is not None:
+        return (
+            f"claims: a case and mode is flown until a pass rate of {test.at_least:g} is decided "
+            f"against {test.against:g}, each with an error of {test.error:g}: {test.least_flights} "
+            f"flights when all pass, {test.least_failures} when all fail, {test.most} at most"
+        )
     needs = ", ".join(f"{rate:.2f} needs {flights_without_failure(rate)}" for rate in _CLAIMS)
     count = "1 flight" if repetitions == 1 else f"{repetitions} flights"
     return (

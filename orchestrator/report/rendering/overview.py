@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from campaigns.schema.campaign import UntilDecidedPart
+from campaigns.statistics.sequential_test import SequentialTest
 from campaigns.values.acceptance import Share, parse_share
 from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.model.caveats import caveats
@@ -139,11 +141,32 @@ def _standing(
     """Return what is required of a case and mode, and whether it is met."""
     if not any(run.required for run in runs):
         return NOTHING, ""
+    if (test := _sequential_test(campaign)) is not None:
+        return _decision_text(test, runs)
     share = _share(campaign, case, mode) or Share(len(runs), len(runs))
     proven = all(run.verdict in {"PASS", "FAIL"} for run in runs)
     if passed >= share.passes and proven:
         return str(share), "PASS"
     return str(share), next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
+
+
+def _sequential_test(campaign: CampaignDocuments) -> SequentialTest | None:
+    """Return the test that decided how many repetitions there are; None for a fixed number."""
+    document = campaign.manifest.get("document")
+    part = document.get("repetitions") if isinstance(document, dict) else None
+    if not isinstance(part, dict):
+        return None
+    try:
+        return UntilDecidedPart.model_validate(part).test
+    except ValueError:
+        return None
+
+
+def _decision_text(test: SequentialTest, runs: Sequence[RunResult]) -> tuple[str, str]:
+    proven = [run.verdict == "PASS" for run in runs if run.verdict in {"PASS", "FAIL"}]
+    decision, _ = test.decided_after(proven)
+    verdict = {"at least": "PASS", "below": "FAIL"}.get(decision, "INVALID")
+    return f"{test.at_least:g} against {test.against:g}: {decision}", verdict
 
 
 def _share(campaign: CampaignDocuments, case: str, mode: str) -> Share | None:

@@ -1,13 +1,10 @@
 """The page: templates filled with the reading model. Everything from a file is escaped; pure."""
 
-import base64
-import hashlib
 import json
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from urllib.parse import quote
 
 import yaml
@@ -22,11 +19,10 @@ from orchestrator.report.model import Frame, RunReport, Sight
 from orchestrator.report.rendering import overview
 from orchestrator.report.rendering.map_svg import map_svg
 from orchestrator.report.rendering.markup import shown, visible
+from orchestrator.report.rendering.page_parts import PACKAGE, policy, resource
 from orchestrator.report.rendering.plot_svg import plot_svg, stage_axis_svg, time_axis_svg
 from orchestrator.report.rendering.scan_svg import scan_svg
 from orchestrator.report.words import limit_text, number_text, short_time
-
-_PACKAGE = "orchestrator.report.rendering"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +47,7 @@ class RunPage:
 @cache
 def _environment() -> Environment:
     environment = Environment(
-        loader=PackageLoader(_PACKAGE),
+        loader=PackageLoader(PACKAGE),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -112,7 +108,7 @@ def render_page(
     campaign: CampaignDocuments, study: Study, pages: Sequence[RunPage], *, made_utc: str
 ) -> str:
     """Return the whole page."""
-    style, script = _resource("style.css"), _resource("script.js")
+    style, script = resource("style.css"), resource("script.js")
     return (
         _environment()
         .get_template("page.html.j2")
@@ -130,7 +126,7 @@ def render_page(
             bad=[page for page in pages if page.is_bad],
             problems=campaign.problems,
             document=_document_text(campaign),
-            policy=_policy(style, script),
+            policy=policy(style, script),
             style=Markup(style),  # noqa: S704 - a file of this package
             script=Markup(script),  # noqa: S704 - a file of this package
             made_utc=made_utc,
@@ -180,24 +176,6 @@ def _data_uri(frame: Frame) -> str:
 def _link(run: str, name: str | None) -> str | None:
     """Return a link to a file beside the page, whatever its name is."""
     return None if name is None else "./" + quote(f"{run}/{name}")
-
-
-def _resource(name: str) -> str:
-    return (files(_PACKAGE) / "templates" / name).read_text("utf-8")
-
-
-def _policy(style: str, script: str) -> str:
-    """Return the Content-Security-Policy: our script and our style by their hashes, no network."""
-    return (
-        "default-src 'none'; img-src data:; media-src 'self' file: data:; "
-        f"style-src '{_hash(style)}'; script-src '{_hash(script)}'; "
-        "base-uri 'none'; form-action 'none'"
-    )
-
-
-def _hash(text: str) -> str:
-    digest = hashlib.sha256(text.encode()).digest()
-    return "sha256-" + base64.b64encode(digest).decode("ascii")
 
 
 def _document_text(campaign: CampaignDocuments) -> str:

@@ -48,7 +48,27 @@ ONE_PLACE = [
     ("seed: 7", "seed: @-1", "must be at least 0, is -1"),
     ("seed: 7", "seed: @1.5", "must be a whole number, is 1.5"),
     ("repetitions: 3", "repetitions: @0", "must be at least 1, is 0"),
-    ("repetitions: 3", "repetitions: @yes", "must be a whole number, is the text 'yes'"),
+    (
+        "repetitions: 3",
+        "repetitions: @yes",
+        "must be a whole number or a mapping, is the",
+    ),
+    (
+        "repetitions: 3",
+        "repetitions: {until: decided, at_least: 0.9, against: 0.8, most: 60, @eror: 0.1}",
+        "unknown key 'eror'",
+    ),
+    (
+        "repetitions: 3",
+        "repetitions: {until: decided, at_least: 0.8, against: @0.9, most: 60}",
+        "must be below at_least, 0.8",
+    ),
+    (
+        "repetitions: 3",
+        "repetitions: {until: decided, at_least: 0.95, against: 0.8, most: @17}",
+        "is too few to decide: 18 flights are needed when all of them pass",
+    ),
+    ("{sim: 3/3", "{sim: @decided", "'decided' and `repetitions: {until: decided, ...}` need"),
     ("modes: [sim, wil]", "modes: @[]", "must have at least 1 entries, has 0"),
     ("modes: [sim, wil]", "modes: [sim, @sim]", "mode 'sim' is named twice"),
     ("modes: [sim, wil]", "modes: [sim, wil, @weal]", "must be sim, wil or real, is 'weal'"),

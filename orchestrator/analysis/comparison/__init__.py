@@ -1,0 +1,1 @@
+"""Compares flights of one campaign with those of others."""

@@ -1,0 +1,89 @@
+"""The flights that others are compared with: of one results folder, or of the last ones in it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from orchestrator.analysis.errors import ComparisonError, ResultsFolderError
+from orchestrator.analysis.model import CampaignDocuments
+from orchestrator.analysis.reading.results_folder import read_campaign
+from orchestrator.model.results import RunResult
+
+
+@dataclass(frozen=True, slots=True)
+class FlownSet:
+    """Flights of one or several results folders. folders: which; problems: what is damaged."""
+
+    folders: tuple[Path, ...]
+    campaigns: tuple[CampaignDocuments, ...]
+
+    @property
+    def runs(self) -> list[RunResult]:
+        """Return all runs that have a result."""
+        return [
+            entry.result
+            for campaign in self.campaigns
+            for entry in campaign.entries
+            if entry.result is not None
+        ]
+
+    @property
+    def problems(self) -> list[str]:
+        """Return what is missing or damaged, each with its folder."""
+        return [
+            f"{folder}: {text}"
+            for folder, campaign in zip(self.folders, self.campaigns, strict=True)
+            for text in (*campaign.problems, *(p for one in campaign.entries for p in one.problems))
+        ]
+
+
+def read_flown(folder: Path) -> FlownSet:
+    """Return the flights of one results folder. Raises ResultsFolderError."""
+    return FlownSet((folder,), (read_campaign(folder),))
+
+
+def read_baseline(folder: Path, *, last: int, before: Path) -> FlownSet:
+    """Return the flights of a results folder, or of the last campaigns beneath it before another.
+
+    last: how many at most, by the time they were started; never the folder `before` itself.
+    Raises ResultsFolderError, ComparisonError.
+    """
+    if is_results_folder(folder) or not folder.is_dir():
+        return read_flown(folder)
+    limit = _started(read_campaign(before)) or "~"
+    campaigns = [
+        (path, campaign)
+        for path in results_folders(folder)
+        if path.resolve() != before.resolve()
+        if (campaign := _readable(path)) is not None and (_started(campaign) or "") < limit
+    ]
+    campaigns.sort(key=lambda pair: _started(pair[1]) or "")
+    if not campaigns and not results_folders(folder):
+        raise ResultsFolderError(f"{folder} is no results folder of a campaign, and holds none")
+    if not campaigns:
+        raise ComparisonError(f"{folder} holds no campaign that was flown before {before}")
+    chosen: Sequence[tuple[Path, CampaignDocuments]] = campaigns[-last:]
+    return FlownSet(tuple(path for path, _ in chosen), tuple(one for _, one in chosen))
+
+
+def results_folders(folder: Path) -> list[Path]:
+    """Return the results folders at or beneath a folder, three levels deep at most."""
+    patterns = ("campaign.json", "*/campaign.json", "*/*/campaign.json", "*/*/*/campaign.json")
+    return sorted({path.parent for pattern in patterns for path in folder.glob(pattern)})
+
+
+def is_results_folder(folder: Path) -> bool:
+    """Return whether a folder is that of one campaign."""
+    return any((folder / name).is_file() for name in ("campaign.json", "summary.json"))
+
+
+def _readable(path: Path) -> CampaignDocuments | None:
+    try:
+        return read_campaign(path)
+    except ResultsFolderError:
+        return None
+
+
+def _started(campaign: CampaignDocuments) -> str | None:
+    started = campaign.manifest.get("started_utc")
+    return started if isinstance(started, str) else None

@@ -1,0 +1,197 @@
+"""Did a case become worse: beyond chance, and beyond a size that somebody cares about; pure."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import median
+from typing import Literal
+
+from campaigns.statistics.exact_tests import Counts, fisher_exact
+from campaigns.statistics.multiple_tests import holm
+from campaigns.statistics.permutation_test import permutation_p
+from orchestrator.analysis.errors import ComparisonError
+from orchestrator.analysis.pass_rates import are_equal, is_proven
+from orchestrator.model.results import RunResult
+
+Outcome = Literal["worse", "not worse", "undecided"]
+Cells = Mapping[tuple[str, str], Sequence[RunResult]]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What counts as worse. pass_rate: a loss from 0 to 1; margin: in the oracle's unit.
+
+    confidence: over all tests of a comparison together.
+    """
+
+    pass_rate: float = 0.1
+    margin: float | None = None
+    confidence: float = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One figure of a case and mode, before and after. what: "pass rate", or "margin of ORACLE".
+
+    before, after: pass rates, or median margins in `unit`; flights: how many each rests on. loss:
+    positive is worse. p: one-sided, corrected for the number of tests; 0 where equal runs of both
+    sides differ, which no chance explains; None where it could not be tested, as `why` says.
+    """
+
+    case: str
+    mode: str
+    what: str
+    unit: str
+    before: float
+    after: float
+    flights: tuple[int, int]
+    loss: float
+    p: float | None
+    outcome: Outcome
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What two sets of flights share, and how it changed.
+
+    only_before, only_after: cells as "case/mode" that the other does not have. unproven: cells
+    that proved nothing in one of them. flips: runs whose verdict changed under the same seed.
+    """
+
+    changes: tuple[Change, ...]
+    only_before: tuple[str, ...] = ()
+    only_after: tuple[str, ...] = ()
+    unproven: tuple[str, ...] = ()
+    flips: tuple[str, ...] = ()
+
+    @property
+    def worse(self) -> tuple[Change, ...]:
+        """Return what became worse."""
+        return tuple(one for one in self.changes if one.outcome == "worse")
+
+
+def cells_of(runs: Iterable[RunResult]) -> dict[tuple[str, str], list[RunResult]]:
+    """Return the runs by case and mode, controls left out."""
+    found: dict[tuple[str, str], list[RunResult]] = {}
+    for run in runs:
+        if run.control is None:
+            found.setdefault((run.case, run.mode), []).append(run)
+    return found
+
+
+def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
+    """Return how the flights after differ from those before. Raises ComparisonError."""
+    shared = [cell for cell in before if cell in after]
+    if not shared:
+        had, has = (
+            ", ".join("/".join(one) for one in each) or "nothing" for each in (before, after)
+        )
+        raise ComparisonError(f"they share no case and mode: {had}; and {has}")
+    changes: list[Change] = []
+    unproven: list[str] = []
+    for cell in shared:
+        old, new = ([run for run in each[cell] if is_proven(run)] for each in (before, after))
+        if old and new:
+            changes += _cell_changes(cell, old, new, limits)
+        else:
+            unproven.append("/".join(cell))
+    return Comparison(
+        changes=tuple(_corrected(changes, limits)),
+        only_before=tuple("/".join(cell) for cell in before if cell not in after),
+        only_after=tuple("/".join(cell) for cell in after if cell not in before),
+        unproven=tuple(unproven),
+        flips=tuple(text for cell in shared for text in _flips(before[cell], after[cell])),
+    )
+
+
+def _cell_changes(
+    cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult], limits: Limits
+) -> list[Change]:
+    """Return the changes of a case and mode, with p not corrected yet."""
+    counts = [Counts(sum(run.verdict == "PASS" for run in runs), len(runs)) for runs in (old, new)]
+    was, now = (one.passed / one.flown for one in counts)
+    flights = (len(old), len(new))
+    p, why = _testable(old, new, was != now)
+    if not why and p is None:
+        p = fisher_exact(counts[1], counts[0], "less")
+    what = "pass rate"
+    found = [Change(*cell, what, "", was, now, flights, was - now, p, "not worse", why)]
+    if limits.margin is None:
+        return found
+    margins = [_margins(runs) for runs in (old, new)]
+    for name, (unit, values) in margins[0].items():
+        if name not in margins[1] or margins[1][name][0] != unit:
+            continue
+        other = margins[1][name][1]
+        p, why = _testable(old, new, values != other)
+        if not why and p is None:
+            p = permutation_p(other, values)
+        found.append(
+            Change(
+                *cell,
+                what=f"margin of {name}",
+                unit=unit,
+                before=median(values),
+                after=median(other),
+                flights=(len(values), len(other)),
+                loss=sum(values) / len(values) - sum(other) / len(other),
+                p=p,
+                outcome="not worse",
+                why=why,
+            )
+        )
+    return found
+
+
+def _testable(
+    old: Sequence[RunResult], new: Sequence[RunResult], differ: bool
+) -> tuple[float | None, str]:
+    """Return p and why there is none, where one of both is flights that are equal."""
+    equal = [are_equal(runs) for runs in (old, new)]
+    if all(equal):
+        return (0.0 if differ else 1.0), ""
+    if any(equal):
+        return None, f"the flights {'before' if equal[0] else 'after'} are equal: one observation"
+    return None, ""
+
+
+def _margins(runs: Sequence[RunResult]) -> dict[str, tuple[str, list[float]]]:
+    """Return by oracle its unit and the judged vehicle's margins, one of each run."""
+    found: dict[str, tuple[str, list[float]]] = {}
+    for run in runs:
+        for one in run.oracles:
+            if one.required and one.vehicle == run.subject and one.margin is not None:
+                found.setdefault(one.name, (one.unit, []))[1].append(one.margin)
+    return found
+
+
+def _corrected(changes: Sequence[Change], limits: Limits) -> list[Change]:
+    """Return the changes with p corrected for their number, and what each comes to."""
+    tested = [one.p for one in changes if one.p is not None]
+    corrected = iter(holm(tested))
+    found = []
+    for one in changes:
+        p = None if one.p is None else next(corrected)
+        size = limits.pass_rate if one.what == "pass rate" else limits.margin or 0.0
+        large = one.loss > 0.0 and one.loss >= size - 1e-9
+        outcome: Outcome = "not worse"
+        if large and p is None:
+            outcome = "undecided"
+        elif large and p is not None:
+            outcome = "worse" if p <= 1.0 - limits.confidence else "undecided"
+        found.append(replace(one, p=p, outcome=outcome))
+    return found
+
+
+def _flips(old: Sequence[RunResult], new: Sequence[RunResult]) -> list[str]:
+    """Return runs whose seed was flown before with another verdict, always the same one."""
+    by_seed: dict[int, set[str]] = {}
+    for run in old:
+        if is_proven(run):
+            by_seed.setdefault(run.seed, set()).add(run.verdict)
+    return [
+        f"{run.case}/{run.mode}/{run.rep}: {next(iter(had))} before, {run.verdict} now"
+        for run in new
+        if is_proven(run) and len(had := by_seed.get(run.seed, set())) == 1
+        if run.verdict not in had
+    ]

@@ -1,0 +1,137 @@
+"""One line for each flight of the past: read from results folders, kept in a file of JSON lines.
+
+The file is appended to and outlives the folders: a CI job keeps it, and not the recordings.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from orchestrator.analysis.model import CampaignDocuments, RunEntry
+from orchestrator.model.results import RunResult
+
+_MOST_BYTES = 256 * 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightRecord:
+    """One flight of the past.
+
+    inputs: a digest of all that it read and of the versions; the same seed and inputs are the same
+    flight again. margin: the smallest of the judged vehicle's required oracles in
+    metres (else in any unit), None without one.
+    """
+
+    campaign: str
+    started_utc: str
+    clock: str
+    version: str
+    case: str
+    mode: str
+    rep: str
+    seed: int
+    inputs: str
+    verdict: str
+    margin: float | None
+    duration_s: float | None
+
+
+_RECORD = TypeAdapter(FlightRecord)
+
+
+class HistoryFileError(Exception):
+    """A history file that cannot be read or written; says which and why."""
+
+
+def records_of(campaign: CampaignDocuments) -> Iterator[FlightRecord]:
+    """Yield the flights of a results folder; controls and runs without a result are left out."""
+    manifest = campaign.manifest
+    versions = manifest.get("versions")
+    version = versions.get("wil-campaign") if isinstance(versions, dict) else None
+    for entry in campaign.entries:
+        if entry.result is None or entry.result.control is not None:
+            continue
+        yield FlightRecord(
+            campaign=campaign.name,
+            started_utc=str(manifest.get("started_utc") or campaign.folder),
+            clock=str(manifest.get("clock") or "unknown"),
+            version=str(version or "unknown"),
+            case=entry.case,
+            mode=entry.mode,
+            rep=entry.rep,
+            seed=entry.result.seed,
+            inputs=_inputs(campaign, entry),
+            verdict=entry.result.verdict,
+            margin=_smallest_margin(entry.result),
+            duration_s=entry.result.duration_s,
+        )
+
+
+def read_records(path: Path) -> list[FlightRecord]:
+    """Return the flights that a history file keeps; none where there is no file.
+
+    Raises HistoryFileError, with the line.
+    """
+    try:
+        if not path.exists():
+            return []
+        if path.stat().st_size > _MOST_BYTES:
+            raise HistoryFileError(f"{path} is larger than {_MOST_BYTES} bytes")
+        lines = path.read_text("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise HistoryFileError(f"{path} cannot be read: {error}") from error
+    found = []
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            found.append(_RECORD.validate_json(line))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"]))
+            raise HistoryFileError(
+                f"{path}:{number} is damaged, or no line of ours: {where} {first['msg']}"
+            ) from error
+    return found
+
+
+def append_records(path: Path, records: Iterable[FlightRecord]) -> None:
+    """Append flights to a history file. Raises HistoryFileError."""
+    try:
+        with path.open("a", encoding="utf-8") as stream:
+            stream.writelines(json.dumps(asdict(one)) + "\n" for one in records)
+    except OSError as error:
+        raise HistoryFileError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def flight_key(one: FlightRecord) -> tuple[str, str, str, str, str]:
+    """Return what makes a record that of one flight and no other."""
+    return (one.campaign, one.started_utc, one.case, one.mode, one.rep)
+
+
+def _inputs(campaign: CampaignDocuments, entry: RunEntry) -> str:
+    """Return the digest of a run's documents, all files of the campaign, and all versions."""
+    manifest = campaign.manifest
+    runs = manifest.get("runs")
+    own = [
+        run.get("documents")
+        for run in (runs if isinstance(runs, list) else ())
+        if isinstance(run, dict) and run.get("run") == entry.name
+    ]
+    host = manifest.get("host")
+    machine = host.get("machine") if isinstance(host, dict) else None
+    read = [own, manifest.get("files"), manifest.get("versions"), machine, manifest.get("clock")]
+    text = json.dumps(read, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()[:16]
+
+
+def _smallest_margin(run: RunResult) -> float | None:
+    judged = [one for one in run.oracles if one.required and one.vehicle == run.subject]
+    margins = [one for one in judged if one.margin is not None]
+    in_metres = [one.margin for one in margins if one.unit == "m" and one.margin is not None]
+    known = in_metres or [one.margin for one in margins if one.margin is not None]
+    return min(known, default=None)

@@ -1,0 +1,50 @@
+"""Which runs a campaign still needs, where a sequential test decides how many there are; pure.
+
+Runs count in the order of their repetitions, whatever order they ended in: what is counted does not
+depend on how many flew at once.
+"""
+
+from collections.abc import Iterable, Mapping
+
+from campaigns.expansion.expansion import RunPlan
+from campaigns.statistics.sequential_test import SequentialTest
+from orchestrator.model.results import RunResult
+
+
+def runs_due(
+    plans: Iterable[RunPlan], test: SequentialTest | None, results: Mapping[str, RunResult]
+) -> list[RunPlan]:
+    """Return the plans that count: all but repetitions after their test has decided."""
+    given = list(plans)
+    if test is None:
+        return given
+    groups: dict[tuple[str, str], list[RunPlan]] = {}
+    for plan in given:
+        if plan.control is None:
+            groups.setdefault((plan.case, plan.mode), []).append(plan)
+    last = {cell: _last_counted(group, test, results) for cell, group in groups.items()}
+    return [
+        plan
+        for plan in given
+        if plan.control is not None or plan.repetition <= last[plan.case, plan.mode]
+    ]
+
+
+def _last_counted(
+    plans: Iterable[RunPlan], test: SequentialTest, results: Mapping[str, RunResult]
+) -> int:
+    """Return the repetition with which the test decided; the last planned one until then.
+
+    A run that proves nothing is passed over: the test goes on with the next.
+    """
+    ordered = sorted(plans, key=lambda one: one.repetition)
+    passes: list[bool] = []
+    for plan in ordered:
+        result = results.get(plan.name)
+        if result is None:
+            break
+        if result.verdict in {"PASS", "FAIL"}:
+            passes.append(result.verdict == "PASS")
+        if test.decided_after(passes)[0] != "undecided":
+            return plan.repetition
+    return ordered[-1].repetition

@@ -1,0 +1,106 @@
+"""`wil-campaign compare`: whether a case became worse since other flights."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from orchestrator.analysis.comparison.baseline import FlownSet, read_baseline, read_flown
+from orchestrator.analysis.comparison.comparison import Comparison, Limits, cells_of
+from orchestrator.analysis.comparison.comparison import compare as compare_flights
+from orchestrator.analysis.errors import ComparisonError, ResultsFolderError
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.cli.text_table import table
+from worlds.files.problems import printable
+
+_Share = Annotated[float, Parameter(validator=Number(gt=0.0, lt=1.0))]
+
+
+def compare(
+    before: Path,
+    after: Path,
+    *,
+    worse_by: Annotated[float, Parameter(validator=Number(gte=0.0, lte=1.0))] = 0.1,
+    margin_by: Annotated[float | None, Parameter(validator=Number(gt=0.0))] = None,
+    confidence: _Share = 0.95,
+    last: Annotated[int, Parameter(validator=Number(gte=1))] = 5,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Compare two campaigns: exit code 1 when a case became worse beyond chance and size.
+
+    2: a folder is no campaign's, or they share no case and mode; 3: something is damaged, or a
+    shared case proves nothing.
+
+    Parameters
+    ----------
+    before
+        The results folder of a campaign, or a folder of several: then the last of them that were
+        begun before the other one are the baseline together.
+    after
+        The results folder of the campaign that is judged.
+    worse_by
+        The loss of pass rate that matters, from 0 to 1.
+    margin_by
+        The loss of an oracle's mean margin that matters, in its unit; without it margins are not
+        compared.
+    confidence
+        Of all tests together that what is called worse is no chance.
+    last
+        How many campaigns the baseline has, where `before` holds several.
+    json_
+        Print one JSON document.
+    """
+    try:
+        judged = read_flown(after)
+        baseline = read_baseline(before, last=last, before=after)
+        limits = Limits(worse_by, margin_by, confidence)
+        found = compare_flights(cells_of(baseline.runs), cells_of(judged.runs), limits)
+    except (ResultsFolderError, ComparisonError) as error:
+        err(printable(str(error)))
+        return 2
+    problems = [*baseline.problems, *judged.problems]
+    out(_as_json(found, baseline) if json_ else _as_text(found, baseline, after))
+    for text in problems:
+        err(printable(text))
+    if problems or found.unproven:
+        return 3
+    return 1 if found.worse else 0
+
+
+def _as_text(found: Comparison, baseline: FlownSet, after: Path) -> str:
+    """Return the comparison as a table and sentences."""
+    head = ("case", "mode", "what", "before", "after", "flights", "p", "")
+    rows = [
+        (
+            one.case,
+            one.mode,
+            one.what,
+            f"{one.before:.3g} {one.unit}".rstrip(),
+            f"{one.after:.3g} {one.unit}".rstrip(),
+            f"{one.flights[0]} and {one.flights[1]}",
+            "-" if one.p is None else f"{one.p:.2g}",
+            f"{one.outcome}{f': {one.why}' if one.why else ''}",
+        )
+        for one in found.changes
+    ]
+    names = ", ".join(path.name for path in baseline.folders)
+    lines = [f"{after.name} against {names}", "", table(head, rows), ""]
+    lines += [f"same seed, other verdict: {text}" for text in found.flips]
+    lines += [f"proves nothing in one of them: {cell}" for cell in found.unproven]
+    lines += [f"not flown any more: {cell}" for cell in found.only_before]
+    lines += [f"not flown before: {cell}" for cell in found.only_after]
+    worse = [f"{one.case}/{one.mode} {one.what}" for one in found.worse]
+    undecided = sum(one.outcome == "undecided" for one in found.changes)
+    last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
+    if undecided:
+        last += f"; {undecided} lost more than the size and may be chance: fly more"
+    return "\n".join(printable(line) if "\n" not in line else line for line in [*lines, last])
+
+
+def _as_json(found: Comparison, baseline: FlownSet) -> str:
+    """Return the comparison as JSON."""
+    document = {"schema": "wil/comparison/1", "baseline": [str(one) for one in baseline.folders]}
+    return json.dumps({**document, **asdict(found)}, indent=2, ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,154 @@
+"""`wil-campaign history`: campaigns over time."""
+
+import json
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from campaigns.statistics.proportions import Interval
+from orchestrator.analysis.comparison.baseline import results_folders
+from orchestrator.analysis.errors import ResultsFolderError
+from orchestrator.analysis.history.history import (
+    HistoryRow,
+    Variation,
+    history_rows,
+    variations,
+)
+from orchestrator.analysis.history.records import (
+    FlightRecord,
+    HistoryFileError,
+    append_records,
+    flight_key,
+    read_records,
+    records_of,
+)
+from orchestrator.analysis.reading.results_folder import read_campaign
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.cli.text_table import table
+from orchestrator.model.document_writer import write_whole
+from orchestrator.recording.timestamps import utc_text
+from orchestrator.report.rendering.history_page import render_history
+from worlds.files.problems import printable
+
+_DEFAULT = (Path("results"),)
+
+
+def history(
+    folders: tuple[Path, ...] = _DEFAULT,
+    /,
+    *,
+    keep: Path | None = None,
+    page: Path | None = None,
+    campaign: str | None = None,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Show pass rates, margins and durations of campaigns over time.
+
+    Flaky is what ended differently under the same seed and the same inputs; stochastic what did
+    under different seeds. Exit code 2: there is nothing to show, or the file of --keep is damaged;
+    3: a folder is damaged, and the rest is shown.
+
+    Parameters
+    ----------
+    folders
+        Results folders of campaigns, or folders that hold some; by default `results`.
+    keep
+        A file of JSON lines to which flights are appended that it does not have yet; what it has
+        is shown although its folder is gone.
+    page
+        Write one HTML page here.
+    campaign
+        Only the campaign of this name.
+    json_
+        Print one JSON document.
+    """
+    problems: list[str] = []
+    try:
+        known = read_records(keep) if keep is not None else []
+        new = _new_records(known, _read(folders, problems))
+        if keep is not None:
+            append_records(keep, new)
+        records = [one for one in (*known, *new) if campaign in {None, one.campaign}]
+        if not records:
+            where = ", ".join(str(one) for one in folders)
+            problems.append(f"no flights of a campaign are in {where}")
+        rows, varied = history_rows(records), variations(records)
+        if records and page is not None:
+            write_whole(page, render_history(rows, varied, made_utc=utc_text(time.time())))
+    except HistoryFileError as error:
+        err(printable(str(error)))
+        return 2
+    except OSError as error:
+        err(f"{page} cannot be written: {error.strerror or error}")
+        return 3
+    if records:
+        out(_as_json(rows, varied) if json_ else _as_text(rows, varied))
+    for text in problems:
+        err(printable(text))
+    return 2 if not records else 3 if problems else 0
+
+
+def _read(folders: Iterable[Path], problems: list[str]) -> list[FlightRecord]:
+    """Return the flights at and beneath folders; what cannot be read is added to the problems."""
+    found: list[FlightRecord] = []
+    for folder in folders:
+        if not folder.is_dir():
+            problems.append(f"{folder} is no folder")
+            continue
+        for path in results_folders(folder):
+            try:
+                documents = read_campaign(path)
+            except ResultsFolderError as error:
+                problems.append(str(error))
+                continue
+            damaged = (*documents.problems, *(p for e in documents.entries for p in e.problems))
+            problems += [f"{path}: {text}" for text in damaged]
+            found += records_of(documents)
+    return found
+
+
+def _new_records(known: Sequence[FlightRecord], read: Sequence[FlightRecord]) -> list[FlightRecord]:
+    """Return what was read and is not known yet, each flight once."""
+    before = {flight_key(one) for one in known}
+    return list({flight_key(one): one for one in read if flight_key(one) not in before}.values())
+
+
+def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
+    """Return the history as a table and sentences."""
+    head = ("campaign", "case", "mode", "started", "version", "passed", "95 %", "margin", "flown s")
+    cells = [
+        (
+            row.campaign,
+            row.case,
+            row.mode,
+            row.started_utc,
+            row.version,
+            f"{row.passed}/{row.flown}" + (f" +{row.unproven} unproven" if row.unproven else ""),
+            _interval_text(row.interval),
+            "-" if row.margin is None else f"{row.margin:.3f}",
+            "-" if row.duration_s is None else f"{row.duration_s:.1f}",
+        )
+        for row in rows
+    ]
+    lines = [
+        printable(f"{one.kind}: {one.campaign} {one.case} {one.mode}: {one.text}") for one in varied
+    ]
+    return "\n".join([table(head, cells), *([""] if lines else []), *lines])
+
+
+def _interval_text(interval: Interval | None) -> str:
+    return "equal runs" if interval is None else f"[{interval.low:.2f}, {interval.high:.2f}]"
+
+
+def _as_json(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
+    """Return the history as JSON."""
+    document = {
+        "schema": "wil/history/1",
+        "rows": [asdict(row) for row in rows],
+        "variations": [asdict(one) for one in varied],
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,73 @@
+"""The page of campaigns over time: one curve for each case and mode, and all figures; pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from orchestrator.analysis.history.history import HistoryRow, Variation
+from orchestrator.report.rendering.markup import shown
+from orchestrator.report.rendering.page_parts import PACKAGE, policy, resource
+from orchestrator.report.words import number_text
+
+_WIDE, _HIGH, _EDGE = 360.0, 64.0, 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Series:
+    name: str
+    newest: HistoryRow
+    svg: Markup
+
+
+def render_history(
+    rows: Sequence[HistoryRow], variations: Sequence[Variation], *, made_utc: str
+) -> str:
+    """Return the page; everything from a file is escaped, and nothing is asked of the network."""
+    environment = Environment(
+        loader=PackageLoader(PACKAGE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=shown,
+    )
+    environment.filters["number"] = number_text
+    style = resource("style.css")
+    groups: dict[str, list[HistoryRow]] = {}
+    for row in rows:
+        groups.setdefault(f"{row.campaign} {row.case} {row.mode}", []).append(row)
+    return environment.get_template("history.html.j2").render(
+        series=[_Series(name, group[-1], _curve(group)) for name, group in groups.items()],
+        rows=rows,
+        variations=variations,
+        policy=policy(style, ""),
+        style=Markup(style),  # noqa: S704 - a file of this package
+        made_utc=made_utc,
+    )
+
+
+def _curve(rows: Sequence[HistoryRow]) -> Markup:
+    """Return the pass rates of a case and mode as SVG, with their intervals, oldest to the left."""
+    step = (_WIDE - 2 * _EDGE) / max(1, len(rows) - 1)
+    points: list[str] = []
+    marks: list[str] = []
+    for index, row in enumerate(rows):
+        if not row.flown:
+            continue
+        x, y = _EDGE + index * step, _y(row.passed / row.flown)
+        points.append(f"{x:.1f},{y:.1f}")
+        if row.interval is not None:
+            ends = f'y1="{_y(row.interval.low):.1f}" y2="{_y(row.interval.high):.1f}"'
+            marks.append(f'<line class="axis" x1="{x:.1f}" x2="{x:.1f}" {ends}/>')
+        marks.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="currentColor"/>')
+    line = f'<polyline points="{" ".join(points)}" fill="none" stroke="currentColor"/>'
+    box = f'viewBox="0 0 {_WIDE:g} {_HIGH:g}" width="{_WIDE:g}" height="{_HIGH:g}"'
+    return Markup(  # noqa: S704 - numbers of ours alone
+        f'<svg {box} role="img" aria-label="pass rate over time">{line}{"".join(marks)}</svg>'
+    )
+
+
+def _y(share: float) -> float:
+    return _EDGE + (1.0 - share) * (_HIGH - 2 * _EDGE)

@@ -1,0 +1,149 @@
+"""compare: worse beyond chance and size, and what cannot be compared."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from orchestrator.analysis.comparison.comparison import Comparison, Limits, cells_of, compare
+from orchestrator.cli import main
+from tests.orchestrator.analysis.flown_campaign import Flight, flights, write_flown
+
+Capture = pytest.CaptureFixture[str]
+TEN = tuple(n / 100 for n in range(10))
+
+
+def compared(before: list[Flight], after: list[Flight], **limits: float) -> Comparison:
+    old, new = (cells_of(one.result() for one in given) for given in (before, after))
+    return compare(old, new, Limits(**limits))
+
+
+def test_a_large_loss_is_worse_and_a_small_one_may_be_chance() -> None:
+    before = flights("a", "wil", "P" * 10, TEN)
+    found = compared(before, flights("a", "wil", "FFFFFFPPPP", TEN))
+    (change,) = found.changes
+    assert change.p == pytest.approx(0.0054, abs=1e-4)
+    assert (change.before, change.after, change.outcome) == (1.0, 0.4, "worse")
+    (change,) = compared(before, flights("a", "wil", "FPPPPPPPPP", TEN)).changes
+    assert change.p == 0.5
+    assert change.outcome == "undecided"
+    assert compared(before, before).worse == ()
+
+
+def test_a_loss_below_the_size_is_not_worse() -> None:
+    many = tuple(n / 1000 for n in range(100))
+    before, after = (
+        flights("a", "wil", "P" * 100, many),
+        flights("a", "wil", "F" * 9 + "P" * 91, many),
+    )
+    (small,) = compared(before, after, pass_rate=0.1).changes
+    assert small.p is not None
+    assert small.p < 0.01
+    assert small.outcome == "not worse"
+    (large,) = compared(before, after, pass_rate=0.05).changes
+    assert large.outcome == "worse"
+
+
+def test_a_margin_that_shrinks_is_worse_although_all_pass() -> None:
+    before = flights("a", "wil", "P" * 10, TEN)
+    after = flights("a", "wil", "P" * 10, [0.15 + each for each in TEN])
+    assert compared(before, after).worse == ()
+    (worse,) = compared(before, after, margin=0.1).worse
+    assert worse.what == "margin of collision"
+    assert worse.loss == pytest.approx(0.15)
+    assert compared(before, after, margin=0.2).worse == ()
+
+
+def test_more_tests_make_chance_harder_to_exclude() -> None:
+    before = [*flights("a", "wil", "PPPPP", TEN[:5]), *flights("b", "wil", "PPPPP", TEN[:5])]
+    after = [*flights("a", "wil", "FFFFP", TEN[:5]), *flights("b", "wil", "PPPPP", TEN[:5])]
+    alone = compared(before[:5], after[:5])
+    assert [one.outcome for one in alone.changes] == ["worse"]
+    assert [one.p for one in alone.changes] == [pytest.approx(0.0238, abs=1e-4)]
+    together = compared(before, after)
+    assert [one.p for one in together.changes] == [pytest.approx(0.0476, abs=1e-4), 1.0]
+
+
+def test_equal_runs_that_differ_are_no_chance() -> None:
+    found = compared(flights("a", "sim", "PPP"), flights("a", "sim", "FFF"))
+    assert [(one.p, one.outcome) for one in found.changes] == [(0.0, "worse")]
+    assert found.flips[0] == "a/sim/1: PASS before, FAIL now"
+    mixed = compared(flights("a", "sim", "PPP"), flights("a", "sim", "FFF", TEN[:3]))
+    (change,) = mixed.changes
+    assert (change.p, change.outcome) == (None, "undecided")
+    assert change.why.startswith("the flights before are equal")
+
+
+def test_the_command_exits_1_when_a_case_became_worse(tmp_path: Path, capsys: Capture) -> None:
+    old = write_flown(tmp_path / "old", flights("a", "wil", "P" * 10, TEN), with_motion=False)
+    bad = write_flown(
+        tmp_path / "bad", flights("a", "wil", "F" * 6 + "PPPP", TEN), with_motion=False
+    )
+    assert main(["compare", str(old), str(bad)]) == 1
+    text = capsys.readouterr().out
+    assert text.splitlines()[-1] == "worse: a/wil pass rate"
+    assert "same seed, other verdict: a/wil/1: PASS before, FAIL now" in text
+    assert main(["compare", str(old), str(bad), "--worse-by", "0.7"]) == 0
+    assert main(["compare", str(bad), str(old), "--json"]) == 0
+    last = capsys.readouterr().out
+    assert json.loads(last[last.index('{\n  "schema"') :])["changes"][0]["outcome"] == "not worse"
+
+
+def test_the_baseline_is_the_last_campaigns_before(tmp_path: Path, capsys: Capture) -> None:
+    for day, verdicts in ((1, "FFFFF"), (2, "PPPPP"), (3, "PPPPP"), (5, "FFFFF")):
+        write_flown(
+            tmp_path / f"results/2026110{day}",
+            flights("a", "wil", verdicts, [each + day / 50 for each in TEN[:5]]),
+            started_utc=f"2026-11-0{day}T10:00:00Z",
+            with_motion=False,
+        )
+    now = write_flown(
+        tmp_path / "results/20261104",
+        flights("a", "wil", "FFFFP", TEN[:5]),
+        started_utc="2026-11-04T10:00:00Z",
+        with_motion=False,
+    )
+    command = ["compare", str(tmp_path / "results"), str(now)]
+    assert main([*command, "--last", "2"]) == 1
+    text = capsys.readouterr().out
+    assert text.startswith("20261104 against 20261102, 20261103\n")
+    assert "10 and 5" in text
+    assert main([*command, "--last", "3"]) == 0
+    assert "15 and 5" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "words"),
+    [
+        ("missing", 2, "does not exist"),
+        ("file", 2, "is a file"),
+        ("empty", 2, "no results folder"),
+        ("nothing shared", 2, "they share no case and mode: b/wil; and a/wil"),
+        ("other version", 3, "result.json is truncated, damaged or of another version"),
+        ("unproven", 3, ""),
+        ("nothing before", 2, "holds no campaign that was flown before"),
+    ],
+)
+def test_what_cannot_be_compared(
+    tmp_path: Path, capsys: Capture, kind: str, code: int, words: str
+) -> None:
+    now = write_flown(tmp_path / "now", flights("a", "wil", "PP", TEN[:2]), with_motion=False)
+    other = tmp_path / "other"
+    if kind == "file":
+        other.write_text("")
+    elif kind == "empty":
+        other.mkdir()
+    elif kind == "nothing shared":
+        write_flown(other, flights("b", "wil", "PP", TEN[:2]), with_motion=False)
+    elif kind == "other version":
+        write_flown(other, flights("a", "wil", "PP", TEN[:2]), with_motion=False)
+        path = other / "a/wil/1/result.json"
+        path.write_text(path.read_text().replace('"verdict": "PASS"', '"verdict": "GREEN"', 1))
+    elif kind == "unproven":
+        write_flown(other, flights("a", "wil", "II", TEN[:2]), with_motion=False)
+    elif kind == "nothing before":
+        write_flown(other / "x", flights("a", "wil", "PP"), started_utc="2027", with_motion=False)
+    assert main(["compare", str(other), str(now)]) == code
+    outcome = capsys.readouterr()
+    assert words in outcome.err
+    assert "Traceback" not in outcome.err

@@ -1,0 +1,134 @@
+"""history: campaigns over time, flaky told apart from stochastic, a file that outlives folders."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from orchestrator.cli import main
+from tests.orchestrator.analysis.flown_campaign import flights, write_flown
+
+Capture = pytest.CaptureFixture[str]
+HOSTILE = "<script>alert(1)</script>\x1b[31m"
+
+
+def flown(tmp_path: Path, day: int, verdicts: str, **more: Any) -> Path:
+    spread = [0.01 * n for n in range(len(verdicts))]
+    return write_flown(
+        tmp_path / f"results/gate/2026110{day}",
+        flights("a", "wil", verdicts, spread),
+        started_utc=f"2026-11-0{day}T10:00:00Z",
+        with_motion=False,
+        **more,
+    )
+
+
+def shown(capsys: Capture, *arguments: object, code: int = 0) -> dict[str, Any]:
+    assert main(["history", *map(str, arguments), "--json"]) == code
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_campaigns_stand_in_their_order_with_their_figures(tmp_path: Path, capsys: Capture) -> None:
+    flown(tmp_path, 2, "PFP", version="1.1")
+    flown(tmp_path, 1, "PPPI", version="1.0")
+    rows = shown(capsys, tmp_path / "results")["rows"]
+    assert [(row["started_utc"][:10], row["version"]) for row in rows] == [
+        ("2026-11-01", "1.0"),
+        ("2026-11-02", "1.1"),
+    ]
+    assert [(row["passed"], row["flown"], row["unproven"]) for row in rows] == [
+        (3, 3, 1),
+        (2, 3, 0),
+    ]
+    assert rows[0]["margin"] == pytest.approx(0.29)
+    assert rows[0]["duration_s"] == pytest.approx(10.01)
+
+
+def test_flaky_is_the_same_seed_and_stochastic_is_another(tmp_path: Path, capsys: Capture) -> None:
+    flown(tmp_path, 1, "PFP")
+    flown(tmp_path, 2, "PFF")
+    varied = shown(capsys, tmp_path / "results")["variations"]
+    assert [one["kind"] for one in varied] == ["flaky", "stochastic"]
+    assert varied[0]["text"].startswith("seed 103: PASS in 2026-11-01T10:00:00Z #3, FAIL in")
+    assert "2 seeds" not in varied[1]["text"]
+
+
+@pytest.mark.parametrize(
+    ("change", "kinds"),
+    [
+        ({"version": "2.0"}, ["stochastic", "stochastic"]),
+        ({"documents": lambda _: "sha256:1"}, ["stochastic", "stochastic"]),
+        ({"clock": "wall"}, ["stochastic", "stochastic"]),
+        ({}, ["flaky", "stochastic"]),
+    ],
+)
+def test_other_inputs_are_not_the_same_flight(
+    tmp_path: Path, capsys: Capture, change: dict[str, Any], kinds: list[str]
+) -> None:
+    flown(tmp_path, 1, "PFP")
+    flown(tmp_path, 2, "PFF", **change)
+    varied = shown(capsys, tmp_path / "results")["variations"]
+    assert [one["kind"] for one in varied] == kinds
+
+
+def test_on_the_wall_clock_nothing_is_called_flaky(tmp_path: Path, capsys: Capture) -> None:
+    flown(tmp_path, 1, "PPP", clock="wall")
+    flown(tmp_path, 2, "PPF", clock="wall")
+    (one,) = shown(capsys, tmp_path / "results")["variations"]
+    assert one["kind"] == "stochastic"
+    assert "a seed does not repeat a flight" in one["text"]
+
+
+def test_a_file_keeps_what_folders_lose_and_takes_nothing_twice(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    keep = tmp_path / "history.jsonl"
+    first = flown(tmp_path, 1, "PPP")
+    shown(capsys, tmp_path / "results", "--keep", keep)
+    first.rename(tmp_path / "gone")
+    flown(tmp_path, 2, "PPF")
+    rows = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
+    assert [row["passed"] for row in rows] == [3, 2]
+    shown(capsys, tmp_path / "results", "--keep", keep)
+    assert len(keep.read_text().splitlines()) == 6
+
+
+def test_the_page_acts_on_nothing_from_a_file(tmp_path: Path, capsys: Capture) -> None:
+    flown(tmp_path, 1, "PFP", version=HOSTILE)
+    page = tmp_path / "history.html"
+    assert main(["history", str(tmp_path / "results"), "--page", str(page)]) == 0
+    outcome = capsys.readouterr()
+    assert "\x1b" not in outcome.out
+    text = page.read_text()
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+    assert "stochastic" in text
+    assert not re.search(r'(src|href)="(?!data:,)', text)
+
+
+@pytest.mark.parametrize("content", ["{", '{"campaign": "gate"}', "\udce9"])
+def test_a_damaged_file_is_named_with_its_line(
+    tmp_path: Path, capsys: Capture, content: str
+) -> None:
+    keep = tmp_path / "history.jsonl"
+    keep.write_bytes(content.encode("utf-8", "surrogateescape"))
+    assert main(["history", str(flown(tmp_path, 1, "PP")), "--keep", str(keep)]) == 2
+    assert "history.jsonl" in capsys.readouterr().err
+    assert keep.read_bytes() == content.encode("utf-8", "surrogateescape")
+
+
+def test_nothing_to_show_and_damaged_folders(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "results").mkdir()
+    assert main(["history", str(tmp_path / "results")]) == 2
+    assert main(["history", str(tmp_path / "nowhere")]) == 2
+    assert "nowhere is no folder" in capsys.readouterr().err
+    folder = flown(tmp_path, 1, "PP")
+    (folder / "a/wil/2/result.json").write_text("{")
+    (folder / "summary.json").unlink()
+    assert main(["history", str(tmp_path / "results")]) == 3
+    outcome = capsys.readouterr()
+    assert "1/1" in outcome.out
+    assert "result.json is truncated" in outcome.err
