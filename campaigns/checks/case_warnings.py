@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 
 from campaigns.checks.place_checks import judged_world
-from campaigns.schema import Mode
+from campaigns.schema import Mode, VehicleName
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import FLIES, Setup
 from safety.evaluation.judge import OracleUse
@@ -28,6 +28,10 @@ _FENCE_PER_ROOM = 10.0
 _FENCE_M = 100.0
 """A fence that is so many times as wide as the room, and so wide, was typed in another unit."""
 
+_LONG_GAP_S = 1.0
+"""In a longer gap of positions a vehicle that brakes at 3 m/s^2 leaves the straight way by more
+than 0.4 m: a dt^2 / 8."""
+
 _SHOWN_WITHIN = (ReachedParameters, ReachedPositionParameters, TimeLimitParameters)
 """What these ask for has to happen within their window: in an empty one they fail."""
 
@@ -43,6 +47,7 @@ def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> It
         yield from _wide_fences(files.campaign, setup, mode, scene)
         yield from _near_goals(files.campaign, setup, mode, scene)
         yield from _without_objects(files.campaign, setup, scene)
+        yield from _empty_worlds(files.campaign, setup, mode, scene)
         yield from _momentary_windows(files.campaign, setup, mode)
     yield from _long_limits(files.campaign, setup)
 
@@ -54,7 +59,7 @@ def document_warnings(files: CaseFiles) -> Iterator[Problem]:
             yield from _radians(document, document.data)
 
 
-def unasked_gates(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+def _unasked_gates(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
     """Yield a warning for gates of the goal that no required oracle checks."""
     asked: set[str] = set()
     for use in setup.oracles:
@@ -64,6 +69,41 @@ def unasked_gates(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
         if gate not in asked:
             said = f"no required oracle asks whether gate '{gate}' of the goal is flown through"
             yield files.campaign.problem(("goal", "gates", index), said)
+
+
+def caveats_of(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
+    """Yield warnings of a case that each verdict has to be read with as well."""
+    yield from _unasked_gates(files, setup)
+    yield from _unperceived_mixture(files, setup, modes)
+    for name in dict.fromkeys(FLIES[mode][0] for mode in modes):
+        yield from _long_gaps(files.campaign, setup, name)
+
+
+def _unperceived_mixture(
+    files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]
+) -> Iterator[Problem]:
+    """Yield a warning for a recipe none of whose mixtures reaches the vehicle that is judged."""
+    if "wil" not in modes or setup.recipe is None or files.recipe is None:
+        return
+    reached = any("real" in one.publish for one in setup.recipe.combinations)
+    if not reached and not setup.outside.injections:
+        said = "nothing is published to 'real': what is judged in mode wil perceives no mixture"
+        yield files.recipe.problem(("combine",), said, key=True)
+
+
+def _long_gaps(campaign: Document, setup: Setup, name: VehicleName) -> Iterator[Problem]:
+    """Yield a warning for a judged vehicle whose positions may be missing for long."""
+    vehicle = setup.vehicles.get(name)
+    if vehicle is None:
+        return
+    path: Path = ("vehicles", name, "telemetry", "max_gap_s")
+    gap_s = vehicle.max_gap_s
+    if vehicle.pose_source == "mocap":
+        path = ("vehicles", name, "mocap", "stall_s")
+        gap_s = None if vehicle.mocap is None else vehicle.mocap.stall_s
+    if gap_s is not None and gap_s > _LONG_GAP_S:
+        said = f"positions of '{name}' may be missing for {gap_s:g} s"
+        yield campaign.problem(path, f"{said}: what it does meanwhile is not judged")
 
 
 def _radians(document: Document, value: Data, path: Path = ()) -> Iterator[Problem]:
@@ -136,6 +176,14 @@ def _without_objects(campaign: Document, setup: Setup, scene: Scene) -> Iterator
         if isinstance(given, ContactParameters) and scene.names and given.exclude and not left:
             said = f"oracle '{use.name}' leaves out all that stands there: it cannot fail"
             yield campaign.problem(("oracles", use.name, "exclude"), said)
+
+
+def _empty_worlds(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
+    """Yield a warning for a mode in whose judged world none of the world's objects stands."""
+    if setup.world.objects and not scene.names:
+        which = judged_world(mode)
+        said = f"in mode {mode} no object of the world stands in {which}: nothing can be touched"
+        yield campaign.problem(("world",), f"{said} (see exists_in)")
 
 
 def _momentary_windows(campaign: Document, setup: Setup, mode: Mode) -> Iterator[Problem]:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from campaigns.checks.autonomy_checks import IsolatedBuilds
-from campaigns.checks.case_warnings import case_warnings, unasked_gates
+from campaigns.checks.case_warnings import case_warnings, caveats_of
 from campaigns.expansion.case_reader import gathered, read_setup, unique
 from campaigns.expansion.controls import (
     Expectation,
@@ -155,7 +155,11 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     mqtt = mqtt_setup(base, part.operator, problems)
     if problems:
         raise BadInput(unique(problems))
-    unasked = [one for name in case_names for one in unasked_gates(files[name], setups[name])]
+    doubtful = [
+        one
+        for name in case_names
+        for one in caveats_of(files[name], setups[name], tuple(part.modes))
+    ]
     injected = [f"fault injected: {one}" for name in case_names for one in setups[name].faults]
     odd = list(_odd(part, {name: (files | of_controls)[name] for name in names}, setups))
     modes = tuple(mode for mode in part.modes if mode in mode_names)
@@ -189,8 +193,8 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         test=part.sequential_test,
         between=part.between_runs,
         controls=controls,
-        warnings=unique([*unasked, *odd]),
-        caveats=tuple(dict.fromkeys([one.message for one in unasked] + injected)),
+        warnings=unique([*doubtful, *odd]),
+        caveats=tuple(dict.fromkeys([one.message for one in doubtful] + injected)),
         options=options,
     )
 

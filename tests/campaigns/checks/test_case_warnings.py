@@ -92,6 +92,44 @@ def test_a_gate_that_no_required_oracle_asks_for_is_a_caveat(files: Any) -> None
     assert files.load().caveats == (text,)
 
 
+def test_a_mixture_that_the_judged_vehicle_does_not_perceive_is_a_caveat(files: Any) -> None:
+    both = "    publish: [twin]\n"
+    files.append(both, file="recipe.yaml")
+    text = "nothing is published to 'real': what is judged in mode wil perceives no mixture"
+    assert warned(files) == [f"recipe.yaml:3:1: {text}"]
+    assert files.load().caveats == (text,)
+    files.change("publish: [twin]", "publish: [real]", file="recipe.yaml")
+    assert warned(files) == []
+
+
+@pytest.mark.parametrize(("gap_s", "said"), [("1.0", False), ("20", True)])
+def test_positions_that_may_be_missing_for_long_are_a_caveat(
+    files: Any, gap_s: str, said: bool
+) -> None:
+    files.change(
+        "autopilot: ardupilot", f"autopilot: ardupilot\n    telemetry: {{max_gap_s: {gap_s}}}"
+    )
+    text = "positions of 'twin' may be missing for 20 s: what it does meanwhile is not judged"
+    assert files.load().caveats == ((text,) if said else ())
+    files.change("modes: [sim, wil]", "modes: [wil]")
+    files.change("accept: {large: {sim: 3/3, wil: 2/3}}", "accept: {large: {wil: 2/3}}")
+    assert files.load().caveats == (), "the twin is not judged in mode wil"
+
+
+def test_objects_that_stand_nowhere_are_warned_of(files: Any) -> None:
+    world = files.folder / "world.yaml"
+    text = world.read_text()
+    nowhere = "    exists_in: {sim: W, wil: W}\n    shape:"
+    world.write_text(text.replace("    shape:", nowhere))
+    files.change("goal: {altitude_m: 1.2, gates: [gate]}", "goal: {altitude_m: 1.2}")
+    files.change("  reached: {}\n", "")
+    assert [one.partition(": ")[2] for one in warned(files)] == [
+        f"in mode {mode} no object of the world stands in Wv: nothing can be touched "
+        "(see exists_in)"
+        for mode in ("sim", "wil")
+    ]
+
+
 def test_validate_takes_set_and_warns_without_failing(files: Any, capsys: Any) -> None:
     given = ["validate", str(files.path), "--set", "vehicles.real.start.yaw_deg=1.5708"]
     assert main(given) == 0
