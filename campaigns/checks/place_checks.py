@@ -8,7 +8,7 @@ from campaigns.schema import Mode, VehicleName
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import Setup, VehicleSetup
 from vehicles.embedded.physics.airframe import Airframe
-from worlds.clearance.clearance import BoxShape, ClearanceProbe
+from worlds.clearance.clearance import ClearanceProbe
 from worlds.files.documents import Path, Problem
 from worlds.frames import Vec3
 from worlds.scene.scene import Scene, SceneObject
@@ -27,12 +27,8 @@ _ON_FLOOR_M = 0.05
 """How far below the floor of a room a vehicle may stand before it is said to be outside."""
 
 
-_AIRFRAME = Airframe()
-_BODY = BoxShape(
-    (_AIRFRAME.body_width_m / 2.0, _AIRFRAME.body_width_m / 2.0, _AIRFRAME.body_height_m / 2.0)
-)
-_STANDS_M = _AIRFRAME.leg_height_m
-"""How far the middle of the body is above what it stands on."""
+_STANDS_M = Airframe().leg_height_m
+"""How far the middle of a body is above what it stands on, at least."""
 _NEAR_M = 0.1
 
 
@@ -136,9 +132,10 @@ def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -
 
 def _start_in_object(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> Iterator[Problem]:
     """Yield the world's objects that overlap the vehicle at its start place."""
-    probe = ClearanceProbe(scene, _BODY, floors=False, within_m=_NEAR_M)
+    probe = ClearanceProbe(scene, vehicle.body, floors=False, within_m=_NEAR_M)
+    stands_m = max(_STANDS_M, vehicle.body.half_m[2])
     north_m, east_m, down_m = vehicle.start.position_ned_m
-    standing = replace(vehicle.start, position_ned_m=(north_m, east_m, down_m - _STANDS_M))
+    standing = replace(vehicle.start, position_ned_m=(north_m, east_m, down_m - stands_m))
     for clearance in probe.sweep(standing, 0.0, standing, 0.0):
         if clearance.clearance_m <= 0.0:
             said = f"'{vehicle.name}' starts inside '{clearance.object_name}'"

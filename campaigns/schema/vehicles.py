@@ -14,6 +14,7 @@ from vehicles.coupling import Coupling
 from vehicles.links.link_strings import LinkAddressError, parse_link
 from worlds.files.documents import KeyFaultError, Part
 from worlds.frames import Pose
+from worlds.scene.parts import BoxShape
 
 VehicleName = Literal["real", "twin"]
 VEHICLES: tuple[VehicleName, ...] = get_args(VehicleName)
@@ -55,6 +56,20 @@ class PoseAccuracyPart(Part):
             attitude_rad=math.radians(self.attitude_deg),
             velocity_m_s=self.velocity_m_s or usual.velocity_m_s,
         )
+
+
+class BodyPart(Part):
+    """A vehicle's body as contacts, clearances and gates are judged: a box round its middle.
+
+    width_m: across and along, propellers included.
+    """
+
+    width_m: Annotated[float, Field(gt=0, le=20)]
+    height_m: Annotated[float, Field(gt=0, le=20)]
+
+    def shape(self) -> BoxShape:
+        """Return the body's box, half extents forward, right, down."""
+        return BoxShape((self.width_m / 2.0, self.width_m / 2.0, self.height_m / 2.0))
 
 
 def _link(text: str) -> str:
@@ -144,7 +159,8 @@ class VehiclePart(Part):
     system_id: 1 for the real vehicle and 2 for the twin without. anchor: what says where it stands
     before arming: `start`, or motion capture. mocap: where that comes from; None: the surrogate's.
     spare_links: more links to the same vehicle, flown by when those before them fall silent.
-    coupling: of the twin, how it is kept with the real vehicle in mode wil.
+    coupling: of the twin, how it is kept with the real vehicle in mode wil. body: as it is judged;
+    without it, that of the embedded vehicle.
     """
 
     link: Annotated[str, AfterValidator(_link)] | LaunchPart
@@ -161,6 +177,7 @@ class VehiclePart(Part):
     pose_source: Literal["mavlink", "mocap"] = "mavlink"
     mocap: MocapPart | None = None
     pose_accuracy: PoseAccuracyPart | None = None
+    body: BodyPart | None = None
     sensors: dict[str, SensorPart] = Field(default_factory=dict)
     coupling: Coupling = "follow"
 

@@ -24,6 +24,8 @@ from vehicles.autopilots.registry import autopilot_named
 from vehicles.command_backends import DriverName
 from vehicles.coupling import Coupling
 from vehicles.embedded.autopilot.known_parameters import known_parameters
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.contact_world import body_of
 from vehicles.embedded.profile import ProfileError, load_profile
 from vehicles.launch.ardupilot import ArduPilotLaunch
 from vehicles.launch.launch_plan import LaunchError
@@ -34,6 +36,7 @@ from vehicles.telemetry_fit import RadioTooSlowError, fitted
 from worlds.files.documents import BadInput, Document, Problem, closest
 from worlds.files.documents import Path as KeyPath
 from worlds.frames import Pose
+from worlds.scene.parts import BoxShape
 
 SitlLaunch = ArduPilotLaunch | Px4Launch
 VehicleLink = Literal["embedded"] | LinkAddress | SitlLaunch
@@ -41,6 +44,8 @@ VehicleLink = Literal["embedded"] | LinkAddress | SitlLaunch
 _SERIAL_SHARE = 0.8
 """Of ten bits on a serial line, eight are a byte."""
 _SYSTEM_IDS: dict[VehicleName, int] = {"real": 1, "twin": 2}
+EMBEDDED_BODY: BoxShape = body_of(Airframe())
+"""What judging takes a vehicle for of which the campaign does not say it: the embedded one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +57,7 @@ class VehicleSetup:
     motion capture. pose_accuracy: of its pose source. signing: where its key is. rates:
     of telemetry, as its slowest radio carries them. max_gap_s: the longest gap that is accepted
     between its positions; None: what their rate gives. spares: of an attached one, more links to
-    it. coupling: of the twin, how it is kept with the real vehicle.
+    it. coupling: of the twin, how it is kept with the real vehicle. body: as it is judged.
     """
 
     name: VehicleName
@@ -73,6 +78,7 @@ class VehicleSetup:
     max_gap_s: float | None = None
     spares: tuple[LinkAddress, ...] = ()
     coupling: Coupling = "follow"
+    body: BoxShape = EMBEDDED_BODY
 
     @property
     def embedded(self) -> bool:
@@ -146,6 +152,7 @@ def _vehicle(
         max_gap_s=part.telemetry.max_gap_s,
         spares=tuple(parse_link(one) for one in part.spare_links),
         coupling=part.coupling,
+        body=EMBEDDED_BODY if part.body is None else part.body.shape(),
     )
 
 

@@ -19,7 +19,6 @@ from orchestrator.model.return_path import (
     why_not_on,
     why_not_there,
 )
-from orchestrator.run.vehicles.vehicle_backends import BODY
 from orchestrator.state.run_setup import RunOrder
 from worlds.clearance.clearance import ClearanceProbe
 
@@ -114,7 +113,7 @@ class BetweenRuns:
         way = ReturnPath(
             stand=stand.pose, start=start, altitude_m=altitude_m, speed_m_s=wanted.speed_m_s
         )
-        probe = ClearanceProbe(scene, BODY, floors=False, within_m=CLEAR_M)
+        probe = ClearanceProbe(scene, setup.vehicles["real"].body, floors=False, within_m=CLEAR_M)
         fence = setup.fences.get("real")
         if why := why_not_there(way, fence=fence, keep_m=setup.guarding.keep_m, probe=probe):
             return why

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from functools import partial
 
 from orchestrator.run.flight.run_evidence import signal_terms
-from orchestrator.run.vehicles.vehicle_backends import BODY
 from orchestrator.state.run_setup import RunSetup
 from safety.evaluation.judge import Judge, build_oracles
 from safety.evidence.evidence import Evidence
 from safety.oracles.gates import gates_of
 from safety.oracles.oracle import OracleContext
 from worlds.clearance.clearance import ClearanceProbe
+from worlds.scene.parts import BoxShape
 from worlds.scene.scene import Scene
 
 _ANY_DISTANCE_M = 1e6
@@ -24,11 +24,11 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
             mode=setup.mode,
             subject=setup.subject,
             vehicle=vehicle.name,
-            body_half_m=BODY.half_m,
+            body_half_m=vehicle.body.half_m,
             start=vehicle.start,
-            probe=ClearanceProbe(scene, BODY),
+            probe=ClearanceProbe(scene, vehicle.body),
             things=scene.names,
-            probe_of=partial(_probe_of, scene),
+            probe_of=partial(_probe_of, scene, vehicle.body),
             gates=gates_of(scene),
             route=setup.campaign.goal.gates,
             target_ned_m=setup.campaign.goal.position_ned_m,
@@ -43,6 +43,6 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
     return Judge(oracles, Evidence(signal_terms(setup, oracles)))
 
 
-def _probe_of(scene: Scene, name: str) -> ClearanceProbe:
+def _probe_of(scene: Scene, body: BoxShape, name: str) -> ClearanceProbe:
     """Return a clearance probe of one object alone for an oracle, at any distance."""
-    return ClearanceProbe(Scene((scene[name],)), BODY, within_m=_ANY_DISTANCE_M)
+    return ClearanceProbe(Scene((scene[name],)), body, within_m=_ANY_DISTANCE_M)

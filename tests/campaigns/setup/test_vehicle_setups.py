@@ -220,6 +220,17 @@ def test_faults_of_a_profile_are_reported_in_its_own_file(files: Any) -> None:
     assert "campaign.yaml:7:14: there is no file 'hull.yaml' beside the campaign" in fault
 
 
+def test_a_body_of_its_own_is_judged_and_has_to_stand_free(files: Any) -> None:
+    setup = files.load().runs[0].setup()
+    assert setup.vehicles["real"].body.half_m == pytest.approx((0.15, 0.15, 0.05))
+    files.change("profile: cage\n", "profile: cage\n    body: {width_m: 0.5, height_m: 0.2}\n")
+    setup = files.load().runs[0].setup()
+    assert setup.vehicles["real"].body.half_m == pytest.approx((0.25, 0.25, 0.1))
+    assert setup.vehicles["twin"].body.half_m == pytest.approx((0.15, 0.15, 0.05))
+    files.change("body: {width_m: 0.5,", "body: {width_m: 8,")
+    assert any("'real' starts inside" in fault for fault in files.faults())
+
+
 def test_one_link_for_two(files: Any) -> None:
     outside(files, "udpin://0.0.0.0:14540")
     files.change("    link: embedded\n", "    link: udpin://0.0.0.0:14540\n")
