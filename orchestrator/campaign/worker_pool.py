@@ -253,7 +253,8 @@ class Pool(Generic[Order, Outcome]):
             while waiting:
                 await self._going.wait()
                 # Preparing the run server takes seconds; signals are heeded meanwhile.
-                worker = worker or await loop.run_in_executor(None, self._start)
+                if worker is None:
+                    worker = await loop.run_in_executor(None, self._start)
                 await self._going.wait()
                 if self._stopped is not None or not waiting:
                     break
