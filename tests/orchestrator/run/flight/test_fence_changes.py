@@ -7,6 +7,7 @@ import pytest
 
 from orchestrator.model.results import FenceChange, RunResult
 from safety.guard.core.operator_command import OperatorCommand
+from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of
 
 Fly = Callable[..., tuple[RunResult, Path]]
@@ -15,16 +16,32 @@ NARROW = "box: {north_m: [-0.9, 1.5], east_m: [-1.5, 1.5], up_m: [-0.5, 2.0]}"
 ELSEWHERE = "box: {north_m: [20, 24], east_m: [-1.5, 1.5], up_m: [-0.5, 2.0]}"
 
 
-class Asks:
-    """Changes the fence when it is polled for the hundredth time: 5 s after the start of both."""
+AHEAD = (*BRIEF, "autonomy.with={speed_m_s: 0.4, for_s: 5}")
+BAD = (
+    ELSEWHERE,
+    "box: {north_m: [4, -4], east_m: [-1, 1], up_m: [0, 2]}",
+    "real: {}",
+    "no fence at all",
+    "{",
+    '{"type": "FeatureCollection", "features": []}',
+    "keep_m: 3\n" + TIGHTER,
+)
 
-    def __init__(self, document: str) -> None:
-        self.command = OperatorCommand("geofence", "anna", document=document, command_id="a1")
+
+class Asks:
+    """Changes the fence when it is polled for the 300th time, and again at every fifth."""
+
+    def __init__(self, *documents: str) -> None:
+        self.documents = list(documents)
         self.polled = 0
 
     def poll(self) -> OperatorCommand | None:
         self.polled += 1
-        return self.command if self.polled == 300 else None
+        if self.polled < 300 or self.polled % 5 or not self.documents:
+            return None
+        return OperatorCommand(
+            "geofence", "anna", document=self.documents.pop(0), command_id=f"a{self.polled}"
+        )
 
 
 def guard_events(folder: Path) -> list[tuple[str, str]]:
@@ -34,7 +51,7 @@ def guard_events(folder: Path) -> list[tuple[str, str]]:
 
 
 def test_a_new_fence_holds_for_both_and_the_flight_goes_on(fly_run: Fly) -> None:
-    result, folder = fly_run(inbox=Asks(TIGHTER))
+    result, folder = fly_run(inbox=Asks(TIGHTER), sets=AHEAD)
     assert (result.verdict, result.reason) == ("PASS", "")
     assert guard_events(folder) == [("geofence", "anna changed the fence of real and twin")]
     (asked,) = [line for line in log_of(folder) if line["event"] == "operator"]
@@ -52,24 +69,14 @@ def test_whoever_leaves_the_new_fence_is_brought_down(fly_run: Fly) -> None:
     assert all_landed(folder)
 
 
-@pytest.mark.parametrize(
-    ("document", "why"),
-    [
-        (ELSEWHERE, "outside of the fence's side"),
-        ("box: {north_m: [4, -4], east_m: [-1, 1], up_m: [0, 2]}", ""),
-        ("real: {}", ""),
-        ("no fence at all", ""),
-        ("{", ""),
-        ('{"type": "FeatureCollection", "features": []}', ""),
-        ("keep_m: 3\n" + TIGHTER, ""),
-    ],
-)
-def test_a_fence_that_cannot_be_is_refused_and_the_old_one_holds(
-    fly_run: Fly, document: str, why: str
-) -> None:
-    result, folder = fly_run(inbox=Asks(document), mode="sim")
+def test_fences_that_cannot_be_are_refused_and_the_old_one_holds(fly_run: Fly) -> None:
+    result, folder = fly_run(inbox=Asks(*BAD), mode="sim", sets=AHEAD)
     assert (result.verdict, result.reason) == ("PASS", "")
-    said = guard_events(folder)
-    assert [kind for kind, _ in said] == (["refused"] if why else [])
-    assert not why or why in said[0][1]
+    answers = [line for line in log_of(folder) if line["event"] == "answer"]
+    assert [line["ok"] for line in answers] == [False] * len(BAD)
+    assert not [line for line in answers if "landing" in line["text"]]
+    assert not [line for line in answers if "in progress" in line["text"]]
+    ((kind, said),) = guard_events(folder)
+    assert kind == "refused"
+    assert "outside of the fence's side" in said
     assert result.fence_changes == ()

@@ -14,7 +14,7 @@ from orchestrator.model.results import RunResult
 from orchestrator.run.vehicles import vehicle_backends
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState
-from tests.orchestrator.conftest import Fly
+from tests.orchestrator.conftest import BRIEF, Fly
 from tests.orchestrator.flights import log_of
 from tests.vehicles.embedded.charge import set_remaining
 from vehicles.embedded.autopilot.copter.copter_core import CopterCore
@@ -121,7 +121,7 @@ def test_a_gps_that_is_not_fit_to_fly_by(
 
 def test_who_flies_without_gps_may_say_so(fly_run: Fly, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(Px4Core.builders, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, gps_of(0, 255, 65535))
-    result, _ = fly_run(mode="sim", sets=("preflight.gps=null",))
+    result, _ = fly_run(mode="sim", sets=(*BRIEF, "preflight.gps=null"))
     assert result.verdict == "PASS"
     assert not [item for item in result.preflight if item.check == "gps"]
 
@@ -155,7 +155,7 @@ def silent(vehicle: EmbeddedVehicle) -> None:
 def test_motion_capture_that_is_slow_or_silent(
     fly_run: Fly, fault: Callable[[EmbeddedVehicle], None], said: list[str]
 ) -> None:
-    refused = refusals(fly_run(has_cameras=False, disturb=once_ready("real", fault)))
+    refused = refusals(fly_run(disturb=once_ready("real", fault)))
     assert [text[: len(start)] for text, start in zip(refused, said, strict=True)] == said
 
 
@@ -166,7 +166,7 @@ def test_a_vehicle_that_stands_elsewhere(fly_run: Fly, monkeypatch: pytest.Monke
         return replace(made, start=aside) if made.source == "real" else made
 
     monkeypatch.setattr(vehicle_backends, "EmbeddedConfig", config)
-    refused = refusals(fly_run(has_cameras=False))
+    refused = refusals(fly_run())
     assert [text.split(":")[0] for text in refused] == ["real position", "real home", "pair"]
     assert "1.3 m, and at most 0.5 m is allowed" in refused[0]
     assert "m outside of the fence's side" in refused[1]
@@ -179,7 +179,7 @@ def test_a_clock_that_is_not_known_well_enough(fly_run: Fly) -> None:
 
 
 def test_an_override_is_reported_at_the_end(fly_run: Fly) -> None:
-    sets = ("preflight.min_battery=1", "preflight.override={battery: J. Doe}")
+    sets = (*BRIEF, "preflight.min_battery=1", "preflight.override={battery: J. Doe}")
     disturb = once_ready("twin", lambda vehicle: set_remaining(vehicle._body.battery, 0.5))
     result, _ = fly_run(mode="sim", sets=sets, disturb=disturb)
     assert result.verdict == "PASS"
