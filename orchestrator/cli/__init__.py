@@ -20,6 +20,11 @@ INTERNAL_ERROR = 3
 INTERRUPTED = 130
 
 _COMMANDS = (
+    (
+        "init",
+        "orchestrator.cli.commands.init:init",
+        "Write a campaign that flies at once, to be changed.",
+    ),
     ("run", "orchestrator.cli.commands.run:run", "Fly a campaign and write its verdicts."),
     (
         "validate",

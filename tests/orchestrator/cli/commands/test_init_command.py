@@ -1,0 +1,56 @@
+"""init: what it writes is a campaign, and it overwrites nothing."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from campaigns.expansion.expansion import load_campaign
+from orchestrator.cli import main
+
+Capture = pytest.CaptureFixture[str]
+
+
+def test_what_is_written_is_a_campaign_with_a_control(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", "first"]) == 0
+    assert capsys.readouterr().out.endswith("next: wil-campaign run first/campaign.yaml\n")
+    campaign = load_campaign(Path("first/campaign.yaml"))
+    assert campaign.name == "first"
+    assert [run.name for run in campaign.runs] == [
+        f"{case}/{mode}/1" for case in ("wide", "narrow") for mode in ("sim", "wil")
+    ]
+    assert [run.name for run in campaign.controls] == ["blind/sim/1", "blind/wil/1"]
+    assert campaign.warnings == ()
+    written = {path.relative_to("first").as_posix() for path in Path("first").rglob("*.*")}
+    workflow = yaml.safe_load(Path("first/.github/workflows/wil-campaign.yml").read_text())
+    commands = [step["run"] for step in workflow["jobs"]["fly"]["steps"] if "run" in step]
+    assert commands[-1].startswith("wil-campaign run campaign.yaml")
+    assert written >= {"campaign.yaml", "world.yaml", "recipe.yaml", "autonomy.py"}
+    assert not any("@NAME@" in path.read_text() for path in Path("first").rglob("*.y*ml"))
+
+
+def test_nothing_is_overwritten(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "world.yaml").write_text("mine")
+    assert main(["init", "first", "--in", str(tmp_path)]) == 2
+    assert "has world.yaml already; nothing was written" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["world.yaml"]
+
+
+@pytest.mark.parametrize("name", ["", "../up", "a b", ".hidden", "x" * 65, "a\x1b[31m"])
+def test_a_name_that_is_no_folder_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", name]) == 2
+    assert "becomes a folder" in (said := capsys.readouterr().err)
+    assert "\x1b" not in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_place_that_cannot_be_written_is_an_error(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "file").write_text("")
+    assert main(["init", "first", "--in", str(tmp_path / "file" / "below")]) == 3
+    assert "cannot be written" in capsys.readouterr().err
