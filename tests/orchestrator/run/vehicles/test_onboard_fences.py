@@ -15,7 +15,7 @@ from orchestrator.model.results import RunResult
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState, Stage
 from safety.guard.core.operator_command import OperatorCommand
-from tests.orchestrator.conftest import ROOT
+from tests.orchestrator.conftest import BRIEF, ROOT
 from tests.orchestrator.flights import all_landed, log_of
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.mavlink.framing import FrameSplitter
@@ -25,6 +25,8 @@ TIGHTER = "box: {north_m: [-0.9, 4.7], east_m: [-1.8, 1.8], up_m: [-0.5, 2.0]}"
 WIDER = "box: {north_m: [-0.9, 9], east_m: [-5, 5], up_m: [-0.5, 3.5]}"
 NO_WAY_HOME = "box: {north_m: [1.2, 4.7], east_m: [-1.5, 1.5], up_m: [-0.5, 2.0]}"
 MIXED = ("vehicles.twin.autopilot=ardupilot", "sync.max_takeoff_skew_s=5")
+AHEAD = (*BRIEF, "autonomy.with={speed_m_s: 0.4, for_s: 5}")
+"""Two metres ahead, on this side of the gate: time for a fence."""
 CAN_GO_DARK = "links.twin={blackouts: [{from_s: 900, for_s: 1}]}"
 MISSION_COUNT, PARAM_SET = 44, 23
 
@@ -80,7 +82,9 @@ def kept(vehicle: Any) -> tuple[int, float]:
 
 
 def flown(fly_run: Fly, operator: Operator, *sets: str, **more: Any) -> tuple[RunResult, Path]:
-    return fly_run(inbox=operator, disturb=operator, report=operator.hear, sets=sets, **more)
+    return fly_run(
+        inbox=operator, disturb=operator, report=operator.hear, sets=(*AHEAD, *sets), **more
+    )
 
 
 def flown_alone(fly_run: Fly, operator: Operator, *sets: str) -> tuple[RunResult, Path]:
@@ -92,20 +96,13 @@ def event_texts(folder: Path, *kinds: str) -> list[str]:
     return [line["text"] for line in lines if line["kind"] in kinds]
 
 
-@pytest.mark.parametrize(
-    ("sets", "document", "new"),
-    [((), WIDER, (6, 4.5)), (MIXED, TIGHTER, (3, 3.0))],
-    ids=["px4", "px4 and ardupilot"],
-)
-def test_both_autopilots_have_the_new_fence(
-    fly_run: Fly, sets: tuple[str, ...], document: str, new: tuple[int, float]
-) -> None:
-    operator = Operator((0.5, asks(document)))
-    result, folder = flown(fly_run, operator, *sets)
+def test_both_autopilots_have_the_new_fence(fly_run: Fly) -> None:
+    operator = Operator((0.5, asks(TIGHTER)))
+    result, folder = flown(fly_run, operator, *MIXED)
     assert (result.verdict, result.reason) == ("PASS", "")
     before, after = operator.aboard
     assert before == {"real": (4, 3.3), "twin": (4, 3.3)}
-    assert after == {"real": new, "twin": new}
+    assert after == {"real": (3, 3.0), "twin": (3, 3.0)}
     ((at_s, word, text),) = operator.answers
     assert (word, text) == ("ok", "anna changed the fence of real and twin")
     assert at_s < 2.0
@@ -122,7 +119,9 @@ def test_both_autopilots_have_the_new_fence(
 
 def test_it_is_judged_again_by_the_fence_that_held_then(fly_run: Fly) -> None:
     small = ("geofence.box.north_m=[-0.8, 3.2]",)
-    result, folder = flown_alone(fly_run, Operator((0.2, asks(WIDER))), *small)
+    operator = Operator((0.2, asks(WIDER)))
+    given = {"inbox": operator, "disturb": operator, "report": operator.hear}
+    result, folder = fly_run(mode="sim", sets=small, **given)
     assert (result.verdict, result.reason) == ("PASS", "")
     assert [(one.by, one.vehicles) for one in result.fence_changes] == [("anna", ("twin",))]
     write_whole(folder / "result.json", to_json(result))
@@ -142,7 +141,7 @@ def test_each_vehicle_may_get_one_of_its_own(fly_run: Fly) -> None:
 def test_what_one_autopilot_refuses_none_keeps(fly_run: Fly) -> None:
     # ArduCopter takes a fence that leaves its home out, PX4 does not.
     operator = Operator((3.5, asks(NO_WAY_HOME)))
-    result, folder = flown(fly_run, operator, *MIXED)
+    result, folder = flown(fly_run, operator, *MIXED, "autonomy.with.speed_m_s=0.8")
     assert (result.verdict, result.reason) == ("PASS", "")
     ((_, word, text),) = operator.answers
     assert word == "refused"
