@@ -1,13 +1,16 @@
 """`wil-campaign run` as a program: whoever looks on goes, the disk is full, signals come."""
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ from orchestrator.cli import main
 from tests.orchestrator.hover import STILL, WORLD, write_hover
 
 ROOT = Path(orchestrator.cli.__file__).parents[2]
+pytestmark = pytest.mark.usefixtures("forked_workers")
 
 
 @pytest.fixture
@@ -45,7 +49,7 @@ def verdicts(campaign: Path) -> list[str]:
     return [run["verdict"] for run in summary_of(campaign)["runs"]]
 
 
-@pytest.mark.parametrize("redirection", ["| head -n 1", "> /dev/full", ">&- 2>&- <&-"])
+@pytest.mark.parametrize("redirection", ["| head -n 1", ">&- 2>&- <&-"])
 def test_a_campaign_flies_on_when_nobody_looks_on(campaign: Path, redirection: str) -> None:
     line = " ".join(command(campaign))
     done = subprocess.run(  # noqa: S603 - our own interpreter
@@ -59,45 +63,77 @@ def test_a_campaign_flies_on_when_nobody_looks_on(campaign: Path, redirection: s
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_document_that_nobody_takes_is_no_success(campaign: Path) -> None:
+@pytest.mark.parametrize(("options", "code"), [((), 0), (("--json",), 3)])
+def test_a_document_that_nobody_takes_is_no_success_and_progress_need_not_be_taken(
+    campaign: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...],
+    code: int,
+) -> None:
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(  # noqa: S603 - our own interpreter
-            command(campaign, "--json"),
-            cwd=ROOT,
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
-        )
-    assert done.returncode == 3
-    assert done.stderr == "standard output: No space left on device\n"
+        monkeypatch.setattr(sys, "stdout", full)
+        assert main([*command(campaign)[3:], *options]) == code
+    complaint = "standard output: No space left on device\n"
+    assert capsys.readouterr().err == (complaint if code else "")
     assert verdicts(campaign) == ["PASS", "PASS"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
-def test_a_signal_to_the_whole_group_lands_what_flies(
-    campaign: Path, number: signal.Signals
-) -> None:
-    slow = command(campaign, "--set", "autonomy={use: still.py:Still, with: {ticks: 1000000}}")
-    with subprocess.Popen(  # noqa: S603 - our own interpreter
-        slow, cwd=ROOT, start_new_session=True, stdout=subprocess.PIPE, text=True
-    ) as running:
-        log = campaign.parent / "out" / "hover"
-        deadline_s = time.monotonic() + 100.0
-        while '"goal"' not in "".join(p.read_text() for p in log.glob("*/*/*/*/log.jsonl")):
-            assert time.monotonic() < deadline_s
-            time.sleep(0.1)
-        os.killpg(running.pid, number)
-        said, _ = running.communicate(timeout=100.0)
-    name = "Ctrl-C" if number == signal.SIGINT else number.name
-    assert running.returncode == 130
+def wait_for_the_goal(campaign: Path) -> None:
+    log = campaign.parent / "out" / "hover"
+    deadline_s = time.monotonic() + 100.0
+    while '"goal"' not in "".join(p.read_text() for p in log.glob("*/*/*/*/log.jsonl")):
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
+
+
+def assert_aborted(campaign: Path, by: str, said: str) -> None:
     (run,) = summary_of(campaign)["runs"]
-    assert (run["verdict"], run["reason"]) == ("ABORTED", f"aborted by {name}")
+    assert (run["verdict"], run["reason"]) == ("ABORTED", f"aborted by {by}")
     (landed,) = [oracle for oracle in run["oracles"] if oracle["name"] == "landed"]
     assert landed["verdict"] == "PASS"
     assert summary_of(campaign)["not_flown"] == ["default/sim/2"]
     assert "never flown: default/sim/2\n" in said
     assert "not accepted; never flown: 1 of 2" in said
+
+
+ENDLESS = ("--set", "autonomy={use: still.py:Still, with: {ticks: 1000000}}")
+
+
+def test_a_signal_to_the_whole_group_lands_what_flies(campaign: Path) -> None:
+    with subprocess.Popen(  # noqa: S603 - our own interpreter
+        command(campaign, *ENDLESS),
+        cwd=ROOT,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as running:
+        try:
+            wait_for_the_goal(campaign)
+            os.killpg(running.pid, signal.SIGINT)
+            said, _ = running.communicate(timeout=100.0)
+        finally:
+            if running.poll() is None:
+                os.killpg(running.pid, signal.SIGKILL)
+    assert running.returncode == 130
+    assert_aborted(campaign, "Ctrl-C", said)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_other_signals_land_what_flies(
+    campaign: Path, capsys: pytest.CaptureFixture[str], number: signal.Signals
+) -> None:
+    def send() -> None:
+        wait_for_the_goal(campaign)
+        for worker in multiprocessing.active_children():
+            os.kill(worker.pid or 0, number)
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+
+    with ThreadPoolExecutor(1) as pool:
+        sending = pool.submit(send)
+        assert main([*command(campaign)[3:], *ENDLESS]) == 130
+        sending.result()
+    assert_aborted(campaign, number.name, capsys.readouterr().out)
 
 
 def test_before_it_flies_a_document_says_that_nothing_has_passed(
