@@ -1,11 +1,14 @@
 """Campaigns that were cut off and are taken up: nothing twice, nothing lost, nothing mixed."""
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -32,6 +35,7 @@ from safety.model.oracle_results import Verdict
 from tests.orchestrator.hover import write_hover
 
 ROOT = Path(orchestrator.cli.__file__).parents[2]
+pytestmark = pytest.mark.usefixtures("forked_workers")
 
 
 def result_of(plan: RunPlan, verdict: Verdict = "PASS", reason: str = "") -> RunResult:
@@ -401,24 +405,18 @@ class NoCommands:
         self.polled = True
 
 
-KILLED_BETWEEN = """
-import os, signal, sys
-from pathlib import Path
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.cli.progress_display import SilentDisplay
-from orchestrator.campaign.campaign_runner import FlyingSettings, fly_campaign
-
 class Killing(SilentDisplay):
-    def finished(self, result):
+    """Kills its process between two runs."""
+
+    def finished(self, result: RunResult) -> None:
         if result.rep == 2:
             os.kill(os.getpid(), signal.SIGKILL)
 
-if __name__ == "__main__":
-    path = Path(sys.argv[1])
+
+def fly_until_killed(path: Path) -> None:
     campaign = load_campaign(path, Options(repetitions=4))
     settings = FlyingSettings(out=path.parent / "out", clock="virtual", jobs=1)
     fly_campaign(campaign, settings, Killing())
-"""
 
 
 def resumed(campaign: Path) -> dict[str, Any]:
@@ -431,69 +429,74 @@ def resumed(campaign: Path) -> dict[str, Any]:
 
 
 def test_killed_between_two_runs(campaign: Path) -> None:
-    script = campaign.parent / "killed.py"
-    script.write_text(KILLED_BETWEEN)
-    done = subprocess.run(  # noqa: S603 - our own interpreter
-        [sys.executable, str(script), str(campaign)],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        check=False,
-    )
-    assert done.returncode == -signal.SIGKILL
+    context = multiprocessing.get_context("forkserver")
+    process = context.Process(target=fly_until_killed, args=(campaign,))
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
     before = {path.parent.name for path in folder_of(campaign).glob("default/sim/*/result.json")}
     assert before >= {"1", "2"}
     summary = resumed(campaign)
     assert [bool(one["attempts"]) for one in summary["runs"]][:2] == [False, False]
 
 
-@pytest.mark.parametrize("all_at_once", [False, True])
-def test_killed_during_a_run(campaign: Path, *, all_at_once: bool) -> None:
-    """The program alone is killed, whose run lands; or its run with it, as when the power goes."""
-    still = campaign.parent / "still.py"
-    slow = campaign.parent / "slow"
+@contextmanager
+def slowed(campaign: Path, tick: str) -> Iterator[None]:
+    """Have the campaign's flights stay at their goal meanwhile; later ones end by `tick`."""
+    still, slow = campaign.parent / "still.py", campaign.parent / "slow"
     slow.touch()
-    still.write_text(
-        "import pathlib\n"
-        + still.read_text().replace(
-            "ticks -= 1", f"ticks -= not pathlib.Path({str(slow)!r}).exists()"
-        )
-    )
+    tick = f"ticks -= {tick} * (not pathlib.Path({str(slow)!r}).exists())"
+    still.write_text("import pathlib\n" + still.read_text().replace("ticks -= 1", tick))
+    yield
+    slow.unlink()
+
+
+def killed(campaign: Path, *options: str, when: Callable[[], object], all_at_once: bool) -> None:
+    """Start the program, and kill it, or all of its processes."""
     command = [sys.executable, "-m", "orchestrator.cli", "run", str(campaign), "--jobs", "1"]
     with subprocess.Popen(  # noqa: S603 - our own interpreter
-        [*command, "--out", str(campaign.parent / "out"), "--repetitions", "4"],
+        [*command, "--out", str(campaign.parent / "out"), "--repetitions", "4", *options],
         cwd=ROOT,
         start_new_session=True,
         stdout=subprocess.DEVNULL,
     ) as running:
-        wait_for(lambda: '"goal"' in text_of(campaign, "default/sim/1/log.jsonl"))
+        try:
+            wait_for(when)
+        except BaseException:
+            os.killpg(running.pid, signal.SIGKILL)
+            raise
         (os.killpg if all_at_once else os.kill)(running.pid, signal.SIGKILL)
-    slow.unlink()
+
+
+def test_killed_alone_during_a_run_that_then_lands(campaign: Path) -> None:
+    with slowed(campaign, "1"):
+        at_goal = partial(reaches_goal, campaign)
+        killed(campaign, when=at_goal, all_at_once=False)
     first = resumed(campaign)["runs"][0]
     (attempt,) = first["attempts"]
-    assert attempt["verdict"] == (None if all_at_once else "ABORTED")
+    assert attempt["verdict"] == "ABORTED"
     assert first["reason"].startswith("passed at attempt 2; before: ")
 
 
-def test_killed_twice_no_run_is_counted_twice(campaign: Path) -> None:
-    out = campaign.parent / "out"
-    still = campaign.parent / "still.py"
-    still.write_text(still.read_text().replace("ticks -= 1", "ticks -= 0.02"))
-    command = [sys.executable, "-m", "orchestrator.cli", "run", str(campaign), "--jobs", "1"]
-    command += ["--out", str(out), "--repetitions", "4"]
-    for count, more in enumerate(([], ["--resume"]), 1):
-        with subprocess.Popen(  # noqa: S603 - our own interpreter
-            [*command, *more], cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL
-        ) as running:
-            finished = f"default/sim/{count}/result.json"
-            wait_for(partial(text_of, campaign, finished))
-            os.killpg(running.pid, signal.SIGKILL)
+def test_killed_twice_with_its_run_no_run_is_counted_twice(campaign: Path) -> None:
+    """As when the power goes: in the middle of a run, and once more after it was flown again."""
+    with slowed(campaign, "0.02"):
+        killed(campaign, when=partial(reaches_goal, campaign), all_at_once=True)
+    finished = partial(text_of, campaign, "default/sim/1/result.json")
+    killed(campaign, "--resume", when=finished, all_at_once=True)
     summary = resumed(campaign)
-    # The first was whole before anybody was killed; a later one may have been in flight then.
-    assert not summary["runs"][0]["attempts"]
+    (attempt,) = summary["runs"][0]["attempts"]
+    assert attempt["verdict"] is None
     assert summary["totals"]["runs"] == summary["totals"]["passed"] == 4
-    for one in summary["runs"]:
+    # The first was whole before the second time; a later one may have been in flight then.
+    assert summary["runs"][0]["reason"].startswith("passed at attempt 2; before: ")
+    for one in summary["runs"][1:]:
         if one["attempts"]:
             assert one["reason"].startswith(f"passed at attempt {len(one['attempts']) + 1}; before")
+
+
+def reaches_goal(campaign: Path) -> bool:
+    return '"goal"' in text_of(campaign, "default/sim/1/log.jsonl")
 
 
 def text_of(campaign: Path, name: str) -> str:
