@@ -57,3 +57,8 @@ class CampaignDocuments:
     summary: Summary | None = None
     manifest: Mapping[str, Data] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
+
+    @property
+    def run_problems(self) -> tuple[str, ...]:
+        """Return what is missing or cannot be read of runs, each with the run's name."""
+        return tuple(f"{one.name}: {text}" for one in self.entries for text in one.problems)

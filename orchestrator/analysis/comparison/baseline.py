@@ -33,7 +33,7 @@ class FlownSet:
         return [
             f"{folder}: {text}"
             for folder, campaign in zip(self.folders, self.campaigns, strict=True)
-            for text in (*campaign.problems, *(p for one in campaign.entries for p in one.problems))
+            for text in (*campaign.problems, *campaign.run_problems)
         ]
 
 

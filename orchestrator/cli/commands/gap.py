@@ -39,10 +39,10 @@ def gap(
         out(study_json(campaign, study).rstrip())
     else:
         out(study_text(study))
-    problems = [text for entry in campaign.entries for text in entry.problems]
-    for text in (*campaign.problems, *dict.fromkeys(problems)):
+    problems = (*campaign.problems, *campaign.run_problems)
+    for text in problems:
         err(printable(text))
     if not study.gap.figures:
         err("there is no gap to measure: it needs flights of mode real, and of sim or wil")
-    damaged = bool(campaign.problems or problems or study.gap.left_out)
+    damaged = bool(problems or study.gap.left_out)
     return 3 if damaged else 0 if study.gap.figures else 2

@@ -105,7 +105,7 @@ def _read(folders: Iterable[Path], problems: list[str]) -> list[FlightRecord]:
             except ResultsFolderError as error:
                 problems.append(str(error))
                 continue
-            damaged = (*documents.problems, *(p for e in documents.entries for p in e.problems))
+            damaged = (*documents.problems, *documents.run_problems)
             problems += [f"{path}: {text}" for text in damaged]
             found += records_of(documents)
     return found

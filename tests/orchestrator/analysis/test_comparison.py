@@ -119,7 +119,7 @@ def test_the_baseline_is_the_last_campaigns_before(tmp_path: Path, capsys: Captu
         ("file", 2, "is a file"),
         ("empty", 2, "no results folder"),
         ("nothing shared", 2, "they share no case and mode: b/wil; and a/wil"),
-        ("other version", 3, "result.json is truncated, damaged or of another version"),
+        ("other version", 3, "a/wil/1: result.json is truncated, damaged or of another version"),
         ("unproven", 3, ""),
         ("nothing before", 2, "holds no campaign that was flown before"),
     ],

@@ -131,4 +131,4 @@ def test_nothing_to_show_and_damaged_folders(tmp_path: Path, capsys: Capture) ->
     assert main(["history", str(tmp_path / "results")]) == 3
     outcome = capsys.readouterr()
     assert "1/1" in outcome.out
-    assert "result.json is truncated" in outcome.err
+    assert "a/wil/2: result.json is truncated" in outcome.err
