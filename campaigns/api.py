@@ -11,6 +11,7 @@ from vehicles.autonomy import Autonomy, AutonomyFactory, Command, PerceivesRaw, 
 from vehicles.perception.blobs import Blob, BlobFinder, Borders, Box, Opening
 from vehicles.perception.detector import Detection, DetectorError, OnnxDetector
 from vehicles.perception.hsv import NAMED_COLORS, HsvMask, HsvRange
+from vehicles.perception.shipped_detector import shipped_detector
 from vehicles.poses.pose_history import PoseAt, PoseHistory
 from vehicles.readings import (
     CameraReading,
@@ -84,6 +85,7 @@ __all__ = [
     "quat_from_euler",
     "rotate",
     "scale",
+    "shipped_detector",
     "subtract",
     "wrap_pi",
 ]

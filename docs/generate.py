@@ -111,7 +111,7 @@ SECTIONS: tuple[tuple[str, str, str], ...] = (
         "campaigns.api",
         (
             "HsvRange NAMED_COLORS HsvMask BlobFinder Blob Box Borders Opening"
-            " OnnxDetector Detection DetectorError"
+            " OnnxDetector Detection DetectorError shipped_detector"
         ),
     ),
     (

@@ -9,6 +9,7 @@ from pathlib import Path
 from campaigns.checks.autonomy_checks import IsolatedBuilds
 from campaigns.checks.case_warnings import case_warnings, caveats_of
 from campaigns.expansion.case_reader import gathered, read_setup, unique
+from campaigns.expansion.composition import compose, is_composition
 from campaigns.expansion.controls import (
     Expectation,
     control_problems,
@@ -126,6 +127,8 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     """Return a campaign file expanded into its runs. Raises BadInput with every problem."""
     options = options or Options()
     original = load(path)
+    if is_composition(original):
+        return compose(original, options, load_campaign)
     overrides = _option_overrides(options)
     base = _with_overrides(original, overrides)
     problems: list[Problem] = []

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from worlds.frames import Pose
-from worlds.scene.gait import Joint, limb_pose, limb_travel
+from worlds.scene.gait import CHORD_S, Joint, limb_pose, limb_travel
 from worlds.scene.motion import AT_REST, Motion, Travel
 from worlds.scene.shapes import Shape
 
@@ -82,10 +82,13 @@ class RigidBody:
         return travel if self.joint is None else limb_travel(self.joint, travel)
 
     def is_even(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> bool:
-        """Return whether the body rests, or moves straight, evenly and unturned."""
+        """Return whether the body rests, or moves straight, evenly and unturned.
+
+        A limb does for no longer than CHORD_S while its object moves.
+        """
         if self.joint is None:
             return self.thing.is_even(from_s, to_s, events)
-        return self.thing.travel(from_s, to_s, events) == AT_REST
+        return to_s - from_s <= CHORD_S or self.thing.travel(from_s, to_s, events) == AT_REST
 
 
 @dataclass(frozen=True, slots=True, eq=False)

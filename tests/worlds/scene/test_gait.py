@@ -11,7 +11,7 @@ from worlds.clearance.clearance import BoxShape, ClearanceProbe
 from worlds.frames import Pose, Vec3, angle_between, norm, subtract
 from worlds.rays.raycast import RayCaster
 from worlds.scene import shapes
-from worlds.scene.gait import ANKLE_M, HIP_M, JOINTS, Joint, limb_pose, step_m
+from worlds.scene.gait import ANKLE_M, CHORD_S, HIP_M, JOINTS, Joint, limb_pose, step_m
 from worlds.scene.motion import Motion, Stride, Waypoint
 from worlds.scene.scene import Scene, SceneObject
 
@@ -105,3 +105,19 @@ def test_one_clearance_is_reported_of_all_limbs_and_it_is_the_least() -> None:
         apart.append(found.clearance_m)
     (whole,) = probe.sweep(Pose((1.0, 1.5, -1.0)), 2.0, Pose((1.0, 1.5, -1.0)), 2.0)
     assert whole.clearance_m == pytest.approx(min(apart), abs=1e-3)
+
+
+@pytest.mark.parametrize(("speed_m_s", "within_m"), [(1.4, 0.01), (2.5, 0.03)])
+def test_a_limb_goes_nearly_straight_between_two_samples(speed_m_s: float, within_m: float) -> None:
+    walk = Motion(BEGIN, (Waypoint((0.0, 6.0, 0.0), speed_m_s),), acceleration_m_s2=speed_m_s)
+    walker = SceneObject(1, "walker", PERSON, BEGIN, walk)
+    worst_m = 0.0
+    for body in walker.bodies:
+        tip = body.shape.mesh.vertices_m[int(np.argmax(body.shape.mesh.vertices_m[:, 2]))]
+        point: Vec3 = (float(tip[0]), float(tip[1]), float(tip[2]))
+        for t_s in np.arange(0.0, 6.0, 0.013):
+            first, last = (body.pose_at(t).to_parent(point) for t in (t_s, t_s + CHORD_S))
+            there = body.pose_at(t_s + CHORD_S / 2).to_parent(point)
+            middle = tuple((a + b) / 2 for a, b in zip(first, last, strict=True))
+            worst_m = max(worst_m, math.dist(there, middle))
+    assert 0.0001 < worst_m < within_m

@@ -1,0 +1,64 @@
+"""What a detector's box tells of an object: its direction and its size, in a level frame ahead."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from campaigns.api import CameraReading, Detection, OnnxDetector, shipped_detector
+from campaigns.autonomies.gate_sight import View
+
+
+@dataclass(frozen=True, slots=True)
+class BoxSight:
+    """A box in a level frame: slopes of its centre (metres per metre ahead), and its sides alike.
+
+    area: width times height, as slopes: of an object of area A at a distance d it is A / d^2.
+    """
+
+    right: float
+    down: float
+    width: float
+    height: float
+
+    @property
+    def area(self) -> float:
+        """Return the area of the box, as a product of slopes."""
+        return self.width * self.height
+
+
+class BoxFinder:
+    """Finds the surest box of one class in images.
+
+    model: an ONNX file of the YOLO family beside this file, with the names of its classes and the
+    side of its input; "" is the shipped detector. Raises ValueError, DetectorError.
+    """
+
+    def __init__(
+        self, wanted: str, *, model: str = "", names: Sequence[str] = (), input_px: int = 640
+    ) -> None:
+        self._wanted = wanted
+        if not model:
+            self._detector = shipped_detector()
+            return
+        if wanted not in names:
+            raise ValueError(f"the detector '{model}' needs a class '{wanted}' among its names")
+        path = Path(__file__).parent / model
+        self._detector = OnnxDetector(path, names=names, input_px=(input_px, input_px))
+
+    def find(self, reading: CameraReading) -> Detection | None:
+        """Return the surest detection of the class in an image; None without any."""
+        found = self._detector.detect(reading.image_bgr)
+        return next((one for one in found if one.name == self._wanted), None)
+
+
+def box_sight(found: Detection, view: View) -> BoxSight | None:
+    """Return what a box tells from a view; None for one behind the camera's level plane."""
+    u_px, v_px = (found.left_px + found.right_px) / 2, (found.top_px + found.bottom_px) / 2
+    left, right = view.slopes(found.left_px, v_px), view.slopes(found.right_px, v_px)
+    top, bottom = view.slopes(u_px, found.top_px), view.slopes(u_px, found.bottom_px)
+    if left is None or right is None or top is None or bottom is None:
+        return None
+    width, height = right[0] - left[0], bottom[1] - top[1]
+    if width <= 0.0 or height <= 0.0:
+        return None
+    return BoxSight((left[0] + right[0]) / 2, (top[1] + bottom[1]) / 2, width, height)

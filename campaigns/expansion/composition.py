@@ -1,0 +1,206 @@
+"""Several campaigns as one: their runs in one folder, each case named by its campaign.
+
+A run of a part has the seed, the files and the requirement that it has in the file of the part, and
+so flies as it does there.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from campaigns.expansion.case_reader import unique
+from campaigns.schema.composition import CompositionPart
+from worlds.files.documents import BadInput, Document, Problem, check, closest, load
+
+if TYPE_CHECKING:
+    from campaigns.expansion.expansion import Campaign, Options, RunPlan
+
+    Load = Callable[[Path, Options], Campaign]
+
+
+def is_composition(document: Document) -> bool:
+    """Return whether a campaign file names other campaigns as its parts."""
+    return document.get(("campaigns",)) is not None
+
+
+def compose(document: Document, options: "Options", load_part: "Load") -> "Campaign":
+    """Return the campaign of a file that names others, expanded. Raises BadInput.
+
+    load_part: what expands one campaign file. Cases and controls are named `part.case`; options
+    select them by these names, and else hold for every part.
+    """
+    part = check(document, CompositionPart)
+    problems: list[Problem] = []
+    warnings: list[Problem] = []
+    whole: dict[str, Campaign] = {}
+    of_parts: dict[str, Options] = {}
+    for name, file in part.campaigns.items():
+        try:
+            own = _part_document(document, name, file)
+            of_parts[name] = _part_options(own, part, options)
+            whole[name] = load_part(own.path, of_parts[name])
+        except BadInput as error:
+            problems += error.problems
+            warnings += error.warnings
+    if problems:
+        raise BadInput(unique(problems), unique(warnings))
+    _require_known(document, part, whole)
+    chosen = _choose(whole, options.cases)
+    parts, left_out = {}, []
+    for name, campaign in whole.items():
+        wanted = chosen[name]
+        if not wanted:
+            left_out.append(f"the campaign {name}")
+        elif len(wanted) < len(_case_names(campaign)):
+            path = document.path.parent / part.campaigns[name]
+            parts[name] = load_part(path, replace(of_parts[name], cases=wanted))
+        else:
+            parts[name] = campaign
+    return _merge(document, part, parts, left_out, options)
+
+
+def _part_document(document: Document, name: str, file: str) -> Document:
+    """Return the file of a composition's part. Raises BadInput."""
+    path = document.path.parent / file
+    at = ("campaigns", name)
+    if not path.is_file():
+        others = [one.name for one in path.parent.glob("*.yaml")] if path.parent.is_dir() else []
+        said = f"campaign file '{file}' does not exist"
+        raise BadInput([document.problem(at, said, closest(file, others))])
+    own = load(path)
+    if is_composition(own):
+        said = f"'{file}' names campaigns itself; name those here"
+        raise BadInput([document.problem(at, said)])
+    return own
+
+
+def _part_options(own: Document, part: CompositionPart, options: "Options") -> "Options":
+    """Return the options with which a part of a composition is loaded, all its cases.
+
+    The composition's modes are added to those of the part's own file, and selected of them.
+    """
+    sets: tuple[str, ...] = ()
+    given = own.get(("modes",))
+    if part.modes is not None and isinstance(given, list):
+        modes = dict.fromkeys([*(str(mode) for mode in given), *part.modes])
+        sets = (f"modes=[{', '.join(modes)}]",)
+    return replace(
+        options,
+        cases=(),
+        modes=options.modes or tuple(part.modes or ()),
+        repetitions=part.repetitions if options.repetitions is None else options.repetitions,
+        seed=part.seed if options.seed is None else options.seed,
+        sets=(*sets, *options.sets),
+    )
+
+
+def _case_names(campaign: "Campaign") -> tuple[str, ...]:
+    """Return the names of a part's cases and controls."""
+    return (*campaign.cases, *dict.fromkeys(plan.case for plan in campaign.controls))
+
+
+def _require_known(
+    document: Document, part: CompositionPart, parts: Mapping[str, "Campaign"]
+) -> None:
+    """Raise BadInput where published counts name a case that no part has."""
+    known = [f"{name}.{case}" for name, campaign in parts.items() for case in campaign.cases]
+    problems = [
+        document.problem(
+            ("published", "passed", case),
+            f"published names an unknown case '{case}'",
+            closest(case, known),
+            key=True,
+        )
+        for case in (part.published.passed if part.published is not None else ())
+        if case not in known
+    ]
+    if problems:
+        raise BadInput(problems)
+
+
+def _choose(
+    parts: Mapping[str, "Campaign"], patterns: Iterable[str]
+) -> Mapping[str, tuple[str, ...]]:
+    """Return the names that patterns select of each part; all without one. Raises BadInput."""
+    known = {name: _case_names(campaign) for name, campaign in parts.items()}
+    given = tuple(patterns)
+    full = [f"{name}.{case}" for name, cases in known.items() for case in cases]
+    problems = [
+        Problem(
+            f"--case {pattern}",
+            0,
+            0,
+            f"matches none of {', '.join(full)}",
+            "",
+            closest(pattern, full),
+        )
+        for pattern in given
+        if not any(fnmatchcase(name, pattern) for name in full)
+    ]
+    if problems:
+        raise BadInput(problems)
+    return {
+        name: tuple(
+            case
+            for case in cases
+            if not given or any(fnmatchcase(f"{name}.{case}", pattern) for pattern in given)
+        )
+        for name, cases in known.items()
+    }
+
+
+def _merge(
+    document: Document,
+    part: CompositionPart,
+    parts: Mapping[str, "Campaign"],
+    left_out: list[str],
+    options: "Options",
+) -> "Campaign":
+    """Return the campaigns as one, every case and control with its part's name before it."""
+    first = next(iter(parts.values()))
+    each = list(parts.items())
+    controls = [plan for name, one in each for plan in _named(name, one.controls)]
+    left = left_out + [f"{name}: {said}" for name, one in each for said in one.left_out]
+    if not part.fly_controls:
+        left += [f"the controls of {name} (fly_controls: false)" for name, one in each]
+    return replace(
+        first,
+        name=part.campaign,
+        description=part.description,
+        document=document,
+        paths=tuple(
+            dict.fromkeys([document.path, *(p for one in parts.values() for p in one.paths)])
+        ),
+        cases=tuple(f"{name}.{case}" for name, one in each for case in one.cases),
+        modes=tuple(dict.fromkeys(mode for one in parts.values() for mode in one.modes)),
+        repetitions=max(one.repetitions for one in parts.values()),
+        seed=first.seed if part.seed is None else part.seed,
+        setups={f"{name}.{case}": s for name, one in each for case, s in one.setups.items()},
+        runs=tuple(plan for name, one in each for plan in _named(name, one.runs)),
+        requirements=tuple(
+            replace(wanted, case=f"{name}.{wanted.case}")
+            for name, one in each
+            for wanted in one.requirements
+        ),
+        left_out=tuple(left),
+        retries=max(one.retries for one in parts.values()),
+        controls=tuple(controls) if part.fly_controls else (),
+        warnings=unique([said for one in parts.values() for said in one.warnings]),
+        caveats=tuple(
+            dict.fromkeys(f"{name}: {said}" for name, one in each for said in one.caveats)
+        ),
+        options=options,
+    )
+
+
+def _named(name: str, plans: Iterable["RunPlan"]) -> Iterable["RunPlan"]:
+    """Yield a part's runs with its name before their case."""
+    for plan in plans:
+        control = plan.control
+        yield replace(
+            plan,
+            case=f"{name}.{plan.case}",
+            control=None if control is None else replace(control, case=f"{name}.{control.case}"),
+        )

@@ -1,0 +1,28 @@
+"""A campaign file that names other campaigns as its parts."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from campaigns.schema.campaign import Mode, PublishedPart, SafeName
+from worlds.files.documents import Part
+
+FileName = Annotated[str, Field(min_length=1)]
+
+
+class CompositionPart(Part):
+    """A campaign of campaigns. campaigns: by name, each a file beside this one.
+
+    modes, repetitions, seed: for all of them; None: as each has it. fly_controls: whether their
+    controls are flown too. published: counts of others, by `part.case`.
+    """
+
+    schema_: Annotated[Literal["wil/campaign/1"], Field(alias="schema")]
+    campaign: SafeName
+    description: str = ""
+    campaigns: Annotated[dict[SafeName, FileName], Field(min_length=1)]
+    modes: Annotated[list[Mode], Field(min_length=1)] | None = None
+    repetitions: Annotated[int, Field(ge=1, le=100_000)] | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = None
+    fly_controls: bool = True
+    published: PublishedPart | None = None

@@ -1,0 +1,107 @@
+"""Campaigns of campaigns: runs of the parts as their own files have them, under the part's name."""
+
+from typing import Any
+
+import pytest
+
+from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from worlds.files.documents import BadInput
+
+TEXT = """\
+schema: wil/campaign/1
+campaign: both
+campaigns:
+  one: campaign.yaml
+  other: other.yaml
+"""
+CONTROL = """\
+controls:
+  blind: {set: {goal.altitude_m: 1.0}, expect: {oracle: reached}, modes: [sim]}
+"""
+
+
+@pytest.fixture
+def both(files: Any) -> Any:
+    """Return the files with a second campaign and one that names both."""
+    text = files.path.read_text()
+    other = text.replace("campaign: small", "campaign: second").replace("seed: 7", "seed: 8")
+    (files.folder / "other.yaml").write_text(other + CONTROL)
+    (files.folder / "both.yaml").write_text(TEXT)
+    return files
+
+
+def load(files: Any, more: str = "", **options: Any) -> Campaign:
+    (files.folder / "both.yaml").write_text(TEXT + more)
+    return load_campaign(files.folder / "both.yaml", Options(**options))
+
+
+def faults(files: Any, more: str = "", **options: Any) -> list[str]:
+    with pytest.raises(BadInput) as caught:
+        load(files, more, **options)
+    return [one.headline.removeprefix(f"{files.folder}/") for one in caught.value.problems]
+
+
+def test_runs_are_those_of_the_parts_under_their_names(both: Any) -> None:
+    whole, part = load(both), both.load()
+    assert whole.name == "both"
+    assert whole.cases == ("one.large", "one.small", "other.large", "other.small")
+    assert len(whole.runs) == 2 * len(part.runs)
+    for run, own in zip(whole.runs, part.runs, strict=False):
+        assert (run.name, run.seed) == (f"one.{own.name}", own.seed)
+        assert run.files.campaign.data == own.files.campaign.data
+        assert run.required == own.required
+    seeds = {(run.case.partition(".")[0], run.seed) for run in whole.runs}
+    assert len({seed for _, seed in seeds}) == len(seeds)
+    assert {str(one.share) for one in whole.requirements} == {"3/3", "2/3"}
+    assert {one.case for one in whole.requirements} == {"one.large", "other.large"}
+    assert set(whole.setups) >= set(whole.cases)
+    assert both.folder / "other.yaml" in whole.paths
+
+
+def test_modes_repetitions_and_seed_hold_for_every_part_and_options_are_stronger(both: Any) -> None:
+    more = "modes: [sim]\nrepetitions: 2\nseed: 5\n"
+    whole = load(both, more)
+    assert {run.mode for run in whole.runs} == {"sim"}
+    assert max(run.repetition for run in whole.runs) == 2
+    assert whole.runs[0].seed == both.load(seed=5).runs[0].seed
+    assert load(both, more, seed=6).runs[0].seed == both.load(seed=6).runs[0].seed
+    assert len(load(both, more, repetitions=1).runs) == 4
+
+
+def test_a_selection_goes_by_the_names_with_the_part_and_says_what_it_leaves_out(both: Any) -> None:
+    whole = load(both, cases=("one.l*",))
+    assert {run.case for run in whole.runs} == {"one.large"}
+    assert "the campaign other" in whole.left_out
+    (fault,) = faults(both, cases=("large",))
+    assert "matches none of one.large, one.small" in fault
+
+
+def test_controls_are_flown_or_named_as_left_out(both: Any) -> None:
+    whole = load(both)
+    (control,) = whole.controls
+    assert (control.case, control.mode) == ("other.blind", "sim")
+    assert control.control is not None
+    assert control.control.case == "other.large"
+    without = load(both, "fly_controls: false\n")
+    assert without.controls == ()
+    assert any("controls of other" in said for said in without.left_out)
+
+
+def test_faults_stand_where_they_are(both: Any) -> None:
+    assert "both.yaml:5:10: campaign file 'other.yaml' does not exist" in str(
+        (both.folder / "other.yaml").unlink() or faults(both)
+    )
+    (both.folder / "other.yaml").write_text(TEXT)
+    (fault,) = faults(both)
+    assert "'other.yaml' names campaigns itself" in fault
+    (both.folder / "other.yaml").write_text(both.path.read_text() + "nothing: 1\n")
+    (fault,) = faults(both)
+    assert fault.startswith("other.yaml:")
+    (fault,) = faults(both, "vehicles: {}\n")
+    assert fault.startswith("both.yaml:6:1")
+
+
+def test_published_counts_are_of_cases_that_are_there(both: Any) -> None:
+    load(both, "published: {passed: {one.large: {sim: 5/5}}}\n")
+    (fault,) = faults(both, "published: {passed: {large: {sim: 5/5}}}\n")
+    assert "published names an unknown case 'large'" in fault
