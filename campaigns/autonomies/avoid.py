@@ -33,8 +33,8 @@ class AvoidParameters:
     confirmations: float = 2
     window_s: float = 0.6
     least_boxes: float = 5
-    climb_m: float = 0.7
-    climb_speed_m_s: float = 1.0
+    climb_m: float = 0.6
+    climb_speed_m_s: float = 0.8
     for_s: float = 11.0
     kp: float = 1.2
     ki: float = 0.06
