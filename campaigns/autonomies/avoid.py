@@ -30,7 +30,7 @@ class AvoidParameters:
     """
 
     growth_per_s: float = 0.6
-    confirmations: float = 2
+    confirmations: float = 4
     window_s: float = 0.6
     least_boxes: float = 5
     climb_m: float = 0.6
