@@ -17,7 +17,7 @@ from worlds.world_file.world import World
 
 WORLDS = Path(__file__).parents[3] / "worlds"
 CAMERA = Intrinsics.from_fov(640, 480, math.radians(69.0))
-EYE = Pose.of(0.1, 0.0, 1.2)
+EYE = Pose.of(0.1, 0.0, 1.0)
 Box = tuple[float, float, float, float]
 
 
