@@ -10,6 +10,7 @@ from orchestrator.model.results import RunResult
 Fly = Callable[..., tuple[RunResult, Path]]
 
 
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize(("campaign", "case"), [("follow", "walk"), ("avoid", "slow")])
 def test_the_scenario_passes_in_simulation(fly_run: Fly, campaign: str, case: str) -> None:
     result, _ = fly_run(campaign, case, "sim")
