@@ -141,14 +141,17 @@ class Stl(Oracle):
             return self.invalid(str(found), at_s=found.at_s)
         if found.decided_by is None:
             return self.verdict(passed=found.holds)
-        part = part_of(found.decided_by, found.index, self._trace.values(), self._kinds)
+        times_s, values = self._trace.times_s, self._trace.values()
+        part = part_of(found.decided_by, found.index, values, self._kinds)
+        # A failure has the time at which it became one: before and after it others may decide.
+        at_s = times_s[found.index] if found.holds else self._monitor.lost_s(times_s, values)
         return self.verdict(
             passed=found.holds,
             actual=part.actual,
             limit=part.limit,
             unit=part.unit,
             margin=part.margin,
-            at_s=self._trace.times_s[found.index],
+            at_s=at_s,
             detail="" if found.holds else part.violation,
         )
 

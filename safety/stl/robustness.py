@@ -60,6 +60,23 @@ class StlMonitor:
         """Return the best robustness still possible after end_s."""
         return self._evaluate_formula(times_s, signals, end_s, best_after=True)
 
+    def lost_s(self, times_s: Sequence[float], signals: Mapping[str, Values]) -> float | None:
+        """Return the sample from which on the formula fails, whatever follows; None without one.
+
+        None too where only the end of the recording decides, as of an `eventually` with no limit.
+        """
+        first, after = 0, len(times_s)
+        while first < after:
+            middle = (first + after) // 2
+            seen = {name: values[: middle + 1] for name, values in signals.items()}
+            # A sample counts once time has gone on, by the nanosecond of the recording's axis.
+            best = self.at_best(times_s[: middle + 1], seen, times_s[middle] + 1e-9)
+            if isinstance(best, Robustness) and not best.holds:
+                after = middle
+            else:
+                first = middle + 1
+        return times_s[first] if first < len(times_s) else None
+
     def _evaluate_formula(
         self,
         times_s: Sequence[float],

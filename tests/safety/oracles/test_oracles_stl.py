@@ -7,7 +7,7 @@ import pytest
 
 from safety.model.oracle_results import Flag, OracleResult
 from safety.model.samples import LinkSample, PoseSample, StateSample
-from safety.model.verdict import decide
+from safety.model.verdict import DecisiveEvent, decide
 from safety.oracles import Oracle, OracleContext, OracleError
 from safety.oracles.oracle_terms import Stages
 from safety.oracles.stl import Stl
@@ -363,3 +363,25 @@ def test_times_that_go_back_or_stand_still_are_borne() -> None:
     for t_s, up_m in ((3.0, 2.0), (4.0, 2.0), (4.0, 3.0), (3.9, 1.5), (5.0, math.pi)):
         judge.on_pose(pose(t_s, (0, 0, -up_m)))
     assert judge.result(9.0).margin == 0.5
+
+
+@pytest.mark.parametrize(
+    ("text", "at_s"),
+    [
+        ("eventually (up_m >= 5)", None),
+        ("eventually[0,1.5] (up_m >= 5)", 5.0),
+        ("always (up_m <= 2.5)", 4.0),
+        ("eventually (up_m >= 2 and eventually (up_m <= 1))", None),
+    ],
+)
+def test_a_failure_has_the_time_at_which_it_became_one(text: str, at_s: float | None) -> None:
+    """Rows at 3, 4, 5 and 6 s; the worst is none of these times."""
+    result = fly(stl(text), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0), (4.5, 0.0))
+    assert (result.verdict, result.at_s) == ("FAIL", at_s)
+
+
+def test_a_signal_that_ends_comes_before_what_only_the_end_can_fail() -> None:
+    """Else positions that stop would be blamed on what they did not show."""
+    result = fly(stl("eventually (up_m >= 5)"), (2.0, 0.0), (3.0, 0.0))
+    silent = DecisiveEvent(8.0, "INVALID", "no sample since 4 s", "evidence/pose/real")
+    assert decide((silent,), (result,), end_s=9.0).verdict == "INVALID"
