@@ -36,11 +36,11 @@ from tests.faults.alterations import (
 from tests.faults.images import altered_images
 from tests.faults.missions import (
     CAUSES,
-    MISSIONS,
     AutopilotKind,
     Cause,
     JudgedBy,
     Mode,
+    mission_of,
     write_mission,
 )
 from tests.faults.motion_capture import captured
@@ -169,7 +169,7 @@ def fly_mission(
 
 def fails_for_its_cause(fault: SignalFault, result: RunResult) -> bool:
     """Return whether a flight that nothing disturbed fails for the cause that is known."""
-    named = re.search(MISSIONS[fault.cause].expected, result.reason)
+    named = re.search(mission_of(fault.cause, fault.mode).expected, result.reason)
     return result.verdict == "FAIL" and named is not None
 
 
