@@ -19,6 +19,7 @@ from vehicles.mavsdk.messages import Download, FetchLog, ListLogs, Upload
 
 _LIST_S = 60.0
 _LOGS_S, _LOG_S = 30.0, 1800.0
+_LISTINGS = 3
 
 
 class MavsdkMissions(MissionProtocol):
@@ -70,10 +71,15 @@ class MavsdkLogs(VehicleLogs):
     async def _entries(self) -> tuple[LogEntry, ...]:
         if self._client.failed:
             return await super()._entries()
-        try:
-            return (await self._client.order(ListLogs, "list of logs", _LOGS_S)).logs
-        except RefusedError as error:
-            raise LogError(str(error)) from error
+        tries_left = _LISTINGS
+        while True:
+            tries_left -= 1
+            try:
+                return (await self._client.order(ListLogs, "list of logs", _LOGS_S)).logs
+            except RefusedError as error:
+                # mavsdk asks for lost entries, but not again for a list of which nothing came.
+                if error.result != "TIMEOUT" or tries_left == 0:
+                    raise LogError(str(error)) from error
 
     async def _fetch_to(
         self, entry: LogEntry, half: Path, progress: Callable[[int], None] | None

@@ -144,7 +144,7 @@ async def test_a_simulator_that_dies_at_its_start_is_an_error_with_its_words(
         vehicles__twin__link=f"{{launch: ardupilot, binary: {binary}}}",
     )
     async with Program(tmp_path / "out", "--mode", "sim", "--json", *sets) as program:
-        landed = await program.end(60.0)
+        landed = await program.end(110.0)
         assert list((program.runtime / "wil-campaign").iterdir()) == []
     assert landed.code == 3
     (run,) = json.loads(landed.out)["runs"]
