@@ -4,7 +4,7 @@ import os
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 OUTPUT_FILE = "output.txt"
@@ -25,11 +25,11 @@ def kept_output(folder: Path) -> Iterator[None]:
     before = [os.dup(number) for number in (1, 2)]
     over = threading.Event()
     bound = threading.Thread(target=_bound, args=(file, over), name="output", daemon=True)
+    bound.start()
     try:
         _flush()
         for number in (1, 2):
             os.dup2(file, number)
-        bound.start()
         yield
     finally:
         _flush()
@@ -68,6 +68,8 @@ def _cut(file: int) -> None:
 
 
 def _flush() -> None:
+    """Write what Python still holds of both streams; a full disk loses it, and never a result."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
-            stream.flush()
+            with suppress(OSError, ValueError):
+                stream.flush()

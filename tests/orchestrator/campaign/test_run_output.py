@@ -1,5 +1,7 @@
 """What a run prints and leaves behind."""
 
+import errno
+import io
 import os
 import subprocess
 import sys
@@ -38,3 +40,16 @@ def test_a_run_that_prints_without_end_fills_no_disk(
         for _ in range(100):
             os.write(1, b"x" * 99 + b"\n")
     assert (tmp_path / OUTPUT_FILE).stat().st_size == 1000
+
+
+def test_a_full_disk_takes_what_was_printed_and_not_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    class FullDisk(io.StringIO):
+        def flush(self) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with kept_output(tmp_path):
+        monkeypatch.setattr(sys, "stdout", FullDisk())
+    os.write(1, b"afterwards\n")
+    assert capfd.readouterr().out == "afterwards\n"

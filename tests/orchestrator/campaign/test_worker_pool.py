@@ -1,6 +1,7 @@
 """The pool: real processes, real deaths."""
 
 import asyncio
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -209,3 +210,45 @@ def test_each_run_begins_anew_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch
         count, child, asked = outcome.split(" ", 2)
         assert (count, asked) == ("1", "as the campaign's process has it")
         assert not Path(f"/proc/{child}").exists()
+
+
+def fly_into_error(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for a run that fails while its guard still lands; order: where that program is."""
+    del report, inbox
+    folder = Path(order)
+    ours = [sys.executable, "-m", "safety.lands", str(folder / "grandchild")]
+    guard = subprocess.Popen(ours, cwd=folder)  # noqa: S603 - our own
+    while not (folder / "grandchild").exists() and guard.poll() is None:
+        time.sleep(0.01)
+    grandchild = (folder / "grandchild").read_text()
+    left = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    raise ValueError(f"{guard.pid} {grandchild} {left.pid}")
+
+
+def test_a_guard_that_still_lands_outlives_a_run_that_failed(tmp_path: Path) -> None:
+    (tmp_path / "safety").mkdir()
+    (tmp_path / "safety" / "__init__.py").touch()
+    (tmp_path / "safety" / "lands.py").write_text(
+        "import pathlib, subprocess, sys, time\n"
+        "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
+        "out = pathlib.Path(sys.argv[1])\n"
+        "out.with_suffix('.new').write_text(str(child.pid))\n"
+        "out.with_suffix('.new').rename(out)\n"
+        "time.sleep(60)\n"
+    )
+    outcomes: Outcomes = {}
+    pool = Pool[str, str](
+        jobs=1, fly=fly_into_error, report=lambda _: None, done=outcomes.__setitem__
+    )
+    asyncio.run(pool.fly([str(tmp_path)]))
+    lost = outcomes[str(tmp_path)]
+    assert isinstance(lost, WorkerLost)
+    guard, below_guard, left = (int(word) for word in lost.fault.message.split())
+    try:
+        assert Path(f"/proc/{guard}").exists()
+        assert Path(f"/proc/{below_guard}").exists()
+        assert not Path(f"/proc/{left}").exists()
+    finally:
+        for process in (guard, below_guard):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
