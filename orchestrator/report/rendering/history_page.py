@@ -3,13 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from orchestrator.analysis.history.history import HistoryRow, Variation
-from orchestrator.report.rendering.markup import shown
-from orchestrator.report.rendering.page_parts import PACKAGE, policy, resource
-from orchestrator.report.words import number_text
+from orchestrator.report.rendering.page_parts import environment, policy, resource
 
 _WIDE, _HIGH, _EDGE = 360.0, 64.0, 6.0
 
@@ -25,26 +22,21 @@ def render_history(
     rows: Sequence[HistoryRow], variations: Sequence[Variation], *, made_utc: str
 ) -> str:
     """Return the page; everything from a file is escaped, and nothing is asked of the network."""
-    environment = Environment(
-        loader=PackageLoader(PACKAGE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=shown,
-    )
-    environment.filters["number"] = number_text
     style = resource("style.css")
     groups: dict[str, list[HistoryRow]] = {}
     for row in rows:
         groups.setdefault(f"{row.campaign} {row.case} {row.mode}", []).append(row)
-    return environment.get_template("history.html.j2").render(
-        series=[_Series(name, group[-1], _curve(group)) for name, group in groups.items()],
-        rows=rows,
-        variations=variations,
-        policy=policy(style, ""),
-        style=Markup(style),  # noqa: S704 - a file of this package
-        made_utc=made_utc,
+    return (
+        environment()
+        .get_template("history.html.j2")
+        .render(
+            series=[_Series(name, group[-1], _curve(group)) for name, group in groups.items()],
+            rows=rows,
+            variations=variations,
+            policy=policy(style, ""),
+            style=Markup(style),  # noqa: S704 - a file of this package
+            made_utc=made_utc,
+        )
     )
 
 

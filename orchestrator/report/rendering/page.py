@@ -4,11 +4,9 @@ import json
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from urllib.parse import quote
 
 import yaml
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from orchestrator.analysis.model import CampaignDocuments
@@ -18,11 +16,11 @@ from orchestrator.model.results import RunResult
 from orchestrator.report.model import Frame, RunReport, Sight
 from orchestrator.report.rendering import overview
 from orchestrator.report.rendering.map_svg import map_svg
-from orchestrator.report.rendering.markup import shown, visible
-from orchestrator.report.rendering.page_parts import PACKAGE, policy, resource
+from orchestrator.report.rendering.markup import visible
+from orchestrator.report.rendering.page_parts import environment, policy, resource
 from orchestrator.report.rendering.plot_svg import plot_svg, stage_axis_svg, time_axis_svg
 from orchestrator.report.rendering.scan_svg import scan_svg
-from orchestrator.report.words import limit_text, number_text, short_time
+from orchestrator.report.words import number_text, short_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,28 +42,12 @@ class RunPage:
     problems: tuple[str, ...] = ()
 
 
-@cache
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader(PACKAGE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=shown,
-    )
-    environment.filters["number"] = number_text
-    environment.filters["data_uri"] = _data_uri
-    environment.filters["limit"] = limit_text
-    return environment
-
-
 def render_run(run: RunReport, *, anchor: str, video: str | None = None) -> RunPage:
     """Return a run's part of the page. video: a data URI; None links to the file."""
     result = run.result
     verdict = "NO RESULT" if result is None else result.verdict
     html = (
-        _environment()
+        environment()
         .get_template("run.html.j2")
         .render(
             run=run,
@@ -110,7 +92,7 @@ def render_page(
     """Return the whole page."""
     style, script = resource("style.css"), resource("script.js")
     return (
-        _environment()
+        environment()
         .get_template("page.html.j2")
         .render(
             campaign=campaign,
@@ -167,10 +149,6 @@ def _frames(sight: Sight | None) -> list[Frame]:
     if sight is None:
         return []
     return [one for one in (sight.perceived, *sight.beside) if isinstance(one, Frame)]
-
-
-def _data_uri(frame: Frame) -> str:
-    return f"data:image/jpeg;base64,{frame.jpeg}"
 
 
 def _link(run: str, name: str | None) -> str | None:
