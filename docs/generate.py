@@ -68,6 +68,9 @@ def layers_block() -> str:
     parts = ["```text", house(found), "```", ""]
     for layer in found[""]:
         for name in layer:
+            if name not in found:
+                parts += [f"**{name}**", "", first_line(name), ""]
+                continue
             rows = [row.rstrip() for row in package_rows(name, found)]
             parts += [f"**{name}**", "", "```text", *rows, "```", ""]
     return "\n".join(parts)

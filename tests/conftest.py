@@ -14,6 +14,8 @@ settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
 
 
+pytest_plugins = ["pytester"]
+
 ROOT = Path(__file__).parent
 FAST = (
     "orchestrator/cli/test_arming_consent.py",

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parents[1]
-PACKAGES = ("orchestrator", "vehicles", "recipes", "campaigns", "safety", "worlds")
+PACKAGES = ("wil_campaign", "orchestrator", "vehicles", "recipes", "campaigns", "safety", "worlds")
 OLDEST = (3, 11)
 NOT_IMPORTED = {"charset-normalizer", "pillow", "pycollada"}
 """What trimesh reads meshes with."""
-OF_AN_EXTRA = {"amqtt"}
+OF_AN_EXTRA = {"amqtt", "pytest"}
 
 
 def sources(*folders: str) -> Iterator[Path]:

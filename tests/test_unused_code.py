@@ -25,6 +25,9 @@ PUBLIC = {
     "campaigns.autonomies.gate": "campaign files name it",
     "campaigns.autonomies.place": "campaign files name it",
     "campaigns.autonomies.straight": "campaign files name it",
+    "orchestrator.api.pytest_plugin": "the entry point of pytest11",
+    "orchestrator.api.pytest_items": "the plugin imports it by name",
+    "wil_campaign": "what users' programs import",
     "orchestrator.cli": "the entry point wil-campaign",
     "orchestrator.recording.replay_source": "docs/recording.md: a recording as a live source",
 }
@@ -39,6 +42,10 @@ CALLED_FROM_OUTSIDE = {
     "_timer_handle_cancelled": "asyncio calls it",
     "authenticate": "amqtt calls it",
     "topic_filtering": "amqtt calls it",
+    "runtest": "pytest calls it",
+    "reportinfo": "pytest calls it",
+    "oracle_rows": "docs/python.md: programs of users call it",
+    "run_folder": "docs/python.md: programs of users call it",
     "set_level": "JSBSim calls it",
     "file_location": "JSBSim calls it",
 }

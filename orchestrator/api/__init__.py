@@ -1,0 +1,1 @@
+"""What the public Python module is made of: campaigns loaded, flown and read by programs."""

@@ -1,0 +1,146 @@
+"""The process that flies a campaign for another program: request on stdin, messages on stdout.
+
+A process of its own has no event loop, threads, signal handlers or main module of the program's,
+so that campaigns fly alike from a script, a notebook and a test. When the program asks for it or
+is gone, which ends standard input, all vehicles land.
+"""
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+from typing import BinaryIO
+
+from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from orchestrator.api.flight_messages import (
+    CampaignEnded,
+    CampaignRefused,
+    FlightMessage,
+    FlightRequest,
+    Message,
+    RunFinished,
+    decode_request,
+    encode_line,
+)
+from orchestrator.campaign.campaign_folder import OutputError, require_writable
+from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
+from orchestrator.campaign.resumption import ResumeError
+from orchestrator.campaign.run_server import start_run_server
+from orchestrator.cli.arming_consent import RefusedError, clear
+from orchestrator.cli.final_report import write_final_report
+from orchestrator.model.progress import Progress
+from orchestrator.model.results import RunResult
+from orchestrator.operator.errors import OperatingError
+from worlds.files.documents import BadInput
+
+
+class MessageWatcher:
+    """Sends what happens in a campaign to the program that asked for it."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+
+    def progress(self, progress: Progress) -> None:
+        """Send nothing: programs are told of runs that are finished."""
+
+    def finished(self, result: RunResult) -> None:
+        """Send the result of a run."""
+        self.send(RunFinished(result=result))
+
+    def say(self, text: str) -> None:
+        """Send a sentence about the campaign."""
+        self.send(Message(text=text))
+
+    def send(self, message: FlightMessage) -> None:
+        """Send a message; a program that is gone gets none, and standard input tells of it."""
+        try:
+            self._stream.write(encode_line(message))
+            self._stream.flush()
+        except OSError:
+            pass
+
+
+def main() -> int:
+    """Fly the campaign that standard input asks for."""
+    commands = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
+    watcher = MessageWatcher(os.fdopen(os.dup(sys.stdout.fileno()), "wb"))
+    # What a file of the user's prints is no message, and no child of ours may read the requests.
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    with Path(os.devnull).open("rb") as nothing:
+        os.dup2(nothing.fileno(), sys.stdin.fileno())
+    request = decode_request(commands.readline())
+    start_run_server()
+    threading.Thread(target=_stop_at_end, args=(commands,), daemon=True).start()
+    watcher.send(_ending(request, watcher))
+    return 0
+
+
+def _stop_at_end(commands: BinaryIO) -> None:
+    """Land all vehicles when standard input says anything more, or ends."""
+    commands.readline()
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def _ending(request: FlightRequest, watcher: MessageWatcher) -> FlightMessage:
+    """Fly the requested campaign; return what became of it."""
+    try:
+        outcome = _fly_requested(request, watcher)
+    except RefusedError as error:
+        return CampaignRefused(text=str(error), exit_code=error.code)
+    except (BadInput, ResumeError) as error:
+        return CampaignRefused(text=str(error), exit_code=2)
+    except (OutputError, OperatingError) as error:
+        return CampaignRefused(text=str(error), exit_code=3)
+    except KeyboardInterrupt:
+        return CampaignRefused(text="interrupted before anything flew", exit_code=130)
+    write_final_report(outcome.folder)
+    return CampaignEnded(folder=str(outcome.folder), exit_code=outcome.exit_code)
+
+
+def _fly_requested(request: FlightRequest, watcher: MessageWatcher) -> CampaignOutcome:
+    options = Options(
+        cases=request.cases,
+        modes=request.modes,
+        repetitions=request.repetitions,
+        seed=request.seed,
+        sets=request.sets,
+    )
+    campaign = load_campaign(Path(request.file), options)
+    if request.runs is not None:
+        campaign = only_runs(campaign, frozenset(request.runs))
+    out, junit = Path(request.out), None if request.junit is None else Path(request.junit)
+    require_writable(out, junit=junit)
+    cleared = clear(
+        campaign,
+        clock=request.clock,
+        jobs=request.jobs,
+        arm=request.arm,
+        arm_real=request.arm_real,
+    )
+    settings = FlyingSettings(
+        out=out,
+        clock=cleared.clock,
+        jobs=cleared.jobs,
+        junit=junit,
+        resume=request.resume,
+        arm=request.arm,
+        real_kind=cleared.real_kind,
+        hardware=cleared.hardware,
+    )
+    return fly_campaign(campaign, settings, watcher)
+
+
+def only_runs(campaign: Campaign, names: Collection[str]) -> Campaign:
+    """Return a campaign of some of its runs and controls alone; what is left out is named."""
+    runs = tuple(plan for plan in campaign.runs if plan.name in names)
+    controls = tuple(plan for plan in campaign.controls if plan.name in names)
+    missing = len(campaign.plans) - len(runs) - len(controls)
+    left_out = (f"{missing} of {len(campaign.plans)} runs and controls",) if missing else ()
+    return replace(campaign, runs=runs, controls=controls, left_out=(*campaign.left_out, *left_out))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,269 @@
+"""A campaign flown by a program: in a process of its own, waited for or awaited."""
+
+import asyncio
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Collection
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeVar
+
+from campaigns.expansion.expansion import Campaign
+from orchestrator.api.campaign_results import CampaignResults, read_results
+from orchestrator.api.flight_messages import (
+    CampaignEnded,
+    CampaignRefused,
+    FlightMessage,
+    FlightRequest,
+    Message,
+    RunFinished,
+    decode_message,
+    encode_line,
+)
+from orchestrator.api.loading import load
+from orchestrator.model.clock import Clock
+from orchestrator.model.results import RunResult
+
+T = TypeVar("T")
+OnResult = Callable[[RunResult], object]
+OnMessage = Callable[[str], object]
+
+
+class CannotFlyError(Exception):
+    """A campaign that cannot be flown, or whose results cannot be written: why, in words.
+
+    exit_code: what `wil-campaign run` would have ended with, 2 or 3; 130 when interrupted.
+    """
+
+    def __init__(self, text: str, exit_code: int) -> None:
+        super().__init__(text)
+        self.exit_code = exit_code
+
+
+def run(
+    campaign: Campaign | str | Path,
+    *,
+    out: str | Path = "results",
+    runs: Collection[str] | None = None,
+    clock: Clock | None = None,
+    jobs: int | None = None,
+    resume: bool = False,
+    arm: bool = True,
+    arm_real: bool = False,
+    junit: str | Path | None = None,
+    on_result: OnResult | None = None,
+    on_message: OnMessage | None = None,
+) -> CampaignResults:
+    """Fly a campaign and return its results when the last vehicle is down.
+
+    campaign: a loaded one, or a file. out: the folder beneath which the results go:
+    OUT/<campaign>/<UTC start>. runs: only these, as "case/mode/repetition"; None for all. clock,
+    jobs, resume, arm, arm_real, junit: as the options of `wil-campaign run`; nobody is asked
+    before an attached vehicle is armed. on_result: called with the result of each run as it ends;
+    on_message: with sentences for people.
+
+    Ctrl-C lands all vehicles, then raises KeyboardInterrupt; so does an exception of on_result or
+    on_message, which is then raised. Raises BadInput for faults of files, CannotFlyError.
+    """
+    loaded = _loaded(campaign)
+    request = _request(
+        loaded,
+        out=out,
+        runs=runs,
+        clock=clock,
+        jobs=jobs,
+        resume=resume,
+        arm=arm,
+        arm_real=arm_real,
+        junit=junit,
+    )
+    with FlightProcess(request) as process:
+        return process.wait(on_result or _ignore, on_message or _ignore)
+
+
+async def run_async(
+    campaign: Campaign | str | Path,
+    *,
+    out: str | Path = "results",
+    runs: Collection[str] | None = None,
+    clock: Clock | None = None,
+    jobs: int | None = None,
+    resume: bool = False,
+    arm: bool = True,
+    arm_real: bool = False,
+    junit: str | Path | None = None,
+    on_result: OnResult | None = None,
+    on_message: OnMessage | None = None,
+) -> CampaignResults:
+    """Fly a campaign as `run` does, while the event loop goes on.
+
+    on_result and on_message are called in the loop, which handles what they raise. A cancelled call
+    lands all vehicles first, and raises CancelledError when they are down.
+    """
+    loop = asyncio.get_running_loop()
+    loaded = await asyncio.to_thread(_loaded, campaign)
+    request = _request(
+        loaded,
+        out=out,
+        runs=runs,
+        clock=clock,
+        jobs=jobs,
+        resume=resume,
+        arm=arm,
+        arm_real=arm_real,
+        junit=junit,
+    )
+    process = FlightProcess(request)
+    waiting = loop.run_in_executor(
+        None,
+        _wait_for,
+        process,
+        _called_in(loop, on_result or _ignore),
+        _called_in(loop, on_message or _ignore),
+    )
+    return await _landed_first(waiting, process)
+
+
+def _called_in(
+    loop: asyncio.AbstractEventLoop, call: Callable[[T], object]
+) -> Callable[[T], object]:
+    """Return what has a function called in an event loop, from another thread."""
+    return lambda given: loop.call_soon_threadsafe(partial(call, given))
+
+
+async def _landed_first(waiting: "asyncio.Future[T]", process: "FlightProcess") -> T:
+    """Await a flight; when this is cancelled, land it and wait for that, however often."""
+    cancelled: asyncio.CancelledError | None = None
+    while not waiting.done():
+        try:
+            await asyncio.wait([waiting])
+        except asyncio.CancelledError as error:
+            cancelled = error
+            process.stop()
+    if cancelled is not None:
+        raise cancelled
+    return waiting.result()
+
+
+def _wait_for(
+    process: "FlightProcess", on_result: OnResult, on_message: OnMessage
+) -> CampaignResults:
+    with process:
+        return process.wait(on_result, on_message)
+
+
+class FlightProcess:
+    """A process that flies one campaign; leaving the context lands what still flies."""
+
+    def __init__(self, request: FlightRequest) -> None:
+        # A session of its own: Ctrl-C reaches the program alone, which then asks once to land.
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "orchestrator.api.flight_process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        )
+        self._is_stopped = False
+        self._send(encode_line(request))
+
+    def __enter__(self) -> Self:
+        """Return the process."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Land what still flies, wait for it, and close the pipes."""
+        if kind is not None:
+            self.stop()
+            for _ in iter(self._read, None):
+                pass
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                stream.close()
+        self._process.wait()
+
+    def wait(self, on_result: OnResult, on_message: OnMessage) -> CampaignResults:
+        """Return the campaign's results when it is over. Raises CannotFlyError."""
+        for message in iter(self._read, None):
+            match message:
+                case CampaignEnded(folder=folder, exit_code=code):
+                    return read_results(folder, exit_code=code)
+                case CampaignRefused(text=text, exit_code=code):
+                    raise CannotFlyError(text, code)
+                case RunFinished(result=result):
+                    on_result(result)
+                case Message(text=text):
+                    on_message(text)
+        code = self._process.wait()
+        raise CannotFlyError(f"the process that flew the campaign ended with code {code}", 3)
+
+    def stop(self) -> None:
+        """Have all vehicles land; a second call changes nothing."""
+        if not self._is_stopped:
+            self._is_stopped = True
+            self._send(b"stop\n")
+
+    def _send(self, line: bytes) -> None:
+        stream = self._process.stdin
+        if stream is not None:
+            try:
+                stream.write(line)
+                stream.flush()
+            except BrokenPipeError:
+                pass  # the process is gone: reading says how it ended
+
+    def _read(self) -> FlightMessage | None:
+        """Return the next message; None at the end."""
+        stream = self._process.stdout
+        line = b"" if stream is None else stream.readline()
+        return decode_message(line) if line else None
+
+
+def _loaded(campaign: Campaign | str | Path) -> Campaign:
+    return campaign if isinstance(campaign, Campaign) else load(campaign)
+
+
+def _ignore(_: object) -> None:
+    """Take what nobody wants to know."""
+
+
+def _request(
+    campaign: Campaign,
+    *,
+    out: str | Path,
+    runs: Collection[str] | None,
+    clock: Clock | None,
+    jobs: int | None,
+    resume: bool,
+    arm: bool,
+    arm_real: bool,
+    junit: str | Path | None,
+) -> FlightRequest:
+    """Return the request to fly a loaded campaign. Raises CannotFlyError for an unknown run."""
+    known = {plan.name for plan in campaign.plans}
+    if runs is not None and (unknown := [name for name in runs if name not in known]):
+        raise CannotFlyError(f"the campaign has no run '{unknown[0]}'", 2)
+    options = campaign.options
+    return FlightRequest(
+        file=str(campaign.document.path),
+        cases=options.cases,
+        modes=options.modes,
+        repetitions=options.repetitions,
+        seed=options.seed,
+        sets=options.sets,
+        runs=None if runs is None else tuple(runs),
+        out=str(out),
+        clock=clock,
+        jobs=jobs,
+        junit=None if junit is None else str(junit),
+        resume=resume,
+        arm=arm,
+        arm_real=arm_real,
+    )

@@ -1,0 +1,49 @@
+"""Campaign files read by a program: as a campaign of runs, or as a list of their problems."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from campaigns.schema import Mode
+from worlds.files.documents import BadInput, Problem
+
+
+def load(
+    file: str | Path,
+    *,
+    cases: Sequence[str] = (),
+    modes: Sequence[Mode] = (),
+    repetitions: int | None = None,
+    seed: int | None = None,
+    overrides: Mapping[str, object] | None = None,
+) -> Campaign:
+    """Return a campaign file with its runs, checked as `wil-campaign validate` does.
+
+    cases: globs; modes: of sim, wil, real; empty for all. repetitions, seed: None for those of the
+    file. overrides: by dotted key of the campaign, or of world.* or recipe.*, as of --set. Raises
+    BadInput with every problem of the file and of those that it names.
+    """
+    options = Options(
+        cases=tuple(cases),
+        modes=tuple(modes),
+        repetitions=repetitions,
+        seed=seed,
+        sets=tuple(f"{key}={json.dumps(value)}" for key, value in (overrides or {}).items()),
+        is_autonomy_isolated=True,
+    )
+    return load_campaign(Path(file), options)
+
+
+def validate(
+    file: str | Path, *, overrides: Mapping[str, object] | None = None
+) -> tuple[Problem, ...]:
+    """Return every problem of a campaign file and of those that it names; none when it is valid.
+
+    Nothing flies. overrides: as of `load`.
+    """
+    try:
+        load(file, overrides=overrides)
+    except BadInput as error:
+        return tuple(error.problems)
+    return ()

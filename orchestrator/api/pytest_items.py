@@ -1,0 +1,150 @@
+"""The runs of a campaign file as tests of pytest.
+
+A FAIL is a failed test. INVALID, ERROR and ABORTED are errors, for they prove nothing about the
+autonomy. What does not count against the campaign is skipped, with its verdict as the reason, as
+in junit.xml.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from campaigns.expansion.expansion import Campaign, Options, RunPlan, load_campaign
+from orchestrator.api.campaign_results import CampaignResults
+from orchestrator.api.flying import CannotFlyError, run
+from orchestrator.api.pytest_plugin import REPORTS
+from orchestrator.model.control_results import control_faults
+from orchestrator.model.results import RunResult, standings_of
+from worlds.files.documents import BadInput
+
+
+class CampaignFile(pytest.File):
+    """A campaign file; its runs are flown together when the first of them is due."""
+
+    def collect(self) -> Iterator["RunItem"]:
+        """Yield a test for each run and control. Raises CollectError for faults of the file."""
+        sets = tuple(self.config.getoption("--wil-set"))
+        try:
+            self._campaign = load_campaign(self.path, Options(sets=sets, is_autonomy_isolated=True))
+        except BadInput as error:
+            raise self.CollectError(str(error)) from None
+        self._due: set[str] = set()
+        self._flown: dict[str, RunResult] = {}
+        self._not_flown: frozenset[str] = frozenset()
+        self._forgiven: frozenset[str] = frozenset()
+        self._refused: CannotFlyError | None = None
+        for plan in self._campaign.plans:
+            yield RunItem.from_parent(self, name=plan.name, plan=plan)
+
+    def result_of(self, item: "RunItem") -> RunResult | None:
+        """Return the result of a run; flies what is selected. None: decided without it."""
+        if item.name not in self._due and self._refused is None:
+            names = self._names_due(item)
+            self._due.update(names)
+            try:
+                self._take(self._fly(names))
+            except CannotFlyError as error:
+                self._refused = error
+        if self._refused is not None:
+            pytest.fail(str(self._refused), pytrace=False)
+        if item.name in self._not_flown:
+            pytest.fail("not flown: the campaign was ended before it", pytrace=False)
+        return self._flown.get(item.name)
+
+    def is_forgiven(self, result: RunResult) -> bool:
+        """Return whether a FAIL is within the share that the campaign accepts."""
+        return f"{result.case}/{result.mode}" in self._forgiven
+
+    def _names_due(self, item: "RunItem") -> list[str]:
+        """Return the runs that this process tests; one by one where pytest-xdist hands them out."""
+        if hasattr(self.config, "workerinput"):
+            return [item.name]
+        return [one.name for one in self.session.items if one.parent is self]
+
+    def _fly(self, names: list[str]) -> CampaignResults:
+        option = self.config.getoption
+        return run(
+            self._campaign,
+            runs=names,
+            out=str(option("--wil-out")),
+            clock=option("--wil-clock"),
+            jobs=option("--wil-jobs"),
+            arm_real=bool(option("--wil-arm-real")),
+        )
+
+    def _take(self, results: CampaignResults) -> None:
+        for result in (*results.runs, *results.controls):
+            self._flown[f"{result.case}/{result.mode}/{result.rep}"] = result
+        self._not_flown |= frozenset(results.summary.not_flown)
+        self._forgiven = _accepted_cells(self._campaign, results)
+        self.config.stash.setdefault(REPORTS, []).append(results.folder / "report.html")
+
+
+class RunItem(pytest.Item):
+    """A run of a campaign as a test."""
+
+    def __init__(self, *, plan: RunPlan, **given: Any) -> None:
+        super().__init__(**given)
+        self._plan = plan
+        self._result: RunResult | None = None
+
+    @property
+    def campaign_file(self) -> CampaignFile:
+        """Return the collector of the campaign file that the run is of."""
+        parent = self.parent
+        assert isinstance(parent, CampaignFile)  # noqa: S101 - what makes this makes no other
+        return parent
+
+    def setup(self) -> None:
+        """Fly the run: what fails here is an error of the test, as INVALID and ERROR are."""
+        result = self._result = self.campaign_file.result_of(self)
+        if result is None:
+            pytest.skip("not flown: the repetitions before it have decided")
+        self.user_properties += [("seed", result.seed), ("verdict", result.verdict)]
+        proves = result.verdict in {"PASS", "FAIL"}
+        is_met = result.control is not None and result.control.met
+        if not (proves or is_met):
+            self._skip_reported(result)
+            pytest.fail(_text(result), pytrace=False)
+
+    def runtest(self) -> None:
+        """Fail where the run did, and a control where it did not end as it must."""
+        result = self._result
+        if result is None:
+            return
+        if result.control is not None:
+            if faults := control_faults([result]):
+                pytest.fail("\n".join([*faults, _text(result)]), pytrace=False)
+        elif result.verdict == "FAIL":
+            self._skip_reported(result)
+            if self.campaign_file.is_forgiven(result):
+                pytest.skip(f"within what is accepted: FAIL: {result.reason}")
+            pytest.fail(_text(result), pytrace=False)
+
+    def _skip_reported(self, result: RunResult) -> None:
+        if result.control is None and not result.required:
+            pytest.skip(f"reported only: {result.verdict}: {result.reason}")
+
+    def reportinfo(self) -> tuple[Any, int | None, str]:
+        """Return the file and the name under which the test is shown."""
+        return self.path, None, f"{self._plan.campaign}: {self.name}"
+
+
+def _accepted_cells(campaign: Campaign, results: CampaignResults) -> frozenset[str]:
+    """Return the cases and modes whose share of passes is met, also with a FAIL among them."""
+    found = standings_of(results.runs, campaign.requirements)
+    return frozenset(f"{one.requirement.case}/{one.requirement.mode}" for one in found if one.met)
+
+
+def _text(result: RunResult) -> str:
+    """Return what a run came to: the verdict, then each oracle that did not pass."""
+    lines = [f"{result.verdict}: {result.reason}"]
+    for oracle in result.oracles:
+        if oracle.verdict != "PASS":
+            measured = (
+                "" if oracle.actual is None else f", actual {oracle.actual:.4g} {oracle.unit}"
+            )
+            lines.append(f"  {oracle.name} ({oracle.vehicle}): {oracle.detail}{measured}".rstrip())
+    lines += [f"  also {late.verdict} at {late.at_s:.3f} s: {late.reason}" for late in result.also]
+    return "\n".join([*lines, result.trace.rstrip()]).rstrip()

@@ -1,0 +1,116 @@
+"""The examples of docs/python.md run as they stand, against a campaign of brief flights."""
+
+import asyncio
+import re
+import threading
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import pytest
+
+import wil_campaign
+from orchestrator.api import flying
+from orchestrator.api.flight_messages import FlightRequest
+from tests.orchestrator.api.test_pytest_plugin import write_cases
+from tests.test_house import ROOT
+
+PAGE = (ROOT / "docs" / "python.md").read_text("utf-8")
+BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def test_the_examples_of_the_page_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_cases(tmp_path).rename(tmp_path / "campaign.yaml")
+    monkeypatch.chdir(tmp_path)
+    *examples, example_of_a_test = BLOCKS
+    names: dict[str, object] = {}
+    for text in examples:
+        exec(compile(text, "docs/python.md", "exec"), names)  # noqa: S102 - our own page
+    said = capsys.readouterr().out
+    assert "good/sim/1" in said
+    assert "good PASS" in said
+    assert "case,mode,rep,seed,verdict" in said
+    assert len(list(tmp_path.glob("*/hover/*/report.html"))) == 2
+    compile(example_of_a_test, "docs/python.md", "exec")
+
+
+def test_the_page_names_all_that_programs_import() -> None:
+    assert [name for name in wil_campaign.__all__ if not re.search(rf"\b{name}\b", PAGE)] == []
+    assert all(hasattr(wil_campaign, name) for name in wil_campaign.__all__)
+
+
+class FlightThatLandsWhenAsked(AbstractContextManager["FlightThatLandsWhenAsked"]):
+    def __init__(self) -> None:
+        self.stopped, self.stops = threading.Event(), 0
+
+    def __exit__(self, *_: object) -> None:
+        self.stopped.wait()
+
+    def wait(self, on_result: object, on_message: object) -> str:
+        self.stopped.wait()
+        return "landed"
+
+    def stop(self) -> None:
+        self.stops += 1
+        if self.stops == 2:
+            self.stopped.set()
+
+
+async def test_a_cancelled_flight_lands_first_however_often_it_is_cancelled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = asyncio.Event()
+    flights: list[FlightThatLandsWhenAsked] = []
+
+    def begin(request: FlightRequest) -> FlightThatLandsWhenAsked:
+        flights.append(FlightThatLandsWhenAsked())
+        begun.set()
+        return flights[0]
+
+    monkeypatch.setattr(flying, "FlightProcess", begin)
+    campaign = wil_campaign.load(write_cases(tmp_path), cases=["good"])
+    flight = asyncio.create_task(wil_campaign.run_async(campaign, out=tmp_path))
+    async with asyncio.timeout(10):
+        await begun.wait()
+    flight.cancel()
+    await asyncio.sleep(0.05)
+    assert not flight.done()
+    flight.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await flight
+    assert flights[0].stops == 2
+
+
+def test_an_exception_of_the_program_lands_first(tmp_path: Path) -> None:
+    campaign = wil_campaign.load(write_cases(tmp_path), cases=["good"], repetitions=4)
+
+    def break_off(_: wil_campaign.RunResult) -> None:
+        raise RuntimeError("of the program")
+
+    with pytest.raises(RuntimeError, match="of the program"):
+        wil_campaign.run(campaign, out=tmp_path / "out", jobs=1, on_result=break_off)
+    (folder,) = (tmp_path / "out" / "hover").iterdir()
+    results = wil_campaign.read_results(folder)
+    assert results.runs[0].verdict == "PASS"
+    assert results.summary.not_flown
+
+
+def test_an_unknown_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(wil_campaign.CannotFlyError, match="no run 'good/sim/9'") as caught:
+        wil_campaign.run(write_cases(tmp_path), runs=["good/sim/9"])
+    assert caught.value.exit_code == 2
+
+
+def test_validate_returns_problems_and_raises_nothing(tmp_path: Path) -> None:
+    path = write_cases(tmp_path)
+    assert wil_campaign.validate(path) == ()
+    (problem,) = wil_campaign.validate(path, overrides={"repetitions": 0})
+    assert "greater" in problem.message or "at least" in problem.message
+    (missing,) = wil_campaign.validate(tmp_path / "none.yaml")
+    assert "cannot be read" in missing.message
+
+
+def test_a_folder_without_a_campaign_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(wil_campaign.ResultsFolderError):
+        wil_campaign.read_results(tmp_path)

@@ -1,0 +1,39 @@
+"""World-in-the-loop campaigns from Python: load, validate, fly, and read results.
+
+    results = wil_campaign.run("campaigns/gate.yaml")
+    assert results.accepted
+
+What stands in `__all__` keeps its promises: names are added, and none leaves or changes its
+meaning without a line in the changelog. docs/python.md has examples. An autonomy, which is flown
+by a campaign, imports `campaigns.api` instead.
+"""
+
+from campaigns.expansion.expansion import Campaign, RunPlan
+from orchestrator.analysis.errors import ResultsFolderError
+from orchestrator.analysis.study import Study
+from orchestrator.api.campaign_results import CampaignResults, read_results
+from orchestrator.api.flying import CannotFlyError, run, run_async
+from orchestrator.api.loading import load, validate
+from orchestrator.model.results import RunResult, Summary, Totals
+from safety.model.oracle_results import OracleResult
+from worlds.files.documents import BadInput, Problem
+
+__all__ = [
+    "BadInput",
+    "Campaign",
+    "CampaignResults",
+    "CannotFlyError",
+    "OracleResult",
+    "Problem",
+    "ResultsFolderError",
+    "RunPlan",
+    "RunResult",
+    "Study",
+    "Summary",
+    "Totals",
+    "load",
+    "read_results",
+    "run",
+    "run_async",
+    "validate",
+]
