@@ -1,8 +1,8 @@
 """The process that flies a campaign for another program: request on stdin, messages on stdout.
 
 A process of its own has no event loop, threads, signal handlers or main module of the program's,
-so that campaigns fly alike from a script, a notebook and a test. When the program asks for it or
-is gone, which ends standard input, all vehicles land.
+so that campaigns fly alike from a script, a notebook and a test. When the program
+asks for it, or is gone, which ends standard input, all vehicles land.
 """
 
 import os
@@ -55,7 +55,7 @@ class MessageWatcher:
         self.send(Message(text=text))
 
     def send(self, message: FlightMessage) -> None:
-        """Send a message; a program that is gone gets none, and standard input tells of it."""
+        """Send a message; a program that is gone gets none, and standard input ends."""
         try:
             self._stream.write(encode_line(message))
             self._stream.flush()
@@ -74,7 +74,10 @@ def main() -> int:
     request = decode_request(commands.readline())
     start_run_server()
     threading.Thread(target=_stop_at_end, args=(commands,), daemon=True).start()
-    watcher.send(_ending(request, watcher))
+    ending = _ending(request, watcher)
+    # All is down: that the program now closes standard input interrupts nothing any more.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    watcher.send(ending)
     return 0
 
 
