@@ -1,6 +1,6 @@
 """`between_runs`: how an attached vehicle comes back to its start."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -15,6 +15,7 @@ class BetweenRunsPart(Part):
     altitude. tolerance_m, tolerance_deg: how far from its start it may stand then.
     """
 
+    shorthand: ClassVar[str] = "do"
     do: Literal["ask", "fly_back"]
     height_m: Annotated[float, Field(gt=0, le=100)] | None = None
     speed_m_s: Annotated[float, Field(gt=0, le=10)] = 0.8
@@ -24,7 +25,7 @@ class BetweenRunsPart(Part):
     @model_validator(mode="before")
     @classmethod
     def _shorthand(cls, given: Any) -> Any:
-        return {"do": given} if isinstance(given, str) else given
+        return {cls.shorthand: given} if isinstance(given, str) else given
 
     @model_validator(mode="after")
     def _of_flying(self) -> "BetweenRunsPart":

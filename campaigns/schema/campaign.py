@@ -1,7 +1,7 @@
 """The campaign file as a whole, and its small parts."""
 
 import re
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
 
@@ -73,12 +73,14 @@ def _one_case() -> Cases:
 
 
 class AutonomyPart(Part):
-    """The campaign's `autonomy`: `use` is file.py:Class beside the file, or a shipped name.
+    """The campaign's `autonomy`, which is what is tested.
 
-    program: instead, a program with its arguments, run beside this file. rate_hz: how often `use`
-    is asked for a setpoint. A bare text stands for `use`.
+    use: file.py:Class beside the file, or a shipped name. with: its parameters. program: instead,
+    a program with its arguments, run beside this file. rate_hz: how often `use` is asked for a
+    setpoint. A bare text stands for `use`.
     """
 
+    shorthand: ClassVar[str] = "use"
     use: Annotated[str, Field(min_length=1)] | None = None
     program: Annotated[list[str], Field(min_length=1)] | None = None
     with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
@@ -88,7 +90,7 @@ class AutonomyPart(Part):
     @classmethod
     def _shorthand(cls, given: Any) -> Any:
         """Accept a bare text as the campaign autonomy's `use`."""
-        return {"use": given} if isinstance(given, str) else given
+        return {cls.shorthand: given} if isinstance(given, str) else given
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -218,8 +220,18 @@ class PublishedPart(Part):
 class CampaignPart(Part):
     """A campaign file; `cases` and `oracles` are validated elsewhere, entry by entry.
 
-    retries: how often a run that came to ERROR or INVALID is flown again; never with hardware.
-    collision_always: whether a contact fails a run whatever `oracles` says of `collision`.
+    schema: the kind and version of the file. campaign: its name, also of the folder of results.
+    description: for people. world, recipe: files, relative to this one; mode wil needs the recipe.
+    modes: sim (the twin alone), wil (the pair on mixed readings), real (the real vehicle alone).
+    cases: variants by name, each with the dotted keys that it overrides, also of world.* and
+    recipe.*. controls: runs that must not pass, by name. repetitions: how often each case is flown
+    in each mode; or until a sequential test has decided. seed: that of a run comes from this, its
+    case and its repetition. deliver: where images go beside the autonomy. ground_station: the
+    outgoing link of one that gets video streams and contacts. accept: by case and mode how many
+    must pass, "4/5"; without it every run. published: counts of others, shown beside the
+    campaign's own. retries: how often a run that came to ERROR or INVALID is flown again; never
+    with hardware. collision_always: whether a contact fails a run whatever `oracles` says of
+    `collision`.
     """
 
     schema_: Literal["wil/campaign/1"] = Field(alias="schema")

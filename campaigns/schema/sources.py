@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -40,6 +40,7 @@ class SourcePart(Part):
     arrival. answer_ms: how long a simulator may take for a picture.
     """
 
+    shorthand: ClassVar[str] = "address"
     address: Annotated[str, Field(min_length=1)]
     latency_ms: Milliseconds | None = None
     open_s: Seconds = 5.0
@@ -52,7 +53,7 @@ class SourcePart(Part):
     @model_validator(mode="before")
     @classmethod
     def _shorthand(cls, given: Any) -> Any:
-        return {"address": given} if isinstance(given, str) else given
+        return {cls.shorthand: given} if isinstance(given, str) else given
 
     @model_validator(mode="after")
     def _require_fitting_keys(self) -> "SourcePart":
@@ -114,6 +115,7 @@ class MocapPart(Part):
     silence in flight after which the run proves nothing.
     """
 
+    shorthand: ClassVar[str] = "address"
     address: str
     body: Annotated[str, Field(min_length=1)] | None = None
     latency_ms: Milliseconds = 0.0
@@ -124,7 +126,7 @@ class MocapPart(Part):
     @classmethod
     def _shorthand(cls, given: Any) -> Any:
         """Accept a bare text as the address of the motion capture source."""
-        return {"address": given} if isinstance(given, str) else given
+        return {cls.shorthand: given} if isinstance(given, str) else given
 
     @model_validator(mode="after")
     def _require_known_scheme(self) -> "MocapPart":

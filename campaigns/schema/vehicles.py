@@ -155,12 +155,16 @@ class TelemetryPart(Part):
 class VehiclePart(Part):
     """One vehicle of the pair in a campaign file.
 
-    driver: who speaks to it: frames of our own (mavlink), or mavsdk in a process of its own.
-    system_id: 1 for the real vehicle and 2 for the twin without. anchor: what says where it stands
-    before arming: `start`, or motion capture. mocap: where that comes from; None: the surrogate's.
-    spare_links: more links to the same vehicle, flown by when those before them fall silent.
-    coupling: of the twin, how it is kept with the real vehicle in mode wil. body: as it is judged;
-    without it, that of the embedded vehicle.
+    link: embedded (the surrogate), a link such as udpin://0.0.0.0:14550, or what is launched.
+    autopilot: what flies it. profile: vehicle and place of an embedded one: air, motors, battery,
+    estimator, camera. params: parameters that are set before arming, and read back. pose_source:
+    what judging and rendering use. sensors: by the names that the recipe has for them. driver: who
+    speaks to it: frames of our own (mavlink), or mavsdk in a process of its own. system_id: 1 for
+    the real vehicle and 2 for the twin without. anchor: what says where it stands before arming:
+    `start`, or motion capture. mocap: where that comes from; None: the surrogate's. spare_links:
+    more links to the same vehicle, flown by when those before them fall silent. coupling: of the
+    twin, how it is kept with the real vehicle in mode wil. body: as it is judged; without it, that
+    of the embedded vehicle.
     """
 
     link: Annotated[str, AfterValidator(_link)] | LaunchPart

@@ -31,6 +31,11 @@ _COMMANDS = (
         "orchestrator.cli.commands.validate:validate",
         "Report every fault of the files; nothing flies.",
     ),
+    (
+        "schema",
+        "orchestrator.cli.commands.schema:schema",
+        "Write JSON Schemas of the files, for editors.",
+    ),
     ("plan", "orchestrator.cli.commands.plan:plan", "Show the runs of a campaign; nothing flies."),
     ("judge", "orchestrator.cli.commands.judge:judge", "Judge recorded runs again; nothing flies."),
     (

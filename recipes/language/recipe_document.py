@@ -38,7 +38,14 @@ class SensorPart(Part):
 
 
 class CombinePart(Part):
-    """A combination in a recipe file; its steps are validated one by one."""
+    """A combination in a recipe file; its steps are validated one by one.
+
+    sensor: which of `sensors` is mixed. publish: who perceives the mixture. max_skew_ms: the
+    longest time between the two exposures. max_latency_ms: the longest from exposure to delivery.
+    min_rate_hz: the least rate of mixtures. max_registration_error_px: how far virtual objects may
+    be drawn beside their place. publish_raw: whether the autonomy gets the inputs as well. shows:
+    the objects that mixtures have to show.
+    """
 
     sensor: str
     transform: list[JsonValue] = Field(default_factory=list)
@@ -70,7 +77,11 @@ class CombinePart(Part):
 
 
 class RecipePart(Part):
-    """A recipe file. twins: names of the twins; several are allowed, and one flies now."""
+    """A recipe file. twins: names of the twins; several are allowed, and one flies now.
+
+    schema: the kind and version of the file. description: for people. sensors: by name, what is
+    mixed. combine: how each sensor's readings of real and twin become one.
+    """
 
     schema_: Literal["wil/recipe/1"] = Field(alias="schema")
     description: str = ""

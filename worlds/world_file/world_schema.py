@@ -139,7 +139,11 @@ class ShapeModel(FilePart):
 
 
 class ExistsModel(FilePart):
-    """In which world (real or virtual) an object of the world file exists, by mode."""
+    """In which world (real or virtual) an object of the world file exists, by mode.
+
+    sim: in runs of mode sim. wil: of mode wil. real: of mode real; W is the real world, Wv the
+    virtual one.
+    """
 
     sim: Existence = "Wv"
     wil: Existence = "Wv"
@@ -186,7 +190,11 @@ class MotionModel(FilePart):
 
 
 class ObjectModel(FilePart):
-    """An object of a world file; shapes that need no sizes may be given by name alone."""
+    """An object of a world file; shapes that need no sizes may be given by name alone.
+
+    color: a name, "#rrggbb" or [red, green, blue] of 0 to 255. texture: an image file beside this
+    one. exists_in: in which world it stands, by mode; a room in both.
+    """
 
     written_shape: Annotated[ShapeModel | Literal["person", "quadrotor"], Field(alias="shape")]
     pose: PoseModel = PoseModel()
@@ -208,7 +216,8 @@ class ObjectModel(FilePart):
 class WorldModel(FilePart):
     """A world file. seed: of the speeds that are drawn; a run without one in the file has its own.
 
-    Without a seed everything moves at the speeds of the file.
+    Without a seed everything moves at the speeds of the file. schema: the kind and version of the
+    file. description: for people. objects: what stands and moves in the world, by name.
     """
 
     schema_: Annotated[Literal["wil/world/1"], Field(alias="schema")]

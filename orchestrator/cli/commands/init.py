@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from orchestrator.cli.commands.schema import schema_texts
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.model.document_writer import write_whole
 from worlds.files.problems import printable
@@ -18,11 +19,15 @@ _FILES = {
     "autonomy.py.in": "autonomy.py",
     "github-workflow.yml.in": ".github/workflows/wil-campaign.yml",
 }
+_SCHEMAS = "schemas"
+"""The folder of the JSON Schemas that the first lines of the files name, for editors."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 def init(name: str, *, folder: Annotated[Path | None, Parameter(name="--in")] = None) -> int:
     """Write a campaign that flies at once: campaign, world, recipe, autonomy, CI workflow.
+
+    Beside them stand the JSON Schemas with which editors complete and explain the files.
 
     No file is overwritten. Exit code 2: the name is no folder's, or a file is there already; 3:
     the files cannot be written.
@@ -41,18 +46,20 @@ def init(name: str, *, folder: Annotated[Path | None, Parameter(name="--in")] = 
         )
         return 2
     place = Path(name) if folder is None else folder
-    if there := [one for one in _FILES.values() if (place / one).exists()]:
+    texts = {target: _filled(source, name) for source, target in _FILES.items()}
+    texts |= {f"{_SCHEMAS}/{file}": text for file, text in schema_texts().items()}
+    if there := [one for one in texts if (place / one).exists()]:
         err(printable(f"{place} has {', '.join(there)} already; nothing was written"))
         return 2
     try:
-        for source, target in _FILES.items():
+        for target, text in texts.items():
             path = place / target
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, _filled(source, name))
+            write_whole(path, text)
     except OSError as error:
         err(printable(f"{place} cannot be written: {error.strerror or error}"))
         return 3
-    for target in _FILES.values():
+    for target in texts:
         out(printable(str(place / target)))
     out("")
     out(printable(f"next: wil-campaign run {place / 'campaign.yaml'}"))

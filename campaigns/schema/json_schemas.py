@@ -1,0 +1,257 @@
+"""JSON Schemas of campaign, world and recipe files, for completion and hover in editors.
+
+They are made from the models that check the files (draft 2020-12), with what the docstrings say of
+each key. A schema knows one file; what `wil-campaign validate` finds beside that (names of other
+files, numbers that do not fit each other) it does not.
+"""
+
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping
+from itertools import zip_longest
+from typing import Any, TypeGuard, get_args
+
+from pydantic import BaseModel
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaMode, models_json_schema
+from pydantic_core import core_schema
+
+from campaigns.schema.campaign import CampaignPart
+from campaigns.schema.composition import CompositionPart
+from recipes.language.recipe_document import CombinePart, RecipePart
+from recipes.model.registry import OWN_STEP, STAGES, Stage, steps
+from safety.oracles import registry
+from worlds.files.problems import unit_of
+from worlds.world_file.world_schema import WorldModel
+
+DIALECT = GenerateJsonSchema.schema_dialect
+Schema = dict[str, Any]
+
+_UNITS = {
+    "m": "metres",
+    "m_s": "metres per second",
+    "m_s2": "metres per second squared",
+    "s": "seconds",
+    "ms": "milliseconds",
+    "deg": "degrees",
+    "deg_s": "degrees per second",
+    "rad": "radians",
+    "rad_s": "radians per second",
+    "hz": "hertz",
+    "px": "pixels",
+    "percent": "percent",
+    "v": "volts",
+    "a": "amperes",
+    "g": "g",
+}
+_MODE: JsonSchemaMode = "validation"
+
+
+def campaign_schema() -> Schema:
+    """Return the schema of campaign files, those that name other campaigns included."""
+    kinds = registry.values()
+    parameters = tuple(dict.fromkeys(kind.parameters for kind in kinds))
+    refs, definitions = _definitions(CampaignPart, CompositionPart, *parameters)
+    definitions["OwnOracle"] = _own_oracle()
+    definitions["CampaignPart"]["properties"]["oracles"] = {
+        "title": "oracles",
+        "description": "What judges a run: by name, each with its parameters.",
+        "type": "object",
+        "minProperties": 1,
+        "properties": {
+            kind.name: {
+                "description": f"{kind.summary}.",
+                **_unless_named(refs[kind.parameters]),
+            }
+            for kind in kinds
+        },
+        "additionalProperties": {"$ref": "#/$defs/OwnOracle"},
+    }
+    return {
+        "$schema": DIALECT,
+        "title": "wil-campaign: campaign file",
+        "description": _summary_of(CampaignPart),
+        "type": "object",
+        "if": {"required": ["campaigns"]},
+        "then": refs[CompositionPart],
+        "else": refs[CampaignPart],
+        "$defs": definitions,
+    }
+
+
+def world_schema() -> Schema:
+    """Return the schema of world files."""
+    refs, definitions = _definitions(WorldModel)
+    return {
+        "$schema": DIALECT,
+        "title": "wil-campaign: world file",
+        **refs[WorldModel],
+        "$defs": definitions,
+    }
+
+
+def recipe_schema() -> Schema:
+    """Return the schema of recipe files with every step that is built in."""
+    refs, definitions = _definitions(RecipePart, *{kind.parameters for kind in steps()})
+    keys = definitions[CombinePart.__name__]["properties"]
+    for stage in STAGES:
+        definitions[f"{stage}_step"] = _step(stage, refs)
+        step = {"$ref": f"#/$defs/{stage}_step"}
+        what = f"The steps of the stage {stage}, in order; each is a name or {{name: parameters}}."
+        if stage == "merge":
+            keys[stage] = {"title": stage, "description": "How the readings become one.", **step}
+        else:
+            keys[stage] |= {"description": what, "items": step}
+    return {
+        "$schema": DIALECT,
+        "title": "wil-campaign: recipe file",
+        **refs[RecipePart],
+        "$defs": definitions,
+    }
+
+
+SCHEMAS: Mapping[str, Callable[[], Schema]] = {
+    "campaign.schema.json": campaign_schema,
+    "world.schema.json": world_schema,
+    "recipe.schema.json": recipe_schema,
+}
+"""The files of schemas, each with what makes it."""
+
+
+def _definitions(*models: type[BaseModel]) -> tuple[dict[type[BaseModel], Schema], Schema]:
+    """Return a reference to each model's schema, and the definitions that these lead to."""
+    wanted = [(model, _MODE) for model in models]
+    found, whole = models_json_schema(wanted, by_alias=True, schema_generator=_Documented)
+    return {model: found[model, _MODE] for model in models}, whole["$defs"]
+
+
+class _Documented(GenerateJsonSchema):
+    """Makes schemas in which each key has what the model's docstring says of it, with its unit."""
+
+    def model_schema(self, schema: core_schema.ModelSchema) -> Schema:
+        """Return the schema of a model; one with a shorthand takes the bare value as well."""
+        made = super().model_schema(schema)
+        model = schema["cls"]
+        found = dict(_key_descriptions(model))
+        for name, field in model.model_fields.items():
+            key = field.alias or name
+            if key in made.get("properties", {}):
+                one = made["properties"][key]
+                one["title"] = key
+                text = one.get("description") or found.get(key) or found.get(name)
+                if described := _with_unit(text or _part_summary(field.annotation), key):
+                    one["description"] = described
+        made["description"] = _summary_of(model)
+        made["title"] = re.sub(r"(Part|Model|Parameters)$", "", model.__name__)
+        if key := getattr(model, "shorthand", ""):
+            return {"title": made["title"], "anyOf": [made["properties"][key], made]}
+        return made
+
+
+def _part_summary(annotation: object) -> str:
+    """Return the summary of the one model that a key's value is; "" for other values."""
+    parts = [one for one in (annotation, *get_args(annotation)) if _is_model(one)]
+    return _summary_of(parts[0]) if len(parts) == 1 else ""
+
+
+def _is_model(annotation: object) -> TypeGuard[type[BaseModel]]:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def _summary_of(model: type[BaseModel]) -> str:
+    """Return the first sentences of a model's docstring, before what is said of its keys."""
+    text = " ".join(inspect.cleandoc(model.__doc__ or "").split())
+    first = next(_key_places(model, text), None)
+    return text if first is None else text[: first.start()].strip()
+
+
+def _key_descriptions(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
+    """Yield what the docstrings of a model and its bases say of its keys."""
+    for one in reversed(model.__mro__):
+        if not (issubclass(one, BaseModel) and one is not BaseModel):
+            continue
+        text = " ".join(inspect.cleandoc(one.__doc__ or "").split())
+        places = list(_key_places(model, text))
+        for place, after in zip_longest(places, places[1:]):
+            said = text[place.end() : None if after is None else after.start()].strip(" .;")
+            for key in place[1].split(", "):
+                yield key, said[:1].upper() + said[1:] + "."
+
+
+def _key_places(model: type[BaseModel], text: str) -> Iterator[re.Match[str]]:
+    """Yield the places of a docstring where `key: ` begins, for keys of the model."""
+    keys = {name for name, field in model.model_fields.items()}
+    keys |= {field.alias for field in model.model_fields.values() if field.alias}
+    for place in re.finditer(r"(?:(?<=[.;] )|^)(\w+(?:, \w+)*): ", text):
+        if set(place[1].split(", ")) <= keys:
+            yield place
+
+
+def _with_unit(text: str, key: str) -> str:
+    """Return a description with the unit that the key's name carries."""
+    unit = _UNITS.get(unit_of(key), "")
+    if not unit:
+        return text
+    return f"{text} Unit: {unit}.".strip()
+
+
+def _unless_named(parameters: Schema) -> Schema:
+    """Return the schema of an oracle: its parameters or nothing, or another kind by `use`."""
+    return {
+        "if": {"type": "object", "required": ["use"]},
+        "then": {"$ref": "#/$defs/OwnOracle"},
+        "else": {"anyOf": [parameters, {"type": "null"}]},
+    }
+
+
+def _own_oracle() -> Schema:
+    """Return the schema of an oracle with a name of the user's."""
+    return {
+        "title": "oracle",
+        "description": "An oracle of your own name: its kind as `use`, or a formula as `stl`.",
+        "type": "object",
+        "properties": {
+            "use": {
+                "title": "use",
+                "description": "The kind of oracle; the other keys are its parameters.",
+                "enum": sorted(registry),
+            },
+            "stl": {
+                "title": "stl",
+                "description": "A formula of signal temporal logic that has to hold.",
+                "type": "string",
+            },
+        },
+        "anyOf": [{"required": ["use"]}, {"required": ["stl"]}],
+    }
+
+
+def _step(stage: Stage, refs: Mapping[type[BaseModel], Schema]) -> Schema:
+    """Return the schema of a step of one stage: a name, one mapping, or the user's own."""
+    kinds = [kind for kind in steps() if kind.stage == stage and kind.name != OWN_STEP]
+    bare = [
+        kind for kind in kinds if not any(map(_is_needed, kind.parameters.model_fields.values()))
+    ]
+    own = [kind for kind in steps() if kind.stage == stage and kind.name == OWN_STEP]
+    forms: list[Schema] = [
+        {
+            "type": "string",
+            "oneOf": [{"const": kind.name, "description": kind.summary} for kind in bare],
+        }
+    ]
+    forms.append(
+        {
+            "type": "object",
+            "properties": {
+                kind.name: {"description": kind.summary, **refs[kind.parameters]} for kind in kinds
+            },
+            "additionalProperties": False,
+            "minProperties": 1,
+            "maxProperties": 1,
+        }
+    )
+    forms += [{"description": kind.summary, **refs[kind.parameters]} for kind in own]
+    return {"title": f"{stage} step", "anyOf": forms}
+
+
+def _is_needed(field: Any) -> bool:
+    return bool(field.is_required())

@@ -1,0 +1,138 @@
+"""JSON Schemas for editors: up to date, true for every shipped file, false for mistakes in it."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from campaigns.schema.json_schemas import SCHEMAS
+from orchestrator.cli.commands.schema import schema_texts
+from recipes.model.registry import steps
+from safety.oracles import registry
+from tests.test_house import ROOT
+from worlds.files.documents import load, parse
+
+FOLDER = ROOT / "docs" / "schemas"
+SHIPPED = sorted(
+    path for kind in ("campaigns", "worlds", "recipes") for path in (ROOT / kind).glob("*.yaml")
+)
+
+
+@pytest.fixture(scope="module")
+def schemas() -> dict[str, Any]:
+    return {name.partition(".")[0]: make() for name, make in SCHEMAS.items()}
+
+
+def kind_of(path: Path) -> str:
+    return path.parent.name.removesuffix("s")
+
+
+def faults(schema: Any, text: str) -> list[str]:
+    data = parse(text.encode(), name="a.yaml").data
+    return [error.message for error in Draft202012Validator(schema).iter_errors(data)]
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_the_files_are_those_of_the_models(name: str) -> None:
+    text = (FOLDER / name).read_text("utf-8")
+    assert text == schema_texts()[name], "run: wil-campaign schema docs/schemas"
+
+
+def test_they_are_schemas(schemas: dict[str, Any]) -> None:
+    for schema in schemas.values():
+        assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+        Draft202012Validator.check_schema(schema)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_a_shipped_file_is_valid_and_names_its_schema(path: Path, schemas: dict[str, Any]) -> None:
+    kind = kind_of(path)
+    errors = list(Draft202012Validator(schemas[kind]).iter_errors(load(path).data))
+    assert errors == []
+    first, _, _ = path.read_text("utf-8").partition("\n")
+    place = first.removeprefix("# yaml-language-server: $schema=")
+    assert (path.parent / place).resolve() == FOLDER / f"{kind}.schema.json"
+
+
+@pytest.mark.parametrize(
+    ("kind", "old", "new"),
+    [
+        ("campaign", "autonomy:", "autonomie:"),
+        ("campaign", "repetitions: 5", "repetitions: five"),
+        ("campaign", "modes: [sim, wil]", "modes: [sim, will]"),
+        ("campaign", "link: embedded", "lnik: embedded"),
+        ("campaign", "time_limit: {limit_s: 40}", "time_limit: {limit: 40}"),
+        ("campaign", "time_limit: {limit_s: 40}", "time: {limit_s: 40}"),
+        ("world", "bar_m:", "bar_cm:"),
+        ("world", "color: orange", "colour: orange"),
+        ("recipe", "isolate_color: {name: orange}", "isolate_colour: {name: orange}"),
+        ("recipe", "resize: {to: real}", "resize: {too: real}"),
+        ("recipe", "publish: [real, twin]", "publish: [reel, twin]"),
+    ],
+)
+def test_a_mistake_in_a_shipped_file_is_one_for_the_schema(
+    schemas: dict[str, Any], kind: str, old: str, new: str
+) -> None:
+    text = (ROOT / f"{kind}s" / "gate.yaml").read_text("utf-8")
+    assert old in text
+    assert faults(schemas[kind], text) == []
+    assert faults(schemas[kind], text.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    "oracles",
+    [
+        "{low: {stl: 'always up_m < 2'}}",
+        "{ends: {use: landed}}",
+        "{landed: }",
+        "{distance: {use: landed}}",
+    ],
+)
+def test_oracles_of_ones_own_name_are_valid(schemas: dict[str, Any], oracles: str) -> None:
+    text = (ROOT / "campaigns" / "gate.yaml").read_text("utf-8")
+    head, _, rest = text.partition("\noracles:\n")
+    tail = rest[rest.index("\naccept:") :] if "\naccept:" in rest else ""
+    assert faults(schemas["campaign"], f"{head}\noracles: {oracles}{tail}") == []
+
+
+@pytest.mark.parametrize(
+    ("short", "is_valid"),
+    [("gate.py:Gate", True), ("{use: gate.py:Gate}", True), ("[gate.py]", False)],
+)
+def test_a_shorthand_is_valid(schemas: dict[str, Any], short: str, is_valid: bool) -> None:
+    schema = {
+        "$defs": schemas["campaign"]["$defs"],
+        "properties": {"autonomy": {"$ref": "#/$defs/AutonomyPart"}},
+    }
+    assert (faults(schema, f"autonomy: {short}") == []) is is_valid
+
+
+def test_every_oracle_and_step_is_completed(schemas: dict[str, Any]) -> None:
+    oracles = schemas["campaign"]["$defs"]["CampaignPart"]["properties"]["oracles"]
+    assert set(oracles["properties"]) == set(registry)
+    for kind in steps():
+        forms = schemas["recipe"]["$defs"][f"{kind.stage}_step"]["anyOf"]
+        assert kind.name == "use" or kind.name in forms[1]["properties"]
+
+
+def test_keys_carry_what_docstrings_say_of_them_and_their_unit(schemas: dict[str, Any]) -> None:
+    models = schemas["campaign"]["$defs"]
+    assert models["GeofencePart"]["properties"]["keep_m"] == {
+        "default": 0.0,
+        "description": "How far inside each keeps. Unit: metres.",
+        "maximum": 1000,
+        "minimum": 0,
+        "title": "keep_m",
+        "type": "number",
+    }
+    for schema, names in (
+        ("campaign", ("CampaignPart", "VehiclePart", "AutonomyPart", "ControlPart")),
+        ("world", ("WorldModel", "ObjectModel", "PoseModel")),
+        ("recipe", ("RecipePart", "CombinePart")),
+    ):
+        for name in names:
+            model = schemas[schema]["$defs"][name]
+            shown = model["anyOf"][1] if "anyOf" in model else model
+            blank = [key for key, one in shown["properties"].items() if not one.get("description")]
+            assert blank == [], name
