@@ -84,6 +84,11 @@ _COMMANDS = (
         "orchestrator.cli.commands.watch:watch",
         "Show the runs in flight on this machine until they end.",
     ),
+    (
+        "console",
+        "orchestrator.cli.commands.console:console",
+        "Show what flies, or a finished run, in the browser.",
+    ),
     ("mix", "orchestrator.cli.commands.mix:mix", "Mix images, videos or recordings by a recipe."),
     (
         "replay",

@@ -41,7 +41,7 @@ class RunState:
     """
 
     def __init__(self, *, time: Callable[[], float], log_fault: FaultLog = lambda _: None) -> None:
-        self._time = time
+        self.time = time
         self._faults = Faults(time=time, log=log_fault, take=self._decide_fault)
         self._deciding_faults = 0
         self.stage: Stage = "start"
@@ -77,7 +77,7 @@ class RunState:
         """Take that the flight of one vehicle is over, and the others fly on; the first counts."""
         if vehicle in self.dropped_out:
             return
-        self.dropped_out[vehicle] = left = DropOut(self._time(), reason)
+        self.dropped_out[vehicle] = left = DropOut(self.time(), reason)
         for watcher in tuple(self._drop_out_watchers):
             with self.taking(f"the end of the flight of {vehicle}"):
                 watcher(vehicle, left)
@@ -98,7 +98,7 @@ class RunState:
 
     def enter(self, stage: Stage) -> float:
         """Enter a stage of the run now; return the time."""
-        now_s = self._time()
+        now_s = self.time()
         self.stage = stage
         self.entered_s[stage] = now_s
         if stage in self._entries:
@@ -131,7 +131,7 @@ class RunState:
 
         trace: the traceback of what was raised, for the log and the result.
         """
-        at_s = self._time() if t_s is None else t_s
+        at_s = self.time() if t_s is None else t_s
         event = DecisiveEvent(at_s, kind, reason, source, self.last_note(), trace)
         self.decisive.append(event)
         if ends_flight and self._held:

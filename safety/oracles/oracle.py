@@ -8,7 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from safety.model.oracle_results import Flag, Limit, OracleResult
 from safety.model.samples import FenceSample, LinkSample, PoseSample, StageSample, StateSample
@@ -59,10 +59,12 @@ class OracleError(Exception):
 class Oracle(ABC):
     """The base of oracles of one vehicle (`watches`: whose samples it takes, mostly its own).
 
-    reports: what it takes of a vehicle's state; its silence is the oracle's blindness.
+    reports: what it takes of a vehicle's state; its silence is the oracle's blindness. is_costly:
+    its result takes longer the longer the run, too long to be asked for in flight.
     """
 
     reports: frozenset[ReportName] = frozenset()
+    is_costly: ClassVar[bool] = False
 
     def __init__(self, terms: Terms) -> None:
         self.terms = terms

@@ -1,6 +1,6 @@
 """An STL formula over the signals of a run, its robustness as the margin."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -52,6 +52,8 @@ class Stl(Oracle):
     actual, limit, unit, margin, at_s: of the comparison that decides; a margin of 0 of a strict
     comparison fails. INVALID where a signal has no value when the formula needs it.
     """
+
+    is_costly: ClassVar[bool] = True
 
     def __init__(self, terms: Terms, *, text: str, context: OracleContext) -> None:
         super().__init__(terms)

@@ -1,16 +1,11 @@
 """`wil-campaign abort | hold | resume`: an operator's commands, by the sockets of this machine."""
 
 import getpass
-import os
-import signal
-from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 from orchestrator.cli.standard_streams import err, out
-from orchestrator.operator.campaign_records import Place, Places, places
-from orchestrator.operator.socket_client import NoAnswerError, ask
+from orchestrator.operator.campaign_records import Places, places
+from orchestrator.operator.local_commands import send_command
 from safety.guard.core.operator_command import OperatorKind
 from safety.guard.process.runtime_folder import unsafe_folders
 
@@ -86,64 +81,11 @@ def _command(kind: OperatorKind, folder: Path | None, who: str | None) -> int:
     flying = find_campaigns(folder)
     if flying is None:
         return NOBODY
-    name = f"cli:{who or account()}"
-    answers = _abort(flying, name) if kind == "abort" else list(_to_campaigns(flying, kind, name))
-    return 0 if any(answers) else NOBODY
-
-
-def _abort(flying: Places, who: str) -> list[bool]:
-    """Ask all sockets at once, so that none which hangs delays another; then signal those."""
-    everyone = (*flying.guards, *flying.campaigns)
-    with ThreadPoolExecutor(len(everyone)) as threads:
-        answers = list(threads.map(lambda one: _send_to_socket(one, "abort", who), everyone))
-    for place, obeyed in zip(everyone, answers, strict=True):
-        if not obeyed:
-            _signal(place)
-    return answers
-
-
-def _signal(place: Place) -> None:
-    """Send SIGTERM to a campaign or a guard: both take it as an order to land."""
-    process = place.process
-    if process is None or not process.lives:
-        return
-    try:
-        os.kill(process.pid, signal.SIGTERM)
-    except OSError as error:
-        err(f"{place.name}: SIGTERM cannot be sent to process {process.pid}: {error.strerror}")
-        return
-    err(f"{place.name}: SIGTERM is sent to process {process.pid}; watch shows whether it lands")
-
-
-def _to_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterable[bool]:
-    """Send an operator's command to campaigns; to guards only where no campaign is left."""
-    orphans = list(flying.guards)
-    for campaign in flying.campaigns:
-        own = flying.guards_of(campaign)
-        try:
-            yield _print_reply(campaign, ask(campaign.socket, kind, who=who))
-        except NoAnswerError as error:
-            err(error)
-        else:
-            orphans = [one for one in orphans if one not in own]
-    for guard in orphans:
-        yield _send_to_socket(guard, kind, who)
-
-
-def _send_to_socket(place: Place, kind: OperatorKind, who: str) -> bool:
-    """Send an operator's command to a socket; return whether it was executed."""
-    try:
-        return _print_reply(place, ask(place.socket, kind, who=who))
-    except NoAnswerError as error:
-        err(error)
-        return False
-
-
-def _print_reply(place: Place, answer: dict[str, Any]) -> bool:
-    """Print the reply to an operator's command; return whether it was executed."""
-    obeyed = answer.get("ok") is True
-    (out if obeyed else err)(f"{place.name}: {answer.get('text', '')}")
-    return obeyed
+    is_obeyed = False
+    for reply in send_command(flying, kind, f"cli:{who or account()}"):
+        (out if reply.ok else err)(reply.text)
+        is_obeyed = is_obeyed or reply.ok
+    return 0 if is_obeyed else NOBODY
 
 
 def account() -> str:

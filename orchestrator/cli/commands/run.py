@@ -1,5 +1,6 @@
 """`wil-campaign run`: fly a campaign."""
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -26,6 +27,8 @@ from orchestrator.cli.run_selection import ALL, Choice
 from orchestrator.cli.standard_streams import err, ignore_broken_pipe, out
 from orchestrator.cli.study_text import study_text
 from orchestrator.cli.verdict_table import conclusions, verdict_table
+from orchestrator.console.console_beside import console_beside
+from orchestrator.console.errors import ConsoleError
 from orchestrator.model.clock import Clock
 from orchestrator.model.document_writer import to_json
 from orchestrator.operator.errors import OperatingError
@@ -57,6 +60,9 @@ class Flights:
         Try each case and mode once, up to arming: links, parameters, fence, readiness.
     arm_real
         Allow that attached vehicles are armed, which may be hardware.
+    console
+        A page in the browser beside the flight, to watch and to stop it: HOST, HOST:PORT or :PORT
+        of this machine; auto for a free port of 127.0.0.1. Its links are printed.
     """
 
     clock: Clock | None = None
@@ -65,9 +71,11 @@ class Flights:
     gcs: Annotated[tuple[str, ...], Parameter(negative=())] = ()
     no_arm: Annotated[bool, Parameter(name="--no-arm", negative=())] = False
     arm_real: Annotated[bool, Parameter(name="--arm-real", negative=())] = False
+    console: str | None = None
 
 
 _USUAL = Flights()
+AUTO = "auto"
 _WIDEST = 1000
 """Columns: a table is measured by a console that cuts nothing off."""
 
@@ -123,7 +131,7 @@ def run(
         real_kind=cleared.real_kind,
         hardware=cleared.hardware,
     )
-    return _fly_selected(campaign, settings, json=json_)
+    return _fly_selected(campaign, settings, json=json_, console=flights.console)
 
 
 def _clear_arming(campaign: Campaign, flights: Flights) -> Cleared:
@@ -143,14 +151,16 @@ def _sets(flights: Flights) -> list[str]:
     return _gcs_sets(flights.gcs) + broker
 
 
-def _fly_selected(campaign: Campaign, settings: FlyingSettings, *, json: bool) -> int:
+def _fly_selected(
+    campaign: Campaign, settings: FlyingSettings, *, json: bool, console: str | None
+) -> int:
     """Fly the selected runs with a progress display; return the outcome."""
     display = _display(json=json, total=len(planned(campaign, settings)))
     try:
-        with display:
+        with display, _console(console, display, json=json):
             display.say(_announcement(campaign, settings))
             outcome = fly_campaign(campaign, settings, display)
-    except (OutputError, OperatingError) as error:
+    except (OutputError, OperatingError, ConsoleError) as error:
         err(error)
         return 3
     except ResumeError as error:
@@ -162,6 +172,14 @@ def _fly_selected(campaign: Campaign, settings: FlyingSettings, *, json: bool) -
     else:
         _print_verdicts(outcome, campaign, report)
     return outcome.exit_code
+
+
+def _console(address: str | None, display: Display, *, json: bool) -> AbstractContextManager[None]:
+    """Return the console beside a campaign, where `run` was asked for one."""
+    if address is None:
+        return nullcontext()
+    # Standard output is one document with --json, and the links have to be seen.
+    return console_beside("127.0.0.1" if address == AUTO else address, err if json else display.say)
 
 
 def _gcs_sets(links: tuple[str, ...]) -> list[str]:

@@ -11,7 +11,7 @@ from orchestrator.state.vehicle_context import VehicleContext
 from safety.evaluation.judge import Judge
 from safety.evaluation.judge_log import LoggedSample, Tick
 from safety.fence.geofence import Fence
-from safety.model.oracle_results import Flag
+from safety.model.oracle_results import Flag, OracleResult
 from safety.model.samples import (
     DoubtSample,
     FenceSample,
@@ -39,7 +39,8 @@ class OracleRunner:
     """Runs the oracles in flight: feeds every sample to the judge, passes on every flag.
 
     tape: gets each sample before the judge does, so that the run can be judged again.
-    fence_changes: what an operator changed of what is judged by, oldest first.
+    kinds: of the oracles, by name. fence_changes: what an operator changed of what is judged by,
+    oldest first; changed_fences: by vehicle what it was changed to.
     """
 
     def __init__(
@@ -53,7 +54,7 @@ class OracleRunner:
     ) -> None:
         self._judge = judge
         self._run_state = run_state
-        self._kinds = kinds
+        self.kinds = kinds
         self._watch = watch
         self._tape = tape
         self._contexts: list[VehicleContext] = []
@@ -62,6 +63,7 @@ class OracleRunner:
         self._reported_s: dict[tuple[str, str], float] = {}
         self._events_passed_on = 0
         self.fence_changes: list[FenceChange] = []
+        self.changed_fences: dict[str, Fence] = {}
         run_state.on_stage(self._stage)
 
     def attach(self, context: VehicleContext) -> None:
@@ -92,14 +94,19 @@ class OracleRunner:
         results = [
             oracle.result(t_s)
             for oracle in self._judge.oracles
-            if self._kinds.get(oracle.name) in _CLEARANCE_KINDS
+            if self.kinds.get(oracle.name) in _CLEARANCE_KINDS
         ]
         return min([r.actual for r in results if r.actual is not None], default=None)
+
+    def results(self, t_s: float) -> tuple[OracleResult, ...]:
+        """Return the results so far of the oracles that keep one at hand."""
+        return tuple(one.result(t_s) for one in self._judge.oracles if not one.is_costly)
 
     def fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Give the oracles changed fences of vehicles."""
         now_s = asyncio.get_running_loop().time()
         self.fence_changes.append(FenceChange(now_s, who, tuple(sorted(fences))))
+        self.changed_fences |= fences
         for name, fence in fences.items():
             changed = FenceSample(now_s, name, fence)
             self._tape(changed)

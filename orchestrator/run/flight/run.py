@@ -24,6 +24,7 @@ from orchestrator.run.flight.oracle_runner import OracleRunner
 from orchestrator.run.flight.pair_flight import fly_together
 from orchestrator.run.flight.progress_reporter import ProgressReporter
 from orchestrator.run.flight.recorder_factory import recorder_of
+from orchestrator.run.flight.run_feed import RunFeed
 from orchestrator.run.flight.run_oracles import build_judge
 from orchestrator.run.flight.run_outcome import broken_result, external_result, result_of
 from orchestrator.run.flight.synchronisation import Synchronisation
@@ -38,6 +39,7 @@ from orchestrator.run.vehicles.last_statustext import last_statustext
 from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
 from orchestrator.run.vehicles.pair import Pair, open_pair
 from orchestrator.run.vehicles.preflight_checks import Preflight
+from orchestrator.state.mixtures import PreviewImages
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import FlightError, RunState, Stage
 from orchestrator.state.signal_faults import SignalFaults
@@ -101,6 +103,7 @@ class _Run:
     watchdog: Watchdog
     commanding: OperatorHandler
     preflight: Preflight
+    feed: RunFeed
 
 
 @dataclass(slots=True, kw_only=True)
@@ -118,6 +121,7 @@ class _Ground:
     twin: TwinMonitor | None
     reporter: ProgressReporter
     preflight: Preflight
+    feed: RunFeed
     perception: Perception | None = None
 
 
@@ -203,12 +207,20 @@ def _ground_of(setup: RunSetup, run_state: RunState, report: Report, streams: Ex
     reporter = ProgressReporter(
         plan=setup.order.plan, report=report, run_state=run_state, kinds=kinds
     )
+    feed = streams.enter_context(
+        RunFeed(
+            setup=setup,
+            run_state=run_state,
+            events=events,
+            note=lambda text: recorder.note("live feed", fault=text),
+        )
+    )
     outside = ExternalIo(setup=setup, events=events)
     bench = OracleRunner(
         judge=judge,
         run_state=run_state,
         kinds=kinds,
-        watch=(recorder.flag, reporter.flag, partial(_contact, outside, kinds)),
+        watch=(recorder.flag, reporter.flag, feed.flag, partial(_contact, outside, kinds)),
         tape=recorder.judged,
     )
     return _Ground(
@@ -223,6 +235,7 @@ def _ground_of(setup: RunSetup, run_state: RunState, report: Report, streams: Ex
         twin=_twin_monitor(setup, run_state),
         reporter=reporter,
         preflight=Preflight(setup=setup),
+        feed=feed,
     )
 
 
@@ -284,7 +297,7 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
         outside=ground.outside,
         run_state=run_state,
         events=ground.events,
-        watchers=_watchers(recorder, ground.outside),
+        watchers=_watchers(recorder, ground.outside, ground.feed),
         faults=faults,
     )
     goal = GoalFlight(
@@ -324,6 +337,7 @@ def _run_of(ground: _Ground, pair: Pair, runners: Mapping[str, AnyRunner], inbox
             setup, pair, bench, reporter=reporter, recorder=recorder, inbox=inbox, aboard=aboard
         ),
         preflight=ground.preflight,
+        feed=ground.feed,
     )
 
 
@@ -347,6 +361,7 @@ async def _conduct(run: _Run) -> None:
     for context in run.pair.contexts:
         run.bench.attach(context)
         _record_events(run, context)
+    run.feed.attach(run.pair.contexts, run.bench, run.perception)
     run.pair.guard.on_event(lambda event: _guard_event(run, event))
     # They are taken anew at arming.
     run.run_state.on_stage(lambda stage, _: run.pair.send_anchors() if stage == "takeoff" else None)
@@ -433,18 +448,22 @@ def _report_unhandled(
         run_state.decide("ERROR", f"in flight: {context.get('message', '')}")
 
 
-def _watchers(recorder: RunRecorder, outside: ExternalIo) -> PerceptionWatchers:
-    """Return the run's watchers of perception: recorder and external I/O."""
+def _watchers(recorder: RunRecorder, outside: ExternalIo, feed: RunFeed) -> PerceptionWatchers:
+    """Return the run's watchers of perception: recorder, external I/O, live feed."""
 
     def reading(one: Reading) -> None:
         recorder.reading(one)
         outside.untouched(one)
 
+    def shown(images: PreviewImages) -> None:
+        recorder.shown(images)
+        feed.shown(images)
+
     return PerceptionWatchers(
         reading=reading,
         frame=recorder.mixture,
         perceived=outside.perceived,
-        shown=recorder.shown,
+        shown=shown,
     )
 
 
@@ -493,6 +512,7 @@ def _guard_event(run: _Run, event: GuardEvent) -> None:
     run.recorder.guard_event(event)
     run.holding.take(event)
     run.reporter.guard(event)
+    run.feed.guard(event)
     if event.kind == "alone":
         _drop_out(run, event)
     settled = decisive(event)
@@ -513,7 +533,13 @@ def _drop_out(run: _Run, event: GuardEvent) -> None:
 
 async def _record(run: _Run) -> None:
     """Record the run's trajectories until cancelled."""
-    await run.recorder.follow(run.pair.contexts, run.run_state, run.watchdog.watch("trajectory"))
+    sign = run.watchdog.watch("trajectory")
+
+    def alive() -> None:
+        sign()
+        run.feed.tick()
+
+    await run.recorder.follow(run.pair.contexts, run.run_state, alive)
 
 
 async def _follow(run: _Run) -> None:

@@ -16,7 +16,7 @@ from vehicles.processes.identity import ProcessId
 _FOLDER = "wil-campaign"
 _LONGEST_BYTES = 107 - len("/campaign-4194304.sock")
 """Of a folder whose sockets have paths that fit into sockaddr_un, unix(7)."""
-_OF_PROCESS = re.compile(r"(?:campaign|guard)-([0-9]{1,10})(?:-[0-9]+)?\.(?:sock|part)")
+_OF_PROCESS = re.compile(r"(?:campaign|guard|console)-([0-9]{1,10})(?:-[0-9]+)?\.(?:sock|part)")
 
 
 class RuntimeFolderError(OSError):

@@ -1,0 +1,79 @@
+"""`wil-campaign console`: the page in the browser that shows what flies, or a finished run."""
+
+import asyncio
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.console.console_address import ConsoleAddress
+from orchestrator.console.console_process import ConsoleSettings, serve_console
+from orchestrator.console.errors import ConsoleError
+from orchestrator.recording.errors import RecordingError
+
+_UNAVAILABLE = 3
+_RECORDING = "run.mcap"
+_SLOWEST, _FASTEST = 0.01, 100.0
+
+
+def console(
+    folder: Path | None = None,
+    *,
+    address: str = "127.0.0.1",
+    tls_cert: Path | None = None,
+    tls_key: Path | None = None,
+    speed: float = 1.0,
+    beside: Annotated[int | None, Parameter(show=False)] = None,
+) -> int:
+    """Show what flies on this machine in the browser, and take an operator's commands there.
+
+    It prints two links, each good for one browser: one for an operator, one for viewers. With the
+    folder of a finished run it shows that run again. Ctrl-C ends the console and nothing else.
+
+    Parameters
+    ----------
+    folder
+        Only what writes its results there: a campaign's or a run's folder; or a finished run's.
+    address
+        HOST, HOST:PORT or :PORT; by default a free port of 127.0.0.1. Another host than this
+        machine's own needs a certificate.
+    tls_cert
+        A certificate (PEM), with its chain.
+    tls_key
+        The certificate's key.
+    speed
+        Of a finished run, in times the pace at which it was flown.
+    """
+    if (tls_cert is None) != (tls_key is None):
+        err("--tls-cert and --tls-key go together")
+        return 2
+    if not _SLOWEST <= speed <= _FASTEST:
+        err(f"--speed is between {_SLOWEST} and {_FASTEST}")
+        return 2
+    try:
+        settings = ConsoleSettings(
+            address=ConsoleAddress.parse(address),
+            folder=folder,
+            recorded=_recorded(folder),
+            speed=speed,
+            tls=None if tls_cert is None or tls_key is None else (tls_cert, tls_key),
+        )
+        asyncio.run(serve_console(settings, _announce, beside=beside))
+    except (ConsoleError, RecordingError) as error:
+        err(error)
+        return _UNAVAILABLE
+    return 0
+
+
+def _recorded(folder: Path | None) -> Path | None:
+    """Return a finished run's folder; None for what flies."""
+    if folder is None or not (folder / _RECORDING).is_file():
+        return None
+    return folder if (folder / "result.json").is_file() else None
+
+
+def _announce(line: str) -> None:
+    out(line)
+    sys.stdout.flush()

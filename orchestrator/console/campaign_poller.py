@@ -1,0 +1,114 @@
+"""The status of the campaigns and guards of this machine, asked for by their operator sockets."""
+
+import json
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Self
+
+from orchestrator.operator.campaign_records import Place, places
+from orchestrator.operator.socket_client import NoAnswerError, ask
+
+POLL_S = 0.5
+_AT_ONCE = 8
+_MOST_ENDED = 4
+_WHO = "console"
+
+
+class CampaignPoller:
+    """Polls what flies; a context manager. folder: only what writes its results there."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder
+        self._threads = ThreadPoolExecutor(_AT_ONCE, thread_name_prefix="poll")
+        self._planned: dict[Path, list[str]] = {}
+        self._last: dict[Path, dict[str, Any]] = {}
+        self._owned: set[Path] = set()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+    def poll(self) -> dict[str, Any]:
+        """Return the status of all campaigns and guards now; ended ones as they were last."""
+        try:
+            found = places().beneath(self._folder)
+        except OSError as error:
+            return {"campaigns": list(self._last.values()), "guards": [], "problem": str(error)}
+        campaigns = list(self._threads.map(_status, found.campaigns))
+        guards = list(self._threads.map(_status, found.guards))
+        flying = {place.folder for place in found.campaigns}
+        for place, status in zip(found.campaigns, campaigns, strict=True):
+            self._last[place.folder] = {
+                **self._last.get(place.folder, {}),
+                **status,
+                "planned": self._plan(place.folder),
+                "is_over": False,
+            }
+        for folder in self._last.keys() - flying:
+            if not self._last[folder]["is_over"]:
+                self._last[folder] |= {"is_over": True, "flying": {}, **_summary(folder)}
+        for folder in [one for one in self._last if one not in flying][:-_MOST_ENDED]:
+            del self._last[folder]
+        return {"campaigns": list(self._last.values()), "guards": guards, "problem": ""}
+
+    def is_landing(self, pid: int) -> bool:
+        """Return whether a guard still flies for the campaign of a process."""
+        try:
+            found = places()
+        except OSError:
+            return False
+        self._owned.update(
+            one.folder for one in found.campaigns if one.process and one.process.pid == pid
+        )
+        return any(
+            guard.folder.is_relative_to(one) for guard in found.guards for one in self._owned
+        )
+
+    def _plan(self, folder: Path) -> list[str]:
+        """Return the names of a campaign's runs, as campaign.json has them."""
+        if folder not in self._planned:
+            runs = _document(folder / "campaign.json").get("runs")
+            if not isinstance(runs, list):
+                return []
+            self._planned[folder] = [str(one.get("run")) for one in runs if isinstance(one, dict)]
+        return self._planned[folder]
+
+
+def _status(place: Place) -> dict[str, Any]:
+    """Return the status of a campaign or a guard; what it is without an answer."""
+    known: dict[str, Any] = {"name": place.name, "folder": str(place.folder)}
+    try:
+        answer = ask(place.socket, "status", who=_WHO)
+    except NoAnswerError as error:
+        return {**known, "is_answering": False, "problem": str(error)}
+    status = {key: one for key, one in answer.items() if key not in {"ok", "text", "command"}}
+    return {**status, **known, "is_answering": True, "problem": ""}
+
+
+def _summary(folder: Path) -> dict[str, Any]:
+    """Return the verdicts of a campaign that is over."""
+    found = _document(folder / "summary.json")
+    runs = [*_list(found, "runs"), *_list(found, "controls")]
+    verdicts = {f"{one.get('case')}/{one.get('mode')}/{one.get('rep')}": one for one in runs}
+    return {
+        "finished": {name: str(one.get("verdict")) for name, one in verdicts.items()},
+        "reasons": {name: str(one.get("reason", "")) for name, one in verdicts.items()},
+        "accepted": found.get("accepted"),
+    }
+
+
+def _list(document: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
+    found = document.get(key)
+    return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """Return a JSON document of a results folder; an empty one where it cannot be read."""
+    try:
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}

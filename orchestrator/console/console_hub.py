@@ -1,0 +1,139 @@
+"""The newest of every run and campaign that a console knows, and the pages that it is sent to."""
+
+import asyncio
+from collections import OrderedDict, deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+
+from orchestrator.console.console_access import ConsoleAccess
+from orchestrator.console.page_client import PageClient, as_text, image_packet
+from orchestrator.console.scene_document import RunScene
+from orchestrator.live_feed.feed_messages import (
+    EventView,
+    FactsView,
+    FeedMessage,
+    ImageView,
+    RunView,
+)
+
+_MOST_RUNS = 8
+"""Runs that are remembered; the one that was silent longest yields."""
+_MOST_EVENTS = 1000
+
+
+@dataclass(slots=True)
+class _RunRecord:
+    """What a console knows of one run; texts as they are sent."""
+
+    scene: RunScene | None = None
+    view: str = ""
+    images: dict[str, bytes] = field(default_factory=dict)
+    events: deque[str] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
+
+
+class ConsoleHub:
+    """Passes live feeds and statuses on to all open pages; new pages get what is known.
+
+    about: what every page is told first. access: for who has control.
+    """
+
+    def __init__(self, *, about: Mapping[str, Any], access: ConsoleAccess) -> None:
+        self._about = dict(about)
+        self._access = access
+        self._pages: set[PageClient] = set()
+        self._runs: OrderedDict[str, _RunRecord] = OrderedDict()
+        self._status = ""
+
+    def join(self, page: PageClient) -> None:
+        """Send a new page all that is known, and from now on what is new."""
+        session = page.session
+        you = {"number": session.number, "role": session.role, "name": session.name}
+        page.order(as_text({"type": "hello", "you": you, **self._about}))
+        for key, record in self._runs.items():
+            if record.scene is not None:
+                page.order(as_text(record.scene.document))
+            for text in record.events:
+                page.order(text)
+            if record.view:
+                page.show(f"run {key}", record.view)
+            for name, packet in record.images.items():
+                page.show_image(f"{key} {name}", packet)
+        if self._status:
+            page.show("status", self._status)
+        self._pages.add(page)
+        self.show_people()
+
+    def leave(self, page: PageClient) -> None:
+        """Send a closed page nothing any more."""
+        self._pages.discard(page)
+        self.show_people()
+
+    def show_people(self) -> None:
+        """Send all pages who is there, and who has control."""
+        holder = self._access.in_control
+        people = {
+            session.number: {"number": session.number, "role": session.role, "name": session.name}
+            for session in (page.session for page in self._pages)
+        }
+        text = as_text(
+            {
+                "type": "people",
+                "people": list(people.values()),
+                "in_control": None if holder is None else holder.number,
+                "holder": "" if holder is None else holder.name,
+            }
+        )
+        for page in self._pages:
+            page.order(text)
+
+    def show_status(self, document: Mapping[str, Any]) -> None:
+        """Send all pages the status of campaigns and guards: also the server's sign of life."""
+        self._status = as_text({"type": "status", **document})
+        for page in self._pages:
+            page.show("status", self._status)
+
+    def show_command(self, document: Mapping[str, Any]) -> None:
+        """Send all pages a command that was given here, and its replies."""
+        text = as_text({"type": "command", **document})
+        for page in self._pages:
+            page.order(text)
+
+    async def take(self, message: FeedMessage) -> None:
+        """Take a message of a live feed."""
+        record = self._record(message.run)
+        match message:
+            case RunView():
+                record.view = _view_text(message, record.scene)
+                for page in self._pages:
+                    page.show(f"run {message.run}", record.view)
+            case ImageView():
+                record.images[message.name] = packet = image_packet(message)
+                for page in self._pages:
+                    page.show_image(f"{message.run} {message.name}", packet)
+            case EventView():
+                text = as_text({"type": "event", **msgspec.structs.asdict(message)})
+                record.events.append(text)
+                for page in self._pages:
+                    page.order(text)
+            case FactsView():
+                # Meshes are read from files: no command waits for that.
+                scene = await asyncio.to_thread(RunScene.of, message.run, message.facts)
+                record.scene = scene
+                for page in self._pages:
+                    page.order(as_text(scene.document))
+
+    def _record(self, run: str) -> _RunRecord:
+        record = self._runs.setdefault(run, _RunRecord())
+        self._runs.move_to_end(run)
+        if len(self._runs) > _MOST_RUNS:
+            self._runs.popitem(last=False)
+        return record
+
+
+def _view_text(view: RunView, scene: RunScene | None) -> str:
+    """Return a run's state for the page, with where its world's moving objects are."""
+    moving = {} if scene is None else scene.moving(view.t_s, view.events)
+    return as_text({"type": "run", "moving": moving, **msgspec.structs.asdict(view)})

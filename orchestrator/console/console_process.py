@@ -1,0 +1,198 @@
+"""A console's process: opens its address, serves its page, receives live feeds, until it ends."""
+
+import asyncio
+import contextlib
+import os
+import socket
+import ssl
+import sys
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import get_args
+
+from aiohttp import web
+
+from orchestrator.console.campaign_poller import POLL_S, CampaignPoller
+from orchestrator.console.console_access import ConsoleAccess, Role
+from orchestrator.console.console_address import ConsoleAddress, RequestRules, require_safe
+from orchestrator.console.console_hub import ConsoleHub
+from orchestrator.console.console_server import ConsoleServer
+from orchestrator.console.errors import ConsoleError
+from orchestrator.console.page_commands import CommandSender
+from orchestrator.console.recorded_run import RecordedRun
+from orchestrator.live_feed.feed_messages import feed_codec
+from orchestrator.live_feed.feed_sockets import feed_receiver
+from vehicles.processes.codec import MessageError
+from vehicles.tasks import stop, together
+
+_LONGEST_BYTES = 1 << 18
+_BACKLOG = 64
+_NICE = 5
+"""The console yields to what flies on the same cores."""
+_LEAVE_S = 2.0
+"""How long after its campaign a console is there still, so that pages show the end."""
+_CLOSE_S = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConsoleSettings:
+    """What a console is to show, and where. recorded: a finished run; None for what flies.
+
+    folder: only what writes its results there. tls: certificate and key. speed: of a finished run,
+    in times the pace at which it was flown.
+    """
+
+    address: ConsoleAddress
+    folder: Path | None = None
+    recorded: Path | None = None
+    tls: tuple[Path, Path] | None = None
+    speed: float = 1.0
+
+
+Announce = Callable[[str], None]
+
+
+async def serve_console(
+    settings: ConsoleSettings, announce: Announce, *, beside: int | None = None
+) -> None:
+    """Serve a console until it is cancelled. Raises ConsoleError, RecordingError.
+
+    announce: is given the links, one for an operator and one for viewers. beside: the process of a
+    campaign, with which the console ends: when standard input is closed, and its guards are gone.
+    """
+    require_safe(settings.address, tls=settings.tls is not None)
+    with contextlib.suppress(OSError):
+        os.nice(_NICE)
+    access = ConsoleAccess()
+    with _listening(settings.address) as end, CampaignPoller(settings.folder) as poller:
+        address = replace(settings.address, port=end.getsockname()[1])
+        rules = RequestRules.of(address, tls=settings.tls is not None)
+        mode = "live" if settings.recorded is None else "recorded"
+        hub = ConsoleHub(about={"mode": mode, "poll_s": POLL_S}, access=access)
+        async with _site(settings, access, rules, hub, end):
+            for role in get_args(Role):
+                token = access.invite(role)
+                announce(f"{role}: {rules.scheme}://{address.shown}/#{token}")
+            await _feed_hub(settings, hub, poller, beside)
+
+
+async def _feed_hub(
+    settings: ConsoleSettings, hub: ConsoleHub, poller: CampaignPoller, beside: int | None
+) -> None:
+    """Feed the hub from what flies, or from a recording, until the console is to end."""
+    async with together() as group:
+        if settings.recorded is None:
+            source = group.create_task(_receive(hub), name="live feeds")
+        else:
+            recorded = RecordedRun(settings.recorded, speed=settings.speed)
+            source = group.create_task(recorded.play(hub.take), name="recorded run")
+        polling = group.create_task(_poll(hub, poller), name="status")
+        await _end_of(poller, beside)
+        await asyncio.sleep(_LEAVE_S)
+        await stop(source, polling)
+
+
+async def _end_of(poller: CampaignPoller, beside: int | None) -> None:
+    """Wait until the campaign of a process has ended and landed; for ever for None."""
+    closed = asyncio.Event()
+    if beside is None:
+        await closed.wait()
+        return
+    loop, end = asyncio.get_running_loop(), sys.stdin.fileno()
+
+    def close() -> None:
+        loop.remove_reader(end)
+        closed.set()
+
+    # Nobody writes to it: it can be read once its other end is closed.
+    loop.add_reader(end, close)
+    is_there = True
+    while is_there:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(POLL_S):
+                await closed.wait()
+                await asyncio.sleep(POLL_S)
+        is_landing = await asyncio.to_thread(poller.is_landing, beside)
+        is_there = is_landing or not closed.is_set()
+
+
+async def _receive(hub: ConsoleHub) -> None:
+    """Take live feeds until cancelled; what is none is let go."""
+    loop = asyncio.get_running_loop()
+    try:
+        with feed_receiver() as end:
+            while True:
+                datagram = await loop.sock_recv(end, _LONGEST_BYTES)
+                with contextlib.suppress(MessageError):
+                    await hub.take(feed_codec.decode(datagram))
+    except OSError as error:
+        raise ConsoleError(f"live feeds cannot be received: {error}") from error
+
+
+async def _poll(hub: ConsoleHub, poller: CampaignPoller) -> None:
+    """Show the status of campaigns and guards until cancelled."""
+    while True:
+        hub.show_status(await asyncio.to_thread(poller.poll))
+        await asyncio.sleep(POLL_S)
+
+
+@asynccontextmanager
+async def _site(
+    settings: ConsoleSettings,
+    access: ConsoleAccess,
+    rules: RequestRules,
+    hub: ConsoleHub,
+    end: socket.socket,
+) -> AsyncIterator[None]:
+    """Serve the console's application on a socket."""
+    sender = CommandSender(settings.folder)
+    server = ConsoleServer(
+        access=access,
+        rules=rules,
+        hub=hub,
+        sender=sender,
+        cookie=f"wil_console_{end.getsockname()[1]}",
+        time=asyncio.get_running_loop().time,
+    )
+    runner = web.AppRunner(server.application(), access_log=None, shutdown_timeout=_CLOSE_S)
+    await runner.setup()
+    try:
+        await web.SockSite(runner, end, ssl_context=_tls(settings), backlog=_BACKLOG).start()
+        yield
+    finally:
+        await runner.cleanup()
+        sender.close()
+
+
+@contextmanager
+def _listening(address: ConsoleAddress) -> Iterator[socket.socket]:
+    """Listen at an address. Raises ConsoleError."""
+    try:
+        family, _, _, _, place = socket.getaddrinfo(
+            address.host, address.port, type=socket.SOCK_STREAM
+        )[0]
+        end = socket.create_server(place[:2], family=family, backlog=_BACKLOG)
+    except OSError as error:
+        raise ConsoleError(
+            f"the console cannot listen at {address.shown}: {error.strerror or error}; name "
+            "another address, or none for a free port"
+        ) from error
+    with end:
+        end.setblocking(False)
+        yield end
+
+
+def _tls(settings: ConsoleSettings) -> ssl.SSLContext | None:
+    """Return the TLS context of a console. Raises ConsoleError."""
+    if settings.tls is None:
+        return None
+    certificate, key = settings.tls
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(certificate, key)
+    except (OSError, ssl.SSLError) as error:
+        raise ConsoleError(f"{certificate} and {key} are no certificate: {error}") from error
+    return context

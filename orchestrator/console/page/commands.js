@@ -1,0 +1,63 @@
+// @ts-check
+// Buttons and keys that command: each is one POST, and its reply is shown.
+
+/** @typedef {import("./model.js").Model} Model */
+
+const WAIT_MS = 5000;
+
+/** @param {string} id */
+const by = (id) => /** @type {HTMLButtonElement} */ (document.getElementById(id));
+
+/** Send a request; return its reply, also where the server is not there.
+ * @param {string} path @param {any} body @returns {Promise<{ok: boolean, text: string}>} */
+export async function showReply(path, body) {
+  try {
+    const response = await fetch(path, {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(body),
+      signal: AbortSignal.timeout(WAIT_MS),
+    });
+    return await response.json();
+  } catch (error) {
+    return {
+      ok: false,
+      text: `NOT SENT: the console's server does not answer (${error}). Use wil-campaign abort in a terminal.`,
+    };
+  }
+}
+
+/** @param {{ok: boolean, text: string}} reply */
+function display(reply) {
+  const line = by("reply");
+  line.textContent = reply.text;
+  line.className = `reply ${reply.ok ? "good" : "bad"}`;
+  line.hidden = false;
+}
+
+/** @param {string} command */
+async function send(command) {
+  display({ ok: true, text: `${command}: sent` });
+  display(await showReply("/command", { command }));
+}
+
+/** @param {Model} model */
+export function wireCommands(model) {
+  const abort = () => {
+    if (model.you !== null && model.you.role === "operator") void send("abort");
+  };
+  by("abort").addEventListener("click", abort);
+  by("hold").addEventListener("click", () => void send("hold"));
+  by("resume").addEventListener("click", () => void send("resume"));
+  document.addEventListener("keydown", (event) => {
+    if (event.key === "Escape" && !event.repeat) abort();
+  });
+  by("take").addEventListener("click", async () => display(await showReply("/control", {})));
+  for (const role of ["viewer", "operator"]) {
+    by(`invite-${role}`).addEventListener("click", async () => {
+      const reply = await showReply("/invite", { role });
+      if (reply.ok) by("link").textContent = reply.text;
+      else display(reply);
+    });
+  }
+}

@@ -1,0 +1,326 @@
+// @ts-check
+// Tables and lists: vehicles, guard, margins, campaign, events, people. Text only, never markup.
+
+/** @typedef {import("./model.js").Model} Model */
+
+const STALE_S = 1.5;
+const NEAR = 0.2;
+const SHOWN_EVENTS = 150;
+
+/** @param {string} id */
+const by = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
+
+/** @param {string} tag @param {string} [text] @param {string} [kind] */
+function make(tag, text = "", kind = "") {
+  const made = document.createElement(tag);
+  if (text) made.textContent = text;
+  if (kind) made.className = kind;
+  return made;
+}
+
+/** @param {any} value @param {number} [digits] */
+function number(value, digits = 2) {
+  return typeof value === "number" ? value.toFixed(digits) : "–";
+}
+
+export class Panels {
+  /** @param {Model} model */
+  constructor(model) {
+    this.model = model;
+    this.drawn = -1;
+    this.runs = by("runs");
+    this.runs.addEventListener("change", () => {
+      model.chosen = /** @type {HTMLSelectElement} */ (this.runs).value;
+      model.isChosenByHand = true;
+      model.changes += 1;
+    });
+  }
+
+  /** @param {string} text @param {boolean} isLost */
+  lost(text, isLost) {
+    by("lost").hidden = !isLost;
+    if (isLost) by("lost-text").textContent = text;
+  }
+
+  refresh() {
+    this.showAges();
+    if (this.drawn === this.model.changes) return;
+    this.drawn = this.model.changes;
+    this.showHead();
+    this.showVehicles();
+    this.showGuards();
+    this.showMargins();
+    this.showMatrix();
+    this.showEvents();
+    this.showPeople();
+  }
+
+  showAges() {
+    const now = performance.now();
+    const run = this.model.run;
+    const ages = { run: run?.view ? (now - run.at) / 1000 : null, status: this.statusAge(now) };
+    for (const [key, age] of Object.entries(ages)) {
+      for (const one of document.querySelectorAll(`.aged[data-age=${key}]`)) {
+        one.classList.toggle("stale", age !== null && age > STALE_S);
+        const text = one.querySelector(".age");
+        if (text) text.textContent = age === null ? "" : `${age.toFixed(1)} s old`;
+      }
+    }
+  }
+
+  /** @param {number} now */
+  statusAge(now) {
+    return this.model.status ? (now - this.model.statusAt) / 1000 : null;
+  }
+
+  showHead() {
+    const { model } = this;
+    const view = model.run?.view;
+    const campaign = this.campaign();
+    by("campaign").textContent = campaign?.name ?? (model.mode === "recorded" ? "Recorded run" : "No campaign in flight");
+    by("state").textContent = this.stateText(campaign);
+    by("stage").textContent = view?.stage ?? "–";
+    by("time").textContent = view ? `${view.t_s.toFixed(1)} s, ${view.clock} clock` : "–";
+    const verdict = by("verdict");
+    verdict.textContent = view?.verdict_so_far || "–";
+    verdict.className = `badge ${view?.verdict_so_far ?? ""}`;
+    by("reason").textContent = view?.reason ?? "";
+    by("reason").hidden = !view?.reason;
+    this.showRuns();
+    const isOperator = model.you?.role === "operator" && model.mode === "live";
+    button("abort").disabled = !isOperator;
+    button("hold").disabled = !isOperator || !model.hasControl || Boolean(campaign?.held);
+    button("resume").disabled = !isOperator || !model.hasControl || !campaign?.held;
+  }
+
+  campaign() {
+    const all = this.model.status?.campaigns ?? [];
+    const run = this.model.chosen;
+    return all.find((/** @type {any} */ one) => run.startsWith(`${one.folder}/`)) ?? all.at(-1);
+  }
+
+  /** @param {any} campaign */
+  stateText(campaign) {
+    if (!campaign) return this.model.mode === "recorded" ? "nothing flies: this was flown" : "waiting for a flight on this machine";
+    const done = Object.keys(campaign.finished ?? {}).length;
+    if (campaign.is_over) return `ended: ${done} runs finished`;
+    if (!campaign.is_answering) return `the campaign does not answer: ${campaign.problem}`;
+    const word = campaign.stopped ? "landing, nothing more is flown" : campaign.held ? "HELD by the operator" : "flying";
+    return `${word}; ${done} of ${campaign.total} runs finished`;
+  }
+
+  showRuns() {
+    const keys = [...this.model.runs.keys()];
+    const names = keys.map((key) => key.split("/").slice(-3).join("/"));
+    const select = /** @type {HTMLSelectElement} */ (this.runs);
+    if ([...select.options].map((one) => one.value).join("\n") !== keys.join("\n")) {
+      select.replaceChildren(...keys.map((key, index) => new Option(names[index], key)));
+    }
+    if (select.value !== this.model.chosen) select.value = this.model.chosen;
+  }
+
+  showVehicles() {
+    const view = this.model.run?.view;
+    const vehicles = view?.vehicles ?? [];
+    /** @type {[string, (one: any) => [string, string] | string][]} */
+    const rows = [
+      ["mode", (one) => one.mode || "–"],
+      ["armed", (one) => (one.armed ? "armed" : "disarmed")],
+      ["state", (one) => one.landed.replace("_", " ") || "–"],
+      ["link", (one) => (one.silent_s === null ? ["never heard", "bad"] : one.link_up ? `${one.silent_s.toFixed(2)} s ago` : [`LOST, ${one.silent_s.toFixed(1)} s ago`, "bad"])],
+      ["battery", (one) => battery(one)],
+      ["estimator", (one) => (one.failsafe ? ["FAILSAFE", "bad"] : one.faults.length ? [one.faults.join("; "), "bad"] : "no fault reported")],
+      ["north, east, up", (one) => place(one.position_ned_m, "m")],
+      ["speed", (one) => (one.velocity_ned_m_s ? `${Math.hypot(...one.velocity_ned_m_s).toFixed(2)} m/s` : "–")],
+      ["setpoint", (one) => (one.setpoint ? `${one.setpoint_kind} ${place(one.setpoint, one.setpoint_kind === "velocity" ? "m/s" : "m")}` : "–")],
+      ["autonomy", (one) => one.note || "–"],
+    ];
+    const head = make("tr");
+    head.append(make("td"), ...vehicles.map((/** @type {any} */ one) => make("th", one.name, one.name)));
+    const body = rows.map(([title, cell]) => {
+      const row = make("tr");
+      row.append(make("th", title));
+      for (const one of vehicles) {
+        const found = cell(one);
+        row.append(typeof found === "string" ? make("td", found) : badgeCell(found));
+      }
+      return row;
+    });
+    by("vehicles").replaceChildren(head, ...(vehicles.length ? body : []));
+    const texts = (view?.mixings ?? []).map((/** @type {any} */ one) => mixingText(one));
+    by("mixing").textContent = texts.join(" · ");
+  }
+
+  showGuards() {
+    const guards = this.model.status?.guards ?? [];
+    const made = guards.map((/** @type {any} */ one) => {
+      const row = make("div");
+      row.append(make("p", String(one.run ?? one.name)));
+      if (!one.is_answering) {
+        row.append(make("span", "does not answer", "badge FAIL"));
+        return row;
+      }
+      const state = one.latched ? [`has taken over: ${one.latched}`, "FAIL"] : one.held ? ["holds all vehicles", "INVALID"] : ["passes setpoints on", "PASS"];
+      row.append(make("span", state[0], `badge ${state[1]}`));
+      if (one.orchestrator === "lost") row.append(make("span", "its program is lost", "badge FAIL"));
+      const list = Object.entries(one.vehicles ?? {}).map(([name, phase]) => `${name}: ${phase}`);
+      row.append(make("p", list.join(", ")));
+      return row;
+    });
+    const none = this.model.run?.view?.clock === "virtual" ? "under the virtual clock the guard is in the run's process: see its events" : "no guard on this machine";
+    by("guards").replaceChildren(...(made.length ? made : [make("p", none, "hint")]));
+  }
+
+  showMargins() {
+    const run = this.model.run;
+    const margins = run?.view?.margins ?? [];
+    const rows = margins.map((/** @type {any} */ one) => {
+      const history = run?.margins.get(`${one.name} ${one.vehicle}`) ?? [];
+      const row = make("tr");
+      const name = make("th", `${one.name} of ${one.vehicle}`);
+      if (!one.required) name.append(make("small", " not required"));
+      const value = make("td", `${number(one.actual)} ${one.unit}${limitText(one.limits)}`);
+      row.append(name, value, barCell(one, history), sparkCell(history));
+      row.title = one.detail;
+      return row;
+    });
+    by("margins").replaceChildren(...(rows.length ? rows : [make("caption", "none yet")]));
+  }
+
+  showMatrix() {
+    const campaign = this.campaign();
+    if (!campaign) return by("matrix").replaceChildren(make("p", "none", "hint"));
+    const names = new Set([...(campaign.planned ?? []), ...Object.keys(campaign.finished ?? {}), ...Object.keys(campaign.flying ?? {})]);
+    /** @type {Map<string, HTMLElement[]>} */
+    const rows = new Map();
+    for (const name of names) {
+      const [group, rep] = [name.split("/").slice(0, 2).join("/"), name.split("/")[2]];
+      const verdict = campaign.finished?.[name];
+      const flying = campaign.flying?.[name];
+      const badge = make("span", `${rep} ${verdict ?? (flying ? flying.stage : "planned")}`, `badge ${verdict ?? (flying ? "flying" : "planned")}`);
+      badge.title = campaign.reasons?.[name] ?? "";
+      rows.set(group, [...(rows.get(group) ?? []), badge]);
+    }
+    const table = make("table");
+    for (const [group, badges] of rows) {
+      const row = make("tr");
+      const cell = make("td");
+      for (const badge of badges) cell.append(badge, " ");
+      row.append(make("th", group), cell);
+      table.append(row);
+    }
+    by("matrix").replaceChildren(table);
+  }
+
+  showEvents() {
+    const { events } = this.model;
+    const shown = events.slice(-SHOWN_EVENTS).reverse();
+    const lines = shown.map((one) => {
+      const isCommand = one.kind === "command";
+      const text = isCommand ? `${one.command} by ${one.who}: ${one.texts.join("; ")}` : [one.vehicle, one.word, one.text].filter(Boolean).join(" · ");
+      const severe = one.severity !== null && one.severity !== undefined && one.severity <= 3;
+      const line = make("li", "", `${one.kind}${severe ? " severe" : ""}`);
+      line.append(make("time", one.t_s === null ? "now" : `${number(one.t_s, 1)} s`), make("b", one.kind), make("span", text));
+      return line;
+    });
+    by("events").replaceChildren(...lines);
+  }
+
+  showPeople() {
+    const { people, you } = this.model;
+    const items = people.people.map((/** @type {any} */ one) => {
+      const marks = [one.role, people.in_control === one.number ? "has control" : "", you && you.number === one.number ? "this page" : ""];
+      return make("li", `${one.name} (${marks.filter(Boolean).join(", ")})`);
+    });
+    by("people").replaceChildren(...items);
+    by("control").textContent = people.holder ? `${people.holder} has control. Abort is every operator's.` : "Nobody has control.";
+    const isOperator = you?.role === "operator";
+    button("take").disabled = !isOperator || this.model.hasControl;
+    button("invite-viewer").disabled = !isOperator;
+    button("invite-operator").disabled = !isOperator;
+  }
+}
+
+/** @param {string} id */
+function button(id) {
+  return /** @type {HTMLButtonElement} */ (document.getElementById(id));
+}
+
+/** @param {[string, string]} found */
+function badgeCell(found) {
+  const cell = make("td");
+  cell.append(make("span", found[0], `badge ${found[1]}`));
+  return cell;
+}
+
+/** @param {any} one @returns {[string, string] | string} */
+function battery(one) {
+  if (one.battery_fraction === null) return "unknown";
+  const volts = one.battery_v === null ? "" : `, ${one.battery_v.toFixed(1)} V`;
+  const text = `${(one.battery_fraction * 100).toFixed(0)} %${volts}`;
+  return one.battery_fraction < NEAR ? [text, "bad"] : text;
+}
+
+/** @param {number[] | null} ned @param {string} unit */
+function place(ned, unit) {
+  if (!ned || ned.some((one) => one === null)) return "–";
+  return `${ned[0].toFixed(2)}, ${ned[1].toFixed(2)}, ${(0 - ned[2]).toFixed(2)} ${unit}`;
+}
+
+/** @param {any} one */
+function mixingText(one) {
+  const error = one.registration_error_px === null ? "not measured" : `${one.registration_error_px.toFixed(2)} px`;
+  return `${one.name}: ${number(one.rate_hz, 1)} Hz, skew ${number(one.skew_ms, 1)} ms, latency ${number(one.latency_ms, 1)} ms, registration error ${error}, ${one.missed} missed`;
+}
+
+/** @param {(number | null)[]} limits */
+function limitText(limits) {
+  const [low, high] = limits;
+  if (low === null && high === null) return "";
+  if (low === null) return `, limit ${number(high)}`;
+  return high === null ? `, limit ${number(low)}` : `, ${number(low)} to ${number(high)}`;
+}
+
+/** @param {any} one @param {number[]} history */
+function barCell(one, history) {
+  const cell = make("td");
+  if (one.margin === null) {
+    cell.append(make("small", one.verdict === "FAIL" ? one.detail || "not yet" : "no margin"));
+    return cell;
+  }
+  const known = one.limits.filter((/** @type {any} */ limit) => limit !== null).map(Math.abs);
+  const scale = Math.max(1e-9, ...history.map(Math.abs), ...known, Math.abs(one.margin));
+  const share = one.margin / scale;
+  const bar = make("span", "", `bar ${share < 0 ? "over" : share < NEAR ? "near" : ""}`);
+  const fill = make("i");
+  fill.style.width = `${Math.max(0, share * 100)}%`;
+  bar.append(fill);
+  cell.append(make("span", `${number(one.margin)} ${one.unit}`), bar);
+  return cell;
+}
+
+/** @param {number[]} history */
+function sparkCell(history) {
+  const cell = make("td");
+  if (history.length < 2) return cell;
+  const spark = /** @type {HTMLCanvasElement} */ (document.createElement("canvas"));
+  spark.width = 180;
+  spark.height = 48;
+  spark.setAttribute("aria-hidden", "true");
+  const context = spark.getContext("2d");
+  if (context) {
+    const low = Math.min(0, ...history);
+    const high = Math.max(...history, low + 1e-9);
+    context.strokeStyle = getComputedStyle(document.body).color;
+    context.lineWidth = 2;
+    context.beginPath();
+    history.forEach((value, index) => {
+      const [x, y] = [(index / (history.length - 1)) * 178 + 1, 46 - ((value - low) / (high - low)) * 44];
+      if (index) context.lineTo(x, y);
+      else context.moveTo(x, y);
+    });
+    context.stroke();
+  }
+  cell.append(spark);
+  return cell;
+}

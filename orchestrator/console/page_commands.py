@@ -1,0 +1,111 @@
+"""An operator's commands by the page: over the sockets that every other way takes."""
+
+import asyncio
+import json
+import secrets
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast, get_args
+
+from orchestrator.console.console_access import AccessError
+from orchestrator.operator.campaign_records import Places, places
+from orchestrator.operator.local_commands import CommandReply, send_command
+from orchestrator.operator.operator_log import OperatorLog
+from orchestrator.operator.socket_client import NoAnswerError, ask
+from safety.guard.core.operator_command import OperatorKind
+from safety.guard.operator.operator_lines import LONGEST_LINE_BYTES
+
+MAX_BODY_BYTES = LONGEST_LINE_BYTES // 2
+"""Of a request; written as JSON once more, it has to fit into a line of the socket."""
+_AT_ONCE = 16
+_KEYS = frozenset({"command", "geofence"})
+
+
+@dataclass(frozen=True, slots=True)
+class PageCommand:
+    """A command that a page asks for. document: the text of new fences."""
+
+    kind: OperatorKind
+    document: str = ""
+
+    @classmethod
+    def parse(cls, asked: Any) -> "PageCommand":
+        """Return the command in a request's JSON. Raises AccessError."""
+        if not isinstance(asked, dict) or set(asked) - _KEYS:
+            raise AccessError("a command is an object with command, and for a fence geofence")
+        kind, document = asked.get("command"), asked.get("geofence", "")
+        if kind not in get_args(OperatorKind):
+            raise AccessError(f"command is one of {', '.join(get_args(OperatorKind))}")
+        if not isinstance(document, str) or (kind == "geofence") != bool(document):
+            raise AccessError("geofence is the text of a file, and goes with command geofence")
+        return cls(cast("OperatorKind", kind), document)
+
+
+class CommandSender:
+    """Sends commands to what flies here, by threads of its own: an abort waits for nothing.
+
+    folder: only what writes its results there.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder
+        self._threads = ThreadPoolExecutor(_AT_ONCE, thread_name_prefix="command")
+
+    async def send(self, command: PageCommand, who: str) -> list[CommandReply]:
+        """Send a command; return the replies."""
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._threads, self._send, command, who)
+
+    def refuse(self, text: str) -> None:
+        """Record a refused request with the campaigns that fly: their operator.jsonl."""
+        self._threads.submit(self._record, text)
+
+    def close(self) -> None:
+        """End the threads; commands that are on their way are sent still."""
+        self._threads.shutdown(wait=True)
+
+    def _send(self, command: PageCommand, who: str) -> list[CommandReply]:
+        try:
+            flying = places().beneath(self._folder)
+        except OSError as error:
+            return [CommandReply(ok=False, text=str(error))]
+        if not flying.campaigns and not flying.guards:
+            return [CommandReply(ok=False, text="no campaign is in flight on this machine")]
+        if command.kind == "geofence":
+            return [_change_fences(flying, command.document, who)]
+        return list(send_command(flying, command.kind, who))
+
+    def _record(self, text: str) -> None:
+        try:
+            flying = places().beneath(self._folder).campaigns
+        except OSError:
+            return
+        for campaign in flying:
+            OperatorLog(path=campaign.folder / "operator.jsonl").refused(text, who="console")
+
+
+def _change_fences(flying: Places, document: str, who: str) -> CommandReply:
+    """Send new fences to the one campaign in flight; its runs answer later, by its status."""
+    if len(flying.campaigns) != 1:
+        return CommandReply(
+            ok=False, text=f"geofence: {len(flying.campaigns)} campaigns are in flight, not one"
+        )
+    (campaign,) = flying.campaigns
+    try:
+        answer = ask(
+            campaign.socket, "geofence", who=who, geofence=document, id=secrets.token_hex(8)
+        )
+    except NoAnswerError as error:
+        return CommandReply(ok=False, text=str(error))
+    return CommandReply(
+        ok=answer.get("ok") is True, text=f"{campaign.name}: {answer.get('text', '')}"
+    )
+
+
+def parse_body(body: bytes) -> Any:
+    """Return the JSON of a request. Raises AccessError."""
+    try:
+        return json.loads(body.decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise AccessError("the request is not JSON") from error

@@ -1,0 +1,83 @@
+"""A run's world as the page draws it: meshes of its objects, and where the moving ones are; pure.
+
+NED metres and quaternions wxyz; vertices in the object's own frame.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from orchestrator.report.reading.world_facts import RecordedWorld, recorded_world
+from worlds.scene.meshes import Mesh
+from worlds.scene.scene import SceneObject
+
+_MOST_FACES = 2000
+"""Of an object that is drawn by its triangles; a larger one by the box around it."""
+_DIGITS = 3
+_CORNERS = np.array([(n, e, d) for n in (0, 1) for e in (0, 1) for d in (0, 1)], dtype=float)
+_BOX_FACES = (
+    *((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)),
+    *((2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)),
+)
+_PLAIN_RGB = (128, 128, 128)
+
+
+@dataclass(frozen=True, slots=True)
+class RunScene:
+    """The world of a run in a console. document: for the page."""
+
+    world: RecordedWorld
+    document: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, run: str, facts: Mapping[str, str]) -> "RunScene":
+        """Return the world in a run's facts; an empty one where they do not have it."""
+        world = recorded_world(facts, facts.get("case", ""), facts.get("mode", ""))
+        document = {
+            "type": "scene",
+            "run": run,
+            "case": facts.get("case", ""),
+            "mode": facts.get("mode", ""),
+            "objects": [_object(thing, world) for thing in world.judged.objects],
+            "targets": world.targets_ned_m({}),
+            "problems": list(world.problems),
+        }
+        return cls(world, document)
+
+    def moving(self, t_s: float, events: Mapping[str, float]) -> dict[str, Any]:
+        """Return the poses of moving objects at a time of the run."""
+        return {
+            thing.name: _pose(thing, t_s, events)
+            for thing in self.world.judged.objects
+            if thing.motion is not None
+        }
+
+
+def _object(thing: SceneObject, world: RecordedWorld) -> dict[str, Any]:
+    vertices_m, faces = _triangles(thing.shape.mesh)
+    materials = thing.shape.mesh.materials
+    return {
+        "name": thing.name,
+        "is_virtual": thing.name not in world.physical,
+        "is_room": thing.is_room,
+        "moves": thing.motion is not None,
+        "rgb": list(materials[0].rgb if materials else _PLAIN_RGB),
+        "vertices_m": vertices_m,
+        "faces": faces,
+        "pose": _pose(thing, 0.0, {}),
+    }
+
+
+def _triangles(mesh: Mesh) -> tuple[list[list[float]], list[list[int]]]:
+    if len(mesh.faces) <= _MOST_FACES:
+        return np.round(mesh.vertices_m, _DIGITS).tolist(), mesh.faces.tolist()
+    low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+    corners: list[list[float]] = np.round(low + _CORNERS * (high - low), _DIGITS).tolist()
+    return corners, [list(face) for face in _BOX_FACES]
+
+
+def _pose(thing: SceneObject, t_s: float, events: Mapping[str, float]) -> dict[str, Any]:
+    pose = thing.pose_at(t_s, events)
+    return {"position_ned_m": pose.position_ned_m, "q_wxyz": pose.q_wxyz}

@@ -1,0 +1,150 @@
+"""The messages of the live feed, from the process of a run to consoles: one to a datagram.
+
+World frame, NED, metres, radians, seconds on the run clock. A number that is not known is None; one
+that is not finite stays what it is, for a console has to show that too.
+"""
+
+from typing import Any, Self
+
+import msgspec
+
+from safety.model.oracle_results import OracleResult
+from vehicles.processes.codec import Codec, Message
+from worlds.frames import Quat, Vec3
+
+LONGEST_DATAGRAM_BYTES = 200_000
+"""Below what Linux lets a socket send without asking (net.core.wmem_default, 212,992)."""
+
+
+class VehicleView(msgspec.Struct, frozen=True):
+    """One vehicle as the live feed shows it.
+
+    silent_s: since when nothing came of it. battery_fraction: 0 to 1. setpoint_kind: position,
+    velocity, or empty. faults: of its estimator, in its own words. note: of its autonomy.
+    """
+
+    name: str
+    armed: bool
+    mode: str
+    landed: str
+    link_up: bool
+    failsafe: bool
+    silent_s: float | None = None
+    battery_fraction: float | None = None
+    battery_v: float | None = None
+    faults: tuple[str, ...] = ()
+    position_ned_m: Vec3 | None = None
+    q_wxyz: Quat | None = None
+    velocity_ned_m_s: Vec3 | None = None
+    estimate_ned_m: Vec3 | None = None
+    setpoint_kind: str = ""
+    setpoint: Vec3 | None = None
+    note: str = ""
+
+
+class MarginView(msgspec.Struct, frozen=True):
+    """One oracle's value so far in the live feed. limits: low and high; None where open."""
+
+    name: str
+    vehicle: str
+    required: bool
+    verdict: str
+    actual: float | None
+    limits: tuple[float | None, float | None]
+    unit: str
+    margin: float | None
+    detail: str
+
+    @classmethod
+    def of(cls, result: OracleResult) -> Self:
+        """Return an oracle's result so far."""
+        limit = result.limit
+        return cls(
+            name=result.name,
+            vehicle=result.vehicle,
+            required=result.required,
+            verdict=result.verdict,
+            actual=result.actual,
+            limits=limit if isinstance(limit, tuple) else (None, limit),
+            unit=result.unit,
+            margin=result.margin,
+            detail=result.detail,
+        )
+
+
+class MixingView(msgspec.Struct, frozen=True):
+    """One mixture's figures in the live feed; the newest of each."""
+
+    name: str
+    rate_hz: float | None
+    skew_ms: float | None
+    latency_ms: float | None
+    registration_error_px: float | None
+    missed: int
+
+
+class RunView(Message, frozen=True):
+    """The state of a run as the live feed shows it.
+
+    run: its folder; name: case, mode and repetition. entered_s: when each stage was reached;
+    events: when what moves the world's objects happened.
+    fences: by vehicle, as plain values. reason: of the verdict so far.
+    """
+
+    run: str
+    name: str
+    clock: str
+    subject: str
+    t_s: float
+    stage: str
+    entered_s: dict[str, float]
+    events: dict[str, float]
+    verdict_so_far: str
+    reason: str
+    held: bool
+    vehicles: tuple[VehicleView, ...]
+    margins: tuple[MarginView, ...]
+    mixings: tuple[MixingView, ...]
+    fences: dict[str, Any]
+
+
+class EventView(Message, frozen=True):
+    """An event of a run in the live feed; number: counts up by one, so that a gap shows.
+
+    kind: stage, decisive, contact, flag, guard, operator or vehicle; word: which of that kind.
+    severity: of a STATUSTEXT, its MAV_SEVERITY.
+    """
+
+    run: str
+    number: int
+    t_s: float
+    kind: str
+    word: str
+    vehicle: str
+    text: str
+    severity: int | None = None
+
+
+class FactsView(Message, frozen=True):
+    """The facts of a run in the live feed, as run.mcap has them: world, campaign, case, mode."""
+
+    run: str
+    facts: dict[str, str]
+
+
+class ImageView(Message, frozen=True):
+    """An image of a run in the live feed. name: real, twin or mixed; age_s: when it was sent."""
+
+    run: str
+    name: str
+    seq: int
+    t_s: float
+    age_s: float
+    width_px: int
+    height_px: int
+    rendered: bool
+    jpeg: bytes
+
+
+FeedMessage = RunView | EventView | FactsView | ImageView
+feed_codec: Codec[FeedMessage] = Codec(FeedMessage)

@@ -1,0 +1,239 @@
+"""Publishes a run's live feed by a thread of its own: the flight hands over and goes on.
+
+The flight's side of it only sets attributes. What is new replaces what was not sent yet; only
+events are kept until they are sent. A console that does not read, or is stopped, loses views.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from orchestrator.live_feed.feed_images import image_view
+from orchestrator.live_feed.feed_messages import (
+    LONGEST_DATAGRAM_BYTES,
+    EventView,
+    FactsView,
+    FeedMessage,
+    RunView,
+    feed_codec,
+)
+from orchestrator.live_feed.feed_sockets import FeedSender, find_console_sockets
+from orchestrator.state.mixtures import PreviewImages
+from vehicles.readings import CameraReading
+from vehicles.tasks import FAULTS
+
+_SEARCH_S = 1.0
+"""How often consoles are looked for, by the wall."""
+_VIEW_S = 1.0 / 15.0
+_IMAGE_S = 1.0 / 30.0
+_IDLE_S = 0.25
+_JOIN_S = 2.0
+_KEPT_EVENTS = 1000
+_LONGEST_TEXT = 2000
+_NAMES = ("case", "mode", "rep", "seed")
+
+Note = Callable[[str], None]
+
+
+@dataclass(slots=True)
+class _Console:
+    """A console that receives the feed. sent: the number of the newest event that it has."""
+
+    sender: FeedSender
+    knows_facts: bool = False
+    sent: int = 0
+
+
+class FeedPublisher:
+    """Publishes the live feed of one run to all consoles; a context manager.
+
+    time: of the run clock. facts: asked for once, by the thread, when there is a console. note:
+    given in words, when the context is left, why the feed ended early.
+    """
+
+    def __init__(
+        self,
+        *,
+        run: str,
+        time: Callable[[], float],
+        facts: Callable[[], Mapping[str, str]],
+        note: Note,
+    ) -> None:
+        self._run = run
+        self._time = time
+        self._facts = facts
+        self._note = note
+        self._fault = ""
+        self._is_listened_to = False
+        self._wants_view = False
+        self._view: RunView | None = None
+        self._images: dict[str, tuple[CameraReading, float]] = {}
+        self._events: deque[EventView] = deque(maxlen=_KEPT_EVENTS)
+        self._count = 0
+        self._woken = threading.Event()
+        self._is_over = False
+        self._consoles: dict[Path, _Console] = {}
+        self._due_s: dict[str, float] = {}
+        self._thread = threading.Thread(target=self._work, name=f"live feed {run}", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._is_over = True
+        self._woken.set()
+        self._thread.join(_JOIN_S)
+        if self._fault:
+            self._note(self._fault)
+
+    def tick(self, view: Callable[[], RunView]) -> None:
+        """Publish the run's state, if a console waits for one."""
+        if not self._wants_view:
+            return
+        self._wants_view = False
+        try:
+            self._view = view()
+        except FAULTS as error:
+            self._end(error)
+        self._woken.set()
+
+    def images(self, shown: PreviewImages) -> None:
+        """Publish the images of a mixture: the newest of each is enough."""
+        if not self._is_listened_to:
+            return
+        readings = {"real": shown.real, "twin": shown.twin, "mixed": shown.perceived}
+        if shown.perceived is shown.real:
+            del readings["mixed"]
+        now_s = self._time()
+        self._images |= {name: (one, now_s) for name, one in readings.items() if one is not None}
+        self._woken.set()
+
+    def event(
+        self,
+        t_s: float,
+        kind: str,
+        word: str,
+        text: str,
+        *,
+        vehicle: str = "",
+        severity: int | None = None,
+    ) -> None:
+        """Publish an event: consoles that come later get it too."""
+        self._count += 1
+        self._events.append(
+            EventView(
+                self._run, self._count, t_s, kind, word, vehicle, text[:_LONGEST_TEXT], severity
+            )
+        )
+        if self._is_listened_to:
+            self._woken.set()
+
+    def _end(self, error: BaseException) -> None:
+        """End the feed by an exception of ours: no flight depends on it."""
+        self._fault = f"the live feed ended: {type(error).__name__}: {error}"
+        self._is_listened_to = self._wants_view = False
+
+    def _work(self) -> None:
+        """Send to consoles until the run is over; the thread's whole life."""
+        search_s = 0.0
+        try:
+            while not self._fault:
+                is_last = self._is_over
+                if (now_s := time.monotonic()) >= search_s:
+                    search_s = now_s + _SEARCH_S
+                    self._find_consoles()
+                if self._consoles:
+                    self._send_all(now_s)
+                if is_last:
+                    break
+                self._woken.wait(self._patience_s(now_s, search_s))
+                self._woken.clear()
+        except FAULTS as error:
+            self._end(error)
+        finally:
+            for console in self._consoles.values():
+                console.sender.close()
+
+    def _patience_s(self, now_s: float, search_s: float) -> float:
+        """Return how long the thread may sleep unless it is woken."""
+        if not self._consoles:
+            return max(0.0, search_s - now_s)
+        dues_s = [due_s - now_s for due_s in self._due_s.values() if due_s > now_s]
+        return min([_IDLE_S, *dues_s])
+
+    def _find_consoles(self) -> None:
+        """Connect to the consoles that are there now."""
+        found = find_console_sockets()
+        for path in self._consoles.keys() - found:
+            self._consoles.pop(path).sender.close()
+        for path in found - self._consoles.keys():
+            try:
+                self._consoles[path] = _Console(FeedSender(path))
+            except OSError:
+                continue  # Its process may just have ended.
+        self._is_listened_to = bool(self._consoles)
+        if not self._is_listened_to:
+            self._wants_view = False
+            self._images = {}
+
+    def _send_all(self, now_s: float) -> None:
+        """Send what is new and due to every console."""
+        for path, console in tuple(self._consoles.items()):
+            try:
+                self._catch_up(console)
+            except OSError:
+                self._consoles.pop(path).sender.close()
+        if (view := self._view) is not None and self._is_due("view", now_s, _VIEW_S):
+            self._view = None
+            self._send(view)
+        if self._view is None and self._due_s.get("view", 0.0) <= now_s:
+            self._wants_view = True
+        for name in tuple(self._images):
+            if self._is_due(name, now_s, _IMAGE_S):
+                reading, at_s = self._images.pop(name)
+                self._send(image_view(self._run, name, reading, at_s))
+
+    def _is_due(self, name: str, now_s: float, period_s: float) -> bool:
+        if now_s < self._due_s.get(name, 0.0):
+            return False
+        self._due_s[name] = now_s + period_s
+        return True
+
+    def _catch_up(self, console: _Console) -> None:
+        """Send a console the facts and events that it lacks, as far as it takes them."""
+        if not console.knows_facts:
+            console.knows_facts = console.sender.send(self._encoded_facts())
+        for event in tuple(self._events):
+            if event.number > console.sent:
+                if not console.sender.send(_encode(event)):
+                    return
+                console.sent = event.number
+
+    def _encoded_facts(self) -> bytes:
+        """Return the run's facts as a datagram; of those that are too long only the names."""
+        facts = dict(self._facts())
+        datagram = _encode(FactsView(self._run, facts))
+        if len(datagram) > LONGEST_DATAGRAM_BYTES:
+            named = {key: facts[key] for key in _NAMES if key in facts}
+            datagram = _encode(FactsView(self._run, named))
+        return datagram
+
+    def _send(self, message: FeedMessage) -> None:
+        datagram = _encode(message)
+        if len(datagram) > LONGEST_DATAGRAM_BYTES:
+            return
+        for path, console in tuple(self._consoles.items()):
+            try:
+                console.sender.send(datagram)
+            except OSError:
+                self._consoles.pop(path).sender.close()
+
+
+def _encode(message: FeedMessage) -> bytes:
+    """Return a message of the live feed as a datagram."""
+    return feed_codec.encode(message)

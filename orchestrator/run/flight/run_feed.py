@@ -1,0 +1,175 @@
+"""What a run publishes of itself to consoles while it flies; nothing in it waits for one."""
+
+from collections.abc import Mapping, Sequence
+from typing import Self
+
+from orchestrator.live_feed.feed_messages import MarginView, MixingView, RunView, VehicleView
+from orchestrator.live_feed.feed_publisher import FeedPublisher, Note
+from orchestrator.recording.recording_facts import facts_of
+from orchestrator.run.flight.oracle_runner import OracleRunner
+from orchestrator.run.perception.mixing_loop import MixingLoop
+from orchestrator.run.perception.perception import Perception
+from orchestrator.state.mixtures import PreviewImages
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.run_state import RunState, Stage
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.fence.fence_values import plain_fence
+from safety.fence.geofence import Fence
+from safety.guard.core.events import GuardEvent
+from safety.model.oracle_results import Flag
+from safety.model.verdict import DecisiveEvent
+from vehicles.driver.vehicle_state import VehicleEvent
+from vehicles.setpoints import PositionSetpoint, Setpoint
+from worlds.frames import Vec3
+
+
+class RunFeed:
+    """The live feed of one run; a context manager.
+
+    events: when what moves the world's objects happened. note: records, in words, that the feed
+    ended early.
+    """
+
+    def __init__(
+        self, *, setup: RunSetup, run_state: RunState, events: Mapping[str, float], note: Note
+    ) -> None:
+        self._setup = setup
+        self._run_state = run_state
+        self._events = events
+        self._contexts: Sequence[VehicleContext] = ()
+        self._bench: OracleRunner | None = None
+        self._perception: Perception | None = None
+        self._time = run_state.time
+        self._publisher = FeedPublisher(
+            run=str(setup.order.folder.absolute()),
+            time=self._time,
+            facts=lambda: facts_of(setup),
+            note=note,
+        )
+        run_state.on_stage(self._stage)
+        run_state.on_decisive(self._decisive)
+
+    def __enter__(self) -> Self:
+        self._publisher.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._publisher.__exit__()
+
+    def attach(
+        self, contexts: Sequence[VehicleContext], bench: OracleRunner, perception: Perception
+    ) -> None:
+        """Publish the state of these from now on."""
+        self._contexts, self._bench, self._perception = contexts, bench, perception
+        for context in contexts:
+            self._follow(context)
+
+    def tick(self) -> None:
+        """Publish the run's state if a console waits for it; called twenty times a second."""
+        self._publisher.tick(self._view)
+
+    def shown(self, shown: PreviewImages) -> None:
+        """Publish a perceived image and what it was mixed of."""
+        self._publisher.images(shown)
+
+    def flag(self, flag: Flag) -> None:
+        """Publish an oracle's flag."""
+        kind = "contact" if self._is_contact(flag) else "flag"
+        self._publisher.event(flag.t_s, kind, flag.oracle, flag.text, vehicle=flag.vehicle)
+
+    def guard(self, event: GuardEvent) -> None:
+        """Publish an event of the guard."""
+        self._publisher.event(event.t_s, "guard", event.kind, event.text, vehicle=event.vehicle)
+
+    def _is_contact(self, flag: Flag) -> bool:
+        kinds = {} if self._bench is None else self._bench.kinds
+        return kinds.get(flag.oracle) == "collision"
+
+    def _follow(self, context: VehicleContext) -> None:
+        def take(event: VehicleEvent) -> None:
+            self._publisher.event(
+                event.t_s,
+                "vehicle",
+                event.kind,
+                event.text,
+                vehicle=context.name,
+                severity=event.severity,
+            )
+
+        context.driver.on_event(take)
+
+    def _stage(self, stage: Stage, t_s: float) -> None:
+        self._publisher.event(t_s, "stage", stage, "")
+
+    def _decisive(self, event: DecisiveEvent) -> None:
+        self._publisher.event(event.t_s, "decisive", event.kind, event.text)
+
+    def _view(self) -> RunView:
+        setup, run_state, now_s = self._setup, self._run_state, self._time()
+        first = run_state.decisive[0] if run_state.decisive else None
+        bench, perception = self._bench, self._perception
+        fences: dict[str, Fence] = {str(name): one for name, one in setup.campaign.fences.items()}
+        fences |= {} if bench is None else bench.changed_fences
+        return RunView(
+            run=str(setup.order.folder.absolute()),
+            name=setup.order.plan.name,
+            clock=setup.clock,
+            subject=setup.subject,
+            t_s=now_s,
+            stage=run_state.stage,
+            entered_s={str(stage): t_s for stage, t_s in run_state.entered_s.items()},
+            events=dict(self._events),
+            verdict_so_far="PASS" if first is None else first.kind,
+            reason="" if first is None else first.text,
+            held=run_state.held,
+            vehicles=tuple(_vehicle_view(one, now_s) for one in self._contexts),
+            margins=() if bench is None else tuple(map(MarginView.of, bench.results(now_s))),
+            mixings=() if perception is None else tuple(map(_mixing_view, perception.mixings)),
+            fences={name: plain_fence(fence) for name, fence in fences.items()},
+        )
+
+
+def _vehicle_view(context: VehicleContext, now_s: float) -> VehicleView:
+    """Return a vehicle of a run as the live feed shows it."""
+    state, pose = context.driver.state, context.poses.latest().pose
+    estimate, battery = state.estimate, state.battery
+    kind, vector = _setpoint(context.setpoint)
+    return VehicleView(
+        name=context.name,
+        armed=state.armed,
+        mode=state.mode_name,
+        landed=state.landed,
+        link_up=state.link_up,
+        failsafe=state.failsafe,
+        silent_s=None if state.last_heard_s is None else now_s - state.last_heard_s,
+        battery_fraction=None if battery is None else battery.remaining,
+        battery_v=None if battery is None else battery.voltage_v,
+        faults=state.faults,
+        position_ned_m=None if pose is None else pose.position_ned_m,
+        q_wxyz=None if pose is None else pose.q_wxyz,
+        velocity_ned_m_s=None if estimate is None else estimate.velocity_ned_m_s,
+        estimate_ned_m=None if estimate is None else estimate.pose.position_ned_m,
+        setpoint_kind=kind,
+        setpoint=vector,
+        note=context.note,
+    )
+
+
+def _setpoint(setpoint: Setpoint | None) -> tuple[str, Vec3 | None]:
+    if setpoint is None:
+        return "", None
+    if isinstance(setpoint, PositionSetpoint):
+        return "position", setpoint.position_ned_m
+    return "velocity", setpoint.velocity_ned_m_s
+
+
+def _mixing_view(mixing: MixingLoop) -> MixingView:
+    figures = mixing.statistics
+    return MixingView(
+        name=mixing.name,
+        rate_hz=figures.rate_hz,
+        skew_ms=figures.skew_ms.last,
+        latency_ms=figures.latency_ms.last,
+        registration_error_px=figures.registration_error_px.last,
+        missed=figures.missed,
+    )

@@ -1,0 +1,127 @@
+"""The live feed of a run: what a console gets, and that a flight waits for none."""
+
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from orchestrator.live_feed.feed_messages import (
+    EventView,
+    FactsView,
+    FeedMessage,
+    ImageView,
+    RunView,
+    feed_codec,
+)
+from orchestrator.live_feed.feed_publisher import FeedPublisher
+from orchestrator.live_feed.feed_sockets import feed_receiver
+from orchestrator.state.mixtures import PreviewImages
+from tests.orchestrator.console.test_console_server import view
+from vehicles.readings import CameraReading, Source
+from worlds.camera import Intrinsics
+
+PATIENCE_S = 10.0
+
+
+@pytest.fixture(autouse=True)
+def runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
+    monkeypatch.setenv("HOME", str(short_folder))
+
+
+def publisher(notes: list[str] | None = None) -> FeedPublisher:
+    return FeedPublisher(
+        run="/r",
+        time=lambda: 2.0,
+        facts=lambda: {"case": "large"},
+        note=([] if notes is None else notes).append,
+    )
+
+
+def images() -> PreviewImages:
+    def reading(source: Source) -> CameraReading:
+        image = np.zeros((48, 1280, 3), np.uint8)
+        return CameraReading(1.9, 1.95, 3, source, image, Intrinsics.from_fov(1280, 48, 1.2))
+
+    return PreviewImages(reading("mixed"), reading("real"), reading("twin"))
+
+
+def received(end: socket.socket) -> Iterator[FeedMessage]:
+    end.settimeout(PATIENCE_S)
+    while True:
+        yield feed_codec.decode(end.recv(1 << 18))
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < give_up_s
+        time.sleep(0.01)
+
+
+def test_a_console_gets_facts_events_views_and_images() -> None:
+    with feed_receiver() as end, publisher() as feed:
+        for number in range(3):
+            feed.event(1.0, "stage", f"stage {number}", "")
+        asked: list[bool] = []
+
+        def state() -> RunView:
+            asked.append(True)
+            return view(2.0)
+
+        def tick() -> bool:
+            feed.tick(state)
+            return bool(asked)
+
+        wait_for(tick)
+        feed.images(images())
+        found: list[FeedMessage] = []
+        for message in received(end):
+            found.append(message)
+            if {one.name for one in found if isinstance(one, ImageView)} == {
+                *("real", "twin", "mixed")
+            }:
+                break
+    assert isinstance(found[0], FactsView)
+    assert [one.number for one in found if isinstance(one, EventView)] == [1, 2, 3]
+    assert any(isinstance(one, RunView) for one in found)
+    shown = next(one for one in found if isinstance(one, ImageView))
+    assert (shown.width_px, round(shown.age_s, 3), shown.jpeg[:2]) == (1280, 0.1, b"\xff\xd8")
+
+
+def test_without_a_console_no_state_is_asked_for_and_no_image_kept() -> None:
+    with publisher() as feed:
+        time.sleep(0.1)
+        feed.images(images())
+        feed.tick(lambda: pytest.fail("asked for"))
+
+
+def test_a_console_that_never_reads_holds_up_nothing() -> None:
+    with feed_receiver(), publisher() as feed:
+        wait_for(lambda: feed._is_listened_to)
+        slowest_s, shown = 0.0, images()
+        for _ in range(2000):
+            began_s = time.perf_counter()
+            feed.tick(lambda: view(2.0))
+            feed.images(shown)
+            feed.event(1.0, "vehicle", "text", "x" * 5000)
+            slowest_s += time.perf_counter() - began_s
+        assert slowest_s / 2000 < 0.001
+        began_s = time.monotonic()
+    assert time.monotonic() - began_s < 2.0
+
+
+def test_an_exception_of_ours_ends_the_feed_and_no_flight() -> None:
+    notes: list[str] = []
+
+    def fail() -> RunView:
+        raise RuntimeError("broken")
+
+    with feed_receiver(), publisher(notes) as feed:
+        wait_for(lambda: feed._wants_view)
+        feed.tick(fail)
+        feed.tick(fail)
+    assert notes == ["the live feed ended: RuntimeError: broken"]
