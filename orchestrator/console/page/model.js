@@ -11,11 +11,6 @@ const MOST_EVENTS = 400;
 
 export class Model {
   constructor() {
-    this.clear();
-  }
-
-  /** Forget everything: the server sends it anew. */
-  clear() {
     /** @type {any} */ this.you = null;
     this.mode = "live";
     /** @type {Map<string, Run>} */ this.runs = new Map();
@@ -26,6 +21,12 @@ export class Model {
     /** @type {any} */ this.people = { people: [], in_control: null, holder: "" };
     /** @type {any[]} */ this.events = [];
     this.changes = 0;
+  }
+
+  /** Forget everything: the server sends it anew. */
+  clear() {
+    const changes = this.changes + 1;
+    Object.assign(this, new Model(), { changes });
   }
 
   /** @returns {Run | undefined} */
