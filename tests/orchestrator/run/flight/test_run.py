@@ -11,6 +11,7 @@ from typing import Any, cast
 import av
 import pytest
 
+from orchestrator.live_feed.feed_messages import EventView, ImageView, RunView
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult
 from orchestrator.recording import run_recorder
@@ -19,6 +20,7 @@ from orchestrator.state.run_state import RunState, Stage
 from safety.guard.core.operator_command import OperatorCommand
 from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of, rows_of
+from tests.orchestrator.live_feed.feed_reader import reading_feed
 from vehicles.autonomy import Command, Telemetry
 from vehicles.readings import Reading
 from vehicles.setpoints import VelocitySetpoint
@@ -114,7 +116,11 @@ def test_the_pair_flies_through_the_virtual_gate_and_leaves_its_files(
     assert_whole(folder, result)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(fly_run: Fly) -> None:
+def test_the_same_seed_gives_the_same_bytes_watched_or_not_and_another_seed_others(
+    fly_run: Fly, short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
+
     def everything(seed: int) -> tuple[str, bytes, bytes]:
         result, folder = fly_run(seed=seed)
         document = json.loads(to_json(result))
@@ -122,8 +128,15 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(fly_run: Fly
         trajectory = (folder / "trajectory.csv").read_bytes()
         return json.dumps(document), trajectory, (folder / "real.tlog").read_bytes()
 
-    first, again, other = everything(7), everything(7), everything(8)
+    first, other = everything(7), everything(8)
+    with reading_feed() as seen:
+        again = everything(7)
     assert first == again
+    images = {one.name for one in seen if isinstance(one, ImageView)}
+    stages = [one.word for one in seen if isinstance(one, EventView) and one.kind == "stage"]
+    states = [one for one in seen if isinstance(one, RunView)]
+    assert (images, stages[-1]) == ({"real", "twin", "mixed"}, "end")
+    assert any(one.margins and one.mixings and len(one.vehicles) == 2 for one in states)
     assert all(one != two for one, two in zip(first, other, strict=True))
 
 

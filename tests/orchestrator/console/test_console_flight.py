@@ -1,0 +1,72 @@
+"""The console beside a flight on the wall clock, in a browser: what it shows, and an abort."""
+
+import asyncio
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.orchestrator.report.browser import Page, browser, chromium
+from tests.orchestrator.wall_runs import Program, lines, stages
+
+pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
+PATIENCE_S = 20.0
+IS_DRAWN = (
+    "(() => { const one = document.getElementById('image-{name}');"
+    " const data = one.getContext('2d').getImageData(0, 0, one.width, one.height).data;"
+    " return one.width === 160 && data.some((value, at) => at % 4 !== 3 && value > 0); })()"
+)
+JOIN = (
+    "document.getElementById('name').value = 'anna';"
+    "document.querySelector('#join-form button').click()"
+)
+
+
+async def until(page: Page, script: str, is_as: Callable[[Any], bool] = bool) -> Any:
+    """Return what a script comes to, once it is as it should be."""
+    async with asyncio.timeout(PATIENCE_S):
+        while not is_as(found := page.value(script)):
+            await asyncio.sleep(0.1)
+    return found
+
+
+def text_of(name: str) -> str:
+    return f"document.getElementById('{name}').textContent"
+
+
+async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) -> None:
+    async with Program(tmp_path / "out", "--mode", "wil", "--console", "auto") as program:
+        assert program.process.stdout is not None
+        line = (await program.process.stdout.readline()).decode()
+        link = line.removeprefix("operator: ").strip()
+        with browser() as page:
+            page.resize(1440, 1000)
+            page.open(link)
+            page.value(JOIN)
+            await program.stage("goal")
+            for name in ("real", "twin", "mixed", "overlay"):
+                await until(page, IS_DRAWN.replace("{name}", name))
+            assert await until(page, text_of("stage"), lambda one: one == "goal")
+            assert page.value("location.hash") == ""
+            assert page.value("document.querySelectorAll('.picture.stale').length") == 0
+            for name in ("real", "twin"):
+                assert name in page.value(text_of("vehicles"))
+            assert "passes setpoints on" in await until(page, text_of("guards"))
+            assert "collision of real" in page.value(text_of("margins"))
+            page.press("Escape")
+            await until(page, text_of("reply"), lambda one: "are being landed" in one)
+            assert await until(page, text_of("verdict"), lambda one: one == "ABORTED")
+            assert page.errors == []
+            assert [
+                one for one in page.requests if not one.startswith(link.partition("#")[0])
+            ] == []
+            assert (await program.end()).code == 4
+            await until(page, "!document.getElementById('lost').hidden")
+        assert list((program.runtime / "wil-campaign").iterdir()) == []
+    assert stages(program.run_folder())[-2:] == ["landed", "end"]
+    result = json.loads((program.run_folder() / "result.json").read_text())
+    assert result["verdict"] == "ABORTED"
+    asked = lines(program.folder / "operator.jsonl")
+    assert ("console:anna", "abort", True) in [(a["who"], a["command"], a["ok"]) for a in asked]
