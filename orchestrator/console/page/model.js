@@ -63,7 +63,7 @@ export class Model {
         this.takeEvent(message);
         break;
       case "command":
-        this.note({ ...message, kind: "command", t_s: null });
+        this.note({ ...message, kind: "command", t_s: null, at: new Date().toLocaleTimeString() });
         break;
     }
   }

@@ -6,6 +6,7 @@
 const STALE_S = 1.5;
 const NEAR = 0.2;
 const SHOWN_EVENTS = 150;
+const PANELS_MS = 400;
 
 /** @param {string} id */
 const by = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
@@ -28,6 +29,7 @@ export class Panels {
   constructor(model) {
     this.model = model;
     this.drawn = -1;
+    this.drawnAt = 0;
     this.runs = by("runs");
     this.runs.addEventListener("change", () => {
       model.chosen = /** @type {HTMLSelectElement} */ (this.runs).value;
@@ -44,8 +46,10 @@ export class Panels {
 
   refresh() {
     this.showAges();
-    if (this.drawn === this.model.changes) return;
+    const now = performance.now();
+    if (this.drawn === this.model.changes || now - this.drawnAt < PANELS_MS) return;
     this.drawn = this.model.changes;
+    this.drawnAt = now;
     this.showHead();
     this.showVehicles();
     this.showGuards();
@@ -80,7 +84,7 @@ export class Panels {
     by("campaign").textContent = campaign?.name ?? (model.mode === "recorded" ? "Recorded run" : "No campaign in flight");
     by("state").textContent = this.stateText(campaign);
     by("stage").textContent = view?.stage ?? "–";
-    by("time").textContent = view ? `${view.t_s.toFixed(1)} s, ${view.clock} clock` : "–";
+    by("time").textContent = view ? `${sinceStart(view.t_s, view).toFixed(1)} s, ${view.clock} clock` : "–";
     const verdict = by("verdict");
     verdict.textContent = view?.verdict_so_far || "–";
     verdict.className = `badge ${view?.verdict_so_far ?? ""}`;
@@ -164,7 +168,7 @@ export class Panels {
       row.append(make("span", state[0], `badge ${state[1]}`));
       if (one.orchestrator === "lost") row.append(make("span", "its program is lost", "badge FAIL"));
       const list = Object.entries(one.vehicles ?? {}).map(([name, phase]) => `${name}: ${phase}`);
-      row.append(make("p", list.join(", ")));
+      if (one.latched || one.held) row.append(make("p", list.join(", ")));
       return row;
     });
     const none = this.model.run?.view?.clock === "virtual" ? "under the virtual clock the guard is in the run's process: see its events" : "no guard on this machine";
@@ -174,10 +178,11 @@ export class Panels {
   showMargins() {
     const run = this.model.run;
     const margins = run?.view?.margins ?? [];
-    const rows = margins.map((/** @type {any} */ one) => {
+    const sorted = [...margins].sort((one, other) => Number(other.required) - Number(one.required));
+    const rows = sorted.map((/** @type {any} */ one) => {
       const history = run?.margins.get(`${one.name} ${one.vehicle}`) ?? [];
-      const row = make("tr");
-      const name = make("th", `${one.name} of ${one.vehicle}`);
+      const row = make("tr", "", one.required ? "" : "minor");
+      const name = make("th", `${one.name.replaceAll("_", " ")} of ${one.vehicle}`);
       if (!one.required) name.append(make("small", " not required"));
       const value = make("td", `${number(one.actual)} ${one.unit}${limitText(one.limits)}`);
       row.append(name, value, barCell(one, history), sparkCell(history));
@@ -220,7 +225,7 @@ export class Panels {
       const text = isCommand ? `${one.command} by ${one.who}: ${one.texts.join("; ")}` : [one.vehicle, one.word, one.text].filter(Boolean).join(" · ");
       const severe = one.severity !== null && one.severity !== undefined && one.severity <= 3;
       const line = make("li", "", `${one.kind}${severe ? " severe" : ""}`);
-      line.append(make("time", one.t_s === null ? "now" : `${number(one.t_s, 1)} s`), make("b", one.kind), make("span", text));
+      line.append(make("time", timeText(one, this.model)), make("b", one.kind), make("span", text));
       return line;
     });
     by("events").replaceChildren(...lines);
@@ -239,6 +244,17 @@ export class Panels {
     button("invite-viewer").disabled = !isOperator;
     button("invite-operator").disabled = !isOperator;
   }
+}
+
+/** Seconds since the run began. @param {number} t_s @param {any} view */
+function sinceStart(t_s, view) {
+  return t_s - (view?.entered_s?.start ?? 0);
+}
+
+/** @param {any} event @param {Model} model */
+function timeText(event, model) {
+  if (event.t_s === null) return event.at ?? "";
+  return `${number(sinceStart(event.t_s, model.runs.get(event.run)?.view), 1)} s`;
 }
 
 /** @param {string} id */
@@ -285,7 +301,7 @@ function limitText(limits) {
 function barCell(one, history) {
   const cell = make("td");
   if (one.margin === null) {
-    cell.append(make("small", one.verdict === "FAIL" ? one.detail || "not yet" : "no margin"));
+    cell.append(make("small", one.verdict === "FAIL" ? `not yet: ${one.detail}` : one.detail || "no margin"));
     return cell;
   }
   const known = one.limits.filter((/** @type {any} */ limit) => limit !== null).map(Math.abs);

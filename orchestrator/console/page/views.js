@@ -10,6 +10,7 @@ import { axes, Projection, rotate } from "./projection.js";
 const LIGHT = [-0.35, 0.25, -0.9];
 const PAD_M = 0.7;
 const ARM_M = 0.28;
+const DRAW_MS = 80;
 
 class View {
   /** @param {Model} model @param {string} id @param {"plan" | "side" | "space"} kind */
@@ -191,7 +192,7 @@ class Drawing {
     this.line([arms[2], arms[3]], colour, 3);
     this.line([place, rotate(q, [ARM_M * 1.9, 0, 0], place)], colour, 2);
     for (const arm of arms) this.ring(arm, colour, 3, 1.5);
-    this.text(place, vehicle.name, colour, 12);
+    this.text(place, vehicle.name, colour, vehicle.name === "twin" ? -22 : 12);
   }
 
   /** @param {any} vehicle @param {number[]} place @param {string} colour */
@@ -252,7 +253,7 @@ class Drawing {
     const [x, y] = this.projection.flat(point);
     this.context.fillStyle = colour;
     this.context.font = "12px system-ui, sans-serif";
-    this.context.fillText(text, x + 4 + lift / 2, y - 4 - lift);
+    this.context.fillText(text, x + 10, y - 4 - lift);
   }
 }
 
@@ -262,6 +263,7 @@ export class Views {
     /** @type {View[]} */
     this.views = [new View(model, "plan", "plan"), new View(model, "side", "side"), new View(model, "space", "space")];
     this.isDue = false;
+    this.drawnAt = 0;
     new ResizeObserver(() => this.draw()).observe(this.views[0].canvas);
   }
 
@@ -269,10 +271,12 @@ export class Views {
   draw() {
     if (this.isDue) return;
     this.isDue = true;
-    requestAnimationFrame(() => {
+    const wait = Math.max(0, this.drawnAt + DRAW_MS - performance.now());
+    setTimeout(() => requestAnimationFrame(() => {
       this.isDue = false;
+      this.drawnAt = performance.now();
       for (const view of this.views) view.draw();
-    });
+    }), wait);
   }
 }
 

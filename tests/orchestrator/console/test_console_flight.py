@@ -27,7 +27,7 @@ JOIN = (
 async def until(page: Page, script: str, is_as: Callable[[Any], bool] = bool) -> Any:
     """Return what a script comes to, once it is as it should be."""
     async with asyncio.timeout(PATIENCE_S):
-        while not is_as(found := page.value(script)):
+        while not is_as(found := page.value(script)):  # noqa: ASYNC110 - it is another process
             await asyncio.sleep(0.1)
     return found
 
