@@ -59,6 +59,7 @@ WALL = (
     "orchestrator/campaign/test_resumption.py",
     "orchestrator/cli/commands/test_run_command.py",
     "orchestrator/cli/test_arming_consent.py",
+    "orchestrator/console/test_console_flight.py",
     "orchestrator/external/test_external_flights.py",
     "orchestrator/operator",
     "orchestrator/recording/test_wall_recording.py",
