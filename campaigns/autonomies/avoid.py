@@ -12,21 +12,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from campaigns.api import CameraReading, Command, Reading, Telemetry
-from campaigns.autonomies.box_sight import BoxFinder
-from campaigns.autonomies.hover_frame import FlightFrame, PositionController
-from campaigns.autonomies.parameters import goal_altitude_m, read_parameters
-from campaigns.autonomies.pid import Gains
+from campaigns.autonomies.box_flight import BoxFlight, BoxFlightParameters
+from campaigns.autonomies.hover_frame import PositionController
 
 
 @dataclass(frozen=True, slots=True)
-class AvoidParameters:
-    """The parameters of obstacle avoidance: what may stand under `with`.
+class AvoidParameters(BoxFlightParameters):
+    """The parameters of obstacle avoidance: what may stand under `with`, beside the common ones.
 
     growth_per_s: of the logarithm of the box's area, from which on the object comes nearer; in
     how many images in a row (confirmations). window_s: of the boxes that tell the growth, of which
-    there must be least_boxes. climb_m, climb_speed_m_s: the evasion. for_s: then it is done. kp,
-    ki, kd: of the controllers. object: class of the detector. model, names (comma between),
-    input_px: of another detector, an ONNX file beside this one.
+    there must be least_boxes. climb_m, climb_speed_m_s: the evasion. object: class of the detector.
     """
 
     growth_per_s: float = 0.6
@@ -35,17 +31,9 @@ class AvoidParameters:
     least_boxes: float = 5
     climb_m: float = 0.6
     climb_speed_m_s: float = 0.8
-    for_s: float = 11.0
-    kp: float = 1.2
-    ki: float = 0.06
-    kd: float = 0.15
     object: str = "quadrotor"
-    model: str = ""
+    for_s: float = 11.0
     names: str = "quadrotor"
-    input_px: float = 640
-
-
-_MAY_BE_ZERO = frozenset({"ki", "kd"})
 
 
 class AvoidAutonomy:
@@ -59,27 +47,21 @@ class AvoidAutonomy:
         parameters: those of AvoidParameters. goal: altitude_m. seed: unused.
         """
         del seed
-        chosen = read_parameters(
-            AvoidParameters, parameters, "avoid autonomy", may_be_zero=_MAY_BE_ZERO
+        self._flight = BoxFlight(
+            AvoidParameters, goal=goal, parameters=parameters, owner="avoid autonomy"
         )
-        self._set = chosen
-        self._altitude_m = goal_altitude_m(goal, "avoid autonomy")
-        names = [name.strip() for name in chosen.names.split(",")]
-        self._finder = BoxFinder(
-            chosen.object, model=chosen.model, names=names, input_px=round(chosen.input_px)
-        )
-        level = Gains(chosen.kp, chosen.ki, chosen.kd, 0.5)
-        height = Gains(2.0 * chosen.kp, chosen.ki, chosen.kd, chosen.climb_speed_m_s)
+        chosen = self._set = self._flight.chosen
+        self._finder = chosen.finder(chosen.object)
+        level, height = chosen.gains(0.5), chosen.gains(chosen.climb_speed_m_s, times=2.0)
         self._controller = PositionController((level, level, height))
-        self._frame: FlightFrame | None = None
-        self._began_s = 0.0
         self._boxes: deque[tuple[float, float]] = deque()
         self._in_a_row = 0
         self._evades = False
 
     def perceive(self, reading: Reading) -> None:
         """Look for the object in an image, and judge whether it grows."""
-        if not isinstance(reading, CameraReading) or self._frame is None or self._evades:
+        is_awaited = self._flight.frame is not None and not self._evades
+        if not isinstance(reading, CameraReading) or not is_awaited:
             return
         found = self._finder.find(reading)
         if found is None:
@@ -97,14 +79,11 @@ class AvoidAutonomy:
 
     def act(self, telemetry: Telemetry) -> Command:
         """Return the velocity setpoint that holds the place, or the one above it."""
-        if self._frame is None:
-            self._frame = FlightFrame(telemetry.pose)
-            self._began_s = telemetry.t_s
-        altitude_m = self._altitude_m + (self._set.climb_m if self._evades else 0.0)
-        down_m = -altitude_m - self._frame.start.position_ned_m[2]
-        velocity = self._controller.velocity((0.0, 0.0, down_m), telemetry, self._frame)
-        done = telemetry.t_s - self._began_s >= self._set.for_s
-        return Command(self._frame.setpoint(velocity), done, "evade" if self._evades else "watch")
+        frame = self._flight.begun(telemetry)
+        down_m = self._flight.down_m(frame, climb_m=self._set.climb_m if self._evades else 0.0)
+        velocity = self._controller.velocity((0.0, 0.0, down_m), telemetry, frame)
+        note = "evade" if self._evades else "watch"
+        return Command(frame.setpoint(velocity), self._flight.is_over(telemetry), note)
 
 
 def slope(points: tuple[tuple[float, float], ...]) -> float:

@@ -19,43 +19,33 @@ from campaigns.api import (
     Telemetry,
     quat_from_euler,
 )
-from campaigns.autonomies.box_sight import BoxFinder, box_sight
+from campaigns.autonomies.box_flight import BoxFlight, BoxFlightParameters
+from campaigns.autonomies.box_sight import box_sight
 from campaigns.autonomies.gate_sight import View
-from campaigns.autonomies.hover_frame import FlightFrame, PositionController
-from campaigns.autonomies.parameters import goal_altitude_m, read_parameters
+from campaigns.autonomies.hover_frame import PositionController
 from campaigns.autonomies.pid import Gains
 
 
 @dataclass(frozen=True, slots=True)
-class FollowParameters:
-    """The parameters of person following: what may stand under `with`.
+class FollowParameters(BoxFlightParameters):
+    """The parameters of person following: what may stand under `with`, beside the common ones.
 
     distance_m: to be kept. person_m2: width times height of a person as a box shows one who walks
-    across. side_speed_m_s, ahead_speed_m_s: most that is asked; kp, ki, kd: of the controllers
-    sideways and in height, ahead_kp: of that ahead. smooth_s: of the boxes whose median area tells
-    the distance. lost_s: without a person for so long it holds its place. for_s: then it is done.
-    camera_stabilized: a gimbal keeps the camera level. model, names (comma between), input_px: of
-    another detector, an ONNX file beside this one.
+    across. side_speed_m_s, ahead_speed_m_s: most that is asked; ahead_kp: of the controller ahead,
+    kp, ki, kd of those sideways and in height. smooth_s: of the boxes whose median area tells the
+    distance. lost_s: without a person for so long it holds its place. camera_stabilized: a gimbal
+    keeps the camera level.
     """
 
     distance_m: float = 3.25
     person_m2: float = 0.8
     side_speed_m_s: float = 1.5
     ahead_speed_m_s: float = 0.3
-    kp: float = 1.2
-    ki: float = 0.06
-    kd: float = 0.15
     ahead_kp: float = 0.4
     smooth_s: float = 1.0
     lost_s: float = 0.7
-    for_s: float = 12.0
     camera_stabilized: bool = False
-    model: str = ""
     names: str = "person"
-    input_px: float = 640
-
-
-_MAY_BE_ZERO = frozenset({"ki", "kd"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,41 +68,35 @@ class FollowAutonomy:
         parameters: those of FollowParameters. goal: altitude_m. seed: unused.
         """
         del seed
-        chosen = read_parameters(
-            FollowParameters, parameters, "follow autonomy", may_be_zero=_MAY_BE_ZERO
+        self._flight = BoxFlight(
+            FollowParameters, goal=goal, parameters=parameters, owner="follow autonomy"
         )
-        self._set = chosen
-        self._altitude_m = goal_altitude_m(goal, "follow autonomy")
-        names = [name.strip() for name in chosen.names.split(",")]
-        self._finder = BoxFinder(
-            "person", model=chosen.model, names=names, input_px=round(chosen.input_px)
-        )
+        chosen = self._set = self._flight.chosen
+        self._finder = chosen.finder("person")
         self._history = PoseHistory(2.0, max_gap_s=0.6, max_prediction_s=0.1)
-        side = Gains(chosen.kp, chosen.ki, chosen.kd, chosen.side_speed_m_s)
         ahead = Gains(chosen.ahead_kp, 0.0, 0.0, chosen.ahead_speed_m_s)
-        height = Gains(chosen.kp, chosen.ki, chosen.kd, 0.5)
+        side, height = chosen.gains(chosen.side_speed_m_s), chosen.gains(0.5)
         self._controller = PositionController((ahead, side, height))
-        self._frame: FlightFrame | None = None
-        self._began_s = 0.0
         self._hold_m = (0.0, 0.0)
         self._seen: deque[_Seen] = deque()
 
     def perceive(self, reading: Reading) -> None:
         """Look for the person in an image; other readings, and early images, are ignored."""
-        if not isinstance(reading, CameraReading) or self._frame is None:
+        frame = self._flight.frame
+        if not isinstance(reading, CameraReading) or frame is None:
             return
         pose = self._history.at(reading.t_s).pose
         found = self._finder.find(reading) if pose is not None else None
         if pose is None or found is None:
             return
-        course_rad = self._frame.start.yaw_rad
+        heading_rad = frame.start.yaw_rad
         level = quat_from_euler(0.0, 0.0, pose.yaw_rad)
         q_wxyz = level if self._set.camera_stabilized else pose.q_wxyz
-        sight = box_sight(found, View(reading.intrinsics, q_wxyz, course_rad))
+        sight = box_sight(found, View(reading.intrinsics, q_wxyz, heading_rad))
         if sight is None:
             return
         away_m = math.sqrt(self._set.person_m2 / sight.area)
-        ahead_m, right_m, _ = self._frame.place(pose.position_ned_m)
+        ahead_m, right_m, _ = frame.place(pose.position_ned_m)
         self._seen.append(_Seen(reading.t_s, ahead_m + away_m, right_m + sight.right * away_m))
         while self._seen[0].t_s < reading.t_s - self._set.smooth_s:
             self._seen.popleft()
@@ -120,20 +104,16 @@ class FollowAutonomy:
     def act(self, telemetry: Telemetry) -> Command:
         """Return the velocity setpoint that keeps the person in front, at the distance."""
         self._history.add(telemetry.t_s, telemetry.pose, telemetry.velocity_ned_m_s)
-        if self._frame is None:
-            self._frame = FlightFrame(telemetry.pose)
-            self._began_s = telemetry.t_s
-        frame = self._frame
-        down_m = -self._altitude_m - frame.start.position_ned_m[2]
+        frame = self._flight.begun(telemetry)
         follows = bool(self._seen) and telemetry.t_s - self._seen[-1].t_s <= self._set.lost_s
         if follows:
             ahead_m = median(one.ahead_m for one in self._seen) - self._set.distance_m
             self._hold_m = (ahead_m, self._seen[-1].right_m)
-        wanted_m = (*self._hold_m, down_m)
+        wanted_m = (*self._hold_m, self._flight.down_m(frame))
         velocity = self._controller.velocity(wanted_m, telemetry, frame)
         if not follows and self._seen:
             ahead_m, right_m, _ = frame.place(telemetry.pose.position_ned_m)
             self._hold_m = (ahead_m, right_m)
             self._seen.clear()
-        done = telemetry.t_s - self._began_s >= self._set.for_s
-        return Command(frame.setpoint(velocity), done, "follow" if follows else "search")
+        note = "follow" if follows else "search"
+        return Command(frame.setpoint(velocity), self._flight.is_over(telemetry), note)
