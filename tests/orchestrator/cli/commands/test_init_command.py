@@ -8,6 +8,7 @@ import yaml
 from campaigns.expansion.expansion import load_campaign
 from orchestrator.cli import main
 
+VEHICLE_WIDTH_M = 0.3
 Capture = pytest.CaptureFixture[str]
 
 
@@ -30,6 +31,15 @@ def test_what_is_written_is_a_campaign_with_a_control(
     assert commands[-1].startswith("wil-campaign run campaign.yaml")
     assert written >= {"campaign.yaml", "world.yaml", "recipe.yaml", "autonomy.py"}
     assert not any("@NAME@" in path.read_text() for path in Path("first").rglob("*.y*ml"))
+
+
+def test_a_blind_flight_straight_on_misses_the_gate_by_far(tmp_path: Path) -> None:
+    """The control must fail because it never flew through, not because it touched a bar."""
+    assert main(["init", "first", "--in", str(tmp_path)]) == 0
+    gate = yaml.safe_load((tmp_path / "world.yaml").read_text())["objects"]["gate"]
+    shape = gate["shape"]["gate"]
+    nearest_bar_m = gate["pose"]["east_m"] - shape["inner_size_m"] / 2 - shape["bar_m"]
+    assert nearest_bar_m - VEHICLE_WIDTH_M / 2 >= 0.3
 
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: Capture) -> None:
