@@ -21,6 +21,7 @@ SensorKind = Literal["live", "rendered", "file"]
 Stop = Literal["signal", "command"]
 """What ended a campaign early: Ctrl-C or SIGTERM, or an operator's command."""
 
+_NOTED = "; the autonomy's last note was '{}'"
 _PROVEN = frozenset({"PASS", "FAIL"})
 VERDICTS: tuple[Verdict, ...] = ("PASS", "FAIL", "INVALID", "ERROR", "ABORTED")
 
@@ -216,6 +217,11 @@ class RunResult:
         """Return the vehicle that the result's required oracles judge."""
         return "twin" if self.mode == "sim" else "real"
 
+    @property
+    def bare_reason(self) -> str:
+        """Return the result's reason as the decisive event has it, without the last note."""
+        return self.reason.removesuffix(_NOTED.format(self.note))
+
 
 @dataclass(frozen=True, slots=True)
 class Totals:
@@ -261,6 +267,11 @@ class Summary:
     unmet: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
     not_flown: tuple[str, ...] = ()
+
+
+def with_note(reason: str, note: str) -> str:
+    """Return a result's reason with the last note of the autonomy, where there is one."""
+    return reason + _NOTED.format(note) if note else reason
 
 
 def percentiles(values: Sequence[float]) -> Percentiles:

@@ -89,7 +89,9 @@ def _decided_s(
         ]
         # Where it was worst may be later than where it failed.
         return min([oracle.at_s, *flagged])
-    decisive = (one.t_s for one in events if one.kind == "decisive" and result.reason in one.text)
+    decisive = (
+        one.t_s for one in events if one.kind == "decisive" and result.bare_reason in one.text
+    )
     return next(decisive, None)
 
 

@@ -17,6 +17,7 @@ from orchestrator.model.results import (
     ShownResult,
     SyncResult,
     percentiles,
+    with_note,
 )
 from orchestrator.model.twin_results import TwinResult
 from orchestrator.run.perception.mixing_loop import MixingLoop
@@ -100,9 +101,7 @@ def result_of(
 
 def reason_of(decision: Decision, note: str) -> str:
     """Return the reason of a run's outcome, with the autonomy's last note at a FAIL."""
-    if decision.verdict != "FAIL" or not note:
-        return decision.reason
-    return f"{decision.reason}; the autonomy's last note was '{note}'"
+    return with_note(decision.reason, note if decision.verdict == "FAIL" else "")
 
 
 def broken_result(

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,10 @@ import pytest
 from orchestrator.analysis.errors import ResultsFolderError
 from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.analysis.reading.results_folder import read_campaign
+from orchestrator.model.results import with_note
 from orchestrator.report.campaign_report import write_report
-from orchestrator.report.model import Frame, RunReport
+from orchestrator.report.model import Frame, LogEvent, RunReport
+from orchestrator.report.reading.cause import cause_of
 from orchestrator.report.reading.run_reader import read_run
 from orchestrator.report.reading.sight_decoding import ImageSize
 from orchestrator.report.words import limit_text, number_text, short_time
@@ -227,3 +230,17 @@ def test_times_are_relative_to_the_goal_where_it_was_given() -> None:
     assert short_time(3.5, 2.0) == "+1.50 s"
     assert short_time(1.5, 2.0) == "-0.50 s"
     assert short_time(3.5, None) == "3.50 s"
+
+
+def test_a_run_that_the_guard_ended_says_when_though_its_reason_has_a_note(recorded: Path) -> None:
+    result = run_of(recorded).result
+    assert result is not None
+    breach = "real cannot stop before the fence's side, 0.99 m away"
+    guarded = replace(
+        result, reason=with_note(breach, "through"), note="through", decided_by="guard.fence/real"
+    )
+    events = [LogEvent(20.0, "decisive", "", f"kind FAIL · {breach} · source guard.fence/real")]
+    cause = cause_of(guarded, events, goal_s=15.0, passed_s=18.0)
+    assert cause is not None
+    assert cause.at_s == 20.0
+    assert ("last note", "through") in cause.facts
