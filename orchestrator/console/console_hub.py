@@ -29,6 +29,7 @@ class _RunRecord:
     """What a console knows of one run; texts as they are sent."""
 
     scene: RunScene | None = None
+    newest: RunView | None = None
     view: str = ""
     images: dict[str, bytes] = field(default_factory=dict)
     events: deque[str] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
@@ -71,6 +72,15 @@ class ConsoleHub:
         self._pages.discard(page)
         self.show_people()
 
+    def views(self) -> list[RunView]:
+        """Return the newest states of the runs that are known."""
+        return [one.newest for one in self._runs.values() if one.newest is not None]
+
+    def say_goodbye(self) -> None:
+        """Tell all pages that the console ends with its campaign."""
+        for page in self._pages:
+            page.order(as_text({"type": "goodbye"}))
+
     def show_people(self) -> None:
         """Send all pages who is there, and who has control."""
         holder = self._access.in_control
@@ -106,6 +116,7 @@ class ConsoleHub:
         record = self._record(message.run)
         match message:
             case RunView():
+                record.newest = message
                 record.view = _view_text(message, record.scene)
                 for page in self._pages:
                     page.show(f"run {message.run}", record.view)

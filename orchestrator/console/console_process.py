@@ -33,6 +33,7 @@ _NICE = 5
 """The console yields to what flies on the same cores."""
 _LEAVE_S = 2.0
 """How long after its campaign a console is there still, so that pages show the end."""
+_GOODBYE_S = 0.3
 _CLOSE_S = 2.0
 
 
@@ -91,6 +92,8 @@ async def _feed_hub(
         polling = group.create_task(_poll(hub, poller), name="status")
         await _end_of(poller, beside)
         await asyncio.sleep(_LEAVE_S)
+        hub.say_goodbye()
+        await asyncio.sleep(_GOODBYE_S)
         await stop(source, polling)
 
 

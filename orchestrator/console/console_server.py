@@ -13,6 +13,7 @@ from aiohttp import web
 from orchestrator.console.console_access import AccessError, ConsoleAccess, Session
 from orchestrator.console.console_address import RequestRules
 from orchestrator.console.console_hub import ConsoleHub
+from orchestrator.console.fence_check import check_fence
 from orchestrator.console.page_client import MAX_MESSAGE_BYTES, PageClient
 from orchestrator.console.page_commands import (
     MAX_BODY_BYTES,
@@ -153,6 +154,8 @@ class ConsoleServer:
         session = self._session(request)
         command = PageCommand.parse(await _json_of(request))
         self._access.require_command(session, command.kind)
+        if command.kind == "geofence":
+            check_fence(command.document, self._hub.views())
         replies = await self._sender.send(command, f"{WHO}{session.name}")
         ok = any(reply.ok for reply in replies)
         texts = [reply.text for reply in replies]

@@ -28,7 +28,7 @@ export async function showReply(path, body) {
 }
 
 /** @param {{ok: boolean, text: string}} reply */
-function display(reply) {
+export function display(reply) {
   const line = by("reply");
   line.textContent = reply.text;
   line.className = `reply ${reply.ok ? "good" : "bad"}`;

@@ -6,7 +6,7 @@ const AGAIN_MS = 1000;
 
 /**
  * @typedef {{document: (message: any) => void, image: (head: any, jpeg: Blob) => Promise<void>,
- *   opened: () => void}} Takers
+ *   opened: () => void, isOver: () => boolean}} Takers
  */
 
 export class Connection {
@@ -66,6 +66,10 @@ export class Connection {
     const silent = now - this.heard;
     if (isOpen && silent < SILENT_MS) {
       this.onChange("", false);
+      return;
+    }
+    if (this.takers.isOver() && !isOpen) {
+      this.onChange("The campaign has ended and everything has landed; its console ended with it.", true);
       return;
     }
     const since = this.wasOpen

@@ -2,7 +2,8 @@
 // The page's beginning: joins by the token of the link, connects, and hands on what comes.
 
 import { Connection } from "./connection.js";
-import { wireCommands, showReply } from "./commands.js";
+import { display, showReply, wireCommands } from "./commands.js";
+import { FenceEditor } from "./fence.js";
 import { Images } from "./images.js";
 import { Model } from "./model.js";
 import { Panels } from "./panels.js";
@@ -13,6 +14,7 @@ const model = new Model();
 const images = new Images(model);
 const views = new Views(model);
 const panels = new Panels(model);
+const editor = new FenceEditor(model, views);
 const connection = new Connection({
   document: (message) => {
     model.take(message);
@@ -20,14 +22,19 @@ const connection = new Connection({
   },
   image: (head, jpeg) => images.take(head, jpeg),
   opened: () => model.clear(),
+  isOver: () => model.isOver,
 });
 wireCommands(model);
 connection.onChange = (text, isLost) => panels.lost(text, isLost);
+
 
 /** Refresh what shows time: ages, and panels that changed. */
 function refresh() {
   connection.check();
   panels.refresh();
+  editor.refresh();
+  if (model.answer) display(model.answer);
+  model.answer = null;
   images.refresh();
 }
 setInterval(refresh, 200);

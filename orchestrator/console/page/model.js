@@ -20,6 +20,10 @@ export class Model {
     this.statusAt = 0;
     /** @type {any} */ this.people = { people: [], in_control: null, holder: "" };
     /** @type {any[]} */ this.events = [];
+    /** @type {Set<string>} */ this.answered = new Set();
+    /** The newest answer of a run, until it is shown. @type {{ok: boolean, text: string} | null} */
+    this.answer = null;
+    this.isOver = false;
     this.changes = 0;
   }
 
@@ -52,6 +56,7 @@ export class Model {
       case "status":
         this.status = message;
         this.statusAt = performance.now();
+        this.takeAnswers(message);
         break;
       case "scene":
         this.record(message.run).scene = message;
@@ -62,9 +67,26 @@ export class Model {
       case "event":
         this.takeEvent(message);
         break;
+      case "goodbye":
+        this.isOver = true;
+        break;
       case "command":
         this.note({ ...message, kind: "command", t_s: null, at: new Date().toLocaleTimeString() });
         break;
+    }
+  }
+
+  /** Note what runs answered to a change of the fence. @param {any} status */
+  takeAnswers(status) {
+    for (const campaign of status.campaigns) {
+      for (const answer of campaign.answers ?? []) {
+        const key = `${answer.id} ${answer.run}`;
+        if (this.answered.has(key)) continue;
+        this.answered.add(key);
+        const word = answer.ok ? "done" : "refused";
+        this.note({ kind: "answer", run: "", t_s: null, at: new Date().toLocaleTimeString(), vehicle: answer.run, word, text: answer.text });
+        this.answer = { ok: answer.ok, text: `${answer.run}: ${answer.text}` };
+      }
     }
   }
 

@@ -41,6 +41,9 @@ export class Panels {
   /** @param {string} text @param {boolean} isLost */
   lost(text, isLost) {
     by("lost").hidden = !isLost;
+    by("lost").classList.toggle("over", this.model.isOver);
+    by("lost-title").textContent = this.model.isOver ? "The campaign has ended" : "No connection to the console";
+    by("lost-hint").hidden = this.model.isOver;
     if (isLost) by("lost-text").textContent = text;
   }
 

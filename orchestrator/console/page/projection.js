@@ -49,6 +49,11 @@ export class Projection {
     return [this.size[0] / 2 + (x - this.middle[0]) * this.scale, this.size[1] / 2 - (y - this.middle[1]) * this.scale];
   }
 
+  /** Where a point of the screen is, on axes right and up. @param {number} x @param {number} y */
+  lifted(x, y) {
+    return [this.middle[0] + (x - this.size[0] / 2) / this.scale, this.middle[1] - (y - this.size[1] / 2) / this.scale];
+  }
+
   /** How near a point is to who looks. @param {number[]} point */
   depth(point) {
     return dot(point, this.directions.near);

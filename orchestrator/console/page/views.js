@@ -23,6 +23,10 @@ class View {
     this.zoom = 1;
     /** @type {number[] | null} */
     this.grabbed = null;
+    /** @type {Projection | null} */
+    this.projection = null;
+    /** @type {((context: CanvasRenderingContext2D, projection: Projection) => void) | null} */
+    this.overlay = null;
     if (kind === "space") this.listen();
   }
 
@@ -69,7 +73,9 @@ class View {
     const points = extent(run);
     const directions = axes(this.kind, points, this.azimuth, this.elevation);
     const projection = Projection.fitting(directions, points, width, height, this.zoom);
+    this.projection = projection;
     new Drawing(context, projection, this.kind, colours()).run(run);
+    this.overlay?.(context, projection);
   }
 }
 
@@ -260,8 +266,9 @@ class Drawing {
 export class Views {
   /** @param {Model} model */
   constructor(model) {
+    this.plan = new View(model, "plan", "plan");
     /** @type {View[]} */
-    this.views = [new View(model, "plan", "plan"), new View(model, "side", "side"), new View(model, "space", "space")];
+    this.views = [this.plan, new View(model, "side", "side"), new View(model, "space", "space")];
     this.isDue = false;
     this.drawnAt = 0;
     new ResizeObserver(() => this.draw()).observe(this.views[0].canvas);

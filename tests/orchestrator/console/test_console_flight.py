@@ -12,11 +12,16 @@ from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.wall_runs import Program, lines, stages
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
-PATIENCE_S = 20.0
+RECORD = "operator.jsonl"
+PATIENCE_S = 40.0
 IS_DRAWN = (
     "(() => { const one = document.getElementById('image-{name}');"
     " const data = one.getContext('2d').getImageData(0, 0, one.width, one.height).data;"
     " return one.width === 160 && data.some((value, at) => at % 4 !== 3 && value > 0); })()"
+)
+CEILING = (
+    "document.getElementById('fence-ceiling').value = '2.9';"
+    "document.getElementById('fence-form').requestSubmit()"
 )
 JOIN = (
     "document.getElementById('name').value = 'anna';"
@@ -50,14 +55,20 @@ async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) 
                 await until(page, IS_DRAWN.replace("{name}", name))
             assert await until(page, text_of("stage"), lambda one: one == "goal")
             assert page.value("location.hash") == ""
-            assert page.value("document.querySelectorAll('.picture.stale').length") == 0
             for name in ("real", "twin"):
                 assert name in page.value(text_of("vehicles"))
             assert "passes setpoints on" in await until(page, text_of("guards"))
             assert "collision of real" in page.value(text_of("margins"))
+            page.value("document.getElementById('hold').click()")
+            await until(page, text_of("state"), lambda one: one.startswith("HELD"))
+            page.value("document.getElementById('fence-edit').click()")
+            page.value(CEILING)
+            await until(page, text_of("reply"), lambda one: "changed the fence" in one)
             page.press("Escape")
             await until(page, text_of("reply"), lambda one: "are being landed" in one)
-            assert await until(page, text_of("verdict"), lambda one: one == "ABORTED")
+            # Who holds after the goal was given has flown nothing that could be judged.
+            assert await until(page, text_of("verdict"), lambda one: one == "INVALID")
+            assert "held by console:anna" in page.value(text_of("reason"))
             assert page.errors == []
             assert [
                 one for one in page.requests if not one.startswith(link.partition("#")[0])
@@ -67,6 +78,12 @@ async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) 
         assert list((program.runtime / "wil-campaign").iterdir()) == []
     assert stages(program.run_folder())[-2:] == ["landed", "end"]
     result = json.loads((program.run_folder() / "result.json").read_text())
-    assert result["verdict"] == "ABORTED"
-    asked = lines(program.folder / "operator.jsonl")
-    assert ("console:anna", "abort", True) in [(a["who"], a["command"], a["ok"]) for a in asked]
+    assert ("ABORTED", "aborted by console:anna") in [
+        (one["verdict"], one["reason"]) for one in result["also"]
+    ]
+    (changed,) = result["fence_changes"]
+    assert (changed["by"], changed["vehicles"]) == ("console:anna", ["real", "twin"])
+    asked = [(one["who"], one["command"], one["ok"]) for one in lines(program.folder / RECORD)]
+    assert [("console:anna", command, True) for command in ("hold", "geofence", "abort")] == [
+        one for one in dict.fromkeys(asked) if one[0] == "console:anna"
+    ]

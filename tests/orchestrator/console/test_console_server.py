@@ -10,6 +10,7 @@ import pytest
 from aiohttp import ClientResponse, WSServerHandshakeError
 from aiohttp.test_utils import TestClient, TestServer
 from aiohttp.web import Application, Request
+from msgspec import structs
 
 from orchestrator.console.console_access import ConsoleAccess, Role
 from orchestrator.console.console_address import ConsoleAddress, RequestRules, require_safe
@@ -17,12 +18,19 @@ from orchestrator.console.console_hub import ConsoleHub
 from orchestrator.console.console_server import POLICY, ConsoleServer
 from orchestrator.console.errors import ConsoleError
 from orchestrator.console.page_commands import MAX_BODY_BYTES, CommandSender
-from orchestrator.live_feed.feed_messages import EventView, FactsView, ImageView, RunView
+from orchestrator.live_feed.feed_messages import (
+    EventView,
+    FactsView,
+    ImageView,
+    RunView,
+    VehicleView,
+)
 from orchestrator.model.progress import Progress
 from orchestrator.operator.operator_channels import open_operator_channels
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 
 FLOOD = 10_000
+BURST = 100
 Client = TestClient[Request, Application]
 
 
@@ -185,18 +193,67 @@ async def test_what_is_no_command_is_refused(console: Console, body: bytes, stat
     assert console.commands() == []
 
 
+SQUARE = [[-1, -1], [5, -1], [5, 1], [-1, 1]]
+CROSSED = [[-1, -1], [5, 1], [5, -1], [-1, 1]]
+BESIDE = [[-1, 3], [5, 3], [5, 4], [-1, 4]]
+
+
+@pytest.mark.parametrize(
+    ("corners", "up_m", "said"),
+    [
+        (SQUARE, [-0.5, 2.0], ""),
+        (CROSSED, [-0.5, 2.0], "cross"),
+        (BESIDE, [-0.5, 2.0], "real would be"),
+        (SQUARE, [-0.5, 0.4], "real would be"),
+        (SQUARE, [2.0, 1.0], "geofence: "),
+        ([[0, 0]], [-0.5, 2.0], "polygon"),
+    ],
+)
+async def test_a_fence_is_checked_before_it_is_sent(
+    console: Console, corners: list[list[int]], up_m: list[float], said: str
+) -> None:
+    client = await console.client("operator")
+    vehicle = VehicleView(
+        name="real",
+        armed=True,
+        mode="HOLD",
+        landed="in_air",
+        link_up=True,
+        failsafe=False,
+        position_ned_m=(1.0, 0.0, -1.0),
+    )
+    await console.hub.take(structs.replace(view(1.0), vehicles=(vehicle,)))
+    text = json.dumps({"include": [{"polygon": corners}], "up_m": up_m})
+    done = await console.post(client, "/command", {"command": "geofence", "geofence": text})
+    reply = await done.json()
+    assert (done.status, said in reply["text"]) == (403 if said else 200, True)
+    assert [(one.kind, one.document) for one in console.fleet.told] == (
+        [] if said else [("geofence", text)]
+    )
+
+
 async def test_of_a_flood_of_unauthorised_commands_none_is_accepted(console: Console) -> None:
-    stranger = await console.client()
-    bodies = (b'{"command": "abort"}', b'{"command": "hold"}')
-    for number in range(FLOOD // 100):
-        done = await asyncio.gather(
-            *(
-                console.post(stranger, "/command", bodies[one % 2], Cookie=f"session={number}{one}")
-                for one in range(100)
-            )
+    await console.client()
+    host = console.origin.removeprefix("http://")
+    reader, writer = await asyncio.open_connection(*host.split(":"))
+    answered = 0
+    for number in range(FLOOD // BURST):
+        body = json.dumps({"command": ("abort", "hold")[number % 2]})
+        writer.write(
+            BURST
+            * (
+                f"POST /command HTTP/1.1\r\nHost: {host}\r\nOrigin: {console.origin}\r\n"
+                f"Cookie: session={number}\r\nContent-Type: application/json\r\n"
+                f"Content-Length: {len(body)}\r\n\r\n{body}"
+            ).encode()
         )
-        assert {one.status for one in done} == {403}
-    assert console.commands() == []
+        for _ in range(BURST):
+            head = await reader.readuntil(b"\r\n\r\n")
+            assert head.startswith(b"HTTP/1.1 403 ")
+            await reader.readexactly(int(head.lower().partition(b"content-length: ")[2].split()[0]))
+            answered += 1
+    writer.close()
+    assert (answered, console.commands()) == (FLOOD, [])
     # It is recorded, and fills no disk.
     assert 1 <= len(console.records()) < 1000
     assert {one["who"] for one in console.records()} == {"console"}

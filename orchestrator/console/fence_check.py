@@ -1,0 +1,47 @@
+"""Whether a fence of the page could be one, before it is sent to the runs that decide; pure."""
+
+from collections.abc import Iterable
+
+from campaigns.setup.vehicle_fences import changed_fences
+from orchestrator.console.console_access import AccessError
+from orchestrator.live_feed.feed_messages import RunView
+from safety.fence.areas import FenceError
+from safety.fence.fence_values import fence_of_plain
+from safety.fence.geofence import Fence
+from worlds.files.documents import BadInput, parse
+from worlds.geodesy import LocalFrame
+
+_NOWHERE = LocalFrame(0.0, 0.0, 0.0)
+"""A page draws in metres: no place on Earth is needed."""
+
+
+def check_fence(text: str, views: Iterable[RunView]) -> None:
+    """Raise AccessError for what is no fence, or leaves a vehicle of a run in flight outside.
+
+    Whether a vehicle could stop inside, and its autopilot takes it, its run finds out.
+    """
+    flying = [view for view in views if view.stage != "end"]
+    try:
+        present = [_fences(view) for view in flying]
+        document = parse(text.encode(), name="geofence")
+        changed = changed_fences(document, _NOWHERE, present[-1] if present else {})
+    except BadInput as error:
+        why = "; ".join(problem.message for problem in error.problems)
+        raise AccessError(f"geofence: {why}") from error
+    except (FenceError, ValueError, KeyError, TypeError) as error:
+        raise AccessError(f"geofence: {error}") from error
+    fences: dict[str, Fence] = {str(name): fence for name, fence in changed.items()}
+    for view in flying:
+        for vehicle in view.vehicles:
+            fence, position_ned_m = fences.get(vehicle.name), vehicle.position_ned_m
+            if fence is None or position_ned_m is None:
+                continue
+            if (margin_m := fence.margin_m(position_ned_m)) < 0.0:
+                raise AccessError(
+                    f"geofence: {vehicle.name} would be {-margin_m:.2f} m outside of it"
+                )
+
+
+def _fences(view: RunView) -> dict[str, Fence]:
+    """Return the fences of a run's vehicles at present."""
+    return {name: fence_of_plain(plain) for name, plain in view.fences.items()}
