@@ -47,9 +47,9 @@ export class FenceEditor {
   begin() {
     const fences = Object.values(this.model.run?.view?.fences ?? {});
     const fence = /** @type {any} */ (fences[0]);
-    const drawn = fence?.inclusions.find((/** @type {any} */ one) => one.corners_m);
-    if (!drawn) {
-      display({ ok: false, text: "The present fence has no polygon to begin with: use wil-campaign fence." });
+    const [drawn, ...more] = fence?.inclusions ?? [];
+    if (!drawn?.corners_m || more.length || fence.exclusions.length) {
+      display({ ok: false, text: "The present fence is not one polygon: use wil-campaign fence." });
       return;
     }
     this.corners = drawn.corners_m.map((/** @type {number[]} */ one) => [one[1], one[0]]);

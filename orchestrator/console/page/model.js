@@ -146,6 +146,8 @@ export class Model {
       const place = run.poses.get(event.vehicle);
       if (place) run.contacts.push(place);
     }
+    // The newest state may be from just before the run's end.
+    if (event.kind === "stage" && run.view && event.t_s >= run.view.t_s) run.view.stage = event.word;
     this.note(event);
   }
 

@@ -95,8 +95,9 @@ export class Panels {
     by("reason").hidden = !view?.reason;
     this.showRuns();
     const isOperator = model.you?.role === "operator" && model.mode === "live";
+    const isDone = Boolean(campaign?.stopped || campaign?.is_over);
     button("abort").disabled = !isOperator;
-    button("hold").disabled = !isOperator || !model.hasControl || Boolean(campaign?.held);
+    button("hold").disabled = !isOperator || !model.hasControl || isDone || Boolean(campaign?.held);
     button("resume").disabled = !isOperator || !model.hasControl || !campaign?.held;
   }
 
@@ -110,7 +111,7 @@ export class Panels {
   stateText(campaign) {
     if (!campaign) return this.model.mode === "recorded" ? "nothing flies: this was flown" : "waiting for a flight on this machine";
     const done = Object.keys(campaign.finished ?? {}).length;
-    if (campaign.is_over) return `ended: ${done} runs finished`;
+    if (campaign.is_over) return `ended: ${done} of ${campaign.total} runs finished`;
     if (!campaign.is_answering) return `the campaign does not answer: ${campaign.problem}`;
     const word = campaign.stopped ? "landing, nothing more is flown" : campaign.held ? "HELD by the operator" : "flying";
     return `${word}; ${done} of ${campaign.total} runs finished`;
