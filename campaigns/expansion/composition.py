@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from campaigns.expansion.case_reader import unique
 from campaigns.schema.composition import CompositionPart
 from worlds.files.documents import BadInput, Document, Problem, check, closest, load
+from worlds.files.paths import is_file, is_folder
 
 if TYPE_CHECKING:
     from campaigns.expansion.expansion import Campaign, Options, RunPlan
@@ -65,8 +66,8 @@ def _part_document(document: Document, name: str, file: str) -> Document:
     """Return the file of a composition's part. Raises BadInput."""
     path = document.path.parent / file
     at = ("campaigns", name)
-    if not path.is_file():
-        others = [one.name for one in path.parent.glob("*.yaml")] if path.parent.is_dir() else []
+    if not is_file(path):
+        others = [one.name for one in path.parent.glob("*.yaml")] if is_folder(path.parent) else []
         said = f"campaign file '{file}' does not exist"
         raise BadInput([document.problem(at, said, closest(file, others))])
     own = load(path)

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from campaigns.values.external_setups import MocapSetup, SourceKind, SourceSetup
 from worlds.files.documents import KeyFaultError, Part
+from worlds.files.paths import exists, is_folder
 
 Milliseconds = Annotated[float, Field(ge=0, le=10_000)]
 Seconds = Annotated[float, Field(gt=0, le=600)]
@@ -98,11 +99,11 @@ class SourcePart(Part):
 def _file(folder: Path, name: str) -> tuple[SourceKind, str]:
     """Return kind and path of an image source's file. Raises KeyFaultError if it is missing."""
     path = (folder / name).resolve()
-    if not path.exists():
+    if not exists(path):
         raise KeyFaultError("address", f"there is no file or folder '{name}' beside the campaign")
     if path.suffix == ".sdp":
         return "rtp", str(path)
-    if path.is_dir():
+    if is_folder(path):
         return "images", str(path)
     return ("mcap" if path.suffix == ".mcap" else "video"), str(path)
 

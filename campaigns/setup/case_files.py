@@ -18,6 +18,7 @@ from worlds.files.documents import (
     parse_value,
 )
 from worlds.files.documents import Path as DocumentPath
+from worlds.files.paths import exists, is_folder
 
 _INTO = ("world", "recipe")
 _SUFFIXES = frozenset({".yaml", ".yml", ".plan", ".json", ".geojson", ".xml"})
@@ -173,7 +174,7 @@ def _named_file(
     if not isinstance(text, str):
         return None
     path = campaign.path.parent / text
-    if not path.exists():
+    if not exists(path):
         message = f"there is no file '{text}' beside the campaign"
         problems.append(campaign.problem(key, message, _sibling(text, path)))
         return None
@@ -189,7 +190,7 @@ def _named_file(
 
 def _sibling(text: str, path: Path) -> str:
     """Return the probably meant name of a case file, relative to the campaign."""
-    if not path.parent.is_dir():
+    if not is_folder(path.parent):
         return ""
     others = [other.name for other in path.parent.iterdir() if other.suffix in _SUFFIXES]
     found = closest(path.name, others)

@@ -12,6 +12,7 @@ from campaigns.values.sensor_setups import CameraSetup, SensorSetup
 from worlds.camera import CameraMount
 from worlds.files.documents import BadInput, Document, KeyFaultError, Problem, load
 from worlds.files.documents import Path as KeyPath
+from worlds.files.paths import exists, is_file
 
 
 def sensor_setups(
@@ -64,7 +65,7 @@ def _calibration(
         return None
     at = (*path, "calibration")
     file = _folder(campaign) / part.calibration
-    if not file.exists():
+    if not exists(file):
         said = f"there is no file '{part.calibration}' beside the campaign"
         problems.append(campaign.problem(at, said))
         return None
@@ -118,7 +119,7 @@ def program_problems(campaign: Document, command: tuple[str, ...], folder: Path)
     path = ("autonomy", "program", 0)
     if found is None:
         return [campaign.problem(path, f"there is no program '{program}' in PATH")]
-    if not Path(found).is_file():
+    if not is_file(Path(found)):
         return [campaign.problem(path, f"there is no file '{program}' beside the campaign")]
     if not os.access(found, os.X_OK):
         said = f"'{program}' is not executable: chmod +x it, or name its interpreter before it"

@@ -7,6 +7,7 @@ from typing import Literal
 from campaigns.schema.operator import MqttPart, OperatorPart
 from campaigns.values.broker_address import BrokerAddress, parse_broker
 from worlds.files.documents import Document, Problem
+from worlds.files.paths import is_file
 
 OnLoss = Literal["continue", "hold", "abort"]
 
@@ -62,7 +63,7 @@ def _file(campaign: Document, key: str, name: str | None, problems: list[Problem
     if name is None:
         return None
     path = (campaign.path.parent / name).resolve()
-    if not path.is_file():
+    if not is_file(path):
         said = f"there is no file '{name}' beside the campaign"
         problems.append(campaign.problem(("operator", "mqtt", key), said))
     return path

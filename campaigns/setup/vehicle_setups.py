@@ -35,6 +35,7 @@ from vehicles.links.link_strings import LinkAddress, parse_link
 from vehicles.telemetry_fit import RadioTooSlowError, fitted
 from worlds.files.documents import BadInput, Document, Problem, closest
 from worlds.files.documents import Path as KeyPath
+from worlds.files.paths import exists
 from worlds.frames import Pose
 from worlds.scene.parts import BoxShape
 
@@ -260,7 +261,7 @@ def _profile(
     profile, shown_as = part.profile, None
     if profile.endswith((".yaml", ".yml")):
         file = campaign.path.parent / profile
-        if not file.exists():
+        if not exists(file):
             said = f"there is no file '{profile}' beside the campaign"
             problems.append(campaign.problem(path, said))
             return profile

@@ -14,6 +14,7 @@ from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.image_files import ImageFolder, VideoFile
 from vehicles.sources.cameras.mcap_images import McapFile
 from vehicles.sources.cameras.recorded_camera import ImageFile
+from worlds.files.paths import exists, is_file, is_folder
 
 STEP_S = 0.1
 """A hand moves little in between, and a picture takes tens of milliseconds to be searched."""
@@ -85,7 +86,7 @@ def search_file(path: Path, board: Board, *, sensor: str, vehicle: str) -> Board
 
 def is_run(path: Path) -> bool:
     """Return whether the path to search is that of a recorded run: its folder, or its run.mcap."""
-    return path.name == RUN_FILE or (path / RUN_FILE).is_file()
+    return path.name == RUN_FILE or is_file(path / RUN_FILE)
 
 
 def thinned(pictures: Iterable[TimedPicture]) -> Iterator[TimedPicture]:
@@ -99,11 +100,11 @@ def thinned(pictures: Iterable[TimedPicture]) -> Iterator[TimedPicture]:
 
 def _images_of(path: Path, sensor: str, vehicle: str) -> Iterator[TimedPicture]:
     """Yield the images of a file, folder or run that are searched for the board."""
-    if not path.exists():
+    if not exists(path):
         raise OfflineError(f"{path}: there is no such file or folder")
     if is_run(path):
-        yield from _of_run(path if path.is_dir() else path.parent, sensor, vehicle)
-    elif path.is_dir():
+        yield from _of_run(path if is_folder(path) else path.parent, sensor, vehicle)
+    elif is_folder(path):
         yield from _of_file(ImageFolder(path=path, rate_hz=_IMAGES_HZ))
     elif path.suffix == ".mcap":
         yield from _of_file(McapFile(path=path))

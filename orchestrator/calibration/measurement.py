@@ -22,6 +22,7 @@ from vehicles.calibration.mounting import BodyPath, MountingFit, fit_mounting
 from vehicles.calibration.optics import OpticsFit, fit_optics
 from worlds.camera import Intrinsics
 from worlds.files.documents import load
+from worlds.files.paths import is_file
 from worlds.frames import Pose, euler_from_quat
 
 _THRICE = 3.0
@@ -82,7 +83,7 @@ def measure_camera(
 
 def read_optics(path: Path) -> CalibrationPart:
     """Return the optics of a calibration file, for a measurement. Raises BadInput, OfflineError."""
-    if not path.is_file():
+    if not is_file(path):
         raise OfflineError(f"{path}: there is no such file")
     return read_calibration(load(path, name=str(path)))
 

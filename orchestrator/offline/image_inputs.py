@@ -19,6 +19,7 @@ from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES, VideoFile
 from worlds.camera import Intrinsics
 from worlds.files.images import ImageError, read_image
 from worlds.files.limits import MAX_IMAGE_PIXELS
+from worlds.files.paths import is_file, is_folder
 from worlds.frames import Pose
 from worlds.render.renderer import Renderer
 from worlds.world_file.world import World
@@ -32,7 +33,7 @@ _LARGEST_DEPTH_BYTES = 8 * MAX_IMAGE_PIXELS + 4096
 def kind_of(path: Path) -> InputKind:
     """Return the kind of an input by its name: image, world or recording, else a video."""
     suffix = path.suffix.lower()
-    if path.is_dir() or suffix == ".mcap":
+    if is_folder(path) or suffix == ".mcap":
         return "recording"
     if suffix in IMAGE_SUFFIXES:
         return "image"
@@ -53,7 +54,7 @@ class Optics:
 
 def image(path: Path, side: Source, optics: Optics) -> CameraReading:
     """Return an image file as a reading at time 0. Raises OfflineError."""
-    if not path.is_file():
+    if not is_file(path):
         raise OfflineError(f"{path}: there is no such file")
     found = _read(path, cv2.IMREAD_COLOR)
     return _reading_of(check_image(str(path), found), 0, 0.0, side, optics)
@@ -100,7 +101,7 @@ def depth(path: Path) -> DepthImage:
 
     What is unknown is infinitely far. Raises OfflineError.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise OfflineError(f"{path}: there is no such file")
     if path.stat().st_size > _LARGEST_DEPTH_BYTES:
         raise OfflineError(f"{path}: is larger than {_LARGEST_DEPTH_BYTES} bytes")

@@ -8,6 +8,7 @@ from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.mcap_reader import Recorded, RecordedReading, Recording
 from orchestrator.recording.recording_facts import latencies_in
 from vehicles.readings import Reading, Source
+from worlds.files.paths import is_file, is_folder
 
 
 def recording_file(path: Path) -> Path:
@@ -15,8 +16,8 @@ def recording_file(path: Path) -> Path:
 
     Raises OfflineError.
     """
-    file = path / "run.mcap" if path.is_dir() else path
-    if not file.is_file():
+    file = path / "run.mcap" if is_folder(path) else path
+    if not is_file(file):
         raise OfflineError(f"{file}: there is no such recording; name a run's folder or an .mcap")
     return file
 

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from recipes.language.xml_tree import Element, parse_xml
 from recipes.model.registry import Stage, find, resembling
 from worlds.files.documents import BadInput, Document, Problem, closest, parse_value
+from worlds.files.paths import is_file
 from worlds.files.yaml_nodes import (
     Data,
     Entry,
@@ -143,7 +144,7 @@ class _Reader:
         if not file.endswith(".py"):
             self._note(place, f"<{stage}> names a file.py, not '{file}'")
             return Node(None, place)
-        if (self.path.parent / file).is_file():
+        if is_file(self.path.parent / file):
             return _own(file, stage, given, place)
         stem = file[: -len(".py")]
         name, defaults = _PAPERS_OWN.get(stem, (stem, MappingProxyType({})))

@@ -17,6 +17,7 @@ from vehicles.launch.launch_plan import (
     parameter_text,
 )
 from vehicles.links.link_strings import LinkAddress
+from worlds.files.paths import exists, is_file, is_folder
 
 _BASE_PORT = 5760
 _PER_INSTANCE = 10
@@ -56,7 +57,7 @@ class ArduPilotLaunch:
         """Raise LaunchError when the binary or a parameter file is missing."""
         executable(self.binary, "ArduPilot SITL", "build it with './waf copter'")
         for file in self.defaults:
-            if not file.is_file():
+            if not is_file(file):
                 raise LaunchError(f"ArduPilot SITL: there is no parameter file {file}")
         if not self._parameter_files() and _FRAME not in dict(self.params):
             raise LaunchError(
@@ -109,13 +110,13 @@ class ArduPilotLaunch:
             return self.defaults
         binary = Path(shutil.which(str(self.binary)) or self.binary).resolve()
         folders = (folder / _TREE for folder in binary.parents)
-        found = next((one for one in folders if (one / "copter.parm").is_file()), None)
+        found = next((one for one in folders if is_file(one / "copter.parm")), None)
         if found is None:
             return ()
         words = self.frame.partition(":")[0].split("-")
         names = ["-".join(words[: count + 1]) for count in range(len(words))]
         own = [found / f"copter-{name}.parm" for name in names]
-        return (found / "copter.parm", *(file for file in own if file.is_file()))
+        return (found / "copter.parm", *(file for file in own if is_file(file)))
 
 
 def _home_argument(home: Home) -> str:
@@ -129,9 +130,9 @@ def executable(path: Path, label: str, remedy: str) -> str:
     found = shutil.which(str(path))
     if found is not None:
         return str(Path(found).absolute())
-    if not path.exists():
+    if not exists(path):
         raise LaunchError(f"{label}: there is no program {path}; {remedy}, or correct the path")
-    if path.is_dir():
+    if is_folder(path):
         raise LaunchError(f"{label}: {path} is a folder; name the program in it")
     if not os.access(path, os.X_OK):
         raise LaunchError(f"{label}: {path} may not be executed; run 'chmod +x {path}'")

@@ -21,6 +21,7 @@ from vehicles.launch.launch_plan import (
     parameter_text,
 )
 from vehicles.links.link_strings import LinkAddress
+from worlds.files.paths import is_file, is_folder
 
 _API_PORT = 14540
 _LOCAL_PORTS = (14580, 14280, 13030, 18570)
@@ -75,7 +76,7 @@ class Px4Launch:
             self._docker()
             return
         self._binary(self.build)
-        if not (self.build / "etc" / "init.d-posix" / "rcS").is_file():
+        if not is_file(self.build / "etc" / "init.d-posix" / "rcS"):
             raise LaunchError(
                 f"PX4 SITL: {self.build} has no etc/init.d-posix/rcS; name the build folder, such "
                 "as PX4-Autopilot/build/px4_sitl_default"
@@ -157,7 +158,7 @@ class Px4Launch:
 
     @staticmethod
     def _binary(build: Path) -> str:
-        if not build.is_dir():
+        if not is_folder(build):
             raise LaunchError(f"PX4 SITL: there is no build folder {build}; run 'make px4_sitl'")
         return executable(build / "bin" / "px4", "PX4 SITL", "run 'make px4_sitl'")
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicles.readings import BgrImage
+from worlds.files.paths import is_file
 
 Layout = Literal["auto", "v5", "v8", "end2end"]
 
@@ -102,7 +103,7 @@ class OnnxDetector:
 
 def _network(path: Path) -> Any:
     """Return the detector's network of an ONNX file. Raises DetectorError."""
-    if not path.is_file():
+    if not is_file(path):
         raise DetectorError(f"there is no file '{path.name}'")
     try:
         net = cv2.dnn.readNetFromONNX(str(path))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worlds.files.limits import MAX_IMAGE_BYTES, MAX_IMAGE_PIXELS
+from worlds.files.paths import is_file
 
 Size = tuple[int, int]
 """Width and height, in pixels."""
@@ -31,7 +32,7 @@ def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
 
     Raises ImageError; OSError when the file cannot be read.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise ImageError("there is no such file")
     if path.stat().st_size > MAX_IMAGE_BYTES:
         raise ImageError(f"it is larger than {MAX_IMAGE_BYTES} bytes")

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 from worlds.files.documents import closest, closest_file
+from worlds.files.paths import is_file, is_folder
 
 _PREFIX = "wil_user_"
 
@@ -39,7 +40,7 @@ def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> 
     if not colon or not file.endswith(".py") or not name.isidentifier():
         raise BadReferenceError(f"'{text}' is not of the form file.py:Name")
     path = (folder / file).resolve()
-    if not path.is_file():
+    if not is_file(path):
         raise BadReferenceError(f"there is no file '{file}' beside {beside}", _sibling(path))
     module = _module(path)
     found = getattr(module, name, None)
@@ -57,7 +58,7 @@ def forget_loaded() -> None:
 
 def _sibling(path: Path) -> str:
     """Return the Python file beside a misspelt reference that was probably meant."""
-    if not path.parent.is_dir():
+    if not is_folder(path.parent):
         return ""
     return closest_file(path.name, [other.name for other in path.parent.glob("*.py")])
 

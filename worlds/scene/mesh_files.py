@@ -9,6 +9,7 @@ import numpy as np
 
 from worlds.files.images import ImageError, check_pixels
 from worlds.files.limits import MAX_MESH_BYTES, MAX_MESH_FACES
+from worlds.files.paths import is_file
 from worlds.frames import Pose
 from worlds.scene.colors import Rgb
 from worlds.scene.mesh_damage import damage
@@ -27,6 +28,8 @@ SUFFIXES = (".obj", ".stl", ".glb", ".gltf", ".dae", ".ply")
 MAX_FACES = MAX_MESH_FACES
 _PLAIN_RGB: Rgb = (150, 150, 150)
 _MOST_COLORS = 64
+_FARTHEST = 1e9
+"""Of a coordinate in the file's own unit: a thousand kilometres of millimetres."""
 _WHITE: Rgb = (255, 255, 255)
 
 
@@ -100,7 +103,7 @@ def load_mesh_shape(
     """
     if path.suffix.lower() not in SUFFIXES:
         raise MeshFileError(f"'{path.suffix}' is not one of {', '.join(SUFFIXES)}")
-    if not path.is_file():
+    if not is_file(path):
         raise MeshFileError("no such file")
     try:
         check_mesh_file(path)
@@ -136,9 +139,21 @@ def _load(path: Path) -> list[Any]:
         why = damage(path) or "it is damaged, or its format does not match its suffix"
         raise MeshFileError(f"cannot be read as a mesh: {why}") from error
     parts = [part for part in dumped if isinstance(part, trimesh.Trimesh)]
-    if not all(np.isfinite(part.vertices).all() for part in parts):
-        raise MeshFileError("it has coordinates that are not finite")
+    for part in parts:
+        _check_part(part)
     return parts
+
+
+def _check_part(part: Any) -> None:
+    """Refuse a mesh that its reader took from a damaged file as it was."""
+    if not np.isfinite(part.vertices).all():
+        raise MeshFileError("it has coordinates that are not finite")
+    if part.vertices.ndim != 2 or part.vertices.shape[1] != len("xyz"):
+        raise MeshFileError("it has points of other than three coordinates")
+    if len(part.vertices) and np.abs(part.vertices).max() > _FARTHEST:
+        raise MeshFileError(f"it has coordinates beyond {_FARTHEST:g}")
+    if len(part.faces) and not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
+        raise MeshFileError(f"a face names a vertex that is none of its {len(part.vertices)}")
 
 
 def _check_companions(path: Path) -> None:
@@ -147,13 +162,13 @@ def _check_companions(path: Path) -> None:
         return
     for library in _named_files(path, "mtllib"):
         for picture in _named_files(library, "map_Kd"):
-            if not picture.is_file():
+            if not is_file(picture):
                 raise MeshFileError(f"'{library.name}' names the picture '{picture.name}': no file")
 
 
 def _named_files(path: Path, keyword: str) -> list[Path]:
     """Return the files that lines of a text file name; options before the name are skipped."""
-    if not path.is_file():
+    if not is_file(path):
         raise MeshFileError(f"it refers to the materials '{path.name}': no such file")
     if path.stat().st_size > MAX_MESH_BYTES:
         raise MeshFileError(f"'{path.name}' is larger than {MAX_MESH_BYTES} bytes")

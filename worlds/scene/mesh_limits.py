@@ -21,6 +21,7 @@ from worlds.files.limits import (
     MAX_MESH_NODES,
     MAX_MESH_VALUES,
 )
+from worlds.files.paths import is_file
 
 _GLB_HEAD_BYTES = 12
 _STRIP_MODES = frozenset({5, 6})
@@ -60,7 +61,7 @@ def _check_gltf(path: Path) -> None:
             _check_buffers(path, said)
             _check_counts(said)
             _check_graph(_gltf_graph(said), [str(index) for index in _gltf_roots(said)])
-    except (ValueError, TypeError, AttributeError, KeyError, IndexError, RecursionError):
+    except (ValueError, TypeError, ArithmeticError, LookupError, AttributeError, RecursionError):
         return  # It is damaged, and trimesh refuses it.
 
 
@@ -70,7 +71,7 @@ def _check_buffers(path: Path, said: Mapping[str, Any]) -> None:
         uri = part.get("uri", "data:")
         if not uri.startswith("data:"):
             beside = path.parent / uri
-            if beside.is_file() and beside.stat().st_size > MAX_MESH_BYTES:
+            if is_file(beside) and beside.stat().st_size > MAX_MESH_BYTES:
                 raise MeshLimitError(f"'{uri}' is larger than {MAX_MESH_BYTES} bytes")
     for picture in said.get("images", ()):
         _check_picture(path, picture.get("uri", "data:"))
@@ -80,7 +81,7 @@ def _check_picture(path: Path, uri: str) -> None:
     """Check the size that a picture states; one inside of a buffer is checked when it is used."""
     if uri.startswith("data:"):
         data = base64.b64decode(uri.partition(",")[2])
-    elif (path.parent / uri).is_file():
+    elif is_file(path.parent / uri):
         data = (path.parent / uri).read_bytes()
     else:
         return

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from worlds.files.documents import Document, Problem, closest, closest_file
+from worlds.files.paths import exists, is_folder
 from worlds.frames import Pose, matrix_from_quat
 from worlds.scene import shapes
 from worlds.scene.colors import NAMED, Rgb, parse_color
@@ -127,7 +128,7 @@ class WorldReader:
             return shape
 
     def _similar_file(self, path: Path) -> str:
-        if path.exists() or not path.parent.is_dir():
+        if exists(path) or not is_folder(path.parent):
             return ""
         found = closest_file(path.name, [each.name for each in path.parent.iterdir()])
         return str((path.parent / found).relative_to(self._folder)) if found else ""

@@ -13,9 +13,11 @@ from worlds.scene.motion import Moment
 Which = Literal["W", "Wv"]
 Mode = Literal["sim", "wil", "real"]
 Existence = Literal["W", "Wv", "both", "none"]
+SMALLEST_M = 1e-4
+"""Of a length: a tenth of a millimetre. Numbers near zero have no normals."""
 LARGEST_M = 10_000.0
 
-Length = Annotated[float, Field(gt=0.0, le=LARGEST_M)]
+Length = Annotated[float, Field(ge=SMALLEST_M, le=LARGEST_M)]
 Coordinate = Annotated[float, Field(ge=-LARGEST_M, le=LARGEST_M)]
 Seconds = Annotated[float, Field(ge=0.0)]
 Speed = Annotated[float, Field(gt=0.0, le=1000.0)]
@@ -97,7 +99,7 @@ class MeshModel(FilePart):
 
     file: str
     unit: Literal["m", "cm", "mm", "in", "ft"] | None = None
-    scale: Annotated[float, Field(gt=0.0)] = 1.0
+    scale: Annotated[float, Field(ge=1e-6, le=1e6)] = 1.0
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     forward: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
 

@@ -55,7 +55,7 @@ def _event(line: str) -> LogEvent | None:
     try:
         fields = json.loads(line)
         t_s, kind = float(fields["t_s"]), fields["event"]
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
     if not isinstance(kind, str) or not math.isfinite(t_s):
         return None

@@ -14,6 +14,7 @@ from vehicles.perception.hsv import Mask
 from vehicles.readings import BgrImage, CameraReading
 from worlds.files.documents import KeyFaultError
 from worlds.files.images import ImageError, read_image
+from worlds.files.paths import is_file
 
 Work = Masked[CameraReading]
 
@@ -52,7 +53,7 @@ class SubtractBackgroundParameters(SidedParameters):
 
 def _unreadable_fault(path: FilePath) -> str:
     """Return why the background picture's file cannot be read; "" when it can."""
-    if not path.is_file():
+    if not is_file(path):
         return f"there is no file '{path.name}' beside the recipe"
     try:
         read_image(path)

@@ -149,7 +149,7 @@ SMALL_ROOM = "{room: {size_north_m: 1, size_east_m: 1, height_m: 1}}"
         (f"  g: {GATE}, color: ornage}}", "ornage", "unknown colour", "orange"),
         (f"  g: {GATE}, color: [1, 2]}}", "[1, 2]", "three numbers", ""),
         (f"  g: {GATE}, color: [1, 2, 256]}}", "[1, 2, 256]", "0 to 255", ""),
-        ("  g: {shape: {gate: {inner_size_m: -1}}}", "-1", "greater than 0", ""),
+        ("  g: {shape: {gate: {inner_size_m: -1}}}", "-1", "at least 0.0001", ""),
         ("  g: {shape: {gate: {inner_sise_m: 1}}}", "inner_sise_m", "", "inner_size_m"),
         ("  g: {shape: {gatte: {}}}", "gatte", "gatte", "gate"),
         ("  g: {shape: {}}", "{}", "exactly one", ""),

@@ -42,6 +42,8 @@ class VideoFile:
         if not self._container.streams.video:
             raise SourceError(f"{self.name}: has no video; is it audio only?")
         stream = self._container.streams.video[0]
+        if stream.codec_context is None:
+            raise SourceError(f"{self.name}: its images are of a kind that FFmpeg does not know")
         # Same pictures whatever the machine: some decoders conceal by thread.
         stream.codec_context.thread_count = 1
         self._check_size(stream.codec_context.width, stream.codec_context.height)

@@ -1,0 +1,43 @@
+"""Every decoder and port takes or refuses what is not as it should be, and raises nothing else."""
+
+import random
+from pathlib import Path
+
+import pytest
+
+from tests.faults.fuzzing.fuzzer import TARGETS, feed
+from tests.faults.fuzzing.mutations import mutated
+
+_FIRST = 1_000_000
+"""Numbers that bench/fuzz.py does not reach."""
+
+
+def _folder(path: Path) -> Path:
+    path.mkdir()
+    return path
+
+
+# tests/campaigns/schema/test_fuzz_campaigns.py spoils campaigns.
+@pytest.mark.parametrize("name", sorted(TARGETS.keys() - {"campaign"}))
+def test_bad_input_is_refused_in_words(tmp_path: Path, name: str) -> None:
+    target = TARGETS[name]
+    if target.takes_seeds:
+        prepared = target.prepare(_folder(tmp_path / "seeds"))
+        for seed in prepared.seeds:
+            prepared.take(seed)
+    fed = feed(target, _folder(tmp_path / "fed"), _FIRST, 15)
+    assert fed.failures == []
+    assert fed.inputs == fed.taken + fed.refused == 15
+
+
+def test_a_target_that_raises_is_found(tmp_path: Path) -> None:
+    target = TARGETS["formula"]
+    spoilt = type(target)(target.name, (), target.prepare)
+    assert feed(spoilt, tmp_path, _FIRST, 40).failures
+
+
+def test_inputs_follow_from_their_numbers() -> None:
+    seeds = (b"[1, 2, 3]", b"always (x <= 1)")
+    once, again = ([mutated(random.Random(k), seeds) for k in range(50)] for _ in range(2))  # noqa: S311
+    assert once == again
+    assert len(set(once)) > 40
