@@ -17,7 +17,7 @@ from orchestrator.recording.judge_log_file import FILE_NAME
 from orchestrator.run.flight.run_oracles import build_judge
 from orchestrator.run.flight.run_outcome import also_of, reason_of
 from orchestrator.state.run_setup import RunOrder, RunSetup
-from safety.evaluation.judge import COLLISION_ALWAYS
+from safety.evaluation.judge import unjudged
 from safety.evaluation.judge_log import JudgeLogError, judge_from_log, read_judge_log
 from safety.evidence.evidence import SOURCE
 from safety.model.verdict import DecisiveEvent, DecisiveKind, decide, source_of
@@ -131,10 +131,10 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         timeouts=judge.timeouts,
     )
     reason = reason_of(decision, decision.note or before.note)
-    always = setup.campaign.collision_always
+    campaign = setup.campaign
     now = replace(
         before,
-        not_judged=() if always else (COLLISION_ALWAYS.name,),
+        not_judged=unjudged(campaign.oracles, collision_always=campaign.collision_always),
         verdict=decision.verdict,
         reason=reason,
         also=also_of(decision),

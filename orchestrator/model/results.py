@@ -176,7 +176,7 @@ class RunResult:
     evidence: what the judged signals showed; on this the verdict rests.
     decided_by: what made the verdict, as "reached/real"; empty for PASS. control: how a control
     ended against how it must; None for a run of the campaign itself. not_judged: what is judged
-    always, and was switched off by the campaign. note: what the judged vehicle's autonomy noted
+    always, and was left out by the campaign. note: what the judged vehicle's autonomy noted
     last before that. trace: the traceback of an autonomy that crashed.
     exceptions: of ours, each in a line: then it is no PASS, and the program's exit code never 0.
     twin: what the twin did beside the real vehicle; None but in mode wil.

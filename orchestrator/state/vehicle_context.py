@@ -162,7 +162,9 @@ class VehicleContext:
         if t_s < self._refer_due_s.get(source, 0.0):
             return
         self._refer_due_s[source] = t_s + _REFER_EVERY_S
-        sample = ReferenceSample(t_s, self.name, source, pose.position_ned_m, velocity_ned_m_s)
+        sample = ReferenceSample(
+            t_s, self.name, source, pose.position_ned_m, velocity_ned_m_s, pose.q_wxyz
+        )
         for listener in self._reference_listeners:
             listener(sample)
 

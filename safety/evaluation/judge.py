@@ -102,6 +102,13 @@ def _judges_every_contact(use: OracleUse, subject: str) -> bool:
     return given.required and given.vehicle in {None, subject} and whole and not given.exclude
 
 
+def unjudged(uses: Iterable[OracleUse], *, collision_always: bool) -> tuple[str, ...]:
+    """Return in words what of the contacts that are judged always a campaign leaves out."""
+    if not collision_always:
+        return (COLLISION_ALWAYS.name,)
+    return tuple(f"contact with {name} at takeoff and landing" for name in _ground(uses))
+
+
 def _ground(uses: Iterable[OracleUse]) -> tuple[str, ...]:
     """Return the objects that any oracle use names as ground for takeoff and landing."""
     given = (use.parameters for use in uses)

@@ -200,8 +200,8 @@ _READERS: dict[str, Callable[..., LoggedSample]] = {
     "state": StateSample,
     "heard": LinkSample,
     "report": ReportSample,
-    "reference": lambda t_s, vehicle, source, place, velocity: ReferenceSample(
-        t_s, vehicle, source, tuple(place), tuple(velocity)
+    "reference": lambda t_s, vehicle, source, place, velocity, attitude=None: ReferenceSample(
+        t_s, vehicle, source, tuple(place), tuple(velocity), attitude and tuple(attitude)
     ),
     "doubt": DoubtSample,
     "tick": Tick,

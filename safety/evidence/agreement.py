@@ -28,11 +28,12 @@ class Accuracy:
     """The accuracy of a position source, one standard deviation on each axis.
 
     position_m: of where it says that the vehicle is; velocity_m_s: of its velocity, and of how its
-    place moves, None where the velocity is made of its positions.
+    place moves, None where the velocity is made of its positions. attitude_rad: of its attitude.
     """
 
     position_m: float
     velocity_m_s: float | None = None
+    attitude_rad: float = 0.0
 
     def displacement_m(self, span_s: float) -> float:
         """Return the accuracy of a displacement within a time, metres."""

@@ -1,9 +1,11 @@
 """The evidence of a run: all its signals, what is wrong with them, and what that decides."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 
 from safety.evidence.coverage import Coverage, Fault
-from safety.evidence.poses import NOT_A_NUMBER, PoseCoverage, is_finite
+from safety.evidence.flown_coverage import FlownCoverage
+from safety.evidence.motion import AttitudeCoverage, VelocityCoverage
+from safety.evidence.poses import NOT_A_NUMBER, PoseCoverage, is_finite, is_finite_reference
 from safety.evidence.terms import SignalTerms
 from safety.model.oracle_results import EvidenceResult
 from safety.model.samples import (
@@ -17,12 +19,17 @@ from safety.model.samples import (
 )
 from safety.model.verdict import DecisiveEvent
 
-POSE = "pose"
+POSE, VELOCITY, ATTITUDE = "pose", "velocity", "attitude"
 SOURCE = "evidence/"
 """With what the source of every decisive event begins that evidence is the cause of."""
 
 _Key = tuple[str, str]
 """A signal and its vehicle."""
+_FLOWN: Mapping[str, Callable[[SignalTerms], FlownCoverage]] = {
+    POSE: PoseCoverage,
+    VELOCITY: VelocityCoverage,
+    ATTITUDE: AttitudeCoverage,
+}
 
 
 class Evidence:
@@ -33,7 +40,7 @@ class Evidence:
 
     def __init__(self, signals: Iterable[SignalTerms] = ()) -> None:
         self._signals: dict[_Key, Coverage] = {}
-        self._poses: dict[str, PoseCoverage] = {}
+        self._flown: dict[str, list[tuple[_Key, FlownCoverage]]] = {}
         for terms in signals:
             if (terms.signal, terms.vehicle) in self._signals:
                 raise ValueError(f"{terms.signal} of {terms.vehicle} is declared twice")
@@ -44,22 +51,23 @@ class Evidence:
 
     def pose(self, sample: PoseSample) -> bool:
         """Add a pose to the evidence; return whether it is finite, so that it can be judged."""
-        known = self._poses.get(sample.vehicle)
-        if known is not None:
-            known.pose(sample)
-            self._settle((POSE, sample.vehicle), known)
-            return is_finite(sample)
-        if is_finite(sample):
-            return True
+        finite = is_finite(sample)
+        for key, known in self._flown.get(sample.vehicle, ()):
+            if finite or key[0] == POSE:
+                known.pose(sample)
+                self._settle(key, known)
+        if finite or (POSE, sample.vehicle) in self._signals:
+            return finite
         self.doubt(DoubtSample(sample.t_s, sample.vehicle, POSE, "its source", NOT_A_NUMBER))
         return False
 
     def reference(self, sample: ReferenceSample) -> None:
-        """Add another source's position of a vehicle to the evidence."""
-        known = self._poses.get(sample.vehicle)
-        if known is not None:
+        """Add another source's pose of a vehicle to the evidence, unless it is no number."""
+        if not is_finite_reference(sample):
+            return
+        for key, known in self._flown.get(sample.vehicle, ()):
             known.reference(sample)
-            self._settle((POSE, sample.vehicle), known)
+            self._settle(key, known)
 
     def report(self, sample: ReportSample) -> None:
         """Add to the evidence that a sample of another signal has arrived."""
@@ -70,8 +78,8 @@ class Evidence:
 
     def state(self, sample: StateSample) -> None:
         """Add a vehicle's state to the evidence: whether it is in the air."""
-        if sample.vehicle in self._poses:
-            self._poses[sample.vehicle].state(sample)
+        for _, known in self._flown.get(sample.vehicle, ()):
+            known.state(sample)
 
     def received(self, sample: LinkSample) -> None:
         """Add to the evidence that something arrived over a vehicle's link."""
@@ -112,10 +120,12 @@ class Evidence:
         return (*(one for one in seen if one is not None), *doubted)
 
     def _coverage(self, terms: SignalTerms) -> Coverage:
-        if terms.signal != POSE:
+        kind = _FLOWN.get(terms.signal)
+        if kind is None:
             return Coverage(terms)
-        self._poses[terms.vehicle] = PoseCoverage(terms)
-        return self._poses[terms.vehicle]
+        made = kind(terms)
+        self._flown.setdefault(terms.vehicle, []).append(((terms.signal, terms.vehicle), made))
+        return made
 
     def _settle(self, key: _Key, signal: Coverage) -> None:
         if signal.fault is not None and signal.terms.required and key not in self._decided:

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 from safety.fence.geofence import Fence
 from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose, Vec3
+from worlds.frames import Pose, Quat, Vec3
 
 Stage = Literal["takeoff", "at_height", "goal", "done", "land", "landed", "end"]
 """Of a run: takeoff commanded, both at height, goal given (t0), autonomy done, landing commanded,
@@ -57,13 +57,17 @@ class LinkSample:
 
 
 class ReferenceSample(NamedTuple):
-    """A sample of a vehicle's position by another source than the judged one."""
+    """A sample of a vehicle's pose by another source than the judged one.
+
+    q_wxyz: its attitude (FRD to NED), None where it was not recorded.
+    """
 
     t_s: float
     vehicle: str
     source: str
     position_ned_m: Vec3
     velocity_ned_m_s: Vec3
+    q_wxyz: Quat | None = None
 
 
 class ReportSample(NamedTuple):

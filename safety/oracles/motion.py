@@ -50,6 +50,8 @@ class AttitudeParameters(Windowed):
 class Speed(LimitOracle):
     """The oracle of the motion's speed; the lower limit from at_height to the landing only."""
 
+    motion = frozenset({"velocity"})
+
     def __init__(
         self, terms: Terms, *, min_m_s: float | None, max_m_s: float | None, axis: Axis
     ) -> None:
@@ -74,6 +76,8 @@ class Speed(LimitOracle):
 
 class Attitude(LimitOracle):
     """The oracle of the motion's attitude: the angle with the least margin is reported."""
+
+    motion = frozenset({"attitude"})
 
     def __init__(
         self, terms: Terms, *, limits: tuple[tuple[str, Callable[[PoseSample], float], float], ...]

@@ -8,7 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from safety.model.oracle_results import Flag, Limit, OracleResult
 from safety.model.samples import FenceSample, LinkSample, PoseSample, StageSample, StateSample
@@ -20,6 +20,7 @@ __all__ = [
     "NO_FLAGS",
     "Flags",
     "Gate",
+    "MotionName",
     "Oracle",
     "OracleContext",
     "OracleError",
@@ -36,6 +37,7 @@ __all__ = [
     "registry",
 ]
 
+MotionName = Literal["velocity", "attitude"]
 Flags = tuple[Flag, ...]
 NO_FLAGS: Flags = ()
 
@@ -59,11 +61,13 @@ class OracleError(Exception):
 class Oracle(ABC):
     """The base of oracles of one vehicle (`watches`: whose samples it takes, mostly its own).
 
-    reports: what it takes of a vehicle's state; its silence is the oracle's blindness. is_costly:
-    its result takes longer the longer the run, too long to be asked for in flight.
+    reports: what it takes of a vehicle's state; its silence is the oracle's blindness. motion: what
+    it takes of a pose beside the position. is_costly: its result takes longer the longer the run,
+    too long to be asked for in flight.
     """
 
     reports: frozenset[ReportName] = frozenset()
+    motion: frozenset[MotionName] = frozenset()
     is_costly: ClassVar[bool] = False
 
     def __init__(self, terms: Terms) -> None:

@@ -22,6 +22,7 @@ from safety.oracles.stl_signals import (
     FenceMargin,
     Signal,
     Together,
+    motion_of,
     reports_of,
     signals_of,
 )
@@ -62,6 +63,7 @@ class Stl(Oracle):
         names = tuple(dict.fromkeys(name.name for name in names_of(self._formula)))
         self._used = {name: self._signals[name] for name in names}
         self.reports = reports_of(names)
+        self.motion = motion_of(names)
         self._trace = Trace(names)
         mixed = has_several_units(self._formula, self._kinds)
         self._monitor = StlMonitor(self._formula, mixed=mixed)

@@ -10,7 +10,7 @@ from safety.model import signals
 from safety.model.samples import PoseSample, StateSample
 from safety.oracles.autopilot_health import ModeName
 from safety.oracles.contact import Limits
-from safety.oracles.oracle import OracleContext, Probe, Stages
+from safety.oracles.oracle import MotionName, OracleContext, Probe, Stages
 from safety.oracles.pair import carried
 from safety.stl.units import SignalKind
 from vehicles.driver.vehicle_state import ReportName
@@ -84,6 +84,15 @@ _REPORTS: Mapping[str, ReportName] = {
     "on_ground": "landed_state",
     "estimator_sound": "estimator",
 }
+_MOTION: Mapping[str, MotionName] = {
+    "speed_m_s": "velocity",
+    "ground_speed_m_s": "velocity",
+    "climb_m_s": "velocity",
+    "roll_deg": "attitude",
+    "pitch_deg": "attitude",
+    "yaw_deg": "attitude",
+    "tilt_deg": "attitude",
+}
 CLEARANCE = SignalKind(
     "m", "distance to the nearest object; floors count between at_height and land"
 )
@@ -112,6 +121,11 @@ def signal_docs() -> dict[str, SignalKind]:
 def reports_of(names: Iterable[str]) -> frozenset[ReportName]:
     """Return which reports of a vehicle its STL signals need."""
     return frozenset(_REPORTS.get(name, "heartbeat") for name in names if name in _OF_STATE)
+
+
+def motion_of(names: Iterable[str]) -> frozenset[MotionName]:
+    """Return what of a pose the STL signals need beside the position."""
+    return frozenset(_MOTION[name] for name in names if name in _MOTION)
 
 
 def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:

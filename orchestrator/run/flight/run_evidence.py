@@ -1,6 +1,8 @@
 """The signals that a run is judged by, and what is expected of each."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import get_args
 
 from campaigns.setup.case_setup import VehicleSetup
 from campaigns.values.external_setups import CAPTURED, ESTIMATED, PoseAccuracy
@@ -8,7 +10,7 @@ from orchestrator.state.run_setup import RunSetup
 from safety.evidence.agreement import Accuracy
 from safety.evidence.evidence import POSE
 from safety.evidence.terms import SignalTerms, position_limit_s, status_limit_s
-from safety.oracles.oracle import Oracle
+from safety.oracles.oracle import MotionName, Oracle
 from safety.oracles.oracle_terms import STAGES, Window
 from vehicles.autopilots.autopilot import TelemetryRates
 from vehicles.driver.vehicle_state import ReportName
@@ -29,7 +31,9 @@ def signal_terms(setup: RunSetup, oracles: Iterable[Oracle]) -> Iterator[SignalT
     """Yield the evidence terms of a run's signals; required are those of required oracles."""
     judges = tuple(oracles)
     for vehicle in setup.vehicles:
-        yield _pose_terms(setup, vehicle, judges)
+        pose = _pose_terms(setup, vehicle, judges)
+        yield pose
+        yield from _motion_terms(pose, judges)
         yield from _report_terms(vehicle, judges)
 
 
@@ -46,6 +50,16 @@ def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, judges: Iterable[Oracle]
         accuracy=_accuracy(vehicle.pose_accuracy),
         references={name: _accuracy(one) for name, one in _SOURCES.items() if name != source},
     )
+
+
+def _motion_terms(pose: SignalTerms, judges: Iterable[Oracle]) -> Iterator[SignalTerms]:
+    """Yield the evidence terms of a vehicle's velocity and attitude where an oracle judges them."""
+    using = [one for one in judges if pose.vehicle in one.watches]
+    for part in get_args(MotionName):
+        windows = [one.terms.window for one in using if part in one.motion]
+        if windows:
+            required = any(one.required and part in one.motion for one in using)
+            yield replace(pose, signal=part, required=required, window=_widest(windows))
 
 
 def _report_terms(vehicle: VehicleSetup, judges: Iterable[Oracle]) -> Iterator[SignalTerms]:
@@ -97,7 +111,7 @@ def _pose_limit_s(setup: RunSetup, vehicle: VehicleSetup) -> float:
 
 def _accuracy(given: PoseAccuracy) -> Accuracy:
     """Return a pose source's accuracy for the evidence."""
-    return Accuracy(given.position_m, given.velocity_m_s)
+    return Accuracy(given.position_m, given.velocity_m_s, given.attitude_rad)
 
 
 def _rests_on_pose(oracle: Oracle, vehicle: str) -> bool:

@@ -25,7 +25,7 @@ from orchestrator.run.perception.perception import Perception
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import RunState
 from recipes.visibility.coverage import Coverage
-from safety.evaluation.judge import COLLISION_ALWAYS, Judge
+from safety.evaluation.judge import Judge, unjudged
 from safety.model.oracle_results import Flag
 from safety.model.verdict import Decision, decide
 from safety.preflight import Item
@@ -85,7 +85,9 @@ def result_of(
         decided_by=decision.source,
         note=note,
         trace=decision.trace,
-        not_judged=() if setup.campaign.collision_always else (COLLISION_ALWAYS.name,),
+        not_judged=unjudged(
+            setup.campaign.oracles, collision_always=setup.campaign.collision_always
+        ),
         control=control_result(
             plan.control,
             verdict=decision.verdict,

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from safety.evaluation.judge import Judge, OracleUse, build_oracles
+from safety.evaluation.judge import Judge, OracleUse, build_oracles, unjudged
 from safety.fence.geofence import Fence
 from safety.model.samples import LinkSample, PoseSample, StageSample, StateSample
 from safety.oracles import OracleContext, OracleError, RunMode, registry
@@ -218,3 +218,13 @@ def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str
 
     assert "collision_always" in names()
     assert "collision_always" not in names(collision_always=False)
+
+
+def test_contacts_that_are_left_out_of_what_is_always_judged_are_named() -> None:
+    uses = (use("collision", ground=("table", "pad")), use("clearance", min_m=0.1, ground=("pad",)))
+    assert unjudged(uses, collision_always=True) == (
+        "contact with table at takeoff and landing",
+        "contact with pad at takeoff and landing",
+    )
+    assert unjudged(uses, collision_always=False) == ("collision_always",)
+    assert unjudged((use("collision"),), collision_always=True) == ()

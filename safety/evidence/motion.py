@@ -1,0 +1,204 @@
+"""Velocity and attitude as evidence, where an oracle judges them; pure."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from safety.evidence.agreement import SIGMAS, Accuracy, Disagreement
+from safety.evidence.flown_coverage import FlownCoverage
+from safety.evidence.terms import SignalTerms
+from safety.model.samples import PoseSample, ReferenceSample
+from worlds.frames import Quat, Vec3, add, norm, rotate, scale, subtract
+
+_SPAN_S = 1.0
+_KEPT_S = 3.0
+_MOST_GAP_S = 0.5
+"""Over a longer gap a velocity is not integrated."""
+_STAMPS_S = 0.1
+"""By how much the times of two sources may be mapped apart."""
+_STATED_M_S = 0.1
+"""Accuracy of a velocity whose source does not say it, one standard deviation on each axis."""
+_DOWN: Vec3 = (0.0, 0.0, 1.0)
+
+
+class VelocityCoverage(FlownCoverage):
+    """Coverage of the velocity: it has to move the vehicle where its positions, and others, do.
+
+    Its integral over a second is held against the displacement by the same source's positions, and
+    by each other source's: on no axis more than SIGMAS of what both state.
+    """
+
+    def __init__(self, terms: SignalTerms) -> None:
+        super().__init__(terms, what="velocity")
+        self._accuracy = terms.accuracy or Accuracy(0.0)
+        self._way: deque[_Integrated] = deque()
+        self._waiting: deque[ReferenceSample] = deque()
+        self._compared: dict[str, deque[tuple[ReferenceSample, Vec3]]] = {}
+
+    @property
+    def compared_with(self) -> tuple[str, ...]:
+        """Return the sources of positions with which the velocity was compared."""
+        return tuple(self._compared)
+
+    def pose(self, sample: PoseSample) -> None:
+        """Note a pose of the judged source."""
+        if self._way and sample.t_s <= self._way[-1].t_s:
+            return
+        self.take(sample.t_s)
+        self.hold_against_last(sample.velocity_ned_m_s, sample.t_s)
+        self._integrate(sample)
+        self._compare_own()
+        while self._waiting and self._waiting[0].t_s <= sample.t_s:
+            self._compare_with(self._waiting.popleft())
+
+    def reference(self, sample: ReferenceSample) -> None:
+        """Note another source's position of the vehicle."""
+        self._waiting.append(sample)
+
+    def _integrate(self, sample: PoseSample) -> None:
+        way, velocity = self._way, sample.velocity_ned_m_s
+        if way and sample.t_s - way[-1].t_s > _MOST_GAP_S:
+            way.clear()
+            self._compared.clear()
+        integral_m: Vec3 = (0.0, 0.0, 0.0)
+        if way:
+            # By the trapezoidal rule.
+            both_m_s = add(way[-1].velocity_m_s, velocity)
+            integral_m = add(way[-1].integral_m, scale(both_m_s, (sample.t_s - way[-1].t_s) / 2.0))
+        way.append(_Integrated(sample.t_s, sample.pose.position_ned_m, velocity, integral_m))
+        while way[0].t_s < sample.t_s - _KEPT_S:
+            way.popleft()
+
+    def _compare_own(self) -> None:
+        now = self._way[-1]
+        before = next((one for one in reversed(self._way) if one.t_s <= now.t_s - _SPAN_S), None)
+        if before is not None:
+            moved_m = subtract(now.place_m, before.place_m)
+            self._hold(before, now, moved_m, self._accuracy, "its own positions")
+
+    def _compare_with(self, reference: ReferenceSample) -> None:
+        other = self.terms.references.get(reference.source)
+        now = self._at(reference.t_s)
+        if other is None or now is None:
+            return
+        kept = self._compared.setdefault(reference.source, deque())
+        kept.append((reference, now.integral_m))
+        while kept[0][0].t_s < reference.t_s - _SPAN_S - _MOST_GAP_S:
+            kept.popleft()
+        found = next((one for one in reversed(kept) if one[0].t_s <= reference.t_s - _SPAN_S), None)
+        if found is None:
+            return
+        past, integral_m = found
+        before = _Integrated(past.t_s, past.position_ned_m, past.velocity_ned_m_s, integral_m)
+        moved_m = subtract(reference.position_ned_m, past.position_ned_m)
+        self._hold(before, now, moved_m, other, reference.source)
+
+    def _hold(
+        self,
+        before: "_Integrated",
+        now: "_Integrated",
+        moved_m: Vec3,
+        other: Accuracy,
+        source: str,
+    ) -> None:
+        """Hold the velocity's integral to a displacement within the same time."""
+        span_s = now.t_s - before.t_s
+        stated_m_s = self._accuracy.velocity_m_s or _STATED_M_S
+        exact_m = math.hypot(stated_m_s * span_s, other.displacement_m(span_s))
+        changed_m_s = norm(subtract(now.velocity_m_s, before.velocity_m_s))
+        limit_m = SIGMAS * exact_m + _STAMPS_S * changed_m_s
+        integral_m = subtract(now.integral_m, before.integral_m)
+        apart_m = max(map(abs, subtract(integral_m, moved_m)))
+        if apart_m <= limit_m or not self.stages.open:
+            return
+        said = f"by it the vehicle moved {norm(integral_m):.2f} m within {span_s:.2f} s"
+        said += f" to {now.t_s:.2f} s, by {source} {norm(moved_m):.2f} m"
+        self.find(now.t_s, f"{said}; the limit is {limit_m:.2f} m on each axis")
+
+    def _at(self, t_s: float) -> "_Integrated | None":
+        """Return the integral at a time between two poses; None outside of them."""
+        after: _Integrated | None = None
+        for one in reversed(self._way):
+            if one.t_s <= t_s:
+                if after is None:
+                    return one if one.t_s == t_s else None
+                share = (t_s - one.t_s) / (after.t_s - one.t_s)
+                way_m = scale(subtract(after.integral_m, one.integral_m), share)
+                return _Integrated(t_s, one.place_m, one.velocity_m_s, add(one.integral_m, way_m))
+            after = one
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Integrated:
+    """A judged velocity with its integral so far, and the judged place."""
+
+    t_s: float
+    place_m: Vec3
+    velocity_m_s: Vec3
+    integral_m: Vec3
+
+
+class AttitudeCoverage(FlownCoverage):
+    """Coverage of the attitude: it changes in the air, and other sources lean alike.
+
+    The vehicle's vertical axis by each other source may be no further from the judged one than
+    SIGMAS of what both state; headings are not compared, a compass may be turned in a hall.
+    """
+
+    def __init__(self, terms: SignalTerms) -> None:
+        super().__init__(terms, what="attitude")
+        self._accuracy = terms.accuracy or Accuracy(0.0)
+        self._judged: deque[tuple[float, Vec3]] = deque()
+        self._waiting: deque[ReferenceSample] = deque()
+        self._sources: dict[str, None] = {}
+
+    @property
+    def compared_with(self) -> tuple[str, ...]:
+        """Return the sources with which the attitude was compared."""
+        return tuple(self._sources)
+
+    def pose(self, sample: PoseSample) -> None:
+        """Note a pose of the judged source."""
+        if self._judged and sample.t_s <= self._judged[-1][0]:
+            return
+        self.take(sample.t_s)
+        self.hold_against_last(sample.pose.q_wxyz, sample.t_s)
+        self._judged.append((sample.t_s, _down_axis(sample.pose.q_wxyz)))
+        while self._judged[0][0] < sample.t_s - _KEPT_S:
+            self._judged.popleft()
+        while self._waiting and self._waiting[0].t_s + _STAMPS_S <= sample.t_s:
+            found = self._differs(self._waiting.popleft())
+            if found is not None and self.stages.open:
+                self.find(found.at_s, found.text)
+
+    def reference(self, sample: ReferenceSample) -> None:
+        """Note another source's attitude of the vehicle."""
+        self._waiting.append(sample)
+
+    def _differs(self, reference: ReferenceSample) -> Disagreement | None:
+        other, t_s = self.terms.references.get(reference.source), reference.t_s
+        if other is None or reference.q_wxyz is None:
+            return None
+        axis = _down_axis(reference.q_wxyz)
+        near = [one for at_s, one in self._judged if abs(at_s - t_s) <= _STAMPS_S]
+        if not near:
+            return None
+        self._sources[reference.source] = None
+        apart_rad = min(_between(axis, one) for one in near)
+        limit_rad = SIGMAS * math.hypot(self._accuracy.attitude_rad, other.attitude_rad)
+        if apart_rad <= limit_rad:
+            return None
+        said = f"it leans {math.degrees(apart_rad):.1f} deg from where {reference.source} has the"
+        said += f" vehicle's vertical axis at {t_s:.2f} s"
+        return Disagreement(t_s, f"{said}; the limit is {math.degrees(limit_rad):.1f} deg")
+
+
+def _down_axis(q_wxyz: Quat) -> Vec3:
+    return rotate(q_wxyz, _DOWN)
+
+
+def _between(one: Vec3, other: Vec3) -> float:
+    """Return the angle between two unit vectors, radians."""
+    cosine = sum(a * b for a, b in zip(one, other, strict=True))
+    return math.acos(max(-1.0, min(1.0, cosine)))
