@@ -111,6 +111,9 @@ export class Panels {
   stateText(campaign) {
     if (!campaign) return this.model.mode === "recorded" ? "nothing flies: this was flown" : "waiting for a flight on this machine";
     const done = Object.keys(campaign.finished ?? {}).length;
+    const guards = this.model.status?.guards ?? [];
+    const isGuarded = guards.some((/** @type {any} */ one) => one.folder.startsWith(`${campaign.folder}/`));
+    if (campaign.is_over && isGuarded) return "the program has ended; its guard lands what it flew";
     if (campaign.is_over) return `ended: ${done} of ${campaign.total} runs finished`;
     if (!campaign.is_answering) return `the campaign does not answer: ${campaign.problem}`;
     const word = campaign.stopped ? "landing, nothing more is flown" : campaign.held ? "HELD by the operator" : "flying";
