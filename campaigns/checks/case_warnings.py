@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+from campaigns.checks.mixture_warnings import unmixed_objects, wide_registration_limits
 from campaigns.checks.place_checks import judged_world
 from campaigns.schema import Mode, VehicleName
 from campaigns.setup.case_files import CaseFiles
@@ -50,6 +51,8 @@ def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> It
         yield from _empty_worlds(files.campaign, setup, mode, scene)
         yield from _momentary_windows(files.campaign, setup, mode)
     yield from _long_limits(files.campaign, setup)
+    if "wil" in modes:
+        yield from unmixed_objects(files, setup)
 
 
 def document_warnings(files: CaseFiles) -> Iterator[Problem]:
@@ -75,6 +78,8 @@ def caveats_of(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Itera
     """Yield warnings of a case that each verdict has to be read with as well."""
     yield from _unasked_gates(files, setup)
     yield from _unperceived_mixture(files, setup, modes)
+    if "wil" in modes:
+        yield from wide_registration_limits(files, setup)
     for name in dict.fromkeys(FLIES[mode][0] for mode in modes):
         yield from _long_gaps(files.campaign, setup, name)
 

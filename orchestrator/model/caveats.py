@@ -6,9 +6,9 @@ campaign's file leaves unjudged.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-from orchestrator.model.results import RunResult, Summary
+from orchestrator.model.results import CombinationResult, RunResult, Summary
 
 
 def caveats(runs: Sequence[RunResult]) -> list[str]:
@@ -20,6 +20,7 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"the twin dropped out: {text}" for text in dropped_out_texts(runs)]
     lines += [f"missing in run.mcap: {text}" for text in loss_texts(runs)]
     lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
+    lines += [f"virtual object in view, and in no mixture: {text}" for text in unshown_texts(runs)]
     return lines
 
 
@@ -33,14 +34,24 @@ def loss_texts(runs: Sequence[RunResult]) -> list[str]:
 
 
 def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return the caveat of passed runs whose mixtures were not checked for virtual objects."""
+    """Return the caveat of passed runs with mixtures not checked for virtual objects, by sensor."""
     return _in_runs(
-        (run.mixing.not_measured, run)
-        for run in runs
-        if run.verdict == "PASS"
-        and run.mixing is not None
-        and run.mixing.not_measured
-        and not any(one.frames_measured for one in run.mixing.combinations)
+        (f"{one.name}{', in part' if one.frames_measured else ''}: {one.not_measured}", run)
+        for run, one in _passed_combinations(runs)
+        if one.not_measured
+    )
+
+
+def unshown_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return the caveat of virtual objects that were in view in a passed run, and never shown."""
+    found: dict[int, tuple[RunResult, set[str], set[str]]] = {}
+    for run, one in _passed_combinations(runs):
+        _, in_view, shown = found.setdefault(id(run), (run, set(), set()))
+        in_view.update(name for name, count in one.not_mixed.items() if count)
+        in_view.update(name for name, each in one.shown.items() if each.frames_in_view)
+        shown.update(name for name, each in one.shown.items() if each.frames_shown)
+    return _in_runs(
+        (name, run) for run, in_view, shown in found.values() for name in sorted(in_view - shown)
     )
 
 
@@ -51,6 +62,15 @@ def dropped_out_texts(runs: Sequence[RunResult]) -> list[str]:
         for run in runs
         if run.verdict == "PASS" and run.twin is not None and run.twin.dropped_out is not None
     )
+
+
+def _passed_combinations(
+    runs: Iterable[RunResult],
+) -> Iterator[tuple[RunResult, CombinationResult]]:
+    """Yield the combinations of the recipe in each passed run."""
+    for run in runs:
+        if run.verdict == "PASS" and run.mixing is not None:
+            yield from ((run, one) for one in run.mixing.combinations)
 
 
 def in_short(summary: Summary) -> list[str]:

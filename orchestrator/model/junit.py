@@ -17,6 +17,7 @@ from orchestrator.model.caveats import (
     reported_texts,
     unjudged_texts,
     unmeasured_texts,
+    unshown_texts,
 )
 from orchestrator.model.control_results import control_faults
 from orchestrator.model.results import RunResult, Summary, standings_of
@@ -46,6 +47,7 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
         "not_judged": unjudged_texts(summary.runs),
         "caveats": summary.caveats,
         "mixture_not_measured": unmeasured_texts(summary.runs),
+        "mixture_without": unshown_texts(summary.runs),
         "twin_dropped_out": dropped_out_texts(summary.runs),
     }
     if any(said.values()):

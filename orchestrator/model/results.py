@@ -73,7 +73,8 @@ class CombinationResult:
     """The result of one combination of the recipe.
 
     frames_measured: mixtures in which the virtual objects were sought while the goal was flown;
-    shown: what came of it, by object. not_measured: why some or all mixtures could not be.
+    shown: what came of it, by object. not_mixed: objects that the recipe leaves out by name, and in
+    how many of these they were in view. not_measured: why some or all mixtures could not be.
 
     name: of its sensor; with its receivers where a sensor is mixed several times. sensor: its type.
     publish: who perceives it. frames: mixtures delivered. dropped: why something of the twin, or
@@ -94,6 +95,7 @@ class CombinationResult:
     registration_bound_px: Percentiles | None = None
     frames_measured: int = 0
     shown: dict[str, ShownResult] = field(default_factory=dict)
+    not_mixed: dict[str, int] = field(default_factory=dict)
     not_measured: str = ""
 
 

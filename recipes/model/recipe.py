@@ -82,6 +82,13 @@ class Combination:
         """Return the largest skew of exposures that the recipe's combination allows."""
         return self.budget.max_skew_s
 
+    def isolated(self) -> set[str]:
+        """Return the objects that `isolate_objects` keeps by name; empty without that step."""
+        kept = (
+            one.parameters.objects() for one in self.steps if one.kind.name == "isolate_objects"
+        )
+        return {name for found in kept for _, name in found}
+
     def tolerated(self, side: Side) -> frozenset[str]:
         """Return the reading faults that the recipe's steps mend, or that are no news.
 

@@ -1,20 +1,22 @@
 """What the mixtures of a run showed of each virtual object, and when that proves nothing. Pure."""
 
 from array import array
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from recipes.visibility.model import FrameVisibility, ObjectVisibility, Unit
 
-LEAST_FRAMES = 5
-"""An object that is in view in fewer measured frames need not be shown."""
+_SHARE_FRAMES = 5
+"""In fewer measured frames the share that shows an object is no share: one frame at the edge of the
+picture decides it."""
 _BLIND_S = 2.0
 """How long an object may be in view at first, and not shown, until the flight is ended."""
 _LEAST_SHARE = 0.5
 """In how many of the frames in which it is in view an object has to be shown."""
 _IN_A_ROW = 2
-"""How many measured frames in a row have to be wrong: what crosses the edge of the picture in
-one of them may be taken for displaced."""
+"""How many measured frames have to be wrong: what crosses the edge of the picture in one of them
+may be taken for displaced or missed."""
 
 
 @dataclass(slots=True)
@@ -28,16 +30,12 @@ class ObjectCoverage:
     first_in_view_s: float | None = None
     last_in_view_s: float | None = None
     displaced: int = 0
-
-    @property
-    def is_due(self) -> bool:
-        """Return whether the object was in view long enough that coverage is required."""
-        return self.in_view >= LEAST_FRAMES
+    missed: int = 0
 
     @property
     def is_covered(self) -> bool:
         """Return whether enough of the frames with the object in view show it."""
-        return self.shown >= _LEAST_SHARE * self.in_view
+        return self.shown > 0 and self.shown >= _LEAST_SHARE * self.in_view
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,20 +47,26 @@ class VisibilityFault:
 
 
 class Coverage:
-    """The coverage of virtual objects by one combination's mixtures while the goal is flown."""
+    """The coverage of virtual objects by one combination's mixtures while the goal is flown.
+
+    frames: measured ones. not_mixed: objects that the combination leaves out by name, and in how
+    many measured frames they were in view.
+    """
 
     def __init__(self) -> None:
         self.frames = 0
         self.objects: dict[str, ObjectCoverage] = {}
-        self.not_measured = ""
+        self.not_mixed: Counter[str] = Counter()
+        self._not_measured = ""
         self._unexpected = 0
 
     def take(self, frame: FrameVisibility) -> VisibilityFault | None:
         """Count a measured mixture; return the visibility fault once it has lasted long enough."""
         if frame.not_measured:
-            self.not_measured = frame.not_measured
+            self._not_measured = frame.not_measured
             return None
         self.frames += 1
+        self.not_mixed.update(frame.not_mixed)
         self._unexpected = self._unexpected + 1 if frame.is_unexpected else 0
         faults = [self._take(one, frame.t_s) for one in frame.objects]
         if self._unexpected >= _IN_A_ROW:
@@ -72,13 +76,33 @@ class Coverage:
         faults.append(self._blind())
         return next((fault for fault in faults if fault is not None), None)
 
+    def why_not_measured(self) -> str:
+        """Return why some or all mixtures were not measured; "" when all were."""
+        if self.frames or self._not_measured:
+            return self._not_measured
+        return "no mixture was made while the goal was flown"
+
     def is_suspect(self) -> bool:
-        """Return whether the last mixture missed an object: then measure each one."""
-        return self._unexpected > 0 or any(one.displaced for one in self.objects.values())
+        """Return whether the last mixture was wrong, so that the next one has to confirm it.
+
+        It missed an object in view, showed one elsewhere, or something where nothing is due. Two
+        in a row confirm it: an object that stays missed is measured at the usual pace again, for
+        its share would else be counted more often while it is missed than while it is shown.
+        """
+        if self._unexpected:
+            return True
+        return any(one.displaced or 0 < one.missed < _IN_A_ROW for one in self.objects.values())
+
+    def is_due(self, one: ObjectCoverage) -> bool:
+        """Return whether an object of which no frame shows anything has to be shown.
+
+        It was in view in two measured frames, or in the only one.
+        """
+        return one.in_view >= min(_IN_A_ROW, max(1, self.frames))
 
     def never_shown(self) -> VisibilityFault | None:
-        """Return the fault of objects in view that no mixture of the flight showed; or None."""
-        due = [name for name, one in self.objects.items() if one.is_due]
+        """Return the fault of a combination that shows nothing of what is in view; or None."""
+        due = [name for name, one in self.objects.items() if one.in_view >= _SHARE_FRAMES]
         if not due or any(one.shown for one in self.objects.values()):
             return None
         return never_shown({name: [self.objects[name]] for name in due})
@@ -86,9 +110,10 @@ class Coverage:
     def _take(self, one: ObjectVisibility, t_s: float) -> VisibilityFault | None:
         known = self.objects.setdefault(one.name, ObjectCoverage(one.unit))
         if not one.in_view:
-            known.displaced = 0
+            known.displaced = known.missed = 0
             return None
         known.in_view += 1
+        known.missed = 0 if one.is_shown else known.missed + 1
         known.shown += one.is_shown
         known.last_in_view_s = t_s
         if known.first_in_view_s is None:
@@ -106,7 +131,7 @@ class Coverage:
         fault = self.never_shown()
         if fault is None:
             return None
-        due = [one for one in self.objects.values() if one.is_due]
+        due = [one for one in self.objects.values() if one.in_view >= _SHARE_FRAMES]
         lasted = [(one.last_in_view_s or 0.0) - (one.first_in_view_s or 0.0) for one in due]
         return fault if max(lasted) >= _BLIND_S else None
 
@@ -129,10 +154,20 @@ def uncovered(combinations: Iterable[Coverage]) -> VisibilityFault | None:
 
     A lidar may show what a camera's recipe leaves out, and the other way round.
     """
-    each: dict[str, list[ObjectCoverage]] = {}
+    each: dict[str, list[tuple[Coverage, ObjectCoverage]]] = {}
     for coverage in combinations:
         for name, one in coverage.objects.items():
-            if one.is_due:
-                each.setdefault(name, []).append(one)
-    bad = {name: seen for name, seen in each.items() if not any(one.is_covered for one in seen)}
+            each.setdefault(name, []).append((coverage, one))
+    bad = {name: [one for _, one in seen] for name, seen in each.items() if _is_uncovered(seen)}
     return never_shown(bad) if bad else None
+
+
+def _is_uncovered(seen: list[tuple[Coverage, ObjectCoverage]]) -> bool:
+    """Return whether combinations with an object in view never showed it, or too seldom.
+
+    One of them speaks for the others where the object was in view in enough of its frames.
+    """
+    if not any(one.shown for _, one in seen):
+        return any(coverage.is_due(one) for coverage, one in seen)
+    due = [one for _, one in seen if one.in_view >= _SHARE_FRAMES]
+    return bool(due) and not any(one.is_covered for one in due)

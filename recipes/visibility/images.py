@@ -7,7 +7,7 @@ sought in the mixture instead (`recipes.visibility.matching`).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -23,6 +23,10 @@ IN_VIEW_SHARE = 1e-3
 """An object that takes less of the picture is not in view: 18 x 17 pixels of 640 x 480."""
 SHOWN_SHARE = 0.25
 """How much of an object a picture has to show to show it: light and colours hide parts of it."""
+CONTRAST_SHARE = 0.2
+"""How much of the contrast between an object and the real picture a mixture has to have to show it.
+An even blend halves the contrast, a simulator's light may halve it again, and grey levels are whole
+numbers; of a blend of 2 % nobody sees anything."""
 LIMIT_SHARE_OF_WIDTH = 0.015
 """Default limit of the offset: 9.6 px of 640, 1 degree of a 69 degree camera. That is twice what
 `pose_accuracy` takes for an attitude (0.5 degrees)."""
@@ -62,8 +66,7 @@ class ImagePair:
 def compare_images(pair: ImagePair) -> FrameVisibility:
     """Return the visibility of virtual objects in a mixed image."""
     expected = pair.expected
-    differs = pair.real_bgr != pair.mixed_bgr
-    changed: Mask = differs[:, :, 0] | differs[:, :, 1] | differs[:, :, 2]
+    changed: Mask = _change(pair.real_bgr, pair.mixed_bgr) > 0
     present = pair.virtual.mask_of(expected.ids)
     if expected.unknown is not None:
         changed &= ~expected.unknown
@@ -72,24 +75,31 @@ def compare_images(pair: ImagePair) -> FrameVisibility:
     taken = int(np.count_nonzero(present))
     is_due = taken >= IN_VIEW_SHARE * present.size
     if np.count_nonzero(changed) <= (_BROAD * taken if is_due else _MOST * present.size):
-        return _compare_outlines(pair, changed, ids)
-    return _match_objects(pair, changed, ids)
+        found = _compare_outlines(pair, changed, ids)
+    else:
+        found = _match_objects(pair, changed, ids)
+    known = expected.ids if expected.unknown is None else expected.ids * ~expected.unknown
+    least = IN_VIEW_SHARE * known.size
+    return replace(found, not_mixed=pair.virtual.not_mixed_in(_inner(known), least=least))
 
 
 def _compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
     """Return the visibility of objects by the outlines of the changed image areas."""
     per_sample, size, share = pair.expected.px_per_sample, changed.size, float(changed.mean())
     within = _without_edge(changed, _floor_px(pair) / per_sample)
+    well_in = _inner(ids)
     part = _box(changed | (ids != 0))
     changed, within, ids = changed[part], within[part], ids[part]
     to_present, nearest = _distances(ids)
+    changed &= _has_contrast(pair, part, ids, nearest)
+    within &= changed
     to_changed, _ = _distances(changed.astype(np.uint8))
     outline = _outline(changed)
     objects = []
     for object_id, name in pair.virtual.names.items():
         own = ids == object_id
         count = int(np.count_nonzero(own))
-        in_view = count >= IN_VIEW_SHARE * size
+        in_view = int(np.count_nonzero(well_in == object_id)) >= IN_VIEW_SHARE * size
         drawn = changed & (nearest == object_id)
         shown = min(1.0, int(np.count_nonzero(drawn)) / count) if count else 0.0
         is_shown = in_view and shown >= SHOWN_SHARE
@@ -105,6 +115,40 @@ def _compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) ->
     away = int(np.count_nonzero(within & (to_present > reach))) / size
     is_unexpected = away >= IN_VIEW_SHARE and not any(one.in_view for one in objects)
     return FrameVisibility(pair.t_s, tuple(objects), share, away, is_unexpected)
+
+
+def _has_contrast(
+    pair: ImagePair, part: tuple[slice, slice], ids: NDArray[np.uint8], nearest: NDArray[np.uint8]
+) -> Mask:
+    """Return where a part of a mixed image has enough of the contrast of the nearest object.
+
+    Where an object is expected, its contrast at that pixel counts, else its mean contrast.
+    """
+    real = pair.real_bgr[part]
+    contrast = CONTRAST_SHARE * _change(real, pair.expected.image_bgr[part]).astype(np.float32)
+    usual = np.zeros(256, np.float32)
+    for object_id in pair.virtual.names:
+        own = ids == object_id
+        usual[object_id] = contrast[own].mean() if own.any() else 0.0
+    least = np.where(ids != 0, contrast, usual[nearest])
+    found: Mask = _change(real, pair.mixed_bgr[part]) >= least
+    return found
+
+
+def _change(one_bgr: BgrImage, other_bgr: BgrImage) -> NDArray[np.uint8]:
+    """Return by how many grey levels two images differ, in the channel that differs most."""
+    one, other = np.ascontiguousarray(one_bgr), np.ascontiguousarray(other_bgr)
+    blue, green, red = cv2.split(cv2.absdiff(one, other))
+    return np.asarray(cv2.max(cv2.max(blue, green), red), np.uint8)
+
+
+def _inner(ids: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the ids of an image without its edge, as wide as the default limit of the offset.
+
+    What is expected in the edge alone may as well lie out of the picture.
+    """
+    edge = math.ceil(LIMIT_SHARE_OF_WIDTH * ids.shape[1])
+    return ids[edge:-edge, edge:-edge]
 
 
 def _without_edge(changed: Mask, reach: float) -> Mask:
@@ -136,7 +180,7 @@ def _match_objects(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> Fr
     for object_id, name in pair.virtual.names.items():
         own = ids == object_id
         extent, limit = float(own.mean()), _limit_px(own, pair)
-        if extent < IN_VIEW_SHARE:
+        if int(np.count_nonzero(_inner(ids) == object_id)) < IN_VIEW_SHARE * own.size:
             objects.append(ObjectVisibility(name, False, extent, 0.0, False, None, limit, "px"))
             continue
         found = best_shift(pair.real_bgr, pair.mixed_bgr, pair.expected.image_bgr, own)
@@ -145,7 +189,8 @@ def _match_objects(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> Fr
             return FrameVisibility(pair.t_s, changed=float(changed.mean()), not_measured=why)
         # A hole of its shape in what was changed shows the real world, not the object.
         is_there = float(changed[own].mean()) >= SHOWN_SHARE
-        is_shown = is_there and found.correlation >= _MATCHED
+        is_visible = found.correlation >= _MATCHED and found.contrast >= CONTRAST_SHARE
+        is_shown = is_there and is_visible
         offset = found.samples * pair.expected.px_per_sample if is_shown else None
         shown = max(0.0, found.correlation)
         objects.append(ObjectVisibility(name, True, extent, shown, is_shown, offset, limit, "px"))

@@ -1,6 +1,5 @@
 """Where an expected picture is found in a mixture of which everything was changed. Pure."""
 
-import math
 from dataclasses import dataclass
 
 import cv2
@@ -22,10 +21,14 @@ _ALIKE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """Where an image matches best. correlation: -1 to 1. samples: its offset there, in pixels."""
+    """Where an image matches best. correlation: -1 to 1. samples: its offset there, in pixels.
+
+    contrast: of what is found there, as a share of that of the expected picture; 0 or more.
+    """
 
     correlation: float
     samples: float
+    contrast: float
 
 
 def best_shift(
@@ -51,11 +54,17 @@ def best_shift(
     found[~np.isfinite(found)] = -1.0
     best = float(found.max())
     rows, columns = np.nonzero(found >= best - _ALIKE)
-    samples = min(
-        math.hypot(row - reach, column - reach)
-        for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
-    )
-    return Shift(best, samples)
+    offsets = np.hypot(rows - reach, columns - reach)
+    nearest = int(offsets.argmin())
+    row, column = int(rows[nearest]), int(columns[nearest])
+    contrast = _slope(template, searched[row : row + high, column : column + wide])
+    return Shift(best, float(offsets[nearest]), max(0.0, contrast))
+
+
+def _slope(template: Gray, picture: Gray) -> float:
+    """Return how strongly a picture has what a template shows: 0.5 for half of its contrast."""
+    centred = template - template.mean()
+    return float((centred * (picture - picture.mean())).sum() / (centred * centred).sum())
 
 
 def _gray(image: BgrImage) -> Gray:

@@ -1,6 +1,6 @@
 """What is compared, and what is found, of one mixture. Pure."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -14,18 +14,37 @@ Ranges = NDArray[np.float64]
 
 Unit = Literal["px", "m"]
 
+SHOWING_KINDS = frozenset({"camera", "depth", "lidar", "lidar_points", "rangefinder"})
+"""Types of sensors whose readings show objects."""
+
 
 @dataclass(frozen=True, slots=True)
 class Virtual:
-    """The objects that exist only in the virtual world, by the ids that images carry."""
+    """The objects that exist only in the virtual world, by the ids that images carry.
+
+    names: those that a mixture has to show. not_mixed: the others, which a recipe leaves out that
+    isolates objects by name.
+    """
 
     names: dict[int, str]
+    not_mixed: dict[int, str] = field(default_factory=dict)
+
+    def everything(self) -> "Virtual":
+        """Return all of them as objects to be shown."""
+        return Virtual({**self.names, **self.not_mixed})
 
     def mask_of(self, ids: Ids) -> Mask:
         """Return the mask of the virtual objects in an image of ids."""
         wanted = np.zeros(256, np.bool_)
         wanted[list(self.names)] = True
         return wanted[ids]
+
+    def not_mixed_in(self, ids: Ids, *, least: float) -> tuple[str, ...]:
+        """Return the objects left out that take so many of these ids; 1 at least."""
+        if not self.not_mixed:
+            return ()
+        counts = np.bincount(ids.reshape(-1), minlength=256)
+        return tuple(name for i, name in self.not_mixed.items() if counts[i] >= max(1.0, least))
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +104,8 @@ class FrameVisibility:
     t_s: exposure of the real reading, run clock. changed: share of the reading that the recipe
     changed. elsewhere: share of the reading that shows something virtual farther than the limit
     from all that geometry puts there; is_unexpected: where geometry puts nothing at all and that
-    is more than what counts as in view. not_measured: why this frame says nothing; "" when it does.
+    is more than what counts as in view. not_mixed: in view, and left out by the recipe by name.
+    not_measured: why this frame says nothing; "" when it does.
     """
 
     t_s: float
@@ -93,4 +113,5 @@ class FrameVisibility:
     changed: float = 0.0
     elsewhere: float = 0.0
     is_unexpected: bool = False
+    not_mixed: tuple[str, ...] = ()
     not_measured: str = ""

@@ -44,8 +44,8 @@ def compare_ranges(
     """
     due = np.asarray(expected.ranges_m, np.float64)
     limit = limits_m(due)
-    visible = virtual.mask_of(expected.ids) & (due >= reach_m[0]) & (due <= reach_m[1])
-    visible &= ~(real_m < due - limit)
+    is_clear = (due >= reach_m[0]) & (due <= reach_m[1]) & ~(real_m < due - limit)
+    visible = virtual.mask_of(expected.ids) & is_clear
     with np.errstate(invalid="ignore"):
         error = np.abs(mixed_m - due)
         nearer = mixed_m < real_m - limits_m(mixed_m)
@@ -55,9 +55,11 @@ def compare_ranges(
         _object(name, visible & (expected.ids == object_id), elements, least)
         for object_id, name in virtual.names.items()
     )
+    not_mixed = virtual.not_mixed_in(np.where(is_clear, expected.ids, np.uint8(0)), least=least)
     due_any = any(one.in_view for one in objects)
     unexpected = not due_any and bool(np.count_nonzero(away) >= 2 * least)
-    return FrameVisibility(t_s, objects, _share(mixed_m != real_m), _share(away), unexpected)
+    changed = _share(mixed_m != real_m)
+    return FrameVisibility(t_s, objects, changed, _share(away), unexpected, not_mixed)
 
 
 def compare_points(
@@ -86,7 +88,9 @@ def compare_points(
         _object(name, due & (ids == object_id), elements, LEAST_ELEMENTS)
         for object_id, name in virtual.names.items()
     )
-    return FrameVisibility(t_s, objects, len(added) / max(1, len(mixed_m)))
+    not_mixed = virtual.not_mixed_in(ids, least=LEAST_ELEMENTS)
+    changed = len(added) / max(1, len(mixed_m))
+    return FrameVisibility(t_s, objects, changed, not_mixed=not_mixed)
 
 
 def nearest_m(points_m: NDArray[np.float64], cloud_m: NDArray[np.float32]) -> NDArray[np.float64]:

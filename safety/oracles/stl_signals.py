@@ -136,7 +136,7 @@ def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
     if (probe_of := context.probe_of) is not None and context.things:
         found["clearance_m"] = Signal(CLEARANCE, of_pose=_Nearest(context, stages))
         for thing in context.things:
-            name = f"distance_{re.sub('[^A-Za-z0-9_]', '_', thing)}_m"
+            name = distance_name(thing)
             of_pose = _Distance(thing, probe_of, context.events)
             found[name] = Signal(THING_DISTANCE, of_pose=of_pose)
     if context.fence is not None:
@@ -149,6 +149,11 @@ def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
     if context.mode == "wil":
         found[TWIN_DISTANCE_NAME] = Signal(TWIN_DISTANCE, of_both=True)
     return found
+
+
+def distance_name(thing: str) -> str:
+    """Return the name of the STL signal of the distance to one object."""
+    return f"distance_{re.sub('[^A-Za-z0-9_]', '_', thing)}_m"
 
 
 class FenceMargin:

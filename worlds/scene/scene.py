@@ -126,3 +126,12 @@ class Scene:
     def __getitem__(self, name: str) -> SceneObject:
         """Return the scene's object of a name. Raises KeyError when there is none."""
         return self._by_name[name]
+
+
+def virtual_only(real: Scene, virtual: Scene) -> dict[int, str]:
+    """Return id and name of each object in the virtual world alone; rooms do not count."""
+    return {
+        thing.object_id: thing.name
+        for thing in virtual.objects
+        if thing.name not in real and not thing.is_room
+    }

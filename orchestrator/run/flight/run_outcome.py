@@ -210,7 +210,8 @@ def _combination_result(mixing: MixingLoop) -> CombinationResult:
         registration_bound_px=bound if bound.p50 is not None else None,
         frames_measured=0 if coverage is None else coverage.frames,
         shown={} if coverage is None else _shown(coverage),
-        not_measured=mixing.unmeasured if coverage is None else coverage.not_measured,
+        not_mixed={} if coverage is None else dict(sorted(coverage.not_mixed.items())),
+        not_measured=mixing.unmeasured if coverage is None else coverage.why_not_measured(),
     )
 
 

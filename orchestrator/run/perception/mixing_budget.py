@@ -138,7 +138,8 @@ class MixingBudgetWatch:
                 return
         fault = uncovered(probe.coverage for probe in probes.values())
         if fault is not None:
-            self._prove_nothing(f"mixing: {fault.text}")
+            why = next(iter(probes.values())).why_nothing() if len(probes) == 1 else ""
+            self._prove_nothing(f"mixing: {fault.text}{why}")
 
     def _prove_nothing(self, reason: str) -> None:
         if self._doubt is None:

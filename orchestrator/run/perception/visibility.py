@@ -33,7 +33,7 @@ from vehicles.sensors.beams import Directions, cone_directions, grid_directions,
 from worlds.frames import IDENTITY, Pose, Quat, quat_multiply
 
 PERIOD_S = 0.2
-"""How often a mixture is measured; each one, as long as the last was wrong."""
+"""How often a mixture is measured; the next one too where one was wrong, to confirm it."""
 _EARLY_S = 1e-6
 _MOST_BEAMS = 3000
 """Of a 3-D lidar, cast for the comparison."""
@@ -116,7 +116,9 @@ class VisibilityProbe:
         if not self._is_due(t_s):
             return None
         real, body = self._views.merged_real(), self._measured.body(t_s)
-        if real is None or body is None:
+        if real is None:
+            return FrameVisibility(t_s, not_measured="nothing was merged")
+        if body is None:
             return FrameVisibility(t_s, not_measured="no reference pose of the exposure")
         return self._compare(real, mixed.reading, body, t_s)
 
@@ -158,7 +160,7 @@ class VisibilityProbe:
             self._camera_pose(body),
             mixed.intrinsics,
             t_s,
-            virtual=measured.virtual,
+            virtual=measured.virtual.everything(),
             real_depth_m=depth_m,
         )
         return compare_images(

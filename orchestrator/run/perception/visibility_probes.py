@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from campaigns.setup.named_objects import named_objects
 from campaigns.values.sensor_setups import CameraSetup, LidarPointsSetup, SensorSetup
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.run.perception.expected_views import ExpectedViews
@@ -12,15 +13,12 @@ from orchestrator.state.run_state import RunState
 from orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
 from recipes.model.recipe import Combination
 from recipes.pipeline.pipeline import Mixer
-from recipes.steps.filter.isolation import IsolateObjectsParameters
-from recipes.visibility.model import Virtual
+from recipes.visibility.model import SHOWING_KINDS, Virtual
 from vehicles.cameras.rendered_cameras import MAX_POSE_AGE_S
 from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import PoseReading
 from worlds.frames import Pose
-from worlds.scene.scene import Scene
-
-_SHOWING = frozenset({"camera", "depth", "lidar", "lidar_points", "rangefinder"})
+from worlds.scene.scene import virtual_only
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,27 +90,30 @@ class VisibilityProbes:
         """Return the virtual objects that a probe looks for.
 
         Those that `shows` of the recipe names; else all of them, or, where the recipe isolates
-        objects by name, these and the gates of the goal.
+        objects by name, these and those that the goal and the required oracles name: the others are
+        left out, which is counted.
         """
         things = virtual_only(self._setup.real_scene, self._setup.virtual_scene)
         if combination.shows is not None:
             return Virtual({i: name for i, name in things.items() if name in combination.shows})
-        named: set[str] = set()
-        for step in combination.steps:
-            if isinstance(step.parameters, IsolateObjectsParameters):
-                named |= set(step.parameters.names)
+        named = combination.isolated()
         if named:
-            named |= set(self._setup.campaign.goal.gates)
+            named |= named_objects(self._setup.campaign)
         wanted = {id_: name for id_, name in things.items() if name in named}
-        return Virtual(wanted or things)
+        if not wanted:
+            return Virtual(things)
+        return Virtual(wanted, {i: name for i, name in things.items() if i not in wanted})
 
     def _obstacle(
         self, combination: Combination, virtual: Virtual, real: SensorSetup, twin: SensorSetup
     ) -> str:
-        if combination.sensor.kind not in _SHOWING:
+        if combination.sensor.kind not in SHOWING_KINDS:
             return f"a reading of type {combination.sensor.kind} shows no objects"
         if not virtual.names:
-            return "the recipe mixes in no object that exists in the virtual world only"
+            said = (
+                "the recipe mixes in no object" if combination.shows is None else "shows names none"
+            )
+            return f"{said} that exists in the virtual world only"
         if isinstance(real, CameraSetup) and _is_file(real):
             return "images from a file have no camera pose"
         if combination.sensor.kind == "lidar_points" and not isinstance(twin, LidarPointsSetup):
@@ -138,15 +139,6 @@ class VisibilityProbes:
     def _drawn_by_us(self, twin: SensorSetup) -> bool:
         key = ("twin", twin.name)
         return key not in self._outside.cameras and key not in self._outside.simulators
-
-
-def virtual_only(real: Scene, virtual: Scene) -> dict[int, str]:
-    """Return id and name of each object in the virtual world alone; rooms do not count."""
-    return {
-        thing.object_id: thing.name
-        for thing in virtual.objects
-        if thing.name not in real and not thing.is_room
-    }
 
 
 def _is_file(camera: CameraSetup) -> bool:

@@ -102,6 +102,66 @@ def test_a_mixture_that_the_judged_vehicle_does_not_perceive_is_a_caveat(files: 
     assert warned(files) == []
 
 
+@pytest.mark.parametrize(("limit_px", "is_wide"), [("16", False), ("17", True), ("5000", True)])
+def test_a_limit_that_switches_registration_off_is_a_caveat(
+    files: Any, limit_px: str, is_wide: bool
+) -> None:
+    files.append(f"    max_registration_error_px: {limit_px}\n", file="recipe.yaml")
+    text = (
+        f"virtual objects {limit_px} px beside their place count as in their place, of 320 px that "
+        "'camera' is wide: give at most 16, or none for the default"
+    )
+    assert warned(files) == ([f"recipe.yaml:7:32: {text}"] if is_wide else [])
+    assert files.load().caveats == ((text,) if is_wide else ())
+
+
+EXISTS = "    exists_in: {sim: Wv, wil: Wv, real: W}\n"
+INTRUDER = f"""\
+  intruder:
+    shape: {{box: {{size_m: [0.3, 0.3, 0.1]}}}}
+    pose: {{north_m: 3.5, east_m: 1.0, up_m: 1.0}}
+{EXISTS}"""
+NOT_MIXED = "no combination mixes in 'intruder', which stands in the virtual world only"
+
+
+@pytest.mark.parametrize(
+    ("oracle", "why"),
+    [
+        ("", ""),
+        ("  near: {use: distance, object: intruder, min_m: 0.1}\n", "named"),
+        ('  near: {stl: "always (distance_intruder_m > 0.1)"}\n', "named"),
+        ('  near: {stl: "always (distance_intruder_m > 0.1)", required: false}\n', ""),
+    ],
+)
+def test_a_virtual_object_that_a_recipe_leaves_out_by_name_is_warned_of(
+    files: Any, oracle: str, why: str
+) -> None:
+    files.append(INTRUDER, file="world.yaml")
+    files.change("    color: orange\n", "    color: orange\n" + EXISTS, file="world.yaml")
+    files.change("  reached: {}\n", "  reached: {}\n" + oracle)
+    why = ", and the goal or a required oracle names it" if why else ""
+    said = f"{NOT_MIXED}{why} (`shows` says what is meant)"
+    assert warned(files) == [f"recipe.yaml:5:5: {said}"]
+    assert files.load().caveats == (), "whether it comes into view is seen in flight"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("[gate]", "[gate, intruder]"),
+        ("[{isolate_objects: [gate]}]", "[{isolate_color: {name: orange}}]"),
+        ("real]}}\n", "real]}}\n    shows: [gate]\n"),
+    ],
+)
+def test_a_recipe_that_mixes_all_or_says_what_it_shows_is_not_warned_of(
+    files: Any, old: str, new: str
+) -> None:
+    files.append(INTRUDER, file="world.yaml")
+    files.change("    color: orange\n", "    color: orange\n" + EXISTS, file="world.yaml")
+    files.change(old, new, file="recipe.yaml")
+    assert warned(files) == []
+
+
 @pytest.mark.parametrize(("gap_s", "said"), [("1.0", False), ("20", True)])
 def test_positions_that_may_be_missing_for_long_are_a_caveat(
     files: Any, gap_s: str, said: bool

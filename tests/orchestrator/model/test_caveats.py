@@ -11,7 +11,17 @@ from orchestrator.cli import main
 from orchestrator.cli.verdict_table import conclusions
 from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.junit import junit_xml
-from orchestrator.model.results import FenceChange, RunResult, Summary, SyncResult, summarize
+from orchestrator.model.results import (
+    CombinationResult,
+    FenceChange,
+    MixingResult,
+    Percentiles,
+    RunResult,
+    ShownResult,
+    Summary,
+    SyncResult,
+    summarize,
+)
 from orchestrator.model.results_reader import read_result
 from orchestrator.model.twin_results import DropOut, TwinResult
 from safety.model.oracle_results import OracleResult, Verdict
@@ -141,3 +151,62 @@ def test_a_twin_that_dropped_out_is_reported_with_what_passed() -> None:
     text = "twin was not heard for 3 s (large wil, 1 run)"
     assert f"the twin dropped out: {text}" in caveat_lines(*runs)
     assert properties(*runs)["twin_dropped_out"] == text
+
+
+def combination(name: str = "camera", **more: Any) -> CombinationResult:
+    none = Percentiles(None, None)
+    return CombinationResult(
+        name=name,
+        sensor="camera",
+        publish=("real",),
+        frames=20,
+        dropped={},
+        faults={},
+        rate_hz=15.0,
+        skew_ms=none,
+        latency_ms=none,
+        **more,
+    )
+
+
+def mixed(*combinations: CombinationResult) -> MixingResult:
+    none = Percentiles(None, None)
+    return MixingResult(
+        frames=20,
+        dropped=0,
+        rate_hz=15.0,
+        skew_ms=none,
+        latency_ms=none,
+        combinations=combinations,
+        not_measured=combinations[0].not_measured,
+    )
+
+
+def test_each_combination_that_was_not_measured_is_reported_with_its_reason() -> None:
+    mixing = mixed(
+        combination(frames_measured=9),
+        combination("rear", not_measured="images from a file have no camera pose"),
+        combination("points", frames_measured=7, not_measured="no reference pose of the exposure"),
+    )
+    runs = [run(mixing=mixing), run(2, verdict="FAIL", mixing=mixing)]
+    texts = [
+        "rear: images from a file have no camera pose (large wil, 1 run)",
+        "points, in part: no reference pose of the exposure (large wil, 1 run)",
+    ]
+    said = "virtual objects in the mixture not measured"
+    assert caveat_lines(*runs)[1:3] == [f"{said}: {text}" for text in texts]
+    assert properties(*runs)["mixture_not_measured"] == ", ".join(texts)
+
+
+def test_a_virtual_object_in_view_that_no_mixture_showed_is_reported() -> None:
+    """Left out by name, or in view in too few frames to count; another sensor may show it."""
+    camera = combination(
+        shown={"gate": ShownResult(9, 9), "pillar": ShownResult(1, 0), "far": ShownResult(0, 0)},
+        not_mixed={"intruder": 12, "wall": 3},
+    )
+    lidar = combination("lidar", shown={"wall": ShownResult(8, 8), "gate": ShownResult(3, 0)})
+    runs = [run(mixing=mixed(camera, lidar)), run(2, verdict="FAIL", mixing=mixed(camera))]
+    texts = ["intruder (large wil, 1 run)", "pillar (large wil, 1 run)"]
+    said = "virtual object in view, and in no mixture"
+    assert caveat_lines(*runs)[1:3] == [f"{said}: {text}" for text in texts]
+    assert properties(*runs) == {"mixture_without": ", ".join(texts)}

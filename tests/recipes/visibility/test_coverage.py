@@ -59,6 +59,32 @@ def test_what_was_never_in_view_need_not_be_shown() -> None:
     assert uncovered([coverage]) is None
 
 
+@pytest.mark.parametrize(
+    ("in_view", "frames", "is_fault"),
+    [(4, 5, True), (4, 4, True), (2, 30, True), (1, 1, True), (1, 30, False)],
+    ids=["1 Hz", "a goal of 0.7 s", "two frames", "the only frame", "one of many"],
+)
+def test_what_is_never_shown_is_a_fault_however_few_frames_there_are(
+    in_view: int, frames: int, is_fault: bool
+) -> None:
+    """One frame of many may be at the edge of the picture; two, or the only one, are not."""
+    coverage, fault = flown(
+        [seen(float(k), in_view=k >= frames - in_view, shown=False) for k in range(frames)]
+    )
+    assert fault is None
+    found = uncovered([coverage])
+    assert (found is not None) == is_fault
+    if found is not None:
+        said = f"it was in view in {in_view} measured frames, 0 showed it"
+        assert found.text == f"the mixture never showed gate: {said}"
+
+
+@pytest.mark.parametrize("shown", [1, 2])
+def test_a_share_of_few_frames_is_no_fault(shown: int) -> None:
+    coverage, _ = flown([seen(float(k), shown=k < shown) for k in range(4)])
+    assert uncovered([coverage]) is None
+
+
 @pytest.mark.parametrize(("shown", "is_fault"), [(4, True), (24, True), (25, False)])
 def test_what_is_hardly_shown_is_a_fault_at_the_end(shown: int, is_fault: bool) -> None:
     coverage, fault = flown([seen(k / 5, shown=k < shown) for k in range(50)])
@@ -90,6 +116,27 @@ def test_one_displaced_frame_is_looked_at_more_closely_and_two_are_a_fault() -> 
     assert fault.text == said
 
 
+def test_a_missed_frame_is_looked_at_more_closely_until_a_second_one_confirms_it() -> None:
+    """What stays missed is not measured more often than what is shown: a share rests on it."""
+    coverage = Coverage()
+    suspect = []
+    for k, is_shown in enumerate((True, False, True, False, False, False)):
+        coverage.take(seen(float(k), shown=is_shown))
+        suspect.append(coverage.is_suspect())
+    assert suspect == [False, True, False, True, False, False]
+    coverage.take(seen(9.0))
+    coverage.take(seen(10.0, shown=False))
+    coverage.take(seen(11.0, in_view=False))
+    assert not coverage.is_suspect()
+
+
+def test_objects_left_out_by_name_are_counted() -> None:
+    coverage, fault = flown([FrameVisibility(float(k), not_mixed=("intruder",)) for k in range(4)])
+    assert fault is None
+    assert coverage.not_mixed == {"intruder": 4}
+    assert uncovered([coverage]) is None
+
+
 def test_something_virtual_where_nothing_is_due_is_a_fault() -> None:
     coverage = Coverage()
     frame = FrameVisibility(1.0, elsewhere=0.05, is_unexpected=True)
@@ -102,4 +149,9 @@ def test_something_virtual_where_nothing_is_due_is_a_fault() -> None:
 def test_what_cannot_be_measured_is_reported_and_not_counted() -> None:
     coverage, fault = flown([FrameVisibility(1.0, not_measured="no reference pose")] * 20)
     assert fault is None
-    assert (coverage.frames, coverage.not_measured) == (0, "no reference pose")
+    assert (coverage.frames, coverage.why_not_measured()) == (0, "no reference pose")
+
+
+def test_a_flight_without_a_mixture_is_not_measured() -> None:
+    assert Coverage().why_not_measured() == "no mixture was made while the goal was flown"
+    assert flown([seen(1.0)])[0].why_not_measured() == ""

@@ -180,6 +180,79 @@ def test_a_recipe_that_changes_everything_is_searched_for_the_gate(
     assert aside.is_displaced
 
 
+@pytest.mark.parametrize(("share", "is_shown"), [(0.5, True), (0.25, True), (0.1, False)])
+@pytest.mark.parametrize("whole", [True, False], ids=["whole picture", "isolated"])
+def test_a_gate_that_nobody_sees_is_not_shown(
+    scene: Scene, share: float, is_shown: bool, whole: bool
+) -> None:
+    """A weighted merge shows its weight of the contrast."""
+    twin = cv2.addWeighted(scene.real, 1.0 - share, drawn(ring()), share, 0.0)
+    mixed = twin if whole else np.where(ring()[:, :, None], twin, scene.real)
+    gate = gate_of(scene.compare(np.asarray(mixed, np.uint8)))
+    assert (gate.in_view, gate.is_shown) == (True, is_shown)
+
+
+def test_one_grey_level_shows_no_gate(scene: Scene) -> None:
+    mixed = np.where(ring()[:, :, None], scene.real + 1, scene.real).astype(np.uint8)
+    assert not gate_of(scene.compare(mixed)).is_shown
+    # Nor is it something that geometry does not put there.
+    assert not scene.compare(mixed).is_unexpected
+
+
+def test_an_object_in_another_light_is_shown(scene: Scene) -> None:
+    """As another simulator draws it."""
+    for light in (0.5, 1.15):
+        dim = np.where(ring()[:, :, None], drawn(ring()) * light, scene.real).astype(np.uint8)
+        gate = gate_of(scene.compare(dim, is_like=False))
+        assert (gate.is_shown, gate.offset) == (True, 0.0)
+
+
+def test_an_object_before_a_wall_of_its_colour_is_shown() -> None:
+    """Where there is nearly no contrast, nearly none is asked."""
+    wall = room(0)
+    wall[:, :100] = ORANGE
+    wall[::2] -= 2
+    here = Scene(wall, ring())
+    assert gate_of(here.compare(here.overlaid(ring()))).is_shown
+
+
+def test_what_lies_in_the_edge_of_the_picture_need_not_be_shown() -> None:
+    """It is as wide as what the default limit lets objects be beside their place."""
+    edge = np.zeros((HEIGHT, WIDTH), np.bool_)
+    edge[30:90, :3] = True
+    here = Scene(room(0), edge)
+    assert not gate_of(here.compare(here.real.copy())).in_view
+    edge[30:90, :4] = True
+    assert gate_of(here.compare(here.real.copy())).in_view
+
+
+def test_an_object_left_out_by_name_is_reported_in_view(scene: Scene) -> None:
+    ids = np.where(ring(), np.uint8(GATE), np.uint8(1))
+    ids[10:20, 10:20] = 3
+    hidden = np.zeros(ids.shape, np.bool_)
+    virtual = Virtual({GATE: "gate"}, {3: "intruder", 4: "decoy"})
+
+    def left_out(
+        unknown: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] | None,
+    ) -> FrameVisibility:
+        return compare_images(
+            ImagePair(
+                t_s=1.0,
+                real_bgr=scene.real,
+                mixed_bgr=scene.overlaid(ring()),
+                expected=ExpectedImage(ids, drawn(ring()), unknown, STEP),
+                virtual=virtual,
+                limit_px=None,
+                is_like=True,
+            )
+        )
+
+    frame = left_out(None)
+    assert (frame.not_mixed, [one.name for one in frame.objects]) == (("intruder",), ["gate"])
+    hidden[10:20, 10:20] = True
+    assert left_out(hidden).not_mixed == ()
+
+
 def test_a_whole_picture_without_the_gate_does_not_show_it(scene: Scene) -> None:
     without = room(5, 150.0)
     gate = gate_of(scene.compare(without))
@@ -197,11 +270,13 @@ def test_a_hole_in_the_shape_of_the_gate_does_not_show_it(scene: Scene) -> None:
     assert (gate.in_view, gate.is_shown, gate.offset) == (True, False, None)
 
 
-def test_two_objects_are_distinguished() -> None:
+@pytest.mark.parametrize("both", [False, True])
+def test_two_objects_are_distinguished(both: bool) -> None:
     left, right = ring(40.0, half=15.0), ring(120.0, half=15.0)
     ids = np.where(left, np.uint8(2), np.where(right, np.uint8(3), np.uint8(1)))
     real = room(0)
-    mixed = np.where(right[:, :, None], drawn(right), real)
+    overlaid = left | right if both else right
+    mixed = np.where(overlaid[:, :, None], drawn(overlaid), real)
     frame = compare_images(
         ImagePair(
             t_s=1.0,
@@ -214,7 +289,7 @@ def test_two_objects_are_distinguished() -> None:
         )
     )
     assert {one.name: (one.in_view, one.is_shown, one.offset) for one in frame.objects} == {
-        "left": (True, False, None),
+        "left": (True, both, 0.0 if both else None),
         "right": (True, True, 0.0),
     }
     assert math.isclose(frame.elsewhere, 0.0)

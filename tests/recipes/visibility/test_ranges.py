@@ -125,3 +125,22 @@ def test_points_of_a_wall_are_shown_displaced_or_missing() -> None:
     assert late.is_displaced
     assert late.offset == pytest.approx(1.0, abs=0.05)
     assert (none.in_view, none.is_shown, none.offset) == (True, False, None)
+
+
+def test_an_object_left_out_by_name_is_reported_where_beams_should_meet_it() -> None:
+    due = expected()
+    due.ids[30:40] = 3
+
+    def left_out(truly: Ranges, far_m: float = 12.0) -> tuple[str, ...]:
+        return compare_ranges(
+            t_s=1.0,
+            real_m=truly,
+            mixed_m=truly,
+            expected=due,
+            virtual=Virtual({WALL: "wall"}, {3: "intruder", 4: "decoy"}),
+            reach_m=(0.15, far_m),
+        ).not_mixed
+
+    assert left_out(real()) == ("intruder",)
+    assert left_out(real(2.0)) == (), "something physical hides it"
+    assert left_out(real(), far_m=3.0) == ()

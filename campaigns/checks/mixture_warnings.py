@@ -1,0 +1,65 @@
+"""What a recipe leaves unchecked or out of the mixture, and is probably not meant to; pure."""
+
+from collections.abc import Iterator
+
+from campaigns.setup.case_files import CaseFiles
+from campaigns.setup.case_setup import Setup
+from campaigns.setup.named_objects import named_objects
+from campaigns.values.sensor_setups import CameraSetup, DepthSetup
+from recipes.model.recipe import Combination
+from recipes.visibility.model import SHOWING_KINDS
+from worlds.files.documents import Problem
+from worlds.scene.scene import virtual_only
+
+_WIDE_SHARE = 0.05
+"""Of the picture's width: the default limit of an object that takes half of it. Beyond that what is
+beside its place counts as in its place, whatever it is."""
+
+
+def wide_registration_limits(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+    """Yield a warning for recipe limits that accept objects far beside their place."""
+    if setup.recipe is None or files.recipe is None:
+        return
+    widths_px = {
+        sensor.name: sensor.intrinsics.width_px
+        for sensor in setup.vehicles["real"].sensors
+        if isinstance(sensor, CameraSetup | DepthSetup)
+    }
+    for one in setup.recipe.combinations:
+        limit_px = one.budget.max_registration_error_px
+        width_px = widths_px.get(one.sensor.name)
+        if limit_px is None or width_px is None or limit_px <= _WIDE_SHARE * width_px:
+            continue
+        said = (
+            f"virtual objects {limit_px:g} px beside their place count as in their place, of "
+            f"{width_px} px that '{one.sensor.name}' is wide: give at most "
+            f"{_WIDE_SHARE * width_px:g}, or none for the default"
+        )
+        yield files.recipe.problem((*one.path, "max_registration_error_px"), said)
+
+
+def unmixed_objects(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+    """Yield a warning for virtual objects that no combination of the recipe mixes in.
+
+    Only where each one isolates others by name: what a colour or a region keeps is seen in flight.
+    `shows` says that it is meant.
+    """
+    if setup.recipe is None or files.recipe is None:
+        return
+    things = virtual_only(setup.world.scene("wil", "W"), setup.world.scene("wil", "Wv"))
+    isolating = [one for one in setup.recipe.combinations if one.sensor.kind in SHOWING_KINDS]
+    if not isolating or not all(_leaves_out(one, set(things.values())) for one in isolating):
+        return
+    mixed = {name for one in isolating for name in one.isolated()}
+    named = named_objects(setup)
+    for name in things.values():
+        if name not in mixed:
+            why = ", and the goal or a required oracle names it" if name in named else ""
+            said = f"no combination mixes in '{name}', which stands in the virtual world only{why}"
+            path = (*isolating[0].path, "filter")
+            yield files.recipe.problem(path, f"{said} (`shows` says what is meant)", key=True)
+
+
+def _leaves_out(combination: Combination, things: set[str]) -> bool:
+    """Return whether a combination isolates some of the virtual objects, without `shows`."""
+    return combination.shows is None and bool(combination.isolated() & things)
