@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+from campaigns.checks.limit_warnings import limit_warnings, room_warnings
 from campaigns.checks.mixture_warnings import unmixed_objects, wide_registration_limits
 from campaigns.checks.place_checks import judged_world
 from campaigns.schema import Mode, VehicleName
@@ -50,9 +51,11 @@ def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> It
         yield from _without_objects(files.campaign, setup, scene)
         yield from _empty_worlds(files.campaign, setup, mode, scene)
         yield from _momentary_windows(files.campaign, setup, mode)
+        yield from room_warnings(files.campaign, setup, scene)
     yield from _long_limits(files.campaign, setup)
     if "wil" in modes:
         yield from unmixed_objects(files, setup)
+    yield from limit_warnings(files.campaign, setup)
 
 
 def document_warnings(files: CaseFiles) -> Iterator[Problem]:

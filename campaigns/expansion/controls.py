@@ -1,5 +1,6 @@
 """Controls of a campaign: what each changes, and how it must end."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -17,6 +18,15 @@ from campaigns.setup.case_files import (
 from campaigns.setup.case_setup import Setup
 from safety.evaluation.judge import ALWAYS_JUDGED
 from worlds.files.documents import Document, Problem, closest
+
+_IN_ANY_REASON = frozenset(
+    {"all", "and", "are", "for", "from", "has", "its", "more", "not", "than", "that", "the"}
+    | {"was", "with", "real", "twin"}
+)
+"""Words that stand in the reasons of most runs, whatever happened."""
+_WORD = re.compile(r"[^\W\d_]+")
+_SHORTEST = 3
+"""Letters of a word that a cause is recognised by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,3 +108,31 @@ def _oracle_problems(base: Document, name: str, oracle: str, setup: Setup) -> It
         known = (*required, *ALWAYS_JUDGED)
         said = f"no oracle '{oracle}' judges this control (there are {', '.join(known)})"
         yield base.problem(path, said, closest(oracle, known))
+
+
+def control_warnings(base: Document, part: CampaignPart) -> Iterator[Problem]:
+    """Yield warnings for controls that end as expected whatever their campaign can find."""
+    for name, control in part.controls.items():
+        oracle, cause = control.expect.oracle, control.expect.cause
+        for key in control.set_:
+            if oracle is not None and _changes_oracle(key, oracle):
+                said = f"changes '{oracle}', which then fails by another limit than the campaign's"
+                path = ("controls", name, "set", key)
+                yield base.problem(path, f"{said}: the control proves nothing of it", key=True)
+        if cause is not None and not _names_something(cause):
+            said = f"'{cause}' is in the reason of nearly any run: say what the reason has to name"
+            yield base.problem(("controls", name, "expect", "cause"), said)
+
+
+def _changes_oracle(key: str, oracle: str) -> bool:
+    """Return whether a dotted key of a control's `set` changes by what an oracle judges."""
+    parts = key.split(".")
+    if parts[0] == "oracles":
+        return len(parts) == 1 or parts[1] == oracle
+    return parts[0] == "geofence" == oracle
+
+
+def _names_something(cause: str) -> bool:
+    """Return whether a control's cause has a word that few reasons have."""
+    words = _WORD.findall(cause.lower())
+    return any(len(word) >= _SHORTEST and word not in _IN_ANY_REASON for word in words)

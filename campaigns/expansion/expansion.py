@@ -13,6 +13,7 @@ from campaigns.expansion.composition import compose, is_composition
 from campaigns.expansion.controls import (
     Expectation,
     control_problems,
+    control_warnings,
     expectation,
     files_of_controls,
     modes_of,
@@ -165,6 +166,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     ]
     injected = [f"fault injected: {one}" for name in case_names for one in setups[name].faults]
     odd = list(_odd(part, {name: (files | of_controls)[name] for name in names}, setups))
+    odd += control_warnings(base, part)
     modes = tuple(mode for mode in part.modes if mode in mode_names)
     chosen = [(case, mode) for case in case_names for mode in modes]
     controls = tuple(

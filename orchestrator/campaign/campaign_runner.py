@@ -262,6 +262,7 @@ class _Flight:
             stopped=self._controller.stopped,
             broken=broken,
             controls_due=len(self._campaign.controls),
+            missing=self._missing(),
         )
         if not self._settings.arm and self._controller.stopped is None and not broken:
             code = rehearsal_code(summary.runs)
@@ -370,6 +371,10 @@ class _Flight:
         self._watcher.say(f"{order.plan.name}: {result.verdict}, {result.reason}; flown again")
         return replace(order, attempts=(*order.attempts, attempt_of(result, place)))
 
+    def _missing(self) -> int:
+        """Return how many required runs of the campaign have no result."""
+        return sum(plan.required and plan.name not in self._results for plan in self._due())
+
     def write_summary(self) -> Summary:
         """Write the campaign's summary.json and junit.xml so far. Raises OutputError."""
         plans = self._due()
@@ -385,6 +390,7 @@ class _Flight:
             sensors=_sensors(self._campaign),
             left_out=self._campaign.left_out,
             controls_due=len(self._campaign.controls),
+            missing=self._missing(),
             caveats=self._campaign.caveats,
             not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 from campaigns.expansion.expansion import Campaign
 from campaigns.setup.case_files import CaseFiles
@@ -61,6 +62,21 @@ def _digests(files: set[Path], campaign: Campaign) -> dict[str, str]:
     return {
         os.path.relpath(path, home): f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
         for path in sorted(files)
+    }
+
+
+def judging_manifest(campaign: Campaign) -> dict[str, Any]:
+    """Return that of a campaign's manifest by which its recorded runs are judged.
+
+    Without the users' Python files, of which the judging uses nothing.
+    """
+    files = {path for path in _files(campaign) if path.suffix != ".py"}
+    return {
+        "options": {"set": list(campaign.options.sets)},
+        "versions": _versions(frozenset()),
+        "files": _digests(files, campaign),
+        "runs": _runs(campaign),
+        "document": campaign.document.data,
     }
 
 

@@ -1,16 +1,17 @@
 """Judges recorded runs again, by the oracles that the campaign file has now."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from campaigns.expansion.expansion import Campaign, RunPlan
-from orchestrator.campaign.manifest import world_digest
+from orchestrator.campaign.manifest import judging_manifest, world_digest
+from orchestrator.campaign.manifest_changes import changes_since_flight
 from orchestrator.campaign.repetitions import runs_due
 from orchestrator.model.control_results import control_result
-from orchestrator.model.results import RunResult, Summary, summarize
+from orchestrator.model.results import RunResult, Summary, exit_code, summarize
 from orchestrator.model.results_reader import ResultError, read_result
 from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.judge_log_file import FILE_NAME
@@ -38,13 +39,54 @@ class Reevaluation:
     now: RunResult
 
 
-def summary_of(campaign: Campaign, folder: Path, rejudged: Iterable[Reevaluation]) -> Summary:
-    """Return the summary of recorded runs by their reevaluation.
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """The reevaluation of a results folder, with the exit code that `run` has for such results.
 
-    What the folder says of its vehicles and sensors is kept; what is not in it, was not flown.
+    changed_since_flight: what judges otherwise than at the flight, in words.
     """
+
+    runs: tuple[Reevaluation, ...]
+    summary: Summary
+    exit_code: int
+    changed_since_flight: tuple[str, ...]
+
+
+def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
+    """Reevaluate every recorded run of the campaign in a results folder.
+
+    Raises RecordingError when there is none, when a recording cannot be read, or when a run was
+    not shown to be flown in the world that would judge it.
+    """
+    recorded = [plan for plan in campaign.plans if (folder / plan.name).is_dir()]
+    if not recorded:
+        first = campaign.plans[0].name
+        raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
+    flown, now = _document(folder / "campaign.json"), judging_manifest(campaign)
+    _require_same_worlds(recorded, flown, folder)
+    rejudged = tuple(judge_run_again(plan, folder / plan.name) for plan in recorded)
     runs = [each.now for each in rejudged]
     found = {f"{run.case}/{run.mode}/{run.rep}": run for run in runs}
+    absent = [
+        plan for plan in runs_due(campaign.plans, campaign.test, found) if plan.name not in found
+    ]
+    missing = sum(plan.required for plan in absent)
+    due = len(campaign.controls)
+    return Judgement(
+        rejudged,
+        _summary(campaign, folder, runs, absent),
+        exit_code(runs, campaign.requirements, controls_due=due, missing=missing),
+        tuple(changes_since_flight(flown, now, file=campaign.document.path.name)),
+    )
+
+
+def _summary(
+    campaign: Campaign, folder: Path, runs: Sequence[RunResult], absent: Sequence[RunPlan]
+) -> Summary:
+    """Return the summary of runs by their reevaluation; absent: those that are not in the folder.
+
+    What the folder says of its vehicles and sensors is kept.
+    """
     before = _document(folder / "summary.json")
     return summarize(
         runs,
@@ -56,12 +98,9 @@ def summary_of(campaign: Campaign, folder: Path, rejudged: Iterable[Reevaluation
         sensors=before.get("sensors", {}),
         left_out=campaign.left_out,
         controls_due=len(campaign.controls),
+        missing=sum(plan.required for plan in absent),
         caveats=campaign.caveats,
-        not_flown=tuple(
-            plan.name
-            for plan in runs_due(campaign.plans, campaign.test, found)
-            if plan.name not in found
-        ),
+        not_flown=tuple(plan.name for plan in absent),
     )
 
 
@@ -74,31 +113,23 @@ def _document(path: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def judge_campaign_again(campaign: Campaign, folder: Path) -> tuple[Reevaluation, ...]:
-    """Reevaluate every recorded run of the campaign in a results folder.
-
-    Raises RecordingError when there is none, when a recording cannot be read, or when a run was
-    flown in another world than the one that would judge it.
-    """
-    recorded = [plan for plan in campaign.plans if (folder / plan.name).is_dir()]
-    _require_same_worlds(recorded, folder)
-    found = tuple(judge_run_again(plan, folder / plan.name) for plan in recorded)
-    if not found:
-        first = campaign.plans[0].name
-        raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
-    return found
-
-
-def _require_same_worlds(plans: Iterable[RunPlan], folder: Path) -> None:
-    """Raise RecordingError for a run that was flown in another world than its files describe.
+def _require_same_worlds(
+    plans: Iterable[RunPlan], manifest: Mapping[str, Any], folder: Path
+) -> None:
+    """Raise RecordingError for a run that its manifest does not show to be of its files' world.
 
     The vehicle met what stood there then: that it misses what stands there now shows nothing.
     """
-    runs = _document(folder / "campaign.json").get("runs", [])
+    runs = manifest.get("runs", [])
     flown_in = {run.get("run"): run.get("world") for run in runs if isinstance(run, dict)}
     for plan in plans:
         flown = flown_in.get(plan.name)
-        if flown is not None and flown != world_digest(plan.files):
+        if not isinstance(flown, str):
+            raise RecordingError(
+                f"{folder / 'campaign.json'} is missing, damaged, or does not say in which world "
+                f"{plan.name} was flown: bring that file back, or fly it again"
+            )
+        if flown != world_digest(plan.files):
             raise RecordingError(
                 f"{plan.name} was flown in another world than its files describe now: bring the "
                 "world back, or fly it again"

@@ -16,6 +16,7 @@ from orchestrator.campaign.campaign_folder import (
     newest_folder,
     set_aside,
 )
+from orchestrator.campaign.manifest_changes import changed_keys
 from orchestrator.model.attempts import attempt_of, retry_due
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import Attempt, RunResult
@@ -175,20 +176,10 @@ def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
     for name, was, present, _ in _changes(before["versions"], now["versions"]):
         yield f"{name} was {was}, and is {present}"
     if before["document"] != now["document"] and not files:
-        yield from _different_keys(before["document"], now["document"])
+        for key, was, present in changed_keys(before["document"], now["document"]):
+            yield f"{key} was {was}, and is {present} (an option, or --set {key}=...)"
     elif before["runs"] != now["runs"] and not files:
         yield from _different_runs(before, now)
-
-
-def _different_keys(before: Any, now: Any, key: str = "") -> Iterator[str]:
-    """Yield the campaign's keys that the resumption's options set otherwise."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        for name in dict.fromkeys((*before, *now)):
-            inner = f"{key}.{name}".lstrip(".")
-            yield from _different_keys(before.get(name), now.get(name), inner)
-    elif before != now:
-        was, present = (json.dumps(one, ensure_ascii=False) for one in (before, now))
-        yield f"{key} was {was}, and is {present} (an option, or --set {key}=...)"
 
 
 def _different_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:

@@ -72,14 +72,17 @@ def conclusions(summary: Summary) -> list[Text]:
     return [*_reasons(summary), *closing_lines(summary)]
 
 
-def closing_lines(summary: Summary) -> list[Text]:
-    """Return the closing lines of the verdict table: caveats and the conclusion."""
+def closing_lines(summary: Summary, *, changed_since_flight: Sequence[str] = ()) -> list[Text]:
+    """Return the closing lines of the verdict table: caveats and the conclusion.
+
+    changed_since_flight: what judges otherwise than at the flight, where that was before.
+    """
     outside = [Text(line, style="dim") for line in external_lines(summary.runs)]
     lines = [*caveats(summary.runs), *summary.caveats]
     if summary.not_flown:
         lines.append(f"never flown: {', '.join(summary.not_flown)}")
     reserved = [Text(line, style="yellow") for line in lines]
-    return [*outside, *reserved, _conclusion(summary)]
+    return [*outside, *reserved, _conclusion(summary, changed_since_flight)]
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
@@ -183,7 +186,7 @@ def _due(summary: Summary) -> int:
     return len(summary.runs) + len(summary.controls) + len(summary.not_flown)
 
 
-def _conclusion(summary: Summary) -> Text:
+def _conclusion(summary: Summary, changed_since_flight: Sequence[str]) -> Text:
     """Return the verdict table's last line: accepted or not."""
     words = {True: ("accepted", "bold green"), False: ("not accepted", "bold red")}
     said, style = words.get(summary.accepted or False, ("", ""))
@@ -200,6 +203,9 @@ def _conclusion(summary: Summary) -> Text:
     if summary.left_out:
         style = "yellow" if summary.accepted else style
         said += f"; required, and left out: {', '.join(summary.left_out)}"
+    if changed_since_flight:
+        style = "yellow" if summary.accepted else style
+        said += f"; judged by other options or files than flown: {', '.join(changed_since_flight)}"
     if summary.unmet:
         said, style = f"{said}: {'; '.join(summary.unmet)}", "bold red"
     note = " (the embedded surrogate played the real vehicle)" if summary.surrogate else ""

@@ -299,12 +299,14 @@ def summarize(
     sensors: dict[str, SensorKind],
     left_out: tuple[str, ...] = (),
     controls_due: int = 0,
+    missing: int = 0,
     caveats: tuple[str, ...] = (),
     not_flown: tuple[str, ...] = (),
 ) -> Summary:
     """Return the summary of run results, in the order given.
 
     controls_due: how many controls there are to fly; those that were flown are among the runs.
+    missing: how many of those never flown are required.
     """
     given = tuple(runs)
     flown = tuple(run for run in given if run.control is None)
@@ -317,7 +319,7 @@ def summarize(
         sensors=dict(sorted(sensors.items())),
         runs=flown,
         totals=totals_of(given),
-        accepted=accepted(given, requirements, controls_due=controls_due),
+        accepted=accepted(given, requirements, controls_due=controls_due, missing=missing),
         left_out=left_out,
         controls=controls,
         unmet=tuple(control_faults(controls)),
@@ -360,12 +362,17 @@ def standings_of(
 
 
 def accepted(
-    runs: Sequence[RunResult], requirements: Sequence[Requirement], *, controls_due: int = 0
+    runs: Sequence[RunResult],
+    requirements: Sequence[Requirement],
+    *,
+    controls_due: int = 0,
+    missing: int = 0,
 ) -> bool | None:
     """Return whether results make the campaign accepted; None without a required run.
 
     A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED: those flights prove
-    nothing, so they cannot be among the ones that a campaign may lose. Nor is a campaign accepted
+    nothing, so they cannot be among the ones that a campaign may lose. Nor may it lose one that
+    was never flown (missing: how many of the required ones). Nor is a campaign accepted
     with a control that is not flown or did not end as it must: its green would mean nothing.
     """
     required = [run for run in runs if run.required]
@@ -375,7 +382,8 @@ def accepted(
     if not required:
         return None
     proven = all(run.verdict in {"PASS", "FAIL"} for run in required)
-    return proven and not _short(required, requirements) and len(controls) >= controls_due
+    is_whole = not missing and len(controls) >= controls_due
+    return proven and is_whole and not _short(required, requirements)
 
 
 def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -> list[Standing]:
@@ -408,13 +416,15 @@ def exit_code(
     stopped: Stop | None = None,
     broken: bool = False,
     controls_due: int = 0,
+    missing: int = 0,
 ) -> int:
     """Return the exit code of a campaign's results; the first of 130, 4, 3, 1, 5, 0.
 
     stopped: what ended the campaign early. broken: an exception reached the orchestrator, or a
     vehicle, port or broker could not be had; then it is never 0. An ABORTED run counts as an
-    operator's command whether or not it was required. Required runs and controls that are missing
-    without a reason (nobody stopped the campaign) are an infrastructure error.
+    operator's command whether or not it was required. Required runs (missing: how many) and
+    controls that were never flown though nobody stopped the campaign are 3, whatever share of the
+    required runs may FAIL.
 
     A control that did not end as it must is 3 where it came to ERROR or INVALID, which prove
     nothing, and else 1, as a required run that FAILed: all was flown, and something is wrong.
@@ -424,7 +434,9 @@ def exit_code(
     if stopped == "command" or any(run.verdict == "ABORTED" for run in runs):
         return 4
     broken = broken or any(run.exceptions for run in runs)
-    return 3 if broken else _code_of(runs, requirements, controls_due)
+    if broken or missing:
+        return 3
+    return _code_of(runs, requirements, controls_due)
 
 
 def _code_of(

@@ -10,6 +10,7 @@ import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.campaign.run_server import start_run_server
+from orchestrator.cli import main
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
 from orchestrator.model.results import RunResult
@@ -70,6 +71,25 @@ def forked_workers(fork_server: None) -> Iterator[None]:
     """Have all workers forked during the test."""
     with workers_forked():
         yield
+
+
+GATE_FLOWN = (
+    *("--case", "large", "--case", "blind", "--mode", "sim"),
+    *(option for value in SMALL_CAMERAS for option in ("--set", value)),
+)
+"""The selection and overrides of the flown gate: case large in mode sim, and its blind control."""
+
+
+@pytest.fixture(scope="session")
+def flown_gate(fork_server: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the results folder of a run and a control of gate.yaml, flown as users fly them."""
+    out = tmp_path_factory.mktemp("out")
+    gate = str(ROOT / "campaigns" / "gate.yaml")
+    with workers_forked():
+        given = (*GATE_FLOWN, "--repetitions", "1", "--out", str(out), "--jobs", "1", "--json")
+        assert main(["run", gate, *given]) == 0
+    (folder,) = (out / "gate").iterdir()
+    return folder
 
 
 @pytest.fixture

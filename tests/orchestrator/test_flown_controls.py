@@ -80,3 +80,16 @@ def test_a_campaign_whose_control_passes_is_not_accepted(
     assert [run["verdict"] for run in summary["runs"]] == ["PASS"]
     said = "not accepted: this campaign cannot fail: control lame in mode sim passed"
     assert any(line.startswith(said) for line in capsys.readouterr().out.splitlines())
+
+
+def test_a_shipped_control_ends_as_it_must(flown_gate: Path) -> None:
+    summary = json.loads((flown_gate / "summary.json").read_text("utf-8"))
+    (blind,) = summary["controls"]
+    assert (blind["case"], blind["verdict"], blind["decided_by"]) == (
+        "blind",
+        "FAIL",
+        "reached/twin",
+    )
+    assert blind["control"]["met"]
+    assert [run["verdict"] for run in summary["runs"]] == ["PASS"]
+    assert summary["accepted"]

@@ -1,6 +1,5 @@
 """`wil-campaign judge`: recorded runs, judged again by what the campaign file says now."""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -8,11 +7,11 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.reevaluation import Reevaluation, judge_campaign_again, summary_of
+from orchestrator.campaign.reevaluation import Reevaluation, judge_campaign_again
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.cli.text_table import table
 from orchestrator.cli.verdict_table import closing_lines
-from orchestrator.model.results import exit_code
+from orchestrator.model.document_writer import to_json
 from orchestrator.recording.errors import RecordingError
 
 
@@ -31,7 +30,8 @@ def judge(
     Neither the autonomy nor a step of the recipe is loaded: no code but this program's runs.
 
     The last line and the exit code are those of `run`: what is required and is not in the folder
-    was not flown, and then it is 3.
+    was not flown, and then it is 3, whatever share of the runs may fail. Options and files that
+    judge otherwise than at the flight are named in the last line; another world is refused.
 
     Parameters
     ----------
@@ -48,31 +48,33 @@ def judge(
     set_
         KEY=VALUE, as of `run`: oracles.altitude.max_m=2.0 asks what another limit had said.
     json_
-        Print one JSON document: the runs as they are judged now.
+        Print one JSON document: summary.json as it is judged now, and changed_since_flight.
     """
     campaign = load_campaign(
         file,
         Options(cases=case, modes=mode, repetitions=repetitions, sets=set_, loads_code=False),
     )
     try:
-        rejudged = judge_campaign_again(campaign, folder)
+        judgement = judge_campaign_again(campaign, folder)
     except RecordingError as error:
         err(error)
         return 3
     if json_:
-        runs = [asdict(each.now) for each in rejudged]
-        out(json.dumps(runs, indent=2, ensure_ascii=False, allow_nan=False))
+        document = {
+            **asdict(judgement.summary),
+            "changed_since_flight": judgement.changed_since_flight,
+        }
+        out(to_json(document).rstrip())
     else:
-        out(table(("run", "flown", "now", "reason"), [_row(each) for each in rejudged]))
-        for line in _changes(rejudged):
+        rows = [_row(each) for each in judgement.runs]
+        out(table(("run", "flown", "now", "reason"), rows))
+        for line in _changes(judgement.runs):
             out(line)
-        for said in closing_lines(summary_of(campaign, folder, rejudged)):
+        for said in closing_lines(
+            judgement.summary, changed_since_flight=judgement.changed_since_flight
+        ):
             out(said.plain)
-    return exit_code(
-        [each.now for each in rejudged],
-        campaign.requirements,
-        controls_due=len(campaign.controls),
-    )
+    return judgement.exit_code
 
 
 def _row(each: Reevaluation) -> tuple[str, str, str, str]:

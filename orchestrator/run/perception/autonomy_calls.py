@@ -28,6 +28,14 @@ _LONGEST_NOTE = 80
 _LONGEST_LINE = 100
 _LONGEST_TRACE = 8000
 _STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
+_ROOT = Path(__file__).parents[3]
+_OURS = tuple(
+    _ROOT / name
+    for name in ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
+)
+"""Our packages, a library to the autonomy also where they are run from their sources."""
+_SHIPPED = _ROOT / "campaigns" / "autonomies"
+"""The autonomies among them are under test as a user's are."""
 _LARGEST = 1e6
 """Metres and metres per second; also, what MAVLink's 32 bits of a float hold many times over."""
 
@@ -194,5 +202,7 @@ def _frames(error: BaseException) -> list[traceback.FrameSummary]:
 def _is_library(filename: str) -> bool:
     """Return whether a traceback's file is a library, not the autonomy's code."""
     path = Path(filename)
+    if any(path.is_relative_to(ours) for ours in _OURS):
+        return not path.is_relative_to(_SHIPPED)
     installed = not {"site-packages", "dist-packages"}.isdisjoint(path.parts)
     return filename.startswith("<") or installed or path.is_relative_to(_STANDARD_LIBRARY)

@@ -2,11 +2,12 @@
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
 from orchestrator.cli import main
+from safety.oracles.autopilot_health import ModeName
 
 POSITION = "position: {north_m: 2, east_m: 0, up_m: 1.2}"
 
@@ -42,15 +43,82 @@ def test_a_good_campaign_is_not_warned_of(files: Any) -> None:
             "altitude: {max_m: 2, from: done, to: land}",
             "in mode sim the window of 'altitude' closes when it opens: it cannot fail",
         ),
+        *(
+            ("collision: {}", f"{oracle}\n  collision: {{}}", said)
+            for oracle, said in (
+                ("battery: {min_percent: 0}", "no battery is charged less than that"),
+                ("link: {max_gap_s: 150}", "end each flight after 150 s: it cannot fail"),
+                ("estimator: {max_unsound_s: 150}", "end each flight after 150 s: it cannot fail"),
+                ("attitude: {max_tilt_deg: 180}", "no attitude is beyond 180 degrees"),
+                ("attitude: {max_pitch_deg: 90}", "no attitude is beyond 90 degrees"),
+                (
+                    f"modes: {{allowed: [{', '.join(get_args(ModeName))}]}}",
+                    "names every mode: it cannot fail",
+                ),
+                ("altitude: {max_m: 2.5}", "the ceiling is 2.5 m up: it cannot fail below that"),
+                (
+                    "area: {keep: {box: {north_m: [-99, 99], east_m: [-1, 1], up_m: [0, 2]}}}",
+                    "the area is 198 m wide, and the room 6 m: it cannot fail",
+                ),
+            )
+        ),
     ],
 )
 def test_what_is_probably_not_meant_is_warned_of(files: Any, old: str, new: str, said: str) -> None:
-    if "late" in new:
+    if "late" in new or "150" in new:
         files.change("seed: 7\n", "seed: 7\nsync: {goal_timeout_s: 60}\n")
     files.change(old, new)
     found = warned(files)
     assert any(said in one for one in found), found
     assert all(one.startswith("campaign.yaml:") for one in found)
+
+
+@pytest.mark.parametrize(
+    "oracle",
+    [
+        "battery: {min_percent: 1}",
+        "link: {max_gap_s: 149}",
+        "attitude: {max_tilt_deg: 179, max_roll_deg: 179, max_pitch_deg: 89}",
+        "modes: {allowed: [hold, takeoff, guided, land, rtl, mission, pilot]}",
+        f"modes: {{allowed: [{', '.join(get_args(ModeName))}], max_changes: 1}}",
+        "altitude: {max_m: 2.4}",
+        "area: {keep: {box: {north_m: [-40, 40], east_m: [-1, 1], up_m: [0, 2]}}}",
+    ],
+)
+def test_limits_that_a_flight_can_exceed_are_not_warned_of(files: Any, oracle: str) -> None:
+    files.change("seed: 7\n", "seed: 7\nsync: {goal_timeout_s: 60}\n")
+    files.change("collision: {}", f"{oracle}\n  collision: {{}}")
+    assert warned(files) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "expect", "said"),
+    [
+        ("oracles.time_limit.limit_s: 1", "oracle: time_limit", "changes 'time_limit', which"),
+        (
+            "oracles: {reached: {}, time_limit: {limit_s: 1}}",
+            "oracle: time_limit",
+            "changes 'time_limit', which",
+        ),
+        ("geofence.box.up_m: [-0.5, 2.2]", "oracle: geofence", "changes 'geofence', which"),
+        ("oracles.time_limit.limit_s: 1", "oracle: reached", None),
+        ("autonomy.with.speed_m_s: 1", "oracle: time_limit", None),
+        ("autonomy.with.speed_m_s: 1", "cause: the", "'the' is in the reason of nearly any run"),
+        (
+            "autonomy.with.speed_m_s: 1",
+            "cause: of real",
+            "'of real' is in the reason of nearly any",
+        ),
+        ("autonomy.with.speed_m_s: 1", "cause: pose of real", None),
+    ],
+)
+def test_a_control_that_proves_nothing_is_warned_of(
+    files: Any, changes: str, expect: str, said: str | None
+) -> None:
+    files.append(f"controls:\n  odd:\n    set: {{{changes}}}\n    expect: {{{expect}}}\n")
+    found = warned(files)
+    assert len(found) == (said is not None), found
+    assert all(one.startswith("campaign.yaml:") and said in one for one in found if said)
 
 
 @pytest.mark.parametrize("degrees", ["90", "1", "45.5", "-180", "0.5"])
@@ -80,9 +148,10 @@ def test_a_control_that_its_oracle_cannot_fail_is_warned_of(files: Any) -> None:
         "    set: {oracles.time_limit.limit_s: 90}\n"
         "    expect: {oracle: time_limit}\n"
     )
-    (found,) = warned(files)
+    own, found = warned(files)
     assert found.startswith("campaign.yaml:38:39: ")
     assert "sync.goal_timeout_s ends the stage after 60 s: it cannot fail" in found
+    assert own.startswith("campaign.yaml:38:11: changes 'time_limit', which then fails by another")
 
 
 def test_a_gate_that_no_required_oracle_asks_for_is_a_caveat(files: Any) -> None:

@@ -1,5 +1,6 @@
 """Recorded runs judged again: the same by the same oracles, and by others what these say."""
 
+import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +16,7 @@ from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import read_result
 from orchestrator.recording.errors import RecordingError
-from tests.orchestrator.conftest import ROOT, workers_forked
+from tests.orchestrator.conftest import GATE_FLOWN, ROOT
 
 Fly = Callable[..., tuple[RunResult, Path]]
 GATE = ROOT / "campaigns" / "gate.yaml"
@@ -60,21 +61,16 @@ def test_a_recorded_run_is_judged_as_it_was_flown(
     assert rejudged.before == result
 
 
-@pytest.fixture(scope="module")
-def recorded(fork_server: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the results folder of one good run in mode sim, flown as users fly."""
-    out = tmp_path_factory.mktemp("out")
-    given = ("--case", "large", "--mode", "sim", "--repetitions", "1", "--out", str(out))
-    with workers_forked():
-        assert main(["run", str(GATE), *given, "--json"]) == 0
-    (folder,) = (out / "gate").iterdir()
-    return folder
+@pytest.fixture
+def recorded(flown_gate: Path) -> Path:
+    """Return the results folder of one good run in mode sim, and a control, flown as users fly."""
+    return flown_gate
 
 
-def judge(folder: Path, *sets: str) -> int:
+def judge(folder: Path, *sets: str, repetitions: int = 1, json: bool = False) -> int:
     options = [option for value in sets for option in ("--set", value)]
-    given = ("--case", "large", "--mode", "sim", "--repetitions", "1", *options)
-    return main(["judge", str(GATE), str(folder), *given])
+    options += ["--repetitions", str(repetitions), *(["--json"] if json else [])]
+    return main(["judge", str(GATE), str(folder), *GATE_FLOWN, *options])
 
 
 def test_another_limit_is_tried_without_a_flight(recorded: Path, capsys: Any) -> None:
@@ -128,11 +124,10 @@ def test_no_code_that_the_files_name_is_run(recorded: Path, tmp_path: Path, caps
 def test_what_was_not_flown_and_what_is_no_recording_are_reported(
     recorded: Path, tmp_path: Path, capsys: Any
 ) -> None:
-    given = ("--case", "large", "--mode", "sim", "--repetitions", "4")
-    assert main(["judge", str(GATE), str(recorded), *given]) == 3
+    assert judge(recorded, repetitions=4) == 3
     *_, missing, last = capsys.readouterr().out.splitlines()
     assert missing == "never flown: large/sim/2, large/sim/3, large/sim/4"
-    assert last.startswith("not accepted of what was flown; never flown: 3 of 4; required, and")
+    assert last.startswith("not accepted of what was flown; never flown: 3 of 5; required, and")
     assert "left out: large/wil" in last
     assert judge(tmp_path) == 3
     assert "has no run of this campaign, such as large/sim/1" in capsys.readouterr().err
@@ -177,3 +172,58 @@ def test_a_flight_proves_nothing_of_a_world_that_it_was_not_flown_in(
     assert judge(recorded, "world.objects.gate.pose.north_m=2.9") == 3
     said = capsys.readouterr().err
     assert "large/sim/1 was flown in another world than its files describe now" in said
+
+
+@pytest.mark.parametrize("content", [None, "{", "[]", "{}", '{"runs": [{"run": "large/sim/1"}]}'])
+def test_a_run_without_a_record_of_its_world_is_refused(
+    recorded: Path, tmp_path: Path, capsys: Any, content: str | None
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(recorded, folder)
+    if content is None:
+        (folder / "campaign.json").unlink()
+    else:
+        (folder / "campaign.json").write_text(content)
+    assert judge(folder) == 3
+    assert judge(folder, "world.objects.gate.pose.north_m=2.9") == 3
+    said = capsys.readouterr().err
+    assert "campaign.json is missing, damaged, or does not say in which world large/sim/1" in said
+    assert said.count("bring that file back, or fly it again") == 2
+
+
+def test_a_judgement_by_other_options_says_so(recorded: Path, capsys: Any) -> None:
+    assert judge(recorded) == 0
+    assert "than flown" not in capsys.readouterr().out
+    body = "vehicles.twin.body={width_m: 0.2, height_m: 0.1}"
+    assert judge(recorded, body, "recipe.combine.0.min_rate_hz=9") == 0
+    *_, last = capsys.readouterr().out.splitlines()
+    assert last.startswith("accepted")
+    said = (
+        'vehicles.twin.body was null, and is {"width_m": 0.2, "height_m": 0.1}',
+        "--set recipe.combine.0.min_rate_hz=9 was not given",
+    )
+    assert f"judged by other options or files than flown: {', '.join(said)}" in last
+    assert judge(recorded, body, json=True) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["changed_since_flight"] == [said[0]]
+    assert document["accepted"]
+    assert [run["verdict"] for run in document["runs"]] == ["PASS"]
+
+
+def test_a_required_run_that_is_not_there_is_forgiven_by_no_share(
+    recorded: Path, capsys: Any
+) -> None:
+    """The share 1/5 is that of flights that may FAIL, which these did not."""
+    share = "accept={large: {sim: 1/5}}"
+    assert judge(recorded, share) == 0
+    capsys.readouterr()
+    assert judge(recorded, share, repetitions=5) == 3
+    *_, missing, last = capsys.readouterr().out.splitlines()
+    assert missing == "never flown: large/sim/2, large/sim/3, large/sim/4, large/sim/5"
+    assert last.startswith("not accepted of what was flown; never flown: 4 of 6")
+
+
+def test_a_control_is_judged_again_as_a_control(recorded: Path, capsys: Any) -> None:
+    assert judge(recorded) == 0
+    assert "blind/sim/1  FAIL   FAIL" in capsys.readouterr().out
+    assert judge(recorded, "oracles.reached.required=false") == 2, "it could not fail"

@@ -258,3 +258,12 @@ def test_exit_codes_are_only_those_of_the_design() -> None:
     for verdicts in product(VERDICTS, repeat=3):
         for requirements in (ALL_OF_THREE, TWO_OF_THREE, ()):
             assert exit_code(three(*verdicts), requirements) in {0, 1, 3, 4, 5}
+
+
+@pytest.mark.parametrize("missing", [0, 1])
+def test_no_share_forgives_a_required_run_that_was_never_flown(missing: int) -> None:
+    runs, some = three("PASS", "PASS"), (Requirement("large", "sim", Share(1, 2)),)
+    assert exit_code(runs, some, missing=missing) == (3 if missing else 0)
+    assert accepted(runs, some, missing=missing) is not bool(missing)
+    assert exit_code(runs, some, missing=missing, stopped="signal") == 130
+    assert exit_code(three("ABORTED"), some, missing=missing) == 4

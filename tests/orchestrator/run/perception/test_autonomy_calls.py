@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from campaigns.api import rotate
+from campaigns.autonomies.straight import StraightAutonomy
 from orchestrator.model.results import RunResult
 from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy, command_of
 from vehicles.autonomy import Command
@@ -53,6 +55,19 @@ def test_whatever_is_raised_is_the_fault_of_the_autonomy(error: BaseException, s
     assert text.startswith(f"crashed: {said} (")
     assert "test_autonomy_calls.py:" in text
     text.encode()
+
+
+def test_the_place_is_in_the_users_file_where_our_library_raised() -> None:
+    """Also where our packages are run from their sources, as here."""
+    with pytest.raises(AutonomyFault) as caught:
+        call_autonomy(lambda: rotate(1.0, (0.0, 0.0, 1.0)))  # type: ignore[arg-type]
+    assert f"({__file__}:" in str(caught.value)
+    assert "frames.py" in caught.value.trace, "the traceback has all of it"
+
+
+def test_an_autonomy_that_we_ship_is_under_test_too() -> None:
+    with pytest.raises(AutonomyFault, match=r"autonomies/straight\.py:\d+"):
+        call_autonomy(lambda: StraightAutonomy(goal={}, parameters={"pace": 1}, seed=0))
 
 
 def test_long_words_are_cut() -> None:
