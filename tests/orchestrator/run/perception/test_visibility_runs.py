@@ -9,9 +9,11 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from orchestrator.cli import main
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult
 from orchestrator.recording.mcap_reader import Recording
+from tests.orchestrator.conftest import ROOT, SMALL_CAMERAS
 
 RECIPE = """\
 schema: wil/recipe/1
@@ -46,6 +48,7 @@ class Watch:
 STEPS = """\
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from recipes.working import Masked
@@ -54,6 +57,16 @@ from recipes.working import Masked
 def shift(work, other, *, right_px):
     image = np.roll(work.reading.image_bgr, right_px, axis=1)
     return Masked(replace(work.reading, image_bgr=image), np.roll(work.mask, right_px, axis=1))
+
+
+def enlarge(work, other, *, by):
+    height, width = work.mask.shape[:2]
+    about = cv2.getRotationMatrix2D((width / 2, height / 2), 0, by)
+    image, mask = (
+        cv2.warpAffine(one, about, (width, height), flags=cv2.INTER_NEAREST)
+        for one in (work.reading.image_bgr, work.mask.astype(np.uint8))
+    )
+    return Masked(replace(work.reading, image_bgr=image), mask.astype(work.mask.dtype))
 """
 ORANGE = "{isolate_color: {name: orange}}"
 OVERLAY = "{overlay: {priority: [twin, real]}}"
@@ -87,20 +100,21 @@ Watching = Callable[..., Flown]
 
 
 @pytest.fixture
-def watch(fly_run: Fly, tmp_path: Path) -> Watching:
-    """Return a function that has an autonomy look at the gate of the shipped campaign for 3 s."""
+def sets(tmp_path: Path) -> tuple[str, ...]:
+    """Return the overrides by which an autonomy looks at the shipped campaign's gate for 3 s."""
     (tmp_path / "watch.py").write_text(WATCH)
     (tmp_path / "own.py").write_text(STEPS)
-    sets = (
-        *(
-            f"vehicles.{name}.sensors.camera.{key}={value}"
-            for name in ("real", "twin")
-            for key, value in (("width_px", 320), ("height_px", 240))
-        ),
+    return (
+        *SMALL_CAMERAS,
         f"autonomy={tmp_path}/watch.py:Watch",
         "world.objects.gate.pose.east_m=0",
         "oracles.reached.required=false",
     )
+
+
+@pytest.fixture
+def watch(fly_run: Fly, tmp_path: Path, sets: tuple[str, ...]) -> Watching:
+    """Return a function that flies the campaign with a recipe, and overrides."""
 
     def fly(recipe: str = "", *more: str) -> Flown:
         if recipe:
@@ -108,6 +122,26 @@ def watch(fly_run: Fly, tmp_path: Path) -> Watching:
             more = (f"recipe={tmp_path}/recipe.yaml", *more)
         result, folder = fly_run(sets=(*sets, *more), has_cameras=False)
         return Flown(json.loads(to_json(result)), folder)
+
+    return fly
+
+
+@pytest.fixture
+def invalid(forked_workers: None, tmp_path: Path, sets: tuple[str, ...]) -> Watching:
+    """Return a function that flies a wrong recipe through the command line: INVALID, exit 3."""
+
+    def fly(recipe: str) -> Flown:
+        (tmp_path / "recipe.yaml").write_text(recipe)
+        given = (*sets, f"recipe={tmp_path}/recipe.yaml", "controls={}")
+        options = [option for value in given for option in ("--set", value)]
+        options += ["--case", "large", "--mode", "wil", "--repetitions", "1", "--jobs", "1"]
+        out = tmp_path / "out"
+        gate = str(ROOT / "campaigns" / "gate.yaml")
+        assert main(["run", gate, *options, "--out", str(out), "--json"]) == 3
+        (path,) = out.rglob("result.json")
+        run = json.loads(path.read_text("utf-8"))
+        assert run["verdict"] == "INVALID"
+        return Flown(run, path.parent)
 
     return fly
 
@@ -134,27 +168,30 @@ def test_a_faithful_mixture_shows_the_gate_in_its_place(watch: Watching) -> None
     assert all(one["unit"] == "px" and one["offset"] <= one["limit"] for one in shown)
 
 
-def test_a_mixture_that_never_shows_the_gate_is_invalid(watch: Watching) -> None:
-    flown = watch(recipe("{isolate_color: {name: blue}}"))
-    assert flown.run["verdict"] == "INVALID"
+def test_a_mixture_that_never_shows_the_gate_is_invalid(invalid: Watching) -> None:
+    flown = invalid(recipe("{isolate_color: {name: blue}}"))
     assert flown.run["reason"].startswith("mixing of camera: the mixture never showed gate: it was")
     assert "(isolate_color kept nothing)" in flown.run["reason"]
     assert flown.gate["frames_shown"] == 0
 
 
-def test_a_mixture_that_shows_the_gate_elsewhere_is_invalid(watch: Watching) -> None:
+def test_a_mixture_that_shows_the_gate_elsewhere_is_invalid(invalid: Watching) -> None:
     """43 px of 320 are the 87 px of 640 that were once flown without a word."""
-    flown = watch(recipe(f"{ORANGE}, {{use: 'own.py:shift', with: {{right_px: 43}}}}"))
-    assert flown.run["verdict"] == "INVALID"
+    flown = invalid(recipe(f"{ORANGE}, {{use: 'own.py:shift', with: {{right_px: 43}}}}"))
     assert flown.run["reason"].startswith("mixing of camera: the mixture shows gate ")
     assert " px from its place at " in flown.run["reason"]
     assert flown.gate["offset_px"]["p99"] >= 40.0
 
 
-def test_a_late_whole_picture_is_invalid(watch: Watching) -> None:
+def test_a_mixture_that_shows_the_gate_in_another_size_is_invalid(invalid: Watching) -> None:
+    flown = invalid(recipe(f"{ORANGE}, {{use: 'own.py:enlarge', with: {{by: 1.5}}}}"))
+    assert flown.run["reason"].startswith("mixing of camera: the mixture shows gate ")
+    assert " px from its place at " in flown.run["reason"]
+
+
+def test_a_late_whole_picture_is_invalid(invalid: Watching) -> None:
     """Too far from its place, or hardly found at all: by how much the vehicle has moved."""
-    flown = watch(recipe("", "{replace: twin}", timing="{delay: 1000}, ", skew_ms=3000))
-    assert flown.run["verdict"] == "INVALID"
+    flown = invalid(recipe("", "{replace: twin}", timing="{delay: 1000}, ", skew_ms=3000))
     assert "the mixture " in flown.run["reason"]
     assert " gate" in flown.run["reason"]
 
