@@ -44,15 +44,18 @@ def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
 
 def unshown_texts(runs: Sequence[RunResult]) -> list[str]:
     """Return the caveat of virtual objects that were in view in a passed run, and never shown."""
-    found: dict[int, tuple[RunResult, set[str], set[str]]] = {}
-    for run, one in _passed_combinations(runs):
-        _, in_view, shown = found.setdefault(id(run), (run, set(), set()))
+    return _in_runs((name, run) for run in runs for name in _unshown(run))
+
+
+def _unshown(run: RunResult) -> list[str]:
+    """Return the virtual objects in view that no mixture of a passed run showed, sorted."""
+    in_view: set[str] = set()
+    shown: set[str] = set()
+    for _, one in _passed_combinations((run,)):
         in_view.update(name for name, count in one.not_mixed.items() if count)
         in_view.update(name for name, each in one.shown.items() if each.frames_in_view)
         shown.update(name for name, each in one.shown.items() if each.frames_shown)
-    return _in_runs(
-        (name, run) for run, in_view, shown in found.values() for name in sorted(in_view - shown)
-    )
+    return sorted(in_view - shown)
 
 
 def dropped_out_texts(runs: Sequence[RunResult]) -> list[str]:
@@ -87,6 +90,8 @@ def in_short(summary: Summary) -> list[str]:
         said.append(f"not judged: {names}")
     if names := _names(loss.topic for run in runs for loss in run.losses):
         said.append(f"missing in part in run.mcap: {names}")
+    if names := _names(name for run in runs for name in _unshown(run)):
+        said.append(f"in view, and in no mixture: {names}")
     if summary.accepted and (names := _names(name for name, _ in _reported_lines(runs))):
         said.append(f"reported only, and failed: {names}")
     return said

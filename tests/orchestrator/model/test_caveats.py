@@ -209,4 +209,5 @@ def test_a_virtual_object_in_view_that_no_mixture_showed_is_reported() -> None:
     texts = ["intruder (large wil, 1 run)", "pillar (large wil, 1 run)"]
     said = "virtual object in view, and in no mixture"
     assert caveat_lines(*runs)[1:3] == [f"{said}: {text}" for text in texts]
+    assert caveat_lines(*runs)[-1] == "not accepted; in view, and in no mixture: intruder, pillar"
     assert properties(*runs) == {"mixture_without": ", ".join(texts)}
