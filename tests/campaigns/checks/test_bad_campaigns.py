@@ -164,7 +164,7 @@ ONE_PLACE = [
     (
         "small: {world.objects.gate.shape.gate.inner_size_m: 0.5}",
         "small: {world.objects.gate.shape.gate.inner_size_m: @-2}",
-        "must be greater than 0, is -2",
+        "must be at least 0.0001, is -2",
     ),
     (
         "small: {world.objects.gate.shape.gate.inner_size_m: 0.5}",
