@@ -1,6 +1,6 @@
 """Which combinations of a recipe are measured for visibility, against which pose, and why not."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from campaigns.setup.named_objects import named_objects
@@ -57,7 +57,9 @@ class VisibilityProbes:
     ) -> VisibilityProbe | NotMeasured:
         """Return the visibility probe of a combination, or why it has none."""
         combination = mixer.combination
-        virtual = self._virtual(combination)
+        setup = self._setup
+        things = virtual_only(setup.real_scene, setup.virtual_scene)
+        virtual = sought_objects(combination, things, named_objects(setup.campaign))
         why = self._obstacle(combination, virtual, real, twin)
         if why:
             return NotMeasured(why)
@@ -85,24 +87,6 @@ class VisibilityProbes:
                 events=self._events,
             )
         return self._expected
-
-    def _virtual(self, combination: Combination) -> Virtual:
-        """Return the virtual objects that a probe looks for.
-
-        Those that `shows` of the recipe names; else all of them, or, where the recipe isolates
-        objects by name, these and those that the goal and the required oracles name: the others are
-        left out, which is counted.
-        """
-        things = virtual_only(self._setup.real_scene, self._setup.virtual_scene)
-        if combination.shows is not None:
-            return Virtual({i: name for i, name in things.items() if name in combination.shows})
-        named = combination.isolated()
-        if named:
-            named |= named_objects(self._setup.campaign)
-        wanted = {id_: name for id_, name in things.items() if name in named}
-        if not wanted:
-            return Virtual(things)
-        return Virtual(wanted, {i: name for i, name in things.items() if i not in wanted})
 
     def _obstacle(
         self, combination: Combination, virtual: Virtual, real: SensorSetup, twin: SensorSetup
@@ -139,6 +123,26 @@ class VisibilityProbes:
     def _drawn_by_us(self, twin: SensorSetup) -> bool:
         key = ("twin", twin.name)
         return key not in self._outside.cameras and key not in self._outside.simulators
+
+
+def sought_objects(
+    combination: Combination, things: Mapping[int, str], named: Iterable[str]
+) -> Virtual:
+    """Return the virtual objects that a probe looks for. things: all of them, by id.
+
+    Those that `shows` of the recipe names; else all of them, or, where the recipe isolates objects
+    by name, these and those that the goal and the required oracles name (`named`): the others are
+    left out, which is counted.
+    """
+    if combination.shows is not None:
+        return Virtual({i: name for i, name in things.items() if name in combination.shows})
+    kept = combination.isolated()
+    if kept:
+        kept |= set(named)
+    wanted = {i: name for i, name in things.items() if name in kept}
+    if not wanted:
+        return Virtual(dict(things))
+    return Virtual(wanted, {i: name for i, name in things.items() if i not in wanted})
 
 
 def _is_file(camera: CameraSetup) -> bool:
