@@ -136,9 +136,15 @@ class MixingBudgetWatch:
             if fault is not None:
                 self._prove_nothing(f"mixing of {name}: {fault.text}{probe.why_nothing()}")
                 return
-        fault = uncovered(probe.coverage for probe in probes.values())
+        # What the twin's autonomy alone perceives speaks for nobody who is judged.
+        judged = [
+            probe
+            for name, probe in probes.items()
+            if "real" in self._watched[name].loop.mixer.publish
+        ]
+        fault = uncovered(probe.coverage for probe in judged)
         if fault is not None:
-            why = next(iter(probes.values())).why_nothing() if len(probes) == 1 else ""
+            why = judged[0].why_nothing() if len(judged) == 1 else ""
             self._prove_nothing(f"mixing: {fault.text}{why}")
 
     def _prove_nothing(self, reason: str) -> None:

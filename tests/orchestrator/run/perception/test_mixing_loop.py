@@ -4,6 +4,7 @@ import asyncio
 import math
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,7 +15,10 @@ from orchestrator.run.perception.mixing_loop import MixingLoop, Registration, Re
 from orchestrator.state.mixtures import MixedFrame
 from orchestrator.state.run_state import RunState
 from recipes.language.recipe_document import load_recipe
+from recipes.model.recipe import Budget
 from recipes.pipeline.pipeline import compile_recipe
+from recipes.visibility.coverage import Coverage
+from recipes.visibility.model import FrameVisibility, ObjectVisibility
 from recipes.working import StepError
 from tests.recipes.samples import beam, camera
 from vehicles.cameras.rendered_cameras import NoImageError, sleep_until
@@ -570,3 +574,40 @@ def test_while_a_vehicle_is_silent_nothing_is_blamed_on_the_mixing() -> None:
     found = judged(BODY, feed).reason()
     assert found is not None
     assert found[0] == "INVALID"
+
+
+def seen_by(publish: str, **shown: bool) -> Any:
+    """Return a mixing loop of which ten mixtures were measured, each with these objects in view."""
+    coverage = Coverage()
+    for k in range(10):
+        objects = tuple(
+            ObjectVisibility(name, True, 0.1, 1.0 if is_shown else 0.0, is_shown, None, 10.0, "px")
+            for name, is_shown in shown.items()
+        )
+        coverage.take(FrameVisibility(k * 0.2, objects))
+    mixer = SimpleNamespace(
+        publish=(publish,), combination=SimpleNamespace(budget=Budget(max_skew_s=0.02))
+    )
+    probe = SimpleNamespace(coverage=coverage, why_nothing=lambda: "")
+    return SimpleNamespace(name=f"camera.{publish}", mixer=mixer, probe=probe)
+
+
+@pytest.mark.parametrize(
+    ("twins", "verdicts"), [({"gate": True, "wall": True}, ["INVALID"]), ({"gate": True}, [])]
+)
+def test_what_the_twins_autonomy_perceives_speaks_for_nobody_who_is_judged(
+    twins: dict[str, bool], verdicts: list[str]
+) -> None:
+    async def fly() -> RunState:
+        run_state = RunState(time=asyncio.get_running_loop().time)
+        watch = MixingBudgetWatch(run_state=run_state, someone_is_silent=lambda: False)
+        reals = {"gate": True} if not verdicts else {"gate": True, "wall": False}
+        for loop in (seen_by("real", **reals), seen_by("twin", **twins)):
+            watch.watch(loop, 0.1)
+        run_state.enter("goal")
+        run_state.enter("done")
+        return run_state
+
+    run_state = run_virtual(fly())
+    assert [event.kind for event in run_state.decisive] == verdicts
+    assert all("wall" in event.text for event in run_state.decisive)
