@@ -20,6 +20,7 @@ PATIENT = (
     ),
     *(f"sync.max_{what}_skew_s=10" for what in ("command", "takeoff", "t0")),
     "oracles.link.max_gap_s=20",
+    "recipe.combine.0.max_skew_ms=800",
     *(f"vehicles.{name}.telemetry.max_gap_s=0.5" for name in ("real", "twin")),
 )
 """Small pictures, and limits that a loaded machine does not exceed: what is tested is who lives."""

@@ -19,7 +19,8 @@ from vehicles.mavsdk.messages import Download, FetchLog, ListLogs, Upload
 
 _LIST_S = 60.0
 _LOGS_S, _LOG_S = 30.0, 1800.0
-_LISTINGS = 3
+_PAUSES_S = (0.25, 0.5, 1.0, 2.0, 4.0)
+"""Before each further listing: a machine that is busy for a second is asked again after it."""
 
 
 class MavsdkMissions(MissionProtocol):
@@ -71,15 +72,16 @@ class MavsdkLogs(VehicleLogs):
     async def _entries(self) -> tuple[LogEntry, ...]:
         if self._client.failed:
             return await super()._entries()
-        tries_left = _LISTINGS
+        pauses_s = iter(_PAUSES_S)
         while True:
-            tries_left -= 1
             try:
                 return (await self._client.order(ListLogs, "list of logs", _LOGS_S)).logs
             except RefusedError as error:
                 # mavsdk asks for lost entries, but not again for a list of which nothing came.
-                if error.result != "TIMEOUT" or tries_left == 0:
+                pause_s = next(pauses_s, None)
+                if error.result != "TIMEOUT" or pause_s is None:
                     raise LogError(str(error)) from error
+                await asyncio.sleep(pause_s)
 
     async def _fetch_to(
         self, entry: LogEntry, half: Path, progress: Callable[[int], None] | None
