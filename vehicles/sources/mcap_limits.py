@@ -32,6 +32,7 @@ DAMAGED = (
     UnicodeDecodeError,
     IndexError,
     EOFError,
+    OverflowError,  # a length beyond what a machine addresses
 )
 """What reading a damaged chunk raises, from whichever library."""
 

@@ -31,6 +31,8 @@ TARGETS = {target.name: target for target in (*FILE_TARGETS, *PORT_TARGETS)}
 MEMORY_BYTES = 1 << 30
 LONGEST_S = 10.0
 _MOST_FAILURES = 20
+_SETTLED = 500
+"""Inputs after which growth of memory counts."""
 
 
 @dataclass(slots=True)
@@ -81,7 +83,7 @@ def feed(
             fed.failures.append((number, traceback.format_exc(limit=-4)))
         fed.inputs += 1
         fed.longest_s = max(fed.longest_s, time.monotonic() - began_s)
-        if fed.inputs == max(1, count // 10):
+        if fed.inputs == max(1, min(_SETTLED, count // 10)):
             settled_mb = _rss_mb()
     fed.grown_mb = _rss_mb() - settled_mb if settled_mb else 0.0
     return fed

@@ -41,3 +41,8 @@ def test_inputs_follow_from_their_numbers() -> None:
     once, again = ([mutated(random.Random(k), seeds) for k in range(50)] for _ in range(2))  # noqa: S311
     assert once == again
     assert len(set(once)) > 40
+
+
+def test_a_length_beyond_what_a_machine_addresses_is_damage(tmp_path: Path) -> None:
+    fed = feed(TARGETS["recording"], tmp_path, 1797, 1)
+    assert (fed.failures, fed.taken) == ([], 1)
