@@ -33,12 +33,13 @@ class VelocityCoverage(FlownCoverage):
         self._accuracy = terms.accuracy or Accuracy(0.0)
         self._way: deque[_Integrated] = deque()
         self._waiting: deque[ReferenceSample] = deque()
-        self._compared: dict[str, deque[tuple[ReferenceSample, Vec3]]] = {}
+        self._kept: dict[str, deque[tuple[ReferenceSample, Vec3]]] = {}
+        self._sources: dict[str, None] = {}
 
     @property
     def compared_with(self) -> tuple[str, ...]:
         """Return the sources of positions with which the velocity was compared."""
-        return tuple(self._compared)
+        return tuple(self._sources)
 
     def pose(self, sample: PoseSample) -> None:
         """Note a pose of the judged source."""
@@ -59,7 +60,7 @@ class VelocityCoverage(FlownCoverage):
         way, velocity = self._way, sample.velocity_ned_m_s
         if way and sample.t_s - way[-1].t_s > _MOST_GAP_S:
             way.clear()
-            self._compared.clear()
+            self._kept.clear()
         integral_m: Vec3 = (0.0, 0.0, 0.0)
         if way:
             # By the trapezoidal rule.
@@ -81,13 +82,14 @@ class VelocityCoverage(FlownCoverage):
         now = self._at(reference.t_s)
         if other is None or now is None:
             return
-        kept = self._compared.setdefault(reference.source, deque())
+        kept = self._kept.setdefault(reference.source, deque())
         kept.append((reference, now.integral_m))
         while kept[0][0].t_s < reference.t_s - _SPAN_S - _MOST_GAP_S:
             kept.popleft()
         found = next((one for one in reversed(kept) if one[0].t_s <= reference.t_s - _SPAN_S), None)
         if found is None:
             return
+        self._sources[reference.source] = None
         past, integral_m = found
         before = _Integrated(past.t_s, past.position_ned_m, past.velocity_ned_m_s, integral_m)
         moved_m = subtract(reference.position_ned_m, past.position_ned_m)
