@@ -124,7 +124,7 @@ def main() -> int:
         words = [sys.executable, "-m", "tests.faults.mutants"]
         return subprocess.run(words, cwd=ROOT, check=False).returncode  # noqa: S603 - our own
     if asked.undisturbed:
-        fly_due("undisturbed", asked.first, 54, asked.results, asked.jobs)
+        fly_due("undisturbed", asked.first, 90, asked.results, asked.jobs)
     else:
         fly_due("virtual", asked.first, asked.virtual, asked.results, asked.jobs)
         fly_due("sockets", asked.first, asked.sockets, asked.results, 1)

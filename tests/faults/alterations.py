@@ -9,7 +9,13 @@ from typing import Literal, get_args
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.faults.motion_capture import Alter
-from tests.faults.relay import LOCAL_POSITION_NED, Change
+from tests.faults.relay import (
+    ESTIMATOR_REPORTS,
+    LOCAL_POSITION_NED,
+    Change,
+    Position,
+    with_flags,
+)
 from vehicles.mavlink.framing import Frame, with_payload
 from vehicles.readings import PoseReading
 from worlds.frames import Pose, Vec3, add
@@ -20,19 +26,19 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 ATTITUDE_QUATERNION: int = mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
 _STAMPED_MS = frozenset({LOCAL_POSITION_NED, ATTITUDE_QUATERNION, 30, 33, 32, 31})
 """Messages that begin with time_boot_ms, a uint32."""
+_ALL_SOUND = 0x33F
+"""Flags of attitude, velocity, position and height."""
 _JUMPS_FRAMES, _JUMPS_READINGS = 25, 50
 """A jump is there for as many, and then away for as many."""
 
 MESSAGES: Mapping[str, tuple[int, ...]] = {
     "position": (LOCAL_POSITION_NED,),
+    "velocity": (LOCAL_POSITION_NED,),
     "attitude": (ATTITUDE_QUATERNION,),
     "heartbeat": (mavlink.MAVLINK_MSG_ID_HEARTBEAT,),
     "landed_state": (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
     "battery": (mavlink.MAVLINK_MSG_ID_SYS_STATUS, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS),
-    "estimator": (
-        mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
-        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
-    ),
+    "estimator": ESTIMATOR_REPORTS,
     "text": (mavlink.MAVLINK_MSG_ID_STATUSTEXT,),
     "acknowledgement": (mavlink.MAVLINK_MSG_ID_COMMAND_ACK,),
     "timesync": (mavlink.MAVLINK_MSG_ID_TIMESYNC,),
@@ -42,11 +48,12 @@ MESSAGES: Mapping[str, tuple[int, ...]] = {
 _OF_A_STATE: tuple[Kind, ...] = ("stop", "freeze", "delay", "bias", "jump", "duplicate")
 POSSIBLE: Mapping[str, tuple[Kind, ...]] = {
     "position": KINDS,
+    "velocity": ("stop", "freeze", "delay", "bias", "jump", "nan"),
     "attitude": KINDS,
     "heartbeat": _OF_A_STATE,
     "landed_state": _OF_A_STATE,
     "battery": _OF_A_STATE,
-    "estimator": ("stop", "freeze", "delay", "duplicate"),
+    "estimator": _OF_A_STATE,
     "text": ("stop", "delay", "duplicate"),
     "acknowledgement": ("stop", "delay", "duplicate"),
     "timesync": ("stop", "delay", "duplicate", "bias"),
@@ -65,6 +72,11 @@ class Alteration:
     kind: Kind
     offset_m: Vec3
     step_s: float
+
+
+def signal_change(signal: str, alteration: Alteration) -> Change:
+    """Return what goes on in the place of a message of a signal, a key of MESSAGES."""
+    return velocity_change(alteration) if signal == "velocity" else frame_change(alteration)
 
 
 def frame_change(alteration: Alteration) -> Change:
@@ -90,6 +102,38 @@ def frame_change(alteration: Alteration) -> Change:
                 yield 0.0, frame.raw
             case _:
                 yield 0.0, _value(frame, alteration)
+
+    return change
+
+
+def velocity_change(alteration: Alteration) -> Change:
+    """Return what goes on in a LOCAL_POSITION_NED's place whose velocity alone is faulty.
+
+    stop: it is zero from then on. A bias is as many m/s as the alteration has metres.
+    """
+    given: list[tuple[int, Vec3]] = []
+
+    def change(frame: Frame) -> Iterable[tuple[float, bytes]]:
+        now = Position.of(frame)
+        velocity: Vec3 = (now.values[3], now.values[4], now.values[5])
+        given.append((now.boot_ms, velocity))
+        match alteration.kind:
+            case "stop":
+                velocity = (0.0, 0.0, 0.0)
+            case "freeze":
+                velocity = given[0][1]
+            case "delay":
+                then_ms = now.boot_ms - 1e3 * abs(alteration.step_s)
+                velocity = next(
+                    (v for at_ms, v in reversed(given) if at_ms <= then_ms), given[0][1]
+                )
+            case "nan":
+                velocity = (math.nan, *velocity[1:])
+            case "jump" if len(given) % (2 * _JUMPS_FRAMES) >= _JUMPS_FRAMES:
+                pass
+            case _:
+                velocity = add(velocity, alteration.offset_m)
+        yield 0.0, Position(now.boot_ms, (*now.values[:3], *velocity)).in_place_of(frame)
 
     return change
 
@@ -127,6 +171,8 @@ def _value(frame: Frame, alteration: Alteration) -> bytes:
             payload[1] = mavlink.MAV_LANDED_STATE_ON_GROUND
         case mavlink.MAVLINK_MSG_ID_SYS_STATUS:
             payload[30] = 100
+        case mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS | mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT:
+            return with_flags(frame, lambda flags: flags | _ALL_SOUND)
         case mavlink.MAVLINK_MSG_ID_TIMESYNC:
             tc1, ts1 = struct.unpack_from("<qq", payload)
             struct.pack_into("<q", payload, 0, tc1 + (round(alteration.step_s * 1e9) if tc1 else 0))

@@ -10,8 +10,24 @@ from typing import Any, Literal, get_args
 
 import yaml
 
+from vehicles.embedded.profile import load_profile
+
 Cause = Literal[
-    "wall", "table", "bar", "fence", "time", "area", "altitude", "wrong order", "around"
+    "wall",
+    "table",
+    "bar",
+    "fence",
+    "time",
+    "area",
+    "altitude",
+    "wrong order",
+    "around",
+    "speed",
+    "tilt",
+    "battery",
+    "estimator",
+    "separation",
+    "formula",
 ]
 CAUSES: tuple[Cause, ...] = get_args(Cause)
 Mode = Literal["sim", "wil"]
@@ -46,13 +62,16 @@ class Mission:
     """One flight that must fail.
 
     expected: what the reason says when nothing disturbs it, a regular expression. keys: what its
-    campaign says beside the rest.
+    campaign says beside the rest. legs: velocities north, east and up in m/s, each for some
+    seconds. capacity_mah: of its vehicles' batteries, None for that of their profiles.
     """
 
     expected: str
     objects: dict[str, Any]
     keys: dict[str, Any] = field(default_factory=dict)
     oracles: dict[str, Any] = field(default_factory=dict)
+    legs: tuple[tuple[float, float, float, float], ...] = ((1.0, 0.0, 0.0, 6.0),)
+    capacity_mah: float | None = None
 
 
 def _box(size_m: list[float], north_m: float, up_m: float) -> dict[str, Any]:
@@ -67,6 +86,19 @@ def _gate(north_m: float, east_m: float) -> dict[str, Any]:
 
 _FAR = {"wall": _box([0.1, 6, 4], 30.0, 2.0)}
 _AREA = {"north_m": [-2, 4], "east_m": [-2, 2], "up_m": [-1, 3]}
+_FAST = ((2.5, 0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 2.0))
+"""So much above a limit of 1 m/s that no error of a velocity that is not found hides it."""
+_TO_AND_FRO = ((2.5, 0.0, 0.0, 1.0), (-2.5, 0.0, 0.0, 1.0)) * 3
+_WALKER = {
+    "shape": {"box": {"size_m": [0.8, 0.8, 2.5]}},
+    "pose": {"north_m": 9.0, "east_m": 1.5, "up_m": 1.25},
+    "color": "orange",
+    "motion": {
+        "start": {"on": "goal"},
+        "waypoints": [{"north_m": 1.0, "east_m": 1.5, "up_m": 1.25, "speed_m_s": 1.0}],
+    },
+}
+"""Comes past at 0.9 m."""
 MISSIONS: dict[Cause, Mission] = {
     "wall": Mission("touched wall", {"wall": _box([0.1, 6, 4], 3.0, 2.0)}),
     "table": Mission("touched table", {"table": _box([3, 3, 0.6], 6.5, 0.3)}),
@@ -96,6 +128,36 @@ MISSIONS: dict[Cause, Mission] = {
         {"gate": _gate(3.0, 2.2)},
         {"goal": {"altitude_m": 1.2, "gates": ["gate"]}},
         {"reached": {}},
+    ),
+    "speed": Mission(
+        r"flew \d\.\d+ m/s",
+        _FAR,
+        {},
+        {"speed": {"axis": "horizontal", "max_m_s": 1.0}},
+        legs=_FAST,
+    ),
+    "tilt": Mission("had a tilt of", _FAR, {}, {"attitude": {"max_tilt_deg": 6}}, legs=_TO_AND_FRO),
+    "battery": Mission(
+        "battery at 9",
+        _FAR,
+        {},
+        {"battery": {"min_percent": 97}},
+        legs=((0.5, 0.0, 0.0, 10.0),),
+        capacity_mah=300.0,
+    ),
+    "estimator": Mission("no horizontal position", _FAR, {}, {"estimator": {}}),
+    "separation": Mission(
+        r"was \d\.\d+ m from walker",
+        {"walker": _WALKER},
+        {},
+        {"distance": {"object": "walker", "min_m": 3.0}},
+    ),
+    "formula": Mission(
+        "ground_speed_m_s|distance_wall_m",
+        {"wall": _box([0.1, 6, 4], 12.0, 2.0)},
+        {},
+        {"stl": {"stl": "always (distance_wall_m >= 8 or ground_speed_m_s <= 1)"}},
+        legs=_FAST,
     ),
 }
 
@@ -137,7 +199,7 @@ def write_mission(
         "campaign": re.sub(r"\W", "-", cause),
         "vehicles": {"twin": vehicle},
         "world": "world.yaml",
-        "autonomy": {"use": "legs.py:Legs", "with": {"legs": [[1.0, 0.0, 0.0, 6]]}},
+        "autonomy": {"use": "legs.py:Legs", "with": {"legs": [list(leg) for leg in mission.legs]}},
         "goal": {"altitude_m": 1.2},
         "modes": [mode],
         "oracles": {"landed": {}, "vehicle_fault": {}, "battery": {"min_percent": 10}},
@@ -154,6 +216,9 @@ def write_mission(
         # The mixture is judged in flight; nobody looks at the pictures of a thousand flights.
         campaign["record"] = {"pictures": "none"}
         (folder / "recipe.yaml").write_text(yaml.safe_dump(_recipe(mission)))
+    if mission.capacity_mah is not None:
+        for given in campaign["vehicles"].values():
+            given["profile"] = write_profile(folder, given.get("profile", "nominal"), mission).name
     campaign.update(mission.keys)
     campaign["oracles"] = {**campaign["oracles"], **mission.oracles}
     campaign.update(keys or {})
@@ -166,6 +231,15 @@ def write_mission(
     (folder / "legs.py").write_text(LEGS)
     path = folder / "campaign.yaml"
     path.write_text(yaml.safe_dump(campaign, sort_keys=False))
+    return path
+
+
+def write_profile(folder: Path, name: str, mission: Mission) -> Path:
+    """Write a profile with the battery of a mission into a folder; return its file."""
+    given = load_profile(name).model_dump(mode="json", by_alias=True)
+    given["battery"]["capacity_mah"] = mission.capacity_mah
+    path = folder / f"{name}-battery.yaml"
+    path.write_text(yaml.safe_dump(given))
     return path
 
 

@@ -16,11 +16,12 @@ from typing import Any
 
 from orchestrator.run.flight import run_oracles
 from safety.evaluation import judge
-from safety.evidence import agreement, coverage, evidence, poses
+from safety.evidence import agreement, coverage, evidence, motion, poses
 from safety.model.samples import PoseSample
 from safety.oracles import contact, reached
 from safety.oracles.passages import Passage
-from tests.faults.alterations import Alteration
+from tests.faults.alterations import Alteration, Kind
+from tests.faults.missions import Cause
 from tests.faults.signals import SignalFault, draw, inject
 
 _TRIED = 12
@@ -86,15 +87,19 @@ def _blind_while_landing() -> None:
     contact.Clearance.on_pose = take  # type: ignore[method-assign]
 
 
-def _no_pose() -> None:
-    """Leave poses out of the evidence.
+def _without(signal: str) -> Callable[[], None]:
+    """Leave a signal out of the evidence.
 
     To skip `Evidence.pose` alone is no such mutant: coverage then counts no sample of a pose, and
     every flight is INVALID.
     """
-    runs: Any = run_oracles
-    plain = runs.signal_terms
-    runs.signal_terms = lambda *args: (one for one in plain(*args) if one.signal != evidence.POSE)
+
+    def switch_off() -> None:
+        runs: Any = run_oracles
+        plain = runs.signal_terms
+        runs.signal_terms = lambda *args: (one for one in plain(*args) if one.signal != signal)
+
+    return switch_off
 
 
 def _early(fault: SignalFault, *kinds: str) -> bool:
@@ -104,6 +109,19 @@ def _early(fault: SignalFault, *kinds: str) -> bool:
     hidden = fault.cause in {"wall", "table", "area", "fence"}
     judged = fault.vehicle == fault.subject and fault.signal == source
     return fault.mode == "sim" and judged and begins and hidden and fault.kind in kinds
+
+
+def _hiding(cause: Cause, signal: str, *kinds: Kind) -> Mutant:
+    """Return a mutant without a signal's evidence, whose fault hides the cause from the start."""
+
+    def sharpen(fault: SignalFault) -> SignalFault:
+        alteration = replace(fault.alteration, kind=kinds[fault.seed % len(kinds)])
+        return replace(
+            fault, cause=cause, signal=signal, judged_by="mavlink", vehicle="twin",
+            stage="at_height", after_s=0.0, alteration=alteration,
+        )  # fmt: skip
+
+    return Mutant(_without(signal), lambda fault: fault.mode == "sim", sharpen)
 
 
 def _beside_the_bar(fault: SignalFault) -> SignalFault:
@@ -121,6 +139,14 @@ def _beside_the_bar(fault: SignalFault) -> SignalFault:
         stage="at_height",
         alteration=Alteration("bias", (0.0, -0.42, 0.0), 0.0),
     )
+
+
+def _slow(fault: SignalFault) -> SignalFault:
+    """Return a velocity that is 2 m/s too small, in a flight that is too fast by 1.5 m/s."""
+    return replace(
+        fault, cause="speed", signal="velocity", judged_by="mavlink", vehicle="twin",
+        stage="goal", after_s=0.0, alteration=Alteration("bias", (-2.0, 0.0, 0.0), 0.0),
+    )  # fmt: skip
 
 
 def _for(*causes: str) -> Callable[[SignalFault], bool]:
@@ -144,7 +170,19 @@ MUTANTS: dict[str, Mutant] = {
         lambda fault: _early(fault, "stop", "freeze"),
     ),
     "no signal is required": Mutant(_not_required, lambda fault: _early(fault, "stop", "freeze")),
-    "evidence takes no pose": Mutant(_no_pose, lambda fault: _early(fault, "stop", "freeze")),
+    "evidence takes no pose": Mutant(
+        _without(evidence.POSE), lambda fault: _early(fault, "stop", "freeze")
+    ),
+    "a velocity is no evidence": _hiding("speed", evidence.VELOCITY, "freeze", "stop"),
+    "a velocity in a formula is no evidence": _hiding("formula", evidence.VELOCITY, "stop"),
+    "a velocity may lead elsewhere than positions": Mutant(
+        _set(motion.VelocityCoverage, "_hold", lambda *_: None),
+        lambda fault: fault.mode == "sim",
+        _slow,
+    ),
+    "an attitude is no evidence": _hiding("tilt", evidence.ATTITUDE, "freeze"),
+    "a battery may fall silent": _hiding("battery", "battery", "stop"),
+    "an estimator may fall silent": _hiding("estimator", "estimator", "stop"),
     "contacts are not always judged": Mutant(
         _set(judge, "_judges_every_contact", lambda *_: True), _for("wall")
     ),

@@ -13,6 +13,13 @@ from orchestrator.state.run_state import RunState, Stage
 from vehicles.mavlink.framing import Frame, FrameSplitter, with_payload
 
 LOCAL_POSITION_NED: int = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+ESTIMATOR_REPORTS: tuple[int, ...] = (
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+)
+_FLAGS_AT = dict(zip(ESTIMATOR_REPORTS, (40, 20), strict=True))
+"""Where in their payloads the flags are, a uint16."""
+_HORIZONTAL = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_POS_HORIZ_ABS
 _LAYOUT = struct.Struct("<I6f")
 
 Change = Callable[[Frame], Iterable[tuple[float, bytes]]]
@@ -90,3 +97,26 @@ def relay(
         near._take = take
 
     return disturb
+
+
+def lost_position() -> Change:
+    """Return a change by which the estimator reports that it has no horizontal position."""
+
+    def change(frame: Frame) -> Iterable[tuple[float, bytes]]:
+        yield 0.0, without_position(frame)
+
+    return change
+
+
+def without_position(frame: Frame) -> bytes:
+    """Return an estimator's report that says that it has no horizontal position."""
+    return with_flags(frame, lambda flags: flags & ~_HORIZONTAL)
+
+
+def with_flags(frame: Frame, altered: Callable[[int], int]) -> bytes:
+    """Return a frame of an estimator's report with other flags."""
+    at = _FLAGS_AT[frame.message_id]
+    payload = bytearray(frame.payload.ljust(at + 2, b"\0"))
+    (flags,) = struct.unpack_from("<H", payload, at)
+    struct.pack_into("<H", payload, at, altered(flags))
+    return with_payload(frame, bytes(payload))

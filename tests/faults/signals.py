@@ -9,7 +9,7 @@ import json
 import re
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -30,8 +30,8 @@ from tests.faults.alterations import (
     POSSIBLE,
     Alteration,
     Kind,
-    frame_change,
     reading_change,
+    signal_change,
 )
 from tests.faults.images import altered_images
 from tests.faults.missions import (
@@ -44,7 +44,7 @@ from tests.faults.missions import (
     write_mission,
 )
 from tests.faults.motion_capture import captured
-from tests.faults.relay import relay
+from tests.faults.relay import lost_position, relay
 
 _STAGES: tuple[Stage, ...] = ("takeoff", "at_height", "goal", "land")
 _SIGNALS = (
@@ -54,6 +54,20 @@ _SIGNALS = (
     *("acknowledgement", "timesync", "link", "process", "picture", "picture"),
 )
 """What is faulty, as often as it stands here."""
+JUDGED_BESIDE: Mapping[Cause, str] = {
+    "speed": "velocity",
+    "tilt": "attitude",
+    "battery": "battery",
+    "estimator": "estimator",
+    "formula": "velocity",
+}
+"""What an oracle of a cause judges beside the position; it is the faulty one in a third."""
+_BY_THE_VEHICLE_ALONE: frozenset[tuple[Cause, str]] = frozenset(
+    {("battery", "battery"), ("estimator", "estimator")}
+)
+"""Causes that nothing but a report of the vehicle says."""
+LOST_AFTER_S = 2.0
+"""How long after the goal was given the estimator loses its position in the mission of it."""
 _BETTER: dict[JudgedBy, frozenset[str]] = {
     "mavlink": frozenset({"mocap", "truth"}),
     "mocap": frozenset({"truth"}),
@@ -110,6 +124,9 @@ def draw(seed: int) -> SignalFault:
     mode: Mode = "wil" if seed % 4 == 3 else "sim"
     signals = _SIGNALS if mode == "wil" else [one for one in _SIGNALS if one != "picture"]
     signal = signals[int(rng.integers(len(signals)))]
+    cause = CAUSES[int(rng.integers(len(CAUSES)))]
+    if cause in JUDGED_BESIDE and rng.random() < 1 / 3:
+        signal = JUDGED_BESIDE[cause]
     kinds = POSSIBLE[signal]
     by_capture = signal == "mocap" or bool(rng.random() < (0.5 if mode == "wil" else 0.2))
     stage = _STAGES[int(rng.integers(len(_STAGES)))]
@@ -118,7 +135,7 @@ def draw(seed: int) -> SignalFault:
     beside = mode == "wil" and signal != "mocap" and bool(rng.random() < 0.25)
     return SignalFault(
         seed=seed,
-        cause=CAUSES[int(rng.integers(len(CAUSES)))],
+        cause=cause,
         mode=mode,
         autopilot="ardupilot" if rng.random() < 0.2 else "px4",
         judged_by="mocap" if by_capture else "mavlink",
@@ -138,10 +155,17 @@ def draw(seed: int) -> SignalFault:
 def shown_by_none(fault: SignalFault) -> bool:
     """Return whether no second source could show a fault: docs/verdicts.md lists these.
 
-    The place of a vehicle by its estimate alone: nothing else says where it is.
+    The place of a vehicle by its estimate alone, or how far it leans: nothing else says it. A
+    charge that is said again and again, and an estimator that goes on to report that it is sound:
+    these look like a battery that is not used, and a sound estimator.
     """
-    alone = fault.lone and fault.judged_by == "mavlink" and fault.vehicle == fault.subject
-    return alone and fault.signal == "position" and fault.kind in {"bias", "jump"}
+    if fault.vehicle != fault.subject:
+        return False
+    if (fault.cause, fault.signal) in _BY_THE_VEHICLE_ALONE:
+        return fault.kind in {"freeze", "duplicate", "bias", "jump"}
+    leans = fault.cause == "tilt" and fault.signal == "attitude"
+    alone = fault.lone and fault.judged_by == "mavlink"
+    return alone and (fault.signal == "position" or leans) and fault.kind in {"bias", "jump"}
 
 
 def inject(fault: SignalFault, folder: Path) -> Outcome:
@@ -159,12 +183,22 @@ def fly_mission(
     fault: SignalFault, folder: Path, disturb: Callable[[Pair, RunState], None] | None
 ) -> RunResult:
     """Fly the flight of a fault, disturbed or not."""
+
+    def begin(pair: Pair, run_state: RunState) -> None:
+        # What the vehicle itself says comes first, and then what is done to it.
+        if disturb is not None:
+            disturb(pair, run_state)
+        if fault.cause == "estimator":
+            ids, change = MESSAGES["estimator"], lost_position()
+            lost = relay(fault.subject, change, stage="goal", after_s=LOST_AFTER_S, message_ids=ids)
+            lost(pair, run_state)
+
     folder.mkdir(parents=True)
     run_folder = folder / "run"
     run_folder.mkdir()
     plan = _plan(fault, folder)
     order = RunOrder(plan=plan, folder=run_folder, clock="virtual")
-    return fly(RunSetup.of(order), lambda _: None, _Nobody(), disturb=disturb)
+    return fly(RunSetup.of(order), lambda _: None, _Nobody(), disturb=begin)
 
 
 def fails_for_its_cause(fault: SignalFault, result: RunResult) -> bool:
@@ -223,7 +257,7 @@ class _Strike:
                 pair, run_state
             )
         elif fault.signal in MESSAGES:
-            change, ids = frame_change(fault.alteration), MESSAGES[fault.signal]
+            change, ids = signal_change(fault.signal, fault.alteration), MESSAGES[fault.signal]
             relay(
                 fault.vehicle,
                 change,

@@ -20,22 +20,33 @@ from typing import Any
 
 import numpy as np
 
+from orchestrator.state.run_state import Stage
 from tests.faults.alterations import (
     MESSAGES,
     POSSIBLE,
-    frame_change,
     reading_change,
+    signal_change,
 )
-from tests.faults.missions import write_mission
-from tests.faults.signals import Outcome, SignalFault, draw, shown_by_none
+from tests.faults.missions import mission_of, write_mission, write_profile
+from tests.faults.relay import ESTIMATOR_REPORTS, without_position
+from tests.faults.signals import (
+    JUDGED_BESIDE,
+    LOST_AFTER_S,
+    Outcome,
+    SignalFault,
+    draw,
+    shown_by_none,
+)
 from tests.faults.socket_relay import CaptureRelay, MavlinkRelay, PictureRelay
 from tests.orchestrator.campaign.test_attached_run import free_port
 from tests.orchestrator.wall_runs import ROOT, stages
 from vehicles.autopilots.failsafes import SILENCE_PARAMETERS
 from vehicles.embedded.process.process_settings import ProcessSettings
+from vehicles.mavlink.framing import Frame
 
 _SIGNALS = (
     *("position",) * 5,
+    *("velocity",) * 2,
     *("mocap",) * 7,
     *("picture",) * 4,
     *("attitude", "heartbeat", "landed_state", "link", "process", "timesync"),
@@ -55,10 +66,12 @@ class _Result:
 def draw_on_sockets(seed: int) -> SignalFault:
     """Return the fault of a seed; what is judged is attached, and nothing else knows it."""
     rng = np.random.default_rng([seed, 37])
+    drawn = draw(seed + 1_000_000)
     signal_ = _SIGNALS[int(rng.integers(len(_SIGNALS)))]
+    if drawn.cause in JUDGED_BESIDE and rng.random() < 1 / 3:
+        signal_ = JUDGED_BESIDE[drawn.cause]
     kinds = POSSIBLE[signal_]
     pair = signal_ == "picture" or rng.random() < 0.2
-    drawn = draw(seed + 1_000_000)
     kind = kinds[seed % len(kinds)]
     return replace(
         drawn,
@@ -86,7 +99,7 @@ class _Flight:
 
     def __init__(self, fault: SignalFault, folder: Path, *, disturbed: bool) -> None:
         self._fault, self._folder, self._disturbed = fault, folder, disturbed
-        self._active = False
+        self._active = self._position_is_lost = False
         self._vehicle: asyncio.subprocess.Process | None = None
 
     async def fly(self) -> _Result:
@@ -94,7 +107,7 @@ class _Flight:
         async with AsyncExitStack() as stack:
             campaign = await self._open_environment(stack)
             program = await stack.enter_async_context(self._program(campaign))
-            begin = asyncio.create_task(self._begin(), name="begin")
+            begin = asyncio.gather(self._begin(), self._lose_position())
             try:
                 async with asyncio.timeout(_ENDS_WITHIN_S):
                     out, err = await program.communicate()
@@ -114,7 +127,10 @@ class _Flight:
         mavlink_port, capture_port = free_port(), free_port()
         ids = MESSAGES.get(fault.signal, ()) or None
         mavlink = MavlinkRelay(
-            frame_change(fault.alteration), ids, lambda: self._is(*MESSAGES.keys())
+            signal_change(fault.signal, fault.alteration),
+            ids,
+            lambda: self._is(*MESSAGES.keys()),
+            own=self._own_report if fault.cause == "estimator" else None,
         )
         capture = CaptureRelay(
             reading_change(fault.alteration), lambda: self._is("mocap"), body=subject
@@ -133,9 +149,10 @@ class _Flight:
             judged_by=fault.judged_by,
             keys={**keys, "sync": _PATIENT, "preflight": {"failsafe": "set"}},
         )
+        # What it flies in is its own process's to know.
+        vehicle["profile"] = "nominal"
         sets = {f"vehicles.{subject}.{key}": value for key, value in vehicle.items()}
         if fault.mode == "wil":
-            sets["vehicles.real.profile"] = "nominal"
             sets["recipe.combine.0.max_skew_ms"] = 800
             pictures = PictureRelay(fault.alteration, lambda: self._is("picture"), _SIZE_PX)
             address = await stack.enter_async_context(_simulator(self._folder / "world.yaml"))
@@ -146,7 +163,7 @@ class _Flight:
             word for key, value in sets.items() for word in ("--set", f"{key}={json.dumps(value)}")
         ]
         self._vehicle = await stack.enter_async_context(
-            _vehicle(fault, mavlink_port=mavlink.port, feed_port=capture.port)
+            _vehicle(fault, self._folder, mavlink_port=mavlink.port, feed_port=capture.port)
         )
         return path
 
@@ -182,8 +199,7 @@ class _Flight:
     async def _begin(self) -> None:
         """Begin the fault some time after its stage was entered."""
         fault = self._fault
-        while not self._has_come():  # noqa: ASYNC110 - another process sets no event of ours
-            await asyncio.sleep(0.02)
+        await self._stage(fault.stage)
         await asyncio.sleep(fault.after_s)
         self._active = True
         if fault.signal != "process" or not self._disturbed or self._vehicle is None:
@@ -193,23 +209,41 @@ class _Flight:
         with contextlib.suppress(ProcessLookupError):
             self._vehicle.send_signal(signal.SIGCONT)
 
-    def _has_come(self) -> bool:
+    async def _lose_position(self) -> None:
+        """Have the vehicle report that its estimator lost the position, where this is the cause."""
+        await self._stage("goal")
+        await asyncio.sleep(LOST_AFTER_S)
+        self._position_is_lost = True
+
+    def _own_report(self, frame: Frame) -> Frame:
+        lost = self._position_is_lost and frame.message_id in ESTIMATOR_REPORTS
+        return frame._replace(raw=without_position(frame)) if lost else frame
+
+    async def _stage(self, stage: Stage) -> None:
+        while not self._has_come(stage):  # noqa: ASYNC110 - another process sets no event of ours
+            await asyncio.sleep(0.02)
+
+    def _has_come(self, stage: Stage) -> bool:
         for log in (self._folder / "out").glob("*/*/*/*/*/log.jsonl"):
             with contextlib.suppress(OSError):
-                return self._fault.stage in stages(log.parent)
+                return stage in stages(log.parent)
         return False
 
 
 @asynccontextmanager
 async def _vehicle(
-    fault: SignalFault, *, mavlink_port: int, feed_port: int
+    fault: SignalFault, folder: Path, *, mavlink_port: int, feed_port: int
 ) -> AsyncIterator[asyncio.subprocess.Process]:
     """Run the vehicle that is judged as a process of its own."""
     is_real = fault.subject == "real"
+    mission = mission_of(fault.cause, fault.mode)
+    is_own = mission.capacity_mah is not None
+    profile = str(write_profile(folder, "nominal", mission)) if is_own else "nominal"
     settings = ProcessSettings(
         autopilot=fault.autopilot,
         link=f"udpout://127.0.0.1:{mavlink_port}",
         seed=fault.seed,
+        profile=profile,
         source="real" if is_real else "twin",
         system_id=1 if is_real else 2,
         latitude_deg=47.4,

@@ -20,7 +20,7 @@ from tests.faults.images import AlteredImage, altered_image
 from tests.faults.motion_capture import Alter
 from tests.faults.relay import Change
 from vehicles.embedded.process.feed import Mocap, from_vehicle
-from vehicles.mavlink.framing import FrameSplitter
+from vehicles.mavlink.framing import Frame, FrameSplitter
 from vehicles.processes.codec import MessageError
 from vehicles.readings import PoseReading
 
@@ -64,13 +64,15 @@ class _Receiver(asyncio.DatagramProtocol):
 class MavlinkRelay:
     """Stands between a vehicle and the program; alters what the vehicle says.
 
-    message_ids: of which kinds; None for all. port: where the vehicle sends to.
+    message_ids: of which kinds; None for all. port: where the vehicle sends to. own: what the
+    vehicle itself says in a message's place, before anything is altered; None for what it is.
     """
 
     change: Change
     message_ids: Collection[int] | None
     is_active: IsActive
     port: int = 0
+    own: Callable[[Frame], Frame] | None = None
     altered: int = 0
     _splitter: FrameSplitter = field(default_factory=FrameSplitter)
 
@@ -103,7 +105,8 @@ class MavlinkRelay:
 
     def _pass_on(self, data: bytes, send: Callable[[bytes], None]) -> None:
         loop, active = asyncio.get_running_loop(), self.is_active()
-        for frame in self._splitter.feed(data):
+        for received in self._splitter.feed(data):
+            frame = received if self.own is None else self.own(received)
             concerned = self.message_ids is None or frame.message_id in self.message_ids
             if not active or not concerned:
                 send(frame.raw)
