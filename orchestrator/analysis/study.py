@@ -41,6 +41,7 @@ def study_json(campaign: CampaignDocuments, study: Study) -> str:
             "tests": [asdict(one) for one in study.rates.tests],
             "agreement": [asdict(one) for one in study.rates.agreement],
             "gap": [asdict(one) for one in study.gap.figures],
+            "gap_energy": [asdict(one) for one in study.gap.energies],
             "flights": dict(study.gap.flights or {}),
             "left_out": list(study.gap.left_out),
             "published": {

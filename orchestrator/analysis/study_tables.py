@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from campaigns.statistics.proportions import Interval
+from orchestrator.analysis.gap.energy import EnergyFigure
 from orchestrator.analysis.gap.gap import GapFigure
 from orchestrator.analysis.pass_rates import MODES, ModeTest, PassRate
 from orchestrator.analysis.study import Study
@@ -22,6 +23,19 @@ _GAP_HEAD = (
     "nearer by",
     "wil nearer",
 )
+_ENERGY_HEAD = (
+    "case",
+    "part",
+    "measure",
+    "within real",
+    "within sim",
+    "within wil",
+    "energy real to sim",
+    "energy real to wil",
+    "nearer by",
+    "wil nearer",
+)
+_ANSWERS = {True: "yes", False: "no", None: "undecided"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +72,16 @@ def result_rows(study: Study) -> Rows:
 def gap_rows(study: Study) -> Rows:
     """Return the gap by case and measure."""
     return Rows(_GAP_HEAD, tuple(_gap_row(one) for one in study.gap.figures))
+
+
+def energy_rows(study: Study) -> Rows:
+    """Return by case and measure the gap with the spread of each mode taken into account.
+
+    Without rows where no case has two flights of reality and of another mode.
+    """
+    figures = study.gap.energies
+    is_known = any(one.sim is not None or one.wil is not None for one in figures)
+    return Rows(_ENERGY_HEAD, tuple(map(_energy_row, figures)) if is_known else ())
 
 
 def statements(study: Study) -> list[str]:
@@ -133,12 +157,39 @@ def _gap_row(figure: GapFigure) -> tuple[str, ...]:
     )
 
 
+def _energy_row(figure: EnergyFigure) -> tuple[str, ...]:
+    nearer = _number(figure.nearer_by)
+    if figure.nearer_interval is not None:
+        nearer = f"{nearer} {interval_text(figure.nearer_interval, 3)}"
+    return (
+        figure.case,
+        figure.part,
+        figure.measure,
+        _number(figure.within_real),
+        _number(figure.within_sim),
+        _number(figure.within_wil),
+        _number(figure.sim),
+        _number(figure.wil),
+        nearer,
+        _energy_holds_text(figure),
+    )
+
+
 def _holds_text(figure: GapFigure) -> str:
     if figure.nearer_by is None:
         return NONE
     if figure.nearer_interval is None:
         return "no spread"
-    return {True: "yes", False: "no", None: "undecided"}[figure.holds]
+    return _ANSWERS[figure.holds]
+
+
+def _energy_holds_text(figure: EnergyFigure) -> str:
+    if figure.nearer_by is None:
+        return NONE
+    if figure.nearer_interval is None:
+        has_spread = any((figure.within_real, figure.within_sim, figure.within_wil))
+        return "no interval" if has_spread else "no spread"
+    return _ANSWERS[figure.holds]
 
 
 def _bases(figures: Sequence[GapFigure]) -> Iterator[str]:

@@ -1,16 +1,24 @@
 """The statistics of a campaign as text: tables, and the sentences beneath them."""
 
 from orchestrator.analysis.study import Study
-from orchestrator.analysis.study_tables import Rows, gap_rows, result_rows, statements
+from orchestrator.analysis.study_tables import (
+    Rows,
+    energy_rows,
+    gap_rows,
+    result_rows,
+    statements,
+)
 from orchestrator.cli.text_table import table
 from worlds.files.problems import printable
 
 
 def study_text(study: Study) -> str:
-    """Return the tables of results and of the gap, and what they say."""
+    """Return the tables of results, of the gap and of the energy distances, and what they say."""
     parts = [_text(result_rows(study))]
     if study.gap.figures:
         parts.append(_text(gap_rows(study)))
+    if (energies := energy_rows(study)).rows:
+        parts.append(f"with the spread of each mode taken into account:\n\n{_text(energies)}")
     parts.append("\n".join(printable(text) for text in statements(study)))
     return "\n\n".join(part for part in parts if part)
 

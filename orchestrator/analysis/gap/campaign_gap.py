@@ -23,7 +23,7 @@ def read_gap(folder: Path, entries: Iterable[RunEntry]) -> Gap:
         if entry.result is None or not is_proven(entry.result):
             continue
         try:
-            motion = read_motion(folder / entry.name, entry.result.subject)
+            motion = read_motion(folder / entry.name, entry.result.subject, entry.result.seed)
         except MotionError as error:
             left_out.append(f"{entry.name}: {error}")
         else:

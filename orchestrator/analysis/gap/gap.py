@@ -8,23 +8,18 @@ flights with others.
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from campaigns.statistics.bootstrap import Statistic, bootstrap_interval
 from campaigns.statistics.proportions import Interval
+from orchestrator.analysis.gap.distances import CaseDistances, Flights, case_distances
+from orchestrator.analysis.gap.energy import EnergyFigure, energy_figure
 from orchestrator.analysis.gap.measures import MEASURES, Measure, Part
-from orchestrator.analysis.gap.motion import RunMotion
 from worlds.jit import F64
 
 ALL_CASES = "all cases"
 _SEED = 20210530
-_RESOLUTION = 1e-9
-"""Distances below it are none: rounding."""
-
-Flights = Mapping[tuple[str, str], Sequence[RunMotion]]
-"""Motions by case and mode."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,22 +51,14 @@ class GapFigure:
 class Gap:
     """The gap of a campaign. flights: how many were compared, by case and mode as "small/wil".
 
-    left_out: runs that could not be compared, and why.
+    energies: the same figures with the spread of each mode taken into account. left_out: runs that
+    could not be compared, and why.
     """
 
     figures: tuple[GapFigure, ...] = ()
+    energies: tuple[EnergyFigure, ...] = ()
     flights: Mapping[str, int] | None = None
     left_out: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class _Distances:
-    """Of one case: from each flight of reality to each of sim and of wil; None: not flown."""
-
-    sim: F64 | None
-    wil: F64 | None
-    real: float | None
-    sizes: tuple[int, int, int]
 
 
 def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> Gap:
@@ -82,44 +69,24 @@ def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> Gap:
         if flights.get((case, "real")) and any(flights.get((case, m)) for m in ("sim", "wil"))
     ]
     figures: list[GapFigure] = []
-    complete: dict[str, list[_Distances]] = {}
+    energies: list[EnergyFigure] = []
+    complete: dict[str, list[CaseDistances]] = {}
     for case in cases:
         for measure in MEASURES:
-            distances = _distances(flights, case, measure)
+            distances = case_distances(flights, case, measure)
             figures.append(_figure(case, measure, [distances]))
+            energies.append(energy_figure(case, measure, [distances]))
             if distances.sim is not None and distances.wil is not None:
                 complete.setdefault(measure.name, []).append(distances)
-    figures += [
-        _figure(ALL_CASES, measure, found)
-        for measure in MEASURES
-        if len(found := complete.get(measure.name, [])) > 1
-    ]
+    for measure in MEASURES:
+        if len(found := complete.get(measure.name, [])) > 1:
+            figures.append(_figure(ALL_CASES, measure, found))
+            energies.append(energy_figure(ALL_CASES, measure, found))
     counts = {f"{case}/{mode}": len(motions) for (case, mode), motions in flights.items()}
-    return Gap(tuple(figures), counts, tuple(left_out))
+    return Gap(tuple(figures), tuple(energies), counts, tuple(left_out))
 
 
-def _distances(flights: Flights, case: str, measure: Measure) -> _Distances:
-    real, sim, wil = (flights.get((case, mode), ()) for mode in ("real", "sim", "wil"))
-    within = [measure.between(one, other) for one, other in combinations(real, 2)]
-    known = [each for each in within if each is not None]
-    return _Distances(
-        sim=_matrix(real, sim, measure),
-        wil=_matrix(real, wil, measure),
-        real=sum(known) / len(known) if known and len(known) == len(within) else None,
-        sizes=(len(real), len(sim), len(wil)),
-    )
-
-
-def _matrix(real: Sequence[RunMotion], other: Sequence[RunMotion], measure: Measure) -> F64 | None:
-    rows = [[measure.between(one, each) for each in other] for one in real]
-    if not other or any(value is None for row in rows for value in row):
-        return None
-    found = np.array(rows, np.float64)
-    found[found < _RESOLUTION] = 0.0
-    return found
-
-
-def _figure(case: str, measure: Measure, parts: Sequence[_Distances]) -> GapFigure:
+def _figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> GapFigure:
     """Return the figure over the parts: one case, or several with equal weights."""
     sim = _mean([None if one.sim is None else float(one.sim.mean()) for one in parts])
     wil = _mean([None if one.wil is None else float(one.wil.mean()) for one in parts])
@@ -139,7 +106,7 @@ def _figure(case: str, measure: Measure, parts: Sequence[_Distances]) -> GapFigu
         text=measure.text,
         real_to_sim=sim,
         real_to_wil=wil,
-        real_to_real=_mean([one.real for one in parts]),
+        real_to_real=_mean([one.mean_within("real") for one in parts]),
         closed_percent=closed,
         closed_interval=closed_interval,
         nearer_by=nearer,
@@ -160,7 +127,7 @@ def _beyond_chance(interval: Interval | None) -> bool | None:
     return True if interval.low > 0.0 else False if interval.high < 0.0 else None
 
 
-def _basis(parts: Sequence[_Distances], nearer: float | None, interval: Interval | None) -> str:
+def _basis(parts: Sequence[CaseDistances], nearer: float | None, interval: Interval | None) -> str:
     """Return what a figure rests on, in words: the number of flights, and why no interval."""
     real, sim, wil = (sum(one.sizes[place] for one in parts) for place in range(3))
     counted = f"{real} real, {sim} sim, {wil} wil"
@@ -173,7 +140,7 @@ def _basis(parts: Sequence[_Distances], nearer: float | None, interval: Interval
     return f"{counted}; {why}"
 
 
-def _means(parts: Sequence[_Distances], weights: Sequence[F64]) -> tuple[F64, F64]:
+def _means(parts: Sequence[CaseDistances], weights: Sequence[F64]) -> tuple[F64, F64]:
     """Return of each resample the mean distances from reality to sim and to wil."""
     sims, wils = [], []
     for index, one in enumerate(parts):
@@ -191,7 +158,7 @@ def _weighted_mean(real: F64, distances: F64 | None, other: F64) -> F64:
     return found
 
 
-def _nearer(parts: Sequence[_Distances]) -> Statistic:
+def _nearer(parts: Sequence[CaseDistances]) -> Statistic:
     def statistic(weights: Sequence[F64]) -> F64:
         sim, wil = _means(parts, weights)
         return sim - wil
@@ -199,7 +166,7 @@ def _nearer(parts: Sequence[_Distances]) -> Statistic:
     return statistic
 
 
-def _closed(parts: Sequence[_Distances]) -> Statistic:
+def _closed(parts: Sequence[CaseDistances]) -> Statistic:
     def statistic(weights: Sequence[F64]) -> F64:
         sim, wil = _means(parts, weights)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -28,17 +28,19 @@ class RunMotion:
 
     positions_ned_m (samples, 3): as judged. commands (samples, 3): the setpoints of the autonomy,
     by kind "velocity" in m/s or "position" in m, NED; answers: the same quantity of the vehicle.
-    kind: empty, with no rows, where no setpoints of one kind were recorded.
+    kind: empty, with no rows, where no setpoints of one kind were recorded. seed: of the run;
+    flights of one seed had the same gusts and the same moving objects, whatever their mode.
     """
 
     positions_ned_m: F64
     kind: str
     commands: F64
     answers: F64
+    seed: int
 
 
-def read_motion(folder: Path, vehicle: str) -> RunMotion:
-    """Return the motion of a vehicle in a run's folder. Raises MotionError."""
+def read_motion(folder: Path, vehicle: str, seed: int) -> RunMotion:
+    """Return the motion of a vehicle in the folder of a run of a seed. Raises MotionError."""
     judged = read_judged_motion(folder / "judged.msgpack")
     poses, begin_s = judged.poses.get(vehicle), judged.stages.get("goal")
     if judged.problems:
@@ -50,7 +52,7 @@ def read_motion(folder: Path, vehicle: str) -> RunMotion:
     rows = read_trajectory(folder / "trajectory.csv")
     given = [row.decoded() for row in rows.rows if row.vehicle == vehicle]
     kind, commands, answers = _commands([one for one in given if one.setpoint], times)
-    return RunMotion(_positions(poses, times), kind, commands, answers)
+    return RunMotion(_positions(poses, times), kind, commands, answers, seed)
 
 
 def _even_times(begin_s: float, end_s: float) -> F64:

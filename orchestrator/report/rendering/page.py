@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.analysis.study import Study
-from orchestrator.analysis.study_tables import gap_rows, result_rows, statements
+from orchestrator.analysis.study_tables import energy_rows, gap_rows, result_rows, statements
 from orchestrator.model.results import RunResult
 from orchestrator.report.model import Frame, RunReport, Sight
 from orchestrator.report.rendering import overview
@@ -103,6 +103,7 @@ def render_page(
             rows=overview.case_rows(campaign),
             results=result_rows(study),
             gap=gap_rows(study),
+            energies=energy_rows(study),
             statements=statements(study),
             pages=pages,
             bad=[page for page in pages if page.is_bad],

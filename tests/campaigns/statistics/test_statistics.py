@@ -15,7 +15,12 @@ from campaigns.statistics.proportions import (
     flights_without_failure,
     least_pass_rate,
 )
-from campaigns.statistics.trajectory_distances import dtw_m, frechet_m, time_aligned_rmse_m
+from campaigns.statistics.trajectory_distances import (
+    alignment,
+    dtw_m,
+    frechet_m,
+    time_aligned_rmse_m,
+)
 
 
 @pytest.mark.parametrize(
@@ -156,3 +161,25 @@ def test_the_distance_is_that_of_its_definition() -> None:
     for _ in range(5):
         one, other = rng.normal(size=(5, 3)), rng.normal(size=(6, 3))
         assert frechet_m(one, other) == pytest.approx(_frechet_of(one, other, 4, 5))
+
+
+def _warping_paths(rows: int, columns: int) -> list[list[tuple[int, int]]]:
+    """Return all alignments of so many samples with so many: the first, the last, no step back."""
+    if rows == 0 or columns == 0:
+        return []
+    if rows == columns == 1:
+        return [[(0, 0)]]
+    before = ((rows - 1, columns), (rows, columns - 1), (rows - 1, columns - 1))
+    end = (rows - 1, columns - 1)
+    return [[*path, end] for sizes in before for path in _warping_paths(*sizes)]
+
+
+def test_the_alignment_is_the_cheapest_of_all() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        one, other = rng.normal(size=(5, 3)), rng.normal(size=(6, 3))
+        apart = np.linalg.norm(one[:, None] - other[None], axis=2)
+        best = min(_warping_paths(5, 6), key=lambda path: sum(apart[pair] for pair in path))
+        ours, theirs = alignment(one, other)
+        assert list(zip(ours.tolist(), theirs.tolist(), strict=True)) == best
+        assert dtw_m(one, other) == pytest.approx(np.mean([apart[pair] for pair in best]))
